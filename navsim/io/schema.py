@@ -709,6 +709,11 @@ _REPLAY = Chapter(
                when=_TIGHT_REPLAY)
             for name, units in (("range_sigma", "m"), ("range_rate_sigma", "m/s"))
         ),
+        _a("/lost/span", "span", "1", "number of the time at which the output is worthless", REPLAY, WHOLE),
+        _a("/lost/start", "span", "s", "when the filter was lost", REPLAY),
+        _a("/lost/end", "span", "s", "when it started anew, or the flight ended", REPLAY),
+        _a("/lost/cause", "span", "1", "why: no samples, of which time there is no output; or the filter contradicted "
+           "its fixes", REPLAY, TEXT),
         _a("/outages/outage", "outage", "1", "number of the outage", REPLAY, WHOLE),
         _a("/outages/start", "outage", "s", "start of the outage", REPLAY),
         _a("/outages/end", "outage", "s", "end of the outage", REPLAY),

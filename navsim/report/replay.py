@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,11 @@ from navsim.report.table import Table, cell, number, numbers
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+REJECTED = 2
+"""Status of a fix or range that the gate rejected, in `/innovations`."""
 
 
 def tables(result: Result) -> list[Table | str]:
@@ -40,15 +44,33 @@ def tables(result: Result) -> list[Table | str]:
         said += "; flown " + " of the recording's ".join(spans)
     if unseen := str(alignment.get("not_judged", "")):
         said += f"\nnot judged: {unseen}"
+    every: list[Table | str] = [seen, tuned, *_worthless(result)]
     if not result["/outages/start"].size:
-        return [seen, tuned, said]
+        return [*every, said]
     lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest"))
     length = result["/outages/end"] - result["/outages/start"]
     for i, duration in enumerate(result["/summary/duration"]):
         known = np.isfinite(result["/outages/horizontal_error"][np.abs(length - duration) < 1e-6])
         drift = [number(result[f"/summary/drift_{name}"][i], 1) for name in ("median", "max")]
         lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift)
-    return [seen, tuned, lost, said]
+    return [*every, lost, said]
+
+
+def _worthless(result: Result) -> list[Table]:
+    """The times at which the output is worthless, if there are any."""
+    if not lost_spans(result).size:
+        return []
+    out = Table("Worthless output", ("from, s", "to, s", "why"))
+    for begin, end, why in zip(*(result[f"/lost/{name}"] for name in ("start", "end", "cause")), strict=True):
+        out.add(number(begin, 1), number(end, 1), str(why))
+    return [out]
+
+
+def rejected(result: Result) -> np.ndarray:
+    """Which fixes (m,) the gate rejected, or ranges of their epochs."""
+    if "/innovations/range_status" in result:
+        return (result["/innovations/range_status"] == REJECTED).any(axis=1)
+    return result["/innovations/status"] == REJECTED
 
 
 def local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
@@ -68,10 +90,16 @@ def _track(result: Result) -> Figure:
     for positions, style in ((fixes, dots),
                              (llh, {"color": COLOURS[0], "label": "estimate (IMU)"})):  # fmt: skip
         plan.plot(*local(llh[0], positions).T, **style)
+    away = rejected(result)
+    crosses: dict[str, Any] = {"ls": "", "marker": "x", "ms": 4, "color": COLOURS[3], "label": "rejected fixes"}
+    if away.any():
+        plan.plot(*local(llh[0], fixes[away]).T, **crosses)
     plan.set_aspect("equal", adjustable="datalim")
     plan.set_xlabel("east, m")
     plan.set_ylabel("north, m")
-    legend_above(fig, plan, 2)
+    legend_above(fig, plan, 3 if away.any() else 2)
+    if away.any():
+        profile.plot(result["/receiver/time"][away], fixes[away, 2], **crosses)
     profile.plot(result["/receiver/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
     profile.plot(result["/filter/time"], llh[:, 2], color=COLOURS[0])
     profile.set_xlabel("time, s")
@@ -98,13 +126,33 @@ def _innovations(result: Result) -> Figure:
             if np.isfinite(seen).any():
                 limit = max(float(np.nanpercentile(seen, 98)), float(np.nanmedian(sigma)))
                 ax.set_ylim(-1.3 * limit, 1.3 * limit)
+            # at the edge where they lie beyond it
+            away = rejected(result)
+            low, high = ax.get_ylim()
+            if away.any():
+                shown = np.clip(result[f"/innovations/{name}"][away, row], 0.95 * low, 0.95 * high)
+                ax.plot(time[away], shown, ls="", marker="x", ms=4, color=COLOURS[3], label="rejected")
+            _shade_lost(ax, result)
     axes[0, 0].set_title("position")
     axes[0, 1].set_title("velocity")
-    legend_above(fig, axes[2, 0], 2)
+    legend_above(fig, axes[2, 0], 3 if rejected(result).any() else 2)
     for ax in axes[-1]:
         ax.set_xlabel("time, s")
     fig.align_ylabels(axes)
     return fig
+
+
+def lost_spans(result: Result) -> np.ndarray:
+    """Begin and end (k, 2), s, of the times at which the output is worthless."""
+    if "/lost/start" not in result:  # results of earlier versions lack it
+        return np.empty((0, 2))
+    return np.stack([result["/lost/start"], result["/lost/end"]], axis=1)
+
+
+def _shade_lost(ax: Axes, result: Result) -> None:
+    """Shade the times at which the output is worthless."""
+    for begin, end in lost_spans(result):
+        ax.axvspan(begin, end, color="0.85", lw=0, zorder=0)
 
 
 def _attitude(result: Result) -> Figure:
@@ -131,6 +179,8 @@ def _attitude(result: Result) -> Figure:
     axes[1, 1].set_ylabel("gyro bias, deg/s")
     legend_over(axes[1, 1], 3)
     axes[2, 1].set_ylabel("accel. bias, m/s²")
+    for ax in axes.flat:
+        _shade_lost(ax, result)
     for ax in axes[-1]:
         ax.set_xlabel("time, s")
     fig.align_ylabels(axes)

@@ -56,7 +56,7 @@ def _plain(value: Any) -> str:
 
 def rows(schema: Schema) -> list[KeyRow]:
     """All keys of a kind of file, each section before its keys, in the order of the schema."""
-    return list(_properties(schema, schema, ""))
+    return list(_properties(schema, schema, "", {}))
 
 
 def matching(all_rows: Sequence[KeyRow], word: str) -> list[KeyRow]:
@@ -76,11 +76,13 @@ def nearest(all_rows: Sequence[KeyRow], word: str, most: int = 5) -> list[str]:
     return list(dict.fromkeys(key for name in found for key in by_name[name]))[:most]
 
 
-def _properties(schema: Schema, node: Schema, prefix: str) -> Iterator[KeyRow]:
-    """The keys of a section. schema: the whole, for references. node: of the section."""
+def _properties(schema: Schema, node: Schema, prefix: str, above: Mapping[str, Any]) -> Iterator[KeyRow]:
+    """The keys of a section. schema: the whole, for references. node: of the section. above: defaults of its keys where
+    the section that holds it sets them."""
     required = node.get("required", ())
     for name, written in node.get("properties", {}).items():
-        yield from _key(schema, written, prefix + name, name in required)
+        own = {**written, "default": above[name]} if above.get(name) is not None else written
+        yield from _key(schema, own, prefix + name, name in required)
     further = node.get("additionalProperties")
     if isinstance(further, Mapping):
         yield from _key(schema, further, prefix + NAME, False)
@@ -128,7 +130,11 @@ def _below(schema: Schema, written: Schema, forms: Sequence[Schema], key: str) -
             if found.get("type") == "object":
                 sections.append((prefix, found))
     tag = _tag(written) or next((t for form in forms if (t := _tag(form.get("items", {})))), "")
-    variants = [(prefix, section, list(_properties(schema, section, prefix))) for prefix, section in sections]
+    given = written.get("default")
+    # with several sections to choose from the default is of one; a preset fills in values of its own
+    alone = len(sections) == 1 and isinstance(given, Mapping) and "preset" not in sections[0][1].get("properties", {})
+    above = given if alone and isinstance(given, Mapping) else {}
+    variants = [(prefix, section, list(_properties(schema, section, prefix, above))) for prefix, section in sections]
     if len(variants) < 2 or not tag:
         for _, _, found_rows in variants:
             yield from found_rows

@@ -27,7 +27,7 @@ from navsim.scenario.base import (
     one_or_more,
     reject,
 )  # fmt: skip
-from navsim.scenario.filter import Components, Coupling, Gate, Kind
+from navsim.scenario.filter import Components, Coupling, Kind
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.sensors import Accelerometer, Gyro, filled
 from navsim.scenario.signals import ClockNoise
@@ -243,6 +243,17 @@ class AlignmentSection(Section):
     """give up an attempt after this time and try later"""
 
 
+class ReplayGate(Section):
+    """Rejection of fixes that cannot be true, and the way back of a filter that is lost."""
+
+    probability: Annotated[float, Field(ge=0.0, lt=0.5)] = 1e-6
+    """chance of rejecting a good fix; 0: no gate"""
+    restart_s: Annotated[float, Field(ge=1.0, le=600.0)] = 10.0
+    """a filter that rejects its fixes, or most ranges of each epoch, for so long starts anew from them"""
+    max_rejected: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
+    """rejections in a row after which a fix, or a source's range, is taken nevertheless; left out: none is"""
+
+
 class ReplayFilterSection(Section):
     """The filter."""
 
@@ -250,7 +261,7 @@ class ReplayFilterSection(Section):
     """kind of the filter, as in landings; rts and map are smoothers"""
     coupling: Coupling = "loose"
     """loose: fixes are measurements; tight: pseudoranges and range rates of each satellite (needs gnss.navigation)"""
-    gate: Gate = Gate(probability=0.0)
+    gate: ReplayGate = ReplayGate()
     """rejection of fixes, or of ranges, that cannot be true"""
     gaussian_sum: Components = Components()
     """the components of `kind: gaussian-sum`"""

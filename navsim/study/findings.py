@@ -152,10 +152,11 @@ def notes(texts: Iterable[str]) -> list[Finding]:
     return [Finding("input", text) for text in texts]
 
 
-def of_flight(result: Result, probability: float, withheld: np.ndarray | None = None) -> list[Finding]:
+def of_flight(result: Result, probability: float | None, withheld: np.ndarray | None = None) -> list[Finding]:
     """Findings about a flight whose truth is not known, by `/filter` and `/innovations` of its result.
 
-    probability: of the gate. withheld: (e,) bool, fixes that the filter was not given on purpose.
+    probability: of the gate, None where rejections are found by others. withheld: (e,) bool, fixes that the filter was
+    not given on purpose.
     """
     time, status = result["/innovations/time"], result["/innovations/status"]
     given = np.full(time.shape, True) if withheld is None else ~withheld
@@ -171,15 +172,12 @@ def of_flight(result: Result, probability: float, withheld: np.ndarray | None = 
     ):
         if some := _instants(mask, when):
             out.append(counted(name, some.count, total, some.first, some.last))
-    if "/innovations/range_status" in result:
-        of_ranges = result["/innovations/range_status"]
-        gated, weighed = (of_ranges == REJECTED).any(axis=1), int((of_ranges != NOT_USED).sum())
-        out += rejections(_instants(gated, time), int(given.sum()), probability, each=weighed)
-    else:
-        out += rejections(_instants(status == REJECTED, time), int(given.sum()), probability)
-    degrees = int(result["/innovations/degrees"].sum())
+    gated = status == REJECTED
+    if probability is not None:
+        out += rejections(_instants(gated, time), int(given.sum()), probability)
+    degrees = int(result["/innovations/degrees"][~gated].sum())
     if degrees:
-        mean = float(np.nansum(result["/innovations/normalized_squared"])) / degrees
+        mean = float(np.nansum(result["/innovations/normalized_squared"][~gated])) / degrees
         out += doubted("innovations", "innovations", mean, degrees)
     return out
 

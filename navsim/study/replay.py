@@ -22,7 +22,7 @@ from navsim.core import states
 from navsim.core.arrays.attitude import dcm_from_quaternion
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS, is_smoother
-from navsim.estimation.records import REJECTED, TFG
+from navsim.estimation.records import NOT_USED, REJECTED, TFG
 from navsim.io import files
 from navsim.io.draft import Draft
 from navsim.io.findings import CONSISTENT, Finding, kept
@@ -62,6 +62,16 @@ LEAST_SAMPLES, LEAST_FIXES = 10, 4
 """What there must be of both to look for an alignment."""
 _START = (0.3, 0.3)
 """Velocity noise where the tuning starts, and without tuning, m/s."""
+NEVER = 1_000_000_000
+"""Rejections in a row that are never reached."""
+USUAL_HEADING = 10.0 * DEG
+"""1 sigma that the heading must be good to where a filter starts anew, if the log gives the heading of the start."""
+MANY_REJECTED = 0.05
+"""Share of rejected fixes, or ranges, beyond which they speak against the filter."""
+PAUSE = 3.0
+"""Shortest time without fixes that is told, s, if it is longer than `USUAL` intervals."""
+USUAL, TOLD = 5.0, 5
+"""How many usual intervals a pause is longer than; how many times of one kind are told each."""
 UNFLOWN = 10.0
 """Shortest part of a recording that is missed when it is not flown, s."""
 SIDEWAYS, OFF_COURSE = 60.0 * DEG, 10.0
@@ -95,6 +105,7 @@ class Recording:
     has_vertical: bool
     ranges: Ranges | None
     recorded: tuple[float, float]
+    search: aligning.Search
     not_judged: tuple[str, ...] = ()
     warnings: list[str] = field(default_factory=list)
 
@@ -108,8 +119,8 @@ class Recording:
         """Names of the settings."""
         return _TUNED_TIGHT if self.tight else _TUNED
 
-    def beliefs(self, settings: np.ndarray, kind: int, judged: bool = True) -> Beliefs:
-        """What a filter of `kind` believes for values of `tuned` (5,); judged: with the gate."""
+    def beliefs(self, settings: np.ndarray, kind: int) -> Beliefs:
+        """What a filter of `kind` believes for values of `tuned` (5,)."""
         _, _, gyro, accel, latency = settings
         section = self.scenario.filter
         gate = section.gate
@@ -121,8 +132,8 @@ class Recording:
             latency=max(0.0, float(latency)),  # an early fix waits until it is valid, and then is of now
             lever_arm=np.array(self.scenario.gnss.lever_arm_m),
             sigma_scale=1.0,
-            gate=gate_limits(gate.probability if judged else 0.0),
-            max_rejected=gate.max_rejected,
+            gate=gate_limits(gate.probability),
+            max_rejected=NEVER if gate.max_rejected is None else gate.max_rejected,
             components=section.gaussian_sum.components,
             widest=section.gaussian_sum.heading_deg * DEG,
             clock=self.scenario.gnss.clock.densities() if self.tight else None,
@@ -145,7 +156,30 @@ class Recording:
     def flight(self, latency: float) -> replay.RecordedFlight:
         """The increments and fixes after the alignment."""
         ranges = self.ranges if self.tight else None
-        return replay.prepare(self._sensed, self.fixes, self.alignment, latency, ranges)
+        patience = self.scenario.filter.gate.restart_s
+        return replay.prepare(self._sensed, self.fixes, self.alignment, latency, ranges, self._realigned, patience)
+
+    def of_rejected(self, settings: np.ndarray) -> float:
+        """What a rejected fix, or range, counts in the tuning: as one at the limit of the gate with the noise that the
+        tuning starts from. A noise that has fixes rejected wins nothing."""
+        limits = gate_limits(self.scenario.filter.gate.probability)
+        sigma = settings[:2] if self.tight else self.fix_sigma(settings)
+        limit = float(limits[sigma.size])
+        return 0.5 * limit + float(np.sum(np.log(sigma))) if np.isfinite(limit) else 0.0
+
+    def _realigned(self, time: float) -> aligning.Alignment | None:
+        """The next alignment at or after `time`, s, under way or at a standstill; no setting changes it."""
+        if time not in self._alignments:
+            self._alignments[time] = aligning.find(self.samples, self._valid_fixes, time, self.search)
+        return self._alignments[time]
+
+    @cached_property
+    def _alignments(self) -> dict[float, aligning.Alignment | None]:
+        return {}
+
+    @cached_property
+    def _valid_fixes(self) -> Fixes:
+        return self.fixes.earlier(self.settings[4])
 
     @cached_property
     def moving_speed(self) -> float:
@@ -230,7 +264,10 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
     if not tight and gnss.velocity_sigma_m_s is None and not has_vertical:
         free[1] = False  # nothing would show it; `beliefs` ties it to the horizontal one
-    aligned = _align(scenario, samples, fixes, first, gyro, accel, settings[4])
+    search = _search(scenario, gyro, accel)
+    aligned = _align(search, samples, fixes.earlier(settings[4]), first)
+    # a heading that is known is that of the start
+    again = search if search.heading is None else replace(search, heading=None, heading_sigma=USUAL_HEADING)
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
         raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
     warnings += _not_flown(scenario, log, first, aligned)
@@ -248,6 +285,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         tight or has_vertical or gnss.velocity_sigma_m_s is not None,
         ranges,
         (float(min(log.samples.time[0], log.fixes.time[0])), float(max(log.samples.time[-1], log.fixes.time[-1]))),
+        again,
         log.not_judged,
         warnings,
     )
@@ -382,27 +420,28 @@ def _pinned(scenario: Replay, document: Document) -> Replay:
     return scenario.model_copy(update=update)
 
 
-def _align(
-    scenario: Replay, samples: Samples, fixes: Fixes, first: float, gyro: Triad, accel: Triad, latency: float
-) -> aligning.Alignment:
-    """The earliest alignment: at the end of a standstill, or under way. Raises ReplayError where there is none."""
+def _search(scenario: Replay, gyro: Triad, accel: Triad) -> aligning.Search:
+    """What the alignment at the start must reach and may rest on."""
     wanted = scenario.alignment
-    heading = None if wanted.heading_deg is None else wanted.heading_deg * DEG
-    search = aligning.Search(
-        heading, wanted.heading_sigma_deg * DEG, wanted.longest_s, gyro.initial_sigma(),
-        STANDSTILL_FACTOR * gyro.markov, accel.initial_sigma(),
+    return aligning.Search(
+        None if wanted.heading_deg is None else wanted.heading_deg * DEG, wanted.heading_sigma_deg * DEG,
+        wanted.longest_s, gyro.initial_sigma(), STANDSTILL_FACTOR * gyro.markov, accel.initial_sigma(),
     )  # fmt: skip
-    found = aligning.find(samples, fixes.earlier(latency), first, search)
+
+
+def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float) -> aligning.Alignment:
+    """The earliest alignment: at the end of a standstill, or under way. Raises ReplayError where there is none."""
+    found = aligning.find(samples, fixes, first, search)
     if found is not None:
         return found
-    if heading is not None:
+    if search.heading is not None:
         raise ReplayError(
             f"alignment.heading_deg needs a standstill at the start, and there is none in the {aligning.LONGEST:g} s "
             f"from {first:g} s on; leave it out, or let start_s begin where the aircraft stands"
         )
     raise ReplayError(
-        f"no alignment: nowhere after {first:g} s do {wanted.longest_s:g} s of motion give the heading to "
-        f"{wanted.heading_sigma_deg:g} degrees; allow more with alignment.heading_sigma_deg, or give "
+        f"no alignment: nowhere after {first:g} s do {search.longest:g} s of motion give the heading to "
+        f"{np.degrees(search.heading_sigma):g} degrees; allow more with alignment.heading_sigma_deg, or give "
         "alignment.heading_deg"
     )
 
@@ -485,6 +524,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     _filter(draft, flown, np.isin(flown.time, times), *names)
     _innovations(draft, flight, flown)
     _outages(draft, recording, flight, settings)
+    _lost(draft, flown)
     _fixes(draft, flight)
     for name, value, was_free in zip(recording.tuned, settings, tuning.tuned, strict=True):
         draft.put(f"/tuning/{name}", value, {"origin": "tuned to the innovations" if was_free else "given"})
@@ -498,20 +538,25 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
             not_judged="; ".join(recording.not_judged),
         )
     )  # fmt: skip
-    off_course = _off_course(flight, flown) if scenario.checks != "off" else []
-    out.variables.update(kept([*tuning.findings, *findings(recording, out, withheld), *off_course]))
+    out.variables.update(kept([*tuning.findings, *findings(recording, out, withheld, flight, flown)]))
     return out
 
 
-def findings(recording: Recording, result: Result, withheld: np.ndarray) -> list[Finding]:
+def findings(
+    recording: Recording, result: Result, withheld: np.ndarray, flight: replay.RecordedFlight, flown: replay.Replayed
+) -> list[Finding]:
     """What the user should hear about; withheld: (e,) bool, fixes withheld by outages."""
     out = notes(recording.warnings)
-    flight = recording.flight(float(result["/tuning/latency"]))
+    broken = {begin for begin, _ in flight.breaks}
     for first, length in flight.gaps:
         begin = float(flight.imu_time[first])
-        text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
-        out.append(Finding("gap", text, (), 1, 1, 1, begin))
-    return out + of_flight(result, recording.scenario.filter.gate.probability, withheld) + _inconsistent(result)
+        if begin not in broken:
+            text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
+            out.append(Finding("gap", text, (), 1, 1, 1, begin))
+    out += _pauses(flight) + [_of_lost(one) for one in flown.lost] + _outliers(flight, flown)
+    if recording.scenario.checks != "off":
+        out += _off_course(flight, flown)
+    return out + of_flight(result, None, withheld | ~flown.flown) + _inconsistent(result)
 
 
 def _inconsistent(result: Result) -> list[Finding]:
@@ -529,6 +574,59 @@ def _inconsistent(result: Result) -> list[Finding]:
         "gnss.velocity_sigma_m_s, or leave it out so that it is tuned"
     )
     return [Finding("innovations", text, (CONSISTENT,), int(degrees.astype(bool).sum()), degrees.size)]
+
+
+def _pauses(flight: replay.RecordedFlight) -> list[Finding]:
+    """The finding of times without fixes."""
+    solved = Fixes(flight.arrival, flight.llh, flight.velocity).take(np.isfinite(flight.llh[:, 0]))
+    if solved.time.size < 2:
+        return []
+    pauses = solved.pauses(max(PAUSE, USUAL * float(np.median(np.diff(solved.time)))))
+    if not pauses.size:
+        return []
+    each = [f"{end - begin:.1f} s from {begin:.1f} s on" for begin, end in pauses]
+    text = f"no fixes for {_few(each)}: the filter goes by its inertial sensors alone"
+    return [Finding("pauses", text, (), len(each), len(each), 1, float(pauses[0, 0]))]
+
+
+def _few(each: list[str]) -> str:
+    """Some texts as one, and how many more there are."""
+    more = f", and {len(each) - TOLD} more" if len(each) > TOLD else ""
+    return ", ".join(each[:TOLD]) + more
+
+
+def _of_lost(lost: replay.LostSpan) -> Finding:
+    """The finding of a time at which the output is worthless."""
+    if lost.why == replay.GAP:
+        text = f"no samples for {lost.end - lost.begin:.1f} s, longer than the attitude survives: there is no output"
+    else:
+        jump = float(np.linalg.norm(lost.jump))
+        apart = f", {jump:.3g} m apart at the end" if np.isfinite(jump) else " twice, and the fixes came back"
+        text = f"the filter contradicted its fixes{apart}: its output is worthless"
+    after = "nothing after it is flown, since no alignment was found" if lost.ended else "then the filter starts anew"
+    text += f" from {lost.begin:.1f} to {lost.end:.1f} s; {after}"
+    return Finding("lost", text, (CONSISTENT,), 1, 1, 1, lost.begin)
+
+
+def _outliers(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
+    """The finding of fixes, or ranges, that the gate rejected, but those of times at which the filter was lost."""
+    when = flight.arrival[: flown.rejected.size]
+    away = np.zeros(when.size, bool)
+    for one in flown.lost:
+        away |= (when >= one.begin) & (when <= one.end)
+    rejected = np.where(away, 0, flown.rejected)
+    count = int(rejected.sum())
+    if not count:
+        return []
+    tight = flown.range_status.size > 0
+    of = int((flown.range_status != NOT_USED).sum() if tight else (flown.status != NOT_USED).sum())
+    rows = np.flatnonzero(rejected)
+    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    spans = [f"{when[r[0]]:.1f} s" if r.size == 1 else f"{when[r[0]]:.1f} to {when[r[-1]]:.1f} s" for r in runs]
+    text = f"{count} of {of} {'ranges' if tight else 'fixes'} were rejected by the innovation gate, at {_few(spans)}"
+    against = (CONSISTENT,) if count > MANY_REJECTED * of else ()
+    name = "rejected_ranges" if tight else "rejected_fixes"
+    return [Finding(name, text, against, count, of, 1, float(when[rows[0]]))]
 
 
 def _not_flown(scenario: Replay, log: ReadLog, first: float, aligned: aligning.Alignment) -> list[str]:
@@ -553,10 +651,10 @@ def _not_flown(scenario: Replay, log: ReadLog, first: float, aligned: aligning.A
 def _off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
     """The findings of the times at which the nose points far from the course: `SIDEWAYS` and three sigma, for
     `OFF_COURSE` seconds of motion on end."""
-    at = np.searchsorted(flown.time, flight.arrival)
+    at = np.minimum(np.searchsorted(flown.time, flight.arrival), flown.time.size - 1)
     nose = dcm_from_quaternion(flown.navigation[at, states.NAV_QUAT : states.NAV_HELD])[:, :2, 0]
     angle = np.angle(np.exp(1j * (np.arctan2(nose[:, 1], nose[:, 0]) - flight.course)))
-    moving = np.flatnonzero(flight.speed > FASTEST_NEEDED)
+    moving = np.flatnonzero((flight.speed > FASTEST_NEEDED) & flown.flown)
     off = np.abs(angle[moving]) > SIDEWAYS + 3.0 * flown.sigma[at[moving], states.A_D]
     edges = np.flatnonzero(np.diff(off, prepend=False, append=False)).reshape(-1, 2)
     out = []
@@ -620,6 +718,13 @@ def _innovations(draft: Draft, flight: replay.RecordedFlight, flown: replay.Repl
     draft["/innovations/range_status"] = flown.range_status
 
 
+def _lost(draft: Draft, flown: replay.Replayed) -> None:
+    draft["/lost/span"] = np.arange(len(flown.lost))
+    draft["/lost/start"] = np.array([one.begin for one in flown.lost], dtype=float)
+    draft["/lost/end"] = np.array([one.end for one in flown.lost], dtype=float)
+    draft["/lost/cause"] = np.array([one.why for one in flown.lost], dtype=object)
+
+
 def _fixes(draft: Draft, flight: replay.RecordedFlight) -> None:
     draft["/receiver/time"] = flight.arrival
     draft["/receiver/position_llh"] = flight.llh
@@ -648,13 +753,12 @@ def _outages(draft: Draft, recording: Recording, flight: replay.RecordedFlight, 
 
 
 def of_outages(beliefs: Beliefs) -> Beliefs:
-    """The same beliefs, every fix taken; a filter, since nothing may be known of what comes after an outage."""
-    kind = TFG if is_smoother(beliefs.kind) else beliefs.kind
-    return replace(beliefs, kind=kind, gate=gate_limits(0.0))
+    """The same beliefs of a filter, since nothing may be known of what comes after an outage."""
+    return replace(beliefs, kind=TFG if is_smoother(beliefs.kind) else beliefs.kind)
 
 
 def _summary(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
-    used = flown.degrees > 0
+    used = (flown.degrees > 0) & (flown.status != REJECTED)
     groups = {"all": used, "moving": used & (flight.speed > moving)}
     draft.put("/summary/fixes", np.array(list(groups)), moving=f"{moving:.2g} m/s")
     rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
@@ -668,7 +772,7 @@ def _summary(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed
     for name, count in (
         ("samples", flight.imu_time.size),
         ("fixes", flight.arrival.size),
-        ("rejected", np.sum((flown.status if flight.ranges is None else flown.range_status) == REJECTED)),
+        ("rejected", np.sum(flown.rejected)),
         ("gaps", len(flight.gaps)),
     ):
         draft[f"/summary/count/{name}"] = np.int64(count)

@@ -78,7 +78,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
     scale = np.where(np.arange(5) == 4, 0.1, 1.0)  # the latency itself, in tenths of a second
     start = np.where(np.arange(5) == 4, given / scale, np.log(np.maximum(given, 1e-9)))
     start[4] = 1.0 if 4 in free else start[4]
-    flown = 0
+    flown, of_rejected = 0, recording.of_rejected(given)
 
     def settings(x: np.ndarray) -> np.ndarray:
         whole = start.copy()
@@ -94,10 +94,10 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
             return 1e12
         flight = recording.flight(values[4])
         seen = replay.fly(
-            flight, recording.beliefs(values, TFG, judged=False), recording.fix_sigma(values), np.empty(0),
+            flight, recording.beliefs(values, TFG), recording.fix_sigma(values), np.empty(0),
             range_sigma=recording.range_sigma(values),
         )  # fmt: skip
-        total = seen.surprise(flight.speed > threshold)
+        total = seen.surprise(flight.speed > threshold, of_rejected)
         total += 0.5 * float(np.sum((np.log(values[2:4] / given[2:4]) / TRUST) ** 2))
         return total if np.isfinite(total) else 1e12
 

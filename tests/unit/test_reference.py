@@ -9,6 +9,8 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from pydantic import BaseModel, TypeAdapter
+from pydantic_core import PydanticUndefined
 
 from navsim.kinds import OF_FILES
 from navsim.scenario import shipped
@@ -100,3 +102,30 @@ def test_numbers_have_a_unit_or_are_known_to_have_none(kind: str) -> None:
         if re.search("number", row.kind) and not row.unit and name not in WITHOUT_UNIT:
             lost.append(row.key)
     assert lost == []
+
+
+def effective(model: type[BaseModel], known: BaseModel | None, prefix: str = "") -> dict[str, Any]:
+    """The value of every key that is left out, with all around it, as the sections set it."""
+    out: dict[str, Any] = {}
+    for name, field in model.model_fields.items():
+        value = getattr(known, name) if known is not None else field.get_default(call_default_factory=True)
+        if isinstance(value, BaseModel):
+            if "preset" not in type(value).model_fields:  # a preset fills in values of its own
+                out |= effective(type(value), value, f"{prefix}{name}.")
+        elif value is not PydanticUndefined:
+            out[prefix + name] = TypeAdapter(Any).dump_python(value, mode="json")
+    return out
+
+
+@pytest.mark.parametrize("kind", OF_FILES)
+def test_documented_defaults_are_those_of_the_sections(kind: str) -> None:
+    """A section may set other defaults for the keys of another one that it holds: those are documented."""
+    documented = {row.key: row for row in rows(section(kind).model_json_schema()) if not row.section}
+    set_so = {key: value for key, value in effective(section(kind), None).items() if key in documented}
+    assert len(set_so) >= 5
+    wrong = {
+        key: (value, documented[key].default)
+        for key, value in set_so.items()
+        if value not in ({}, None) and (documented[key].default != value or documented[key].required)
+    }
+    assert wrong == {}

@@ -61,7 +61,14 @@ def _track(results: Sequence[Named]) -> Drawing:
         dots = source(
             time=few(result["/receiver/time"]), height=few(fixes[:, 2]), **_flat(few(replay.local(llh[0], fixes)))
         )
+        away = replay.rejected(result)
+        crosses = source(
+            time=result["/receiver/time"][away],
+            height=fixes[away, 2],
+            **_flat(replay.local(llh[0], fixes[away])),
+        )
         for k, (on, x, y) in enumerate(((plan, "east", "north"), (profile, "time", "height"))):
+            on.scatter(x, y, source=crosses, size=8, marker="x", color=colour(3), name="rejected fixes")
             on.scatter(x, y, source=dots, size=3, color=GREY if len(results) == 1 else colour(i), alpha=0.6)
             lines[k].append(line(on, of, y, colour(i), x=x, name=name))
     for on in (plan, profile):
@@ -69,7 +76,8 @@ def _track(results: Sequence[Named]) -> Drawing:
     for k, on in enumerate((plan, profile)):
         said = [("", "$name"), ("time", "@time{0.0} s"), ("east", "@east{0.0} m"), ("north", "@north{0.0} m")]
         tell(on, lines[k], *said, ("height", "@height{0.0} m"))
-    caption = "Line: the estimate, of the IMU; points: fixes, of the antenna." + most_thinned(thinned).words("output")
+    caption = "Line: the estimate, of the IMU; points: fixes, of the antenna; crosses: fixes that the gate rejected."
+    caption += most_thinned(thinned).words("output")
     return Drawing("track", "Track", [plan, profile], caption, keys_of(results, Key("fixes", GREY, "dot")))
 
 

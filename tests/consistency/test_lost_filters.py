@@ -1,0 +1,209 @@
+"""Recorded flights whose fixes or samples are not to be trusted: the gate, the way back of a filter that is lost, holes
+in the samples, by the truth of a simulated recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from navsim.cli.main import app
+from navsim.io import findings
+from navsim.io.results import Result
+from navsim.report.replay import figures, tables
+from navsim.simulation import replay as simulated
+from tests.consistency.test_replay import GIVEN, errors, flown, without
+from tests.recordings import write_flight
+
+Truth = tuple[np.ndarray, ...]
+
+
+def shifted(path: Path, first: float, last: float, north: float) -> None:
+    """Move the fixes of first <= time < last to the north, m."""
+    head, *rows = path.read_text().splitlines()
+    out = [head]
+    for row in rows:
+        cells = row.split(",")
+        if first <= float(cells[0]) < last:
+            cells[1] = f"{float(cells[1]) + north / 111300.0:.10f}"
+        out.append(",".join(cells))
+    path.write_text("\n".join(out) + "\n")
+
+
+def scaled(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of position, velocity, attitude in their sigma (t, 9) at each output outside of the spans that are
+    worthless, and the times (t,)."""
+    position, velocity, attitude = errors(result, truth)
+    time, sigma = result["/filter/time"], result["/filter/sigma"]
+    sound = np.full(time.size, True)
+    for begin, end in zip(result["/lost/start"], result["/lost/end"], strict=True):
+        sound &= (time < begin) | (time > end)
+    whole = np.concatenate([position, velocity, np.radians(attitude)], axis=1) / sigma[:, :9]
+    return whole[sound], time[sound]
+
+
+def told(result: Result, name: str) -> str:
+    """The text of the one finding of a name."""
+    (one,) = [found for found in findings.of(result) if found.name == name]
+    return one.text
+
+
+KINDS = ["tfg", "eskf", "left-invariant", "gaussian-sum", "rts", "map"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_half_a_second_of_wild_fixes_does_no_damage(kind: str, tmp_path: Path) -> None:
+    """1.1 km off: rejected by default, counted with their times."""
+    truth = write_flight(tmp_path)
+    shifted(tmp_path / "gnss.csv", 50.0, 51.0, 1100.0)
+    result = flown(tmp_path / "log.yaml", *GIVEN, f"filter.kind={kind}")
+    z, _ = scaled(result, truth)
+    assert np.abs(z).max() < 4.5
+    assert np.sqrt(np.mean(z**2, axis=0)).max() < 1.8
+    assert result["/lost/start"].size == 0
+    assert told(result, "rejected_fixes") == (
+        "2 of 197 fixes were rejected by the innovation gate, at 50.1 to 50.6 s"
+    )
+    assert int(result["/summary/count/rejected"]) == 2
+    assert 0.7 < result["/summary/nis"][0] < 1.4
+
+
+def test_wild_fixes_do_not_tune_the_noise(tmp_path: Path) -> None:
+    truth = write_flight(tmp_path)
+    for first in (20.0, 50.0, 80.0):
+        shifted(tmp_path / "gnss.csv", first, first + 1.0, 1100.0)
+    result = flown(tmp_path / "log.yaml", "checks=warn")
+    assert float(result["/tuning/velocity_sigma_horizontal"]) == pytest.approx(0.1, rel=0.3)
+    assert float(result["/tuning/latency"]) == pytest.approx(0.12, abs=0.02)
+    z, _ = scaled(result, truth)
+    assert np.abs(z).max() < 4.5
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fixes_that_are_off_for_long_are_named(kind: str, tmp_path: Path) -> None:
+    """25 m for half a minute: which fixes are right nobody knows by then; from when to when the output is worthless is
+    said, and outside of it the sigmas are those of the errors."""
+    truth = write_flight(tmp_path)
+    shifted(tmp_path / "gnss.csv", 40.0, 70.0, 25.0)
+    result = flown(tmp_path / "log.yaml", *GIVEN, f"filter.kind={kind}")
+    np.testing.assert_allclose(result["/lost/start"], [40.12])
+    np.testing.assert_allclose(result["/lost/end"], [80.12])
+    text = told(result, "lost")
+    assert text.startswith("the filter contradicted its fixes twice, and the fixes came back: its output is worthless")
+    assert "from 40.1 to 80.1 s" in text
+    z, time = scaled(result, truth)
+    assert time.max() > 98.0
+    assert np.abs(z).max() < 4.5
+    assert np.sqrt(np.mean(z**2, axis=0)).max() < 1.8
+
+
+def test_without_a_gate_wild_fixes_are_flown(tmp_path: Path) -> None:
+    """As it was by default: the way it can still be had."""
+    truth = write_flight(tmp_path)
+    shifted(tmp_path / "gnss.csv", 50.0, 51.0, 1100.0)
+    result = flown(tmp_path / "log.yaml", *GIVEN, "filter.gate.probability=0")
+    assert np.abs(errors(result, truth)[0]).max() > 100.0
+    assert int(result["/summary/count/rejected"]) == 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("first", "length"), [(36.0, 15.0), (50.0, 30.0)])
+def test_a_filter_starts_anew_after_a_hole_in_the_samples(
+    kind: str, first: float, length: float, tmp_path: Path
+) -> None:
+    """Longer than the attitude survives: no output within, and errors of each state as large as their sigma after."""
+    truth = write_flight(tmp_path)
+    without(tmp_path / "imu.csv", first, first + length)
+    result = flown(tmp_path / "log.yaml", *GIVEN, f"filter.kind={kind}")
+    np.testing.assert_allclose(result["/lost/start"], [first], atol=0.03)
+    np.testing.assert_allclose(result["/lost/end"], [first + length], atol=0.03)
+    time = result["/filter/time"]
+    assert not np.any((time > first + 0.05) & (time < first + length - 0.05))
+    assert "longer than the attitude survives: there is no output" in told(result, "lost")
+    z, time = scaled(result, truth)
+    assert time.max() > 98.0
+    assert np.abs(z).max() < 4.5
+    assert np.sqrt(np.mean(z[time > first + length] ** 2, axis=0)).max() < 2.2
+
+
+@pytest.mark.parametrize("length", [1.0, 2.0])
+def test_a_short_hole_is_carried_across(length: float, tmp_path: Path) -> None:
+    truth = write_flight(tmp_path)
+    without(tmp_path / "imu.csv", 47.0, 47.0 + length)
+    result = flown(tmp_path / "log.yaml", *GIVEN)
+    assert result["/lost/start"].size == 0
+    z, _ = scaled(result, truth)
+    assert np.abs(z).max() < 4.5
+
+
+def test_a_hole_over_the_alignment_is_not_aligned_across(tmp_path: Path) -> None:
+    truth = write_flight(tmp_path)
+    without(tmp_path / "imu.csv", 2.0, 13.7)
+    result = flown(tmp_path / "log.yaml", *GIVEN)
+    assert result.attributes["alignment_time"] >= 13.7 - 1e-6
+    assert any("are not flown" in found.text for found in findings.of(result))
+    assert np.abs(scaled(result, truth)[0]).max() < 4.5
+
+
+def test_a_flight_ends_where_nothing_aligns_it_again(tmp_path: Path) -> None:
+    """Three seconds after the hole are not enough."""
+    write_flight(tmp_path)
+    without(tmp_path / "imu.csv", 60.0, 96.0)
+    result = flown(tmp_path / "log.yaml", *GIVEN)
+    assert result["/filter/time"][-1] <= 60.0
+    assert "nothing after it is flown, since no alignment was found" in told(result, "lost")
+
+
+def test_a_filter_whose_attitude_is_lost_finds_it_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Carried across a hole in which it turned by more than it takes for possible, it contradicts the fixes: then the
+    attitude is searched anew."""
+    truth = write_flight(tmp_path)
+    without(tmp_path / "imu.csv", 42.0, 54.0)
+    monkeypatch.setattr(simulated, "SURVIVED", np.inf)
+    monkeypatch.setattr(simulated, "_noise", lambda flight, beliefs: beliefs.sensors.noise[None])
+    result = flown(tmp_path / "log.yaml", *GIVEN)
+    assert result["/lost/start"].size >= 1
+    assert set(result["/lost/cause"]) == {simulated.CONTRADICTION}
+    z, time = scaled(result, truth)
+    late = time > result["/lost/end"].max()
+    assert late.sum() > 100
+    assert np.abs(z[late]).max() < 4.5
+
+
+def test_pauses_of_the_fixes_are_told(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    without(tmp_path / "gnss.csv", 30.0, 40.0)
+    without(tmp_path / "gnss.csv", 60.0, 85.0)
+    result = flown(tmp_path / "log.yaml", *GIVEN)
+    text = told(result, "pauses")
+    assert text.startswith("no fixes for 10.5 s from 29.6 s on, 25.5 s from 59.6 s on: ")
+
+
+def test_the_table_and_the_exit_code_know_of_a_lost_filter(tmp_path: Path) -> None:
+    """Worthless spans are in the table and shaded in the figures, rejected fixes are crosses."""
+    write_flight(tmp_path)
+    shifted(tmp_path / "gnss.csv", 40.0, 70.0, 25.0)
+    keys = [word for key in GIVEN for word in ("--set", key)]
+    quiet = ["--figures", "none", "--force", "-o", str(tmp_path / "out.h5")]
+    command = ["replay", str(tmp_path / "log.yaml"), *quiet, *keys]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    strict = CliRunner().invoke(app, [*command, "--require-consistent"])
+    assert strict.exit_code == 3, strict.output
+    result = flown(tmp_path / "log.yaml", *GIVEN)
+    (worthless,) = [table for table in tables(result) if getattr(table, "title", "") == "Worthless output"]
+    assert "40.1" in str(worthless.rows)
+    drawn = figures(result)
+    names = [text.get_text() for text in drawn["track"].legends[0].get_texts()]
+    assert "rejected fixes" in names
+    assert any(patch.get_alpha() is None for patch in drawn["innovations"].axes[0].patches)
+
+
+def test_a_sound_flight_needs_no_gate(tmp_path: Path) -> None:
+    """With the gate and without it the same estimates, to the bit, where nothing is rejected."""
+    write_flight(tmp_path)
+    gated, free = (flown(tmp_path / "log.yaml", *GIVEN, f"filter.gate.probability={p}") for p in ("1e-6", "0"))
+    for name in ("position_llh", "velocity_ned", "attitude_rpy", "sigma"):
+        np.testing.assert_array_equal(gated[f"/filter/{name}"], free[f"/filter/{name}"])
+    assert not [f for f in findings.of(gated) if f.name in ("lost", "rejected_fixes", "pauses")]
