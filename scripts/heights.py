@@ -6,15 +6,15 @@ Run by `make validate`, some three minutes on two cores.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import measured
 import numpy as np
 
 from navsim.core import states
 from navsim.scenario.load import read
 from navsim.study.executor import threads
-from navsim.study.landing import fly_all, prepare
+from navsim.study.landing import Case, fly_all, prepare
 from navsim.study.statistics import consistency_band
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -58,9 +58,13 @@ CASES: list[tuple[str, tuple[str, ...]]] = [
 """What the filter does not know, and what is set for it."""
 
 
+def prepared(settings: tuple[str, ...]) -> Case:
+    return prepare(*read(ROOT / "scenarios" / "landing.yaml", (*ALWAYS, *settings)))
+
+
 def row(label: str, settings: tuple[str, ...]) -> str:
-    """Of a case below `BELOW`, told while it is made too."""
-    case = prepare(*read(ROOT / "scenarios" / "landing.yaml", (*ALWAYS, *settings)))
+    """The table's line of a case: vertical error and NEES below `BELOW`."""
+    case = prepared(settings)
     runs = fly_all(case, SEED, 0, RUNS, threads(), keep="errors")
     height = np.interp(case.world.filter_time, case.world.truth.time, case.world.truth.llh[:, 2])
     height -= case.scenario.runway.ellipsoidal_m
@@ -70,13 +74,20 @@ def row(label: str, settings: tuple[str, ...]) -> str:
         float(runs[name][:, low].mean()) / size
         for name, size in (("nees_position_velocity", 6), ("nees", len(case.states)))
     )
-    line = f"| {label} | {error:.2f}, {sigma:.2f} | {six:.3g} | {every:.3g} |"
-    print(line, file=sys.stderr)
-    return line
+    return measured.row(label, f"{error:.2f}, {sigma:.2f}", f"{six:.3g}", f"{every:.3g}")
+
+
+def probe() -> measured.Probe:
+    """Every row of the table; rows of the same name are numbered."""
+    return {f"{i}, {label}": measured.flown(prepared(settings), SEED) for i, (label, settings) in enumerate(CASES, 1)}
+
+
+PAGE = measured.Page("heights-measured.md", "heights", (SEED,), probe)
 
 
 def main() -> None:
     """Fly every case and write the table."""
+    begun = measured.commit()
     low, high = consistency_band(6, RUNS)
     lines = [
         "# Altimeters, measured",
@@ -94,7 +105,7 @@ def main() -> None:
         "|---|---|---|---|",
         *(row(label, settings) for label, settings in CASES),
     ]
-    (ROOT / "docs" / "heights-measured.md").write_text("\n".join([*lines, ""]))
+    PAGE.write(lines, begun)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import measured
 import numpy as np
 
 from navsim.scenario.load import read
@@ -46,13 +47,6 @@ def times(ready: Case) -> list[int]:
     return [int(np.argmin(np.abs(ready.world.filter_time - t))) for t in TIMES]
 
 
-def row(*cells: object) -> str:
-    """A line of a table, told while it is made too."""
-    line = f"| {' | '.join(map(str, cells))} |"
-    print(line, file=sys.stderr)
-    return line
-
-
 def consistency() -> list[str]:
     low, high = consistency_band(6, RUNS)
     columns = " | ".join(map(str, TIMES))
@@ -78,7 +72,7 @@ def consistency() -> list[str]:
                 for name in ("error", "sigma")
             )
             cells.append("{:.2f}, {:.2f}".format(*sizes))
-        lines.append(row(f"{name}.yaml", label, *(f"{x:.3g}" for x in nees), *cells))
+        lines.append(measured.row(f"{name}.yaml", label, *(f"{x:.3g}" for x in nees), *cells))
     return lines
 
 
@@ -100,12 +94,22 @@ def against_runs() -> list[str]:
         lines += ["", f"### open-sky, {label}: largest deviation {worst:.1f} %", ""]
         lines += ["| t, s | r N | r E | r D | v N | v E | v D |", "|---|---|---|---|---|---|---|"]
         print(lines[-4], file=sys.stderr)
-        lines += [row(t, *(f"{x:.3f}" for x in values)) for t, values in zip(TIMES, ratio, strict=True)]
+        lines += [measured.row(t, *(f"{x:.3f}" for x in values)) for t, values in zip(TIMES, ratio, strict=True)]
     return lines
+
+
+def probe() -> measured.Probe:
+    """Every case of the first table; covariance analysis of the second."""
+    out = {f"{name}.yaml, {label}": measured.flown(case(*each, name=name), SEED) for name, label, each in CASES}
+    return out | {f"covariance, {label}": measured.analysed(case(*settings)) for label, settings in COMPARED}
+
+
+PAGE = measured.Page("lasting-errors-measured.md", "lasting_errors", (SEED,), probe)
 
 
 def main() -> None:
     """Fly every case and write the tables."""
+    begun = measured.commit()
     lines = [
         "# Errors that last, measured",
         "",
@@ -116,7 +120,7 @@ def main() -> None:
         "",
         *against_runs(),
     ]  # fmt: skip
-    (ROOT / "docs" / "lasting-errors-measured.md").write_text("\n".join([*lines, ""]))
+    PAGE.write(lines, begun)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,11 @@ Run by `make validate`, some ten minutes on two cores.
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
+import measured
 import numpy as np
 
 from navsim.scenario.load import read
@@ -53,6 +53,13 @@ def case(name: str, coupling: str, *settings: str) -> Case:
     return prepare(*read(ROOT / "scenarios" / f"{name}.yaml", (f"filter.coupling={coupling}", *settings)))
 
 
+def outage(left: tuple[str, ...], coupling: str) -> Case:
+    """landing.yaml with all other sources silent from `BEGIN` to `END`."""
+    silent = [name for name in case("landing", "loose").world.signals.names if name not in left]
+    events = json.dumps([{"what": "silence", "sources": silent, "at_s": BEGIN, "until_s": END}])
+    return case("landing", coupling, f"events={events}")
+
+
 @dataclass(frozen=True)
 class Flown:
     """Histories of an ensemble: errors (run, t, 3) NED, m; sigmas; nees (run, t) of position and velocity."""
@@ -71,13 +78,6 @@ def flown(ready: Case, runs: int = RUNS) -> Flown:
     parts = (np.concatenate(list(ensemble.blocks(name))) for name in ("error", "sigma", "nees_position_velocity"))
     error, sigma, nees = parts
     return Flown(ready.world.filter_time, error, sigma, nees / 6.0)
-
-
-def row(*cells: object) -> str:
-    """A line of a table, told while it is made too."""
-    line = f"| {' | '.join(map(str, cells))} |"
-    print(line, file=sys.stderr)
-    return line
 
 
 def clear() -> list[str]:
@@ -103,7 +103,7 @@ def clear() -> list[str]:
             ratios = np.sqrt(squares[1][some].mean(axis=1) / squares[0][some].mean(axis=1))
             low, high = np.percentile(ratios, [2.5, 97.5])
             cells.append(f"{np.sqrt(squares[1].mean() / squares[0].mean()):.3f} [{low:.3f}, {high:.3f}]")
-        lines.append(row(label, *cells, *(f"{one.nees[:, late].mean():.3f}" for one in both)))
+        lines.append(measured.row(label, *cells, *(f"{one.nees[:, late].mean():.3f}" for one in both)))
     return lines
 
 
@@ -122,13 +122,10 @@ def outages() -> tuple[list[str], dict[str, list[Flown]]]:
         "|---|---|---|---|---|---|---|---|",
     ]
     kept: dict[str, list[Flown]] = {}
-    names = case("landing", "loose").world.signals.names
     for label, left in LEFT.items():
-        silent = [name for name in names if name not in left]
-        events = json.dumps([{"what": "silence", "sources": silent, "at_s": BEGIN, "until_s": END}])
         kept[label] = []
         for coupling in COUPLINGS:
-            one = flown(case("landing", coupling, f"events={events}"))
+            one = flown(outage(left, coupling))
             kept[label].append(one)
             last, first = one.at(END) - 1, one.at(BEGIN)
             cells: list[str] = []
@@ -138,7 +135,8 @@ def outages() -> tuple[list[str], dict[str, list[Flown]]]:
                 cells.append(f"{np.sqrt(np.mean(np.sum(one.sigma[:, last, columns] ** 2, axis=1))):.2f}")
             nees = one.nees.mean(axis=0)
             inside = nees[first : last + 1]
-            lines.append(row(label, coupling, *cells, f"{nees[last]:.2f}", f"{inside.min():.2f} to {inside.max():.2f}"))
+            cells += [f"{nees[last]:.2f}", f"{inside.min():.2f} to {inside.max():.2f}"]
+            lines.append(measured.row(label, coupling, *cells))
             if coupling == "loose" and label != "R01, R07, PL1":
                 lines.pop()  # the same whatever is left, for there is no fix
     return lines, kept
@@ -168,7 +166,22 @@ def figure(kept: dict[str, list[Flown]], path: Path) -> None:
     fig.savefig(path, dpi=150)
 
 
+def probe() -> measured.Probe:
+    """Both couplings with few sources, and with a lever arm and late fixes."""
+    label = "a fix a second, late by 0.25 s, lever arm"
+    name, settings = CLEAR[label]
+    out = {}
+    for coupling in COUPLINGS:
+        out[f"R01, PL1, {coupling}"] = measured.flown(outage(LEFT["R01, PL1"], coupling), SEED)
+        out[f"{label}, {coupling}"] = measured.flown(case(name, coupling, *settings), SEED)
+    return out
+
+
+PAGE = measured.Page("outages-measured.md", "outages", (SEED,), probe)
+
+
 def main() -> None:
+    begun = measured.commit()
     head = [
         "# Tight and loose coupling, measured",
         "",
@@ -185,8 +198,7 @@ def main() -> None:
         "Solid: RMS error; dashed: σ of the filter.",
         "",
     ]
-    text = "\n".join([*head, *lines, *picture, *clear(), ""])
-    (ROOT / "docs" / "outages-measured.md").write_text(text, encoding="utf-8")
+    PAGE.write([*head, *lines, *picture, *clear()], begun)
 
 
 if __name__ == "__main__":

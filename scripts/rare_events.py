@@ -7,9 +7,9 @@ Run by `make validate`, some ten minutes on two cores.
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 
+import measured
 import numpy as np
 from scipy.special import ndtr, ndtri
 
@@ -62,13 +62,6 @@ def boxed(name: str, settings: tuple[str, ...], chance: float, axes: tuple[int, 
     return case, rare.prepare(case)
 
 
-def row(*cells: object) -> str:
-    """A line of a table, told while it is made too."""
-    line = f"| {' | '.join(map(str, cells))} |"
-    print(line, file=sys.stderr)
-    return line
-
-
 def interval(values: np.ndarray) -> str:
     return "{:.3g} [{:.3g}, {:.3g}]".format(*map(float, values))
 
@@ -91,7 +84,8 @@ def counted() -> list[str]:
         value, relative, _ = rare.probability(edge, flown)
         error = math.hypot(relative * value[0], math.sqrt(share * (1.0 - share) / runs))
         difference = f"{(value[0] - share) / error:+.1f}"
-        lines.append(row(label, f"{chance:g}", f"{share:.3g} of {runs}", interval(value), flown.runs, difference))
+        cells = (f"{chance:g}", f"{share:.3g} of {runs}", interval(value), flown.runs, difference)
+        lines.append(measured.row(label, *cells))
     return lines
 
 
@@ -116,7 +110,7 @@ def closed() -> list[str]:
         edge = rare.prepare(case)
         flown = rare.fly_all(case, edge, SEED, 0, runs, threads())
         value, _, _ = rare.probability(edge, flown)
-        lines.append(row(f"{chance:g}", interval(value), runs, f"{100 * (value[0] / chance - 1):+.1f} %"))
+        lines.append(measured.row(f"{chance:g}", interval(value), runs, f"{100 * (value[0] / chance - 1):+.1f} %"))
     return lines
 
 
@@ -137,7 +131,7 @@ def costs() -> list[str]:
         values = [f"{rare.probability(edge, each)[0][0]:.2g}" for each in flown]
         most = max(float(rare.not_linear(edge, each).max()) for each in flown)
         landings = sorted(each.runs for each in flown)
-        lines.append(row(label, f"{landings[0]} - {landings[-1]}", ", ".join(values), f"{most:.2f} σ"))
+        lines.append(measured.row(label, f"{landings[0]} - {landings[-1]}", ", ".join(values), f"{most:.2f} σ"))
     return lines
 
 
@@ -172,12 +166,24 @@ def honesty() -> list[str]:
             found.append((runs, value[0] / truth, value[2] < truth, effective))
         runs, over, missed, effective = np.array(found, float).T
         cells = (f"{part:g}", f"{np.median(runs):.0f}", f"{np.median(over):.2f}", f"{100 * missed.mean():.1f} %")
-        lines.append(row(*cells, f"{np.median(effective):.0f}"))
+        lines.append(measured.row(*cells, f"{np.median(effective):.0f}"))
     return lines
+
+
+def probe() -> measured.Probe:
+    """Probability, its relative error and its effective samples of a few pushed runs of one box."""
+    label, name, settings, chance, _ = COUNTED[2]
+    case, edge = boxed(name, settings, chance, (LATERAL, ALONG, VERTICAL))
+    value, relative, effective = rare.probability(edge, rare.fly_all(case, edge, SEED, 0, 64, threads()))
+    return {f"{label}, {chance:g}": [float(value[0]), float(relative), float(effective)]}
+
+
+PAGE = measured.Page("rare-events-measured.md", "rare_events", (SEED, SEED + 1, SEED + 2), probe)
 
 
 def main() -> None:
     """Fly every case and write the tables."""
+    begun = measured.commit()
     lines = [
         "# Rare events, measured",
         "",
@@ -193,9 +199,8 @@ def main() -> None:
         *costs(),
         "",
         *honesty(),
-        "",
     ]
-    (ROOT / "docs" / "rare-events-measured.md").write_text("\n".join(lines))
+    PAGE.write(lines, begun)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,9 @@ Run by `make validate`, some five minutes on two cores.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import measured
 import numpy as np
 
 from navsim.scenario.load import read
@@ -68,19 +68,24 @@ def case(*settings: str) -> Case:
     return prepare(*read(ROOT / "scenarios" / "s_turn.yaml", (*ALWAYS, *settings)))
 
 
+def unknown(settings: tuple[str, ...]) -> Case:
+    """The flight of the first table."""
+    return case(SENSOR, "initial_errors.attitude_deg=1", "filter.kind=tfg", *settings)
+
+
+def followed(start: tuple[str, ...], size: float, kind: str) -> Case:
+    """The flight of the second table, with misalignments of `size` mrad."""
+    gains = (f"imu.gyro.misalignment_mrad={size}", f"imu.accelerometer.misalignment_mrad={size}",
+             "filter.misalignments=true") if size else ()  # fmt: skip
+    return case(*start, *gains, f"filter.kind={kind}")
+
+
 def nees(ready: Case, name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
     """NEES over size at the times, and the RMS of the horizontal error with the filter's sigma at the last, m."""
     runs = fly_all(ready, SEED, 0, RUNS, threads(), keep="errors")
     at = [int(np.argmin(np.abs(ready.world.filter_time - t))) for t in TIMES]
     sizes = (np.sqrt(np.mean(np.sum(runs[key][:, at[-1], :2] ** 2, axis=1))) for key in ("error", "sigma"))
     return runs[name].mean(axis=0)[at] / size, np.array([*sizes])
-
-
-def row(*cells: object) -> str:
-    """A line of a table, told while it is made too."""
-    line = f"| {' | '.join(map(str, cells))} |"
-    print(line, file=sys.stderr)
-    return line
 
 
 def one_by_one() -> list[str]:
@@ -98,9 +103,9 @@ def one_by_one() -> list[str]:
         f"|---|{'---|' * len(TIMES)}---|",
     ]
     for label, settings in UNKNOWN:
-        ready = case(SENSOR, "initial_errors.attitude_deg=1", "filter.kind=tfg", *settings)
+        ready = unknown(settings)
         values, sizes = nees(ready, "nees_position_velocity", 6)
-        lines.append(row(label, *(f"{x:.3g}" for x in values), "{:.2f}, {:.2f}".format(*sizes)))
+        lines.append(measured.row(label, *(f"{x:.3g}" for x in values), "{:.2f}, {:.2f}".format(*sizes)))
     return lines
 
 
@@ -115,18 +120,26 @@ def by_kind() -> list[str]:
         f"|---|---|{'---|' * len(KINDS)}",
     ]
     for label, start, size in STARTS:
-        gains = (f"imu.gyro.misalignment_mrad={size}", f"imu.accelerometer.misalignment_mrad={size}",
-                 "filter.misalignments=true") if size else ()  # fmt: skip
         found = []
         for kind in KINDS:
-            ready = case(*start, *gains, f"filter.kind={kind}")
+            ready = followed(start, size, kind)
             found.append(nees(ready, "nees", len(ready.states))[0].max())
-        lines.append(row(label, f"{size:g}", *(f"{x:.2f}" for x in found)))
+        lines.append(measured.row(label, f"{size:g}", *(f"{x:.2f}" for x in found)))
     return lines
+
+
+def probe() -> measured.Probe:
+    """Every row of the first table, and the largest misalignments with each kind of filter."""
+    out = {label: measured.flown(unknown(settings), SEED) for label, settings in UNKNOWN}
+    return out | {kind: measured.flown(followed(*STARTS[-1][1:], kind), SEED) for kind in KINDS}
+
+
+PAGE = measured.Page("sensor-errors-measured.md", "sensor_errors", (SEED,), probe)
 
 
 def main() -> None:
     """Fly every case and write the tables."""
+    begun = measured.commit()
     lines = [
         "# Errors of inertial sensors, measured",
         "",
@@ -138,7 +151,7 @@ def main() -> None:
         "",
         *by_kind(),
     ]
-    (ROOT / "docs" / "sensor-errors-measured.md").write_text("\n".join([*lines, ""]))
+    PAGE.write(lines, begun)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -10,7 +13,15 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.load import read
 from navsim.study import landing
 
-SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
+ROOT = Path(__file__).resolve().parent.parent
+SCENARIOS = ROOT / "scenarios"
+
+
+def load_script(name: str) -> ModuleType:
+    """A script of scripts/ as a module; scripts import each other by name."""
+    if (folder := str(ROOT / "scripts")) not in sys.path:
+        sys.path.insert(0, folder)
+    return importlib.import_module(name)
 
 
 def scenario(*assignments: str, name: str = "landing") -> Landing:

@@ -3,30 +3,20 @@ flown by `make validate` (scripts/covariance_matrix.py, docs/covariance-matrix.m
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT, SHARED
-from tests.helpers import case
+from tests.conftest import SHARED
+from tests.helpers import case, load_script
 
 SHORT = ("duration_s=62", "imu.rate_hz=25")
 """Up to touchdown, with fewer samples: the errors of integration are in both."""
 
 
-def _matrix() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("covariance_matrix", ROOT / "scripts" / "covariance_matrix.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-matrix = _matrix()
+matrix: Any = load_script("covariance_matrix")
 
 
 def each_level_once() -> list[tuple[str, ...]]:

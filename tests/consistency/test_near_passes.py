@@ -3,8 +3,6 @@ more settings and runs."""
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from typing import Any
 
 import numpy as np
@@ -13,14 +11,10 @@ import pytest
 from navsim.scenario.load import read
 from navsim.simulation.landing_covariance import CURVATURE
 from navsim.study.landing import Case, covariance_analysis, prepare
-from tests.conftest import ROOT, SCENARIOS
+from tests.conftest import SCENARIOS
+from tests.helpers import load_script
 
-_SPEC = importlib.util.spec_from_file_location("near_passes", ROOT / "scripts" / "near_passes.py")
-assert _SPEC is not None
-assert _SPEC.loader is not None
-script: Any = importlib.util.module_from_spec(_SPEC)
-sys.modules["near_passes"] = script  # dataclasses look there for their annotations
-_SPEC.loader.exec_module(script)
+script: Any = load_script("near_passes")
 Cell = script.Cell
 
 RUNS = 48

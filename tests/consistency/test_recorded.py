@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from navsim.study.tracking.azimuth import ratio, rmse
 from navsim.study.tracking.mode_s import read, received_nodes, smoothed
-from tests.conftest import ROOT
+from tests.helpers import load_script
 
-sys.path.insert(0, str(ROOT / "scripts"))
-import recorded_approach as script
+script: Any = load_script("recorded_approach")
 
 
 @pytest.fixture(scope="module")

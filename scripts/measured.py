@@ -1,0 +1,130 @@
+"""Pages of measured results: the commit and the seeds that each was made with, and a probe that guards it.
+
+A probe is a brief run of some cases of the page, stored in the page as an HTML comment. Code that computes other
+numbers than the page's code changes the probe; tests/consistency/test_measured_pages.py computes every probe again.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from navsim.core import states
+from navsim.study.executor import threads
+from navsim.study.landing import Case, covariance_analysis, fly_all
+
+ROOT = Path(__file__).resolve().parent.parent
+CODE = ("navsim", "scenarios", "scripts")
+"""Folders whose content decides a page's numbers."""
+OPEN, CLOSE = "<!-- probe: ", " -->"
+PROBE_RUNS = 8
+TOLERANCE = 1e-6
+"""Largest relative difference of a probe on another processor."""
+
+Probe = Mapping[str, Sequence[float]]
+
+
+def commit() -> str:
+    """Abbreviated hash and date of the last commit of the code; exit 1 without one, or where files differ from it."""
+    try:
+        changed = _git("status", "--porcelain", "--", *CODE)
+        last = _git("log", "-1", "--abbrev=10", "--format=`%h` (%cs)", "--", *CODE)
+    except (OSError, subprocess.CalledProcessError) as error:
+        sys.exit(f"a measured page names the commit of its code, and git tells none ({error}): run in a git checkout")
+    if changed or not last:
+        sys.exit(f"a measured page names the commit of its code; commit first:\n{changed}")
+    return last
+
+
+def _git(*arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.rstrip()
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page of docs/, the script of scripts/ that writes it, its seeds, and its probe."""
+
+    name: str
+    script: str
+    seeds: Sequence[int]
+    probe: Callable[[], Probe]
+
+    @property
+    def path(self) -> Path:
+        return ROOT / "docs" / self.name
+
+    @property
+    def command(self) -> str:
+        return f"python scripts/{self.script}.py"
+
+    def write(self, lines: Sequence[str], begun: str) -> None:
+        """Write the page with its closing line and its probe; `begun` is `commit()` from before the first run."""
+        if (ended := commit()) != begun:
+            sys.exit(f"the code changed from commit {begun} to {ended} during the runs: start `{self.command}` again")
+        seeds = f"seed {self.seeds[0]}" if len(self.seeds) == 1 else f"seeds {', '.join(map(str, self.seeds))}"
+        values = [f"{json.dumps(label, ensure_ascii=False)}: {_digits(row)}" for label, row in self.probe().items()]
+        closing = f"Made by `{self.command}` with the code of commit {begun}, {seeds}."
+        comment = f"{OPEN}{{\n" + ",\n".join(values) + f"\n}}{CLOSE}"
+        self.path.write_text("\n".join([*lines, "", closing, "", comment, ""]), encoding="utf-8")
+
+    def stored(self) -> Probe | None:
+        """The probe in the page; None where the page has none."""
+        _, found, rest = self.path.read_text(encoding="utf-8").partition(OPEN)
+        return json.loads(rest.partition(CLOSE)[0]) if found else None
+
+
+def _digits(values: Sequence[float]) -> str:
+    return f"[{', '.join(f'{value:.9g}' for value in values)}]"
+
+
+def differences(stored: Probe, computed: Probe) -> list[str]:
+    """What differs between two probes by more than `TOLERANCE`, one line each."""
+    out = [f"{label}: only in one of the two" for label in sorted(stored.keys() ^ computed.keys())]
+    for label in stored.keys() & computed.keys():
+        pair = stored[label], computed[label]
+        if len(pair[0]) != len(pair[1]) or not np.allclose(*pair, rtol=TOLERANCE, atol=0.0):
+            out.append(f"{label}: {_digits(pair[0])} in the page, {_digits(pair[1])} now")
+    return out
+
+
+def flown(case: Case, seed: int, runs: int = PROBE_RUNS) -> list[float]:
+    """Mean NEES, RMS position error (m) and RMS heading error (deg) of a few runs, half-way and at the end."""
+    ensemble = fly_all(case, seed, 0, runs, threads(), keep="errors")
+    out = []
+    for at in _moments(case):
+        error = ensemble["error"][:, at]
+        position = np.sqrt(np.mean(np.sum(error[:, states.SLICES["position"]] ** 2, axis=1)))
+        heading = np.degrees(np.sqrt(np.mean(error[:, states.A_D] ** 2)))
+        out += [float(ensemble["nees"][:, at].mean()), float(position), float(heading)]
+    return out
+
+
+def analysed(case: Case) -> list[float]:
+    """Position error (m) and heading error (deg), 1 sigma, of the covariance analysis, half-way and at the end."""
+    analysis = covariance_analysis(case)
+    square = np.diagonal(analysis.covariance, axis1=1, axis2=2) + analysis.mean**2
+    out = []
+    for at in _moments(case):
+        position = np.sqrt(square[at, states.SLICES["position"]].sum())
+        out += [float(position), float(np.degrees(np.sqrt(square[at, states.A_D])))]
+    return out
+
+
+def _moments(case: Case) -> tuple[int, int]:
+    """Indices of the filter's output half-way and at the end."""
+    last = case.world.filter_time.size - 1
+    return last // 2, last
+
+
+def row(*cells: object) -> str:
+    """One line of a table, also printed for progress."""
+    line = f"| {' | '.join(map(str, cells))} |"
+    print(line, file=sys.stderr, flush=True)
+    return line
