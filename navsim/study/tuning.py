@@ -7,7 +7,7 @@ Forecasting, structural time series models and the Kalman filter (1989), section
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from navsim.estimation.records import TFG
 from navsim.io.findings import CONSISTENT, Finding
 from navsim.simulation import replay
+from navsim.study.statistics import gate_limits
 
 if TYPE_CHECKING:
     from navsim.study.replay import Recording
@@ -35,6 +36,8 @@ LATENCIES = (-1.0, 2.0)
 """Bounds of the latency, s: below zero the fixes are stamped before the time they are valid."""
 AT_BOUND = 0.01
 """A latency this close to one of them, s, stands there."""
+COARSE = 2.5
+"""Step between the latencies that are tried before the simplex, tenths of a second."""
 EVALUATIONS = 400
 """Most flights that a tuning makes."""
 
@@ -89,18 +92,25 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
         nonlocal flown
         flown += 1
         done(min(flown, EVALUATIONS))
+        return surprise(x, True)
+
+    def surprise(x: np.ndarray, judged: bool) -> float:
         values = settings(x)
         if not LATENCIES[0] <= values[4] <= LATENCIES[1]:
             return 1e12
-        flight = recording.flight(values[4])
+        flight, beliefs = recording.flight(values[4]), recording.beliefs(values, TFG)
+        if not judged:
+            beliefs = replace(beliefs, gate=gate_limits(0.0))
         seen = replay.fly(
-            flight, recording.beliefs(values, TFG), recording.fix_sigma(values), np.empty(0),
+            flight, beliefs, recording.fix_sigma(values), np.empty(0),
             range_sigma=recording.range_sigma(values),
         )  # fmt: skip
         total = seen.surprise(flight.speed > threshold, of_rejected)
         total += 0.5 * float(np.sum((np.log(values[2:4] / given[2:4]) / TRUST) ** 2))
         return total if np.isfinite(total) else 1e12
 
+    if 4 in free:
+        start[4] = _first_latency(lambda latency: surprise(np.where(free == 4, latency, start[free]), False))
     x, step = start[free], np.where(free == 4, 0.5, 0.7)
     for most in (EVALUATIONS // 2, EVALUATIONS):  # once more from where the first simplex has shrunk to
         simplex = np.vstack([x, x + np.diag(step)])
@@ -113,6 +123,19 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
         tuned[1] = tuned[0]
     remarks = _remarks(recording, best, bool(found.success), flown)
     return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks))
+
+
+def _first_latency(cost: Callable[[float], float]) -> float:
+    """The latency, tenths of a second, where the simplex starts: 0.1 s, unless another one is more likely. cost: of
+    flights without the gate, which rejects all fixes alike where the latency is far off, and shows no way to it."""
+    near, (lowest, highest) = 1.0, (10.0 * bound for bound in LATENCIES)
+    coarse = np.arange(np.ceil((lowest - near) / COARSE), np.floor((highest - near) / COARSE) + 1.0) * COARSE + near
+    coarse = np.unique([lowest, *coarse, highest])
+    best = float(min(coarse, key=cost))
+    if best == near:
+        return near
+    fine = best + COARSE * np.array([-0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8])
+    return float(min(fine[(fine >= lowest) & (fine <= highest)], key=cost))
 
 
 def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int) -> list[str]:

@@ -81,11 +81,11 @@ WITHOUT_UNIT = {
     "p_fa", "p_md", "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max",
     "p_satellite", "p_constellation", "p_constellations",
     "p_pseudolite", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share",
-    "band", "duty", "sigma_share", "load_factor", "bearing_year",  # of one
+    "band", "duty", "sigma_share", "height_sigma_share", "load_factor", "bearing_year",  # of one
     "exponent", "damping",
     "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail",  # ratios
     "max_rejected", "components", "samples", "receivers", "effective_samples",
-    "runs", "steps", "experiments",  # counts
+    "runs", "study_runs", "steps", "experiments",  # counts
     "lift_slope", "side_force_slope", "drag",  # coefficients
     "count", "pseudolites", "effort", "min_satellites",
     "h0", "h_minus2", "rate_sigma", "alpha", "beta", "initial_variance",  # what it means says the unit
