@@ -25,7 +25,8 @@ CODE = ("navsim", "scenarios", "scripts")
 OPEN, CLOSE = "<!-- probe: ", " -->"
 PROBE_RUNS = 8
 TOLERANCE = 1e-6
-"""Largest relative difference of a probe on another processor."""
+"""Largest relative difference of a probe that counts as rounding. Kernels compiled for a generic x86-64 processor, and
+numpy without its vector code, change no probe by more than 4.4e-9."""
 
 Probe = Mapping[str, Sequence[float]]
 
