@@ -74,14 +74,18 @@ class SweepArguments(Requiring, total=False):
 
 
 class OptimizeArguments(Common, total=False):
-    """Of `optimize`. time_limit: stop then with the best found so far, s."""
+    """Of `optimize`. runs: that the best placements are flown with, 0 for none. time_limit: stop then with the best
+    found so far, s."""
 
     seed: int
+    runs: int | None
     scheduler: PathLike | None
     time_limit: float | None
 
 
-_LEAST = {"seed": 0, "runs": 1, "first_run": 0, "workers": 1}
+_LEAST: dict[str | tuple[str, str], int] = {
+    "seed": 0, ("optimize", "runs"): 0, ("sweep", "runs"): 0, "runs": 1, "first_run": 0, "workers": 1,
+}  # fmt: skip
 _CHOICES = {"keep": Keep, ("run", "method"): Method, ("sweep", "method"): SweepMethod}
 _LONGEST = 1e9
 """Time limit, s."""
@@ -147,8 +151,9 @@ def _right(command: str, name: str, value: Any) -> Any:
     """A value as the work takes it. Raises TypeError, ValueError, saying what is allowed."""
     from navsim.io.results import MOST_WHOLE
 
-    if name in _LEAST:
-        least, words = _LEAST[name], f"expected a whole number from {_LEAST[name]} to {MOST_WHOLE}"
+    least = _LEAST.get((command, name), _LEAST.get(name))
+    if least is not None:
+        words = f"expected a whole number from {least} to {MOST_WHOLE}"
         try:
             number = operator.index(value)
         except TypeError:

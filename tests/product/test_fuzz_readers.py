@@ -235,7 +235,10 @@ def attempt_both(name: str, path: Path) -> None:
             strict, lenient = reader(path), leniently(path)
             if isinstance(strict, tuple):
                 read_by_lenient = [reason for reason in strict[1].counts if "`lenient: true` reads them" in reason]
-                assert strict[1].counts == lenient[1].counts | {r: strict[1].counts[r] for r in read_by_lenient}
+                if read_by_lenient:  # what of them makes no sense is then counted as corrupt, or as of another kind
+                    assert sum(lenient[1].counts.values()) <= sum(strict[1].counts.values())
+                else:
+                    assert strict[1].counts == lenient[1].counts
             else:
                 assert strict.left_out == lenient.left_out
 
