@@ -214,10 +214,7 @@ class Run:
     size where nothing is excluded; innovation_ratio (e,): see `InnovationTest`, of no size where there is none;
     deviation (o, 3): of the way that was flown from the route, lateral, along, vertical, m, its true roll, pitch, yaw,
     attitude (o, 3), rad, and where the antenna truly was at fixes (e, 3), ECEF, m; of no size where all runs fly the
-    route; gust (o, 3): wind beside the mean one, m/s, to the right of the course, along it, up, of no size likewise;
-    delta_angle, delta_velocity (n, 3): increments that the inertial sensors measured, rad, m/s, of no size where they
-    are not wanted; clipped (2,): samples of gyros and of accelerometers beyond their range, of no size where they have
-    none."""
+    route; clipped (2,): samples of gyros and of accelerometers beyond their range, of no size where they have none."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -248,8 +245,11 @@ class Run:
     attitude: np.ndarray
     antenna: np.ndarray
     gust: np.ndarray
+    """Wind beside the mean one (o, 3), m/s: right of the course, along it, up. Empty if all runs fly the route."""
     delta_angle: np.ndarray
+    """Angle increments that the gyros measured (n, 3), rad. Empty if measurements are not wanted."""
     delta_velocity: np.ndarray
+    """Velocity increments that the accelerometers measured (n, 3), m/s. Empty if measurements are not wanted."""
     clipped: np.ndarray
 
     def one(self, which: int) -> Run:

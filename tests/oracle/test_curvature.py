@@ -72,13 +72,17 @@ def test_second_order_errors_are_those_of_the_receiver(side: float, within: dict
         assert along.mean() == pytest.approx(expected, abs=3.5 * np.std(along) / np.sqrt(len(along)))
 
 
+def draw_forms(rng: np.random.Generator, epochs: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Symmetric forms (epochs, count, 3, 3) and covariances (epochs, 3, 3)."""
+    forms = rng.standard_normal((epochs, count, 3, 3))
+    root = rng.standard_normal((epochs, 3, 3))
+    return forms + np.swapaxes(forms, 2, 3), root @ np.swapaxes(root, 1, 2)
+
+
 def test_products_have_the_moments_of_the_forms() -> None:
     """Mean tr(F C), covariance 2 tr(F C G C) of forms F, G [Magnus 1978]."""
     rng = np.random.default_rng(3)
-    forms = rng.standard_normal((2, 4, 3, 3))
-    forms = forms + np.swapaxes(forms, 2, 3)
-    root = rng.standard_normal((2, 3, 3))
-    covariance = root @ np.swapaxes(root, 1, 2)
+    forms, covariance = draw_forms(rng, 2, 4)
     found = Curvature.of(forms, np.zeros_like(covariance), covariance, np.broadcast_to(np.eye(4), (2, 4, 4)))
     by = forms @ covariance[:, None]
     np.testing.assert_allclose(found.mean, np.trace(by, axis1=2, axis2=3), rtol=1e-12)
@@ -90,10 +94,7 @@ def test_products_have_the_moments_of_the_forms() -> None:
 def test_noise_that_stands_for_lasting_errors_is_never_too_small() -> None:
     """The covariance of all measurements together, lasting and as white noise: the difference has no negative value."""
     rng = np.random.default_rng(4)
-    forms = rng.standard_normal((5, 3, 3, 3))
-    forms = forms + np.swapaxes(forms, 2, 3)
-    root = rng.standard_normal((5, 3, 3))
-    lasting = root @ np.swapaxes(root, 1, 2)
+    forms, lasting = draw_forms(rng, 5, 3)
     found = Curvature.of(forms, np.zeros_like(lasting), lasting, np.broadcast_to(np.eye(3), (5, 3, 3)))
     together = found.lasting.reshape(15, -1)
     white = np.zeros((15, 15))
