@@ -473,7 +473,7 @@ import navsim
 navsim.run("a.yaml", runs="5")
 navsim.run("a.yaml", runz=5)
 navsim.run("a.yaml", method="dop")
-navsim.optimize("a.yaml", runs=5)
+navsim.optimize("a.yaml", first_run=5)
 navsim.ResultFile("a.h5").shwo()
 """
 
