@@ -1,4 +1,4 @@
-"""Console blocks of docs/: every command is run in the order of its page, and what it says is what the page shows.
+"""Console blocks of README.md and docs/: each command is run in the order of its page; its output is what is shown.
 
 A block fenced as `console` has commands behind `$ `, each followed by what it says; a line `...` stands for any lines,
 `[exit code N]` for an end other than 0. A block fenced as `yaml` whose first line is `# NAME.yaml` is a file that the
@@ -64,7 +64,11 @@ def fits(said: list[str], shown: list[str]) -> bool:
     return re.fullmatch(pattern, "".join(f"{line}\n" for line in said)) is not None
 
 
-_ALL = {str(path.relative_to(DOCS)): steps(path.read_text(encoding="utf-8")) for path in sorted(DOCS.rglob("*.md"))}
+WRITTEN = {
+    str(path.relative_to(DOCS) if DOCS in path.parents else path.name): path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
+}
+_ALL = {page: steps(text) for page, text in WRITTEN.items()}
 PAGES = {page: found for page, found in _ALL.items() if any(step.command for step in found)}
 """What pages with commands have their readers do."""
 
@@ -133,13 +137,13 @@ def test_the_blocks_are_found() -> None:
     """A parser that finds nothing would pass everything."""
     count = {page: sum(bool(step.command) for step in found) for page, found in PAGES.items()}
     assert count == COUNT
-    written = sum(
-        len(re.findall(r"^\$ ", path.read_text(encoding="utf-8"), re.MULTILINE)) for path in DOCS.rglob("*.md")
-    )
+    written = sum(len(re.findall(r"^\$ ", text, re.MULTILINE)) for text in WRITTEN.values())
     assert written == sum(count.values())
 
 
 COUNT = {
+    "README.md": 3,
+    "commands.md": 12,
     "how-to/figure.md": 4,
     "how-to/jammer.md": 2,
     "how-to/log.md": 3,
