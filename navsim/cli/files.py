@@ -25,11 +25,11 @@ from navsim.work.opening import checked, schema_of
 def validate(
     scenarios: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE.yaml", help="The scenario, study or log to check; or more.", show_default=False),
+        typer.Argument(metavar="FILE.yaml", help="Scenarios, studies or logs to check.", show_default=False),
     ],
     set_: Annotated[list[str] | None, set_option("file")] = None,
 ) -> None:
-    """Check a scenario, study or log, and the files that it names, and say what is wrong with it."""
+    """Check a scenario, study or log and the files that it names."""
     right = True
     for scenario in scenarios:
         of = f"{scenario}: " if len(scenarios) > 1 else ""
@@ -50,19 +50,19 @@ def validate(
 
 def schema(
     kind: Annotated[
-        str, typer.Argument(help=f"One of {', '.join(OF_FILES)}; or any, for one schema that takes all of them.")
+        str, typer.Argument(help=f"One of {', '.join(OF_FILES)}; or any, for one schema of all kinds.")
     ] = "landing",
-    all_: Annotated[bool, typer.Option("--all", help="The schema that takes a file of every kind, as `any`.")] = False,
+    all_: Annotated[bool, typer.Option("--all", help="The schema of all kinds, the same as `any`.")] = False,
     install: Annotated[
         bool,
         typer.Option(
             "--install",
-            help="Write the schemas of all kinds into the user's data folder instead, for editors; `navsim init` then "
-            "names them in the files it writes.",
+            help="Write the schemas of all kinds into the user's data folder, for editors. `navsim init` then names "
+            "them in the files it writes.",
         ),
     ] = False,
 ) -> None:
-    """Print the JSON Schema of a kind of file: every key, its unit, range, default."""
+    """Print the JSON Schema of a kind of file, with unit, range and default of each key."""
     from navsim.io.whole import write_whole
     from navsim.scenario.published import ANY, installed, published
 
@@ -84,16 +84,16 @@ def schema(
 def keys(
     kind: Annotated[
         str | None,
-        typer.Argument(help=f"One of {', '.join(OF_FILES)}. Without it they are listed.", show_default=False),
+        typer.Argument(help=f"One of {', '.join(OF_FILES)}. Without it: list the kinds.", show_default=False),
     ] = None,
     word: Annotated[
-        str | None, typer.Argument(help="Only keys with this in their name or meaning.", show_default=False)
+        str | None, typer.Argument(help="List only keys with this word in their name or meaning.", show_default=False)
     ] = None,
-    json_: Annotated[bool, typer.Option("--json", help="Print them as JSON.")] = False,
+    json_: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
-    """Print what a kind of file may say: each key with its unit, range, default, meaning.
+    """List the keys of a kind of file with unit, range, default and meaning.
 
-    N in a key is the number of an item of a list, from 0; NAME is a name of yours.
+    N in a key is the index of a list item, from 0; NAME is a name that you choose.
     """
     from navsim.scenario.base import hint
     from navsim.scenario.keys import matching, nearest, rows
@@ -127,9 +127,9 @@ def keys(
 def completion(
     shell: Annotated[str, typer.Argument(help=f"One of {', '.join(SHELLS)}.", show_default=False)],
 ) -> None:
-    """Print the script by which a shell completes commands, options, files, keys.
+    """Print the completion script of a shell: commands, options, files, keys.
 
-    Nothing is written anywhere: docs/prompt.md says where each shell looks for it.
+    navsim writes no file: docs/prompt.md says where each shell looks for the script.
     """
     if shell not in SHELLS:
         leave(BAD_INPUT, f"{shell!r} is no shell that is known here; allowed: {', '.join(SHELLS)}")
@@ -149,10 +149,10 @@ def init(
         ),
     ] = None,
 ) -> None:
-    """Write a commented scenario to start from, which runs as it is.
+    """Write a commented scenario to start from, ready to run.
 
-    Where `navsim schema --install` was run, its first line names the schema to editors. Files it names, such as the
-    base of a study, are written beside it where they are not there yet.
+    navsim also writes the files that it names, such as the base of a study, unless they exist. After
+    `navsim schema --install` its first line names the schema for editors.
     """
     if template not in names():
         leave(BAD_INPUT, f"there is no template {template!r}; allowed: {', '.join(names())}")

@@ -26,11 +26,11 @@ class MergeOptions:
     folder: Annotated[
         Path,
         typer.Option(
-            metavar="FOLDER", help="Where the files lie that the scenario names, such as those of satellites."
+            metavar="FOLDER", help="Folder of the files that the scenario names, such as orbits."
         ),
     ] = Path()
     figures: Annotated[str | None, figures_option("unless given")] = None
-    dry_run: Annotated[bool, dry_run_option("Check that the parts fit, write nothing.")] = False
+    dry_run: Annotated[bool, dry_run_option("Check that the parts fit, then stop.")] = False
     json_: JsonOption = False
 
 
@@ -43,9 +43,9 @@ def merge(
     required: Required,
     care: Care,
 ) -> None:
-    """Put results of parts of one ensemble together: the same result as of all runs at once.
+    """Merge partial ensembles into one result, identical to a single run of all.
 
-    The parts are of one scenario, seed and --keep, and have every run once; their order does not matter.
+    The parts must have the same scenario, seed and --keep, and contain each run once, in any order.
     """
     from navsim.study.job import Options
     from navsim.study.jobs.merge import MergeJob

@@ -44,7 +44,7 @@ def output_option(default: str) -> Any:
 def set_option(what: str) -> Any:
     """--set of a command that reads a scenario, a study or a log."""
     return typer.Option(
-        "--set", metavar="KEY=VALUE", help=f"Set a key of the {what}, dotted; may be given many times.",
+        "--set", metavar="KEY=VALUE", help=f"Override a key of the {what}, as section.key=value. Repeat for more keys.",
         show_default=False,
     )  # fmt: skip
 
@@ -53,7 +53,7 @@ def figures_option(when: str = "with --quiet") -> Any:
     """--figures of a command that draws none in these cases unless told to."""
     return typer.Option(
         metavar="FOLDER|none",
-        help=f"Where figures go, made where it is not there. Default: beside the result; none {when}.",
+        help=f"Folder for figures; created if missing. Default: beside the result; none {when}.",
         show_default=False,
     )
 
@@ -71,38 +71,40 @@ SchedulerOption = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Work on a Dask cluster: its scheduler's tcp://HOST:PORT, or the scheduler's file. Default: this machine.",
+        help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or its file. Default: this machine.",
         show_default=False,
     ),
 ]
-SeedOption = Annotated[int, number_option(int, 0, "Root of all random numbers.", show_default=True)]
+SeedOption = Annotated[int, number_option(int, 0, "Seed of all random numbers.", show_default=True)]
 FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on standard output.")
+    bool, typer.Option("--json", help="Print the summary as JSON on standard output, and nothing else.")
 ]
 
 
 @dataclass(frozen=True)
 class Care:
-    """How careful a command is of what stands there, and of the machine."""
+    """Options on overwriting, resources, output and log."""
 
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a result of another sort.")] = False
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite a result of another kind or method, or of more runs.")
+    ] = False
     over_budget: Annotated[
         bool,
         typer.Option(
-            "--over-budget", help="Compute even what this machine seems to have too little memory or disk for."
+            "--over-budget", help="Start even if this machine seems to lack the memory or disk."
         ),
     ] = False
     quiet: Annotated[
         bool,
-        typer.Option("--quiet", "-q", help="Print no result and no progress: warnings, errors, and what takes long."),
+        typer.Option("--quiet", "-q", help="Print warnings, errors and the names of long steps only."),
     ] = False
     log_: Annotated[
         Path | None,
         typer.Option(
             "--log",
             metavar="FILE",
-            help="Add to this file what is done and said, an object of JSON a line: start, progress, warnings, end.",
+            help="Append a log to this file, one JSON object a line: start, progress, warnings, end.",
             show_default=False,
         ),
     ] = None
@@ -110,25 +112,25 @@ class Care:
 
 @dataclass(frozen=True)
 class Required:
-    """What a result must be worth for the command to succeed."""
+    """Conditions on the result for exit code 0."""
 
     require_fix: Annotated[
         bool,
         typer.Option(
             "--require-fix",
-            help="Exit 3 where any epoch has no fix, or a fix could not be used; tightly coupled: no range.",
+            help="Exit with code 3 if an epoch has no fix or the filter could not use it (tight coupling: no range).",
         ),
     ] = False
     require_consistent: Annotated[
         bool,
         typer.Option(
             "--require-consistent",
-            help="Exit 3 where errors, innovations or the covariance contradict what the filter believes.",
+            help="Exit with code 3 if errors, innovations or the covariance contradict the filter's sigma.",
         ),
     ] = False
     require: Annotated[
         bool,
-        typer.Option("--require", help="Exit 3 where a requirement of the scenario is not met, or undecided."),
+        typer.Option("--require", help="Exit with code 3 if a requirement of the scenario is not met or undecided."),
     ] = False
 
 

@@ -27,23 +27,23 @@ def plan(
         Path | None,
         typer.Option(
             "--output", "-o", metavar="FILE.yaml", show_default=False,
-            help="What Save writes, and nothing else. Default: <stem>_planned.yaml beside the scenario; of the shipped "
-            "one in the working folder.",
+            help="The file that Save writes. Default: <stem>_planned.yaml beside the scenario; for the shipped "
+            "scenario in the working folder.",
         ),
     ] = None,
     overlay: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.geojson", help="Outlines to draw over the map, by longitude and latitude.",
+        typer.Option(metavar="FILE.geojson", help="Outlines to draw over the map, in longitude and latitude.",
                      show_default=False),
     ] = None,
     port: Annotated[
-        int, number_option(int, 0, "Port at 127.0.0.1, 0 for a free one.", most=65535, show_default=True)
+        int, number_option(int, 0, "Port at 127.0.0.1; 0 takes a free one.", most=65535, show_default=True)
     ] = 5006,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address and open nothing.")] = False,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address and open no browser.")] = False,
 ) -> None:
-    """Plan pseudolites in the browser: drag them, see what places are worth, save the scenario.
+    """Place pseudolites in the browser: drag them, see DOPs and accuracy, save the scenario.
 
-    The page is served at this machine's own address until Ctrl-C.
+    navsim serves the page on this machine, at 127.0.0.1, until Ctrl-C.
     """  # fmt: skip
     from navsim.scenario.source import MOST_BYTES, InputError, load
 

@@ -49,7 +49,7 @@ class ReplayOptions:
     output: Annotated[Path | None, output_option("results/<log stem>.h5")] = None
     set_: Annotated[list[str] | None, set_option("log")] = None
     figures: Annotated[str | None, figures_option()] = None
-    dry_run: Annotated[bool, dry_run_option("Read, check and align; fly nothing.")] = False
+    dry_run: Annotated[bool, dry_run_option("Read, check and align, then stop.")] = False
     json_: JsonOption = False
 
 
@@ -59,9 +59,9 @@ def replay(
     required: Required,
     care: Care,
 ) -> None:
-    """Fly recorded IMU and GNSS data through the filter.
+    """Run recorded IMU and GNSS data through the filter.
 
-    Alignment, tuning of the noise, innovations, drift in outages.
+    Aligns the INS, tunes the noise, and reports innovations and the drift during simulated outages.
     """
     from navsim.study.job import Options
 
@@ -80,23 +80,23 @@ class LiveOptions:
         str | None,
         typer.Option(
             metavar="SOURCE",
-            help="The receiver is real: NMEA or CSV lines from - (standard input), udp://HOST:PORT, tcp://HOST:PORT, "
-            "tcp-listen://HOST:PORT, serial:///dev/NAME?baud=N, or a file. HOST to listen at: 0.0.0.0 or [::] hears "
-            "every machine, none this one alone.",
+            help="Take fixes from a real receiver, as NMEA or CSV lines: - (standard input), udp://HOST:PORT, "
+            "tcp://HOST:PORT, tcp-listen://HOST:PORT, serial:///dev/NAME?baud=N, or a file. To listen to other "
+            "machines write HOST as 0.0.0.0 or [::]; without HOST navsim listens to this machine alone.",
             show_default=False,
         ),
     ] = None
     imu: Annotated[
         str | None,
-        typer.Option(metavar="SOURCE", help="The IMU is real: CSV lines from such a source.", show_default=False),
+        typer.Option(metavar="SOURCE", help="Take IMU samples from such a source, as CSV lines.", show_default=False),
     ] = None
     start_time: Annotated[
         str | None,
         typer.Option(
             metavar="TIME",
-            help="What the source's clock reads at time 0 of the flight: UTC as 2018-09-13T12:00:00Z, its count of "
-            "seconds, or `first` (the first line is the scenario's first). Default: by the scenario's epoch where the "
-            "source's times allow it, else first.",
+            help="Reading of the source's clock at time 0 of the flight: UTC as 2018-09-13T12:00:00Z, seconds, or "
+            "`first` (the first line belongs to the scenario's first epoch). Default: the scenario's epoch if the "
+            "source's times fit it, else first.",
             show_default=False,
         ),
     ] = None
@@ -104,26 +104,26 @@ class LiveOptions:
     seed: SeedOption = 1
     set_: Annotated[list[str] | None, set_option("scenario")] = None
     realtime: Annotated[
-        bool, typer.Option("--realtime", help="Hold lines of a fast source back until their time has come.")
+        bool, typer.Option("--realtime", help="Delay the lines of a fast source to real time.")
     ] = False
     lenient: Annotated[
-        bool, typer.Option("--lenient", help="Read NMEA sentences without a checksum, which NMEA 0183 leaves optional.")
+        bool, typer.Option("--lenient", help="Accept NMEA sentences without a checksum (optional in NMEA 0183).")
     ] = False
     simulator_fixes: Annotated[
         bool,
-        typer.Option("--simulator-fixes", help="Use fixes that the receiver says are a simulator's (NMEA quality 8)."),
+        typer.Option("--simulator-fixes", help="Accept fixes marked as a simulator's (NMEA quality 8)."),
     ] = False
     silence: Annotated[
         float,
-        number_option(float, 0.1, "End after so many seconds without a line.", most=10**9, show_default=True),
+        number_option(float, 0.1, "End after this many seconds without a line.", most=10**9, show_default=True),
     ] = 10.0
     json_: JsonOption = False
 
 
 def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
-    """Fly a landing whose receiver or IMU is a live stream.
+    """Simulate a landing with a real receiver or IMU.
 
-    Late, lost and corrupt messages are survived and counted. Give --receiver or --imu.
+    Give --receiver or --imu. navsim counts late, lost and corrupt messages and continues.
     """
     from navsim.io.results import ResultError, Sort
     from navsim.io.stream import StreamError, opened

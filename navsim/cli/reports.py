@@ -26,14 +26,14 @@ def report(
             "--output",
             "-o",
             metavar="FILE.html",
-            help="The page. Default: beside the first result, by its name.",
+            help="The page. Default: the first result's name with .html.",
             show_default=False,
         ),
     ] = None,
 ) -> None:
     """Write results as one page for any browser: verdicts, figures, tables, sources.
 
-    The page is one file that needs no network. Several results stand over each other, with what differs between them.
+    The page is one file that needs no network. It overlays several results and lists what differs between them.
     """  # fmt: skip
     target = output or files[0].with_suffix(".html")
     if not target.parent.is_dir():
@@ -83,12 +83,12 @@ def cite(
     files: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[RESULT.h5]...", help="Results whose methods to cite. Default: all.", show_default=False
+            metavar="[RESULT.h5]...", help="Results whose methods to cite. Default: all methods.", show_default=False
         ),
     ] = None,
     bibtex: Annotated[bool, typer.Option("--bibtex", help="Print the sources as BibTeX.")] = False,
 ) -> None:
-    """Print whom to cite for the methods that results rest on."""
+    """Print references for the methods used in a result."""
     results = [read_result(path) for path in files or []]
     from navsim.report import citations
 

@@ -35,22 +35,22 @@ def show(
         list[Path], typer.Argument(metavar="RESULT.h5", help="One result, or more of one kind.", show_default=False)
     ],
     json_: Annotated[
-        bool, typer.Option("--json", help="Print the summaries as JSON, a list of them for several results.")
+        bool, typer.Option("--json", help="Print the summary as JSON; a list for several results.")
     ] = False,
     format_: Annotated[
-        str, typer.Option("--format", metavar="terminal|markdown|csv|tex", help="How tables are written.")
+        str, typer.Option("--format", metavar="terminal|markdown|csv|tex", help="Format of the tables.")
     ] = "terminal",
     compare: Annotated[
         bool,
         typer.Option(
-            "--compare", help="Add differences from the first result, ratios to it, and the settings that differ."
+            "--compare", help="Add differences and ratios to the first result, and the settings that differ."
         ),
     ] = False,
     rows: Annotated[
         str | None,
         typer.Option(
             metavar="PATTERN",
-            help="Only rows, or parts of tables, whose name has this; with * and ?.",
+            help="Print only rows or groups whose name contains PATTERN; * and ? are wildcards.",
             show_default=False,
         ),
     ] = None,
@@ -58,12 +58,12 @@ def show(
         bool,
         typer.Option(
             "--provenance",
-            help="Where results come from instead: files and their checksums, version, seed, runs, when they were "
-            "computed. Results may be of different kinds.",
+            help="Print the origin of results instead: files and checksums, version, seed, runs, time of computation. "
+            "The results may differ in kind.",
         ),
     ] = False,
 ) -> None:
-    """Print the summary tables of results, side by side, and what their studies warned of."""
+    """Print the summary tables of results side by side, and their warnings."""
     if format_ not in ("terminal", "markdown", "csv", "tex"):
         leave(BAD_INPUT, f"--format {format_}: allowed are terminal, markdown, csv, tex")
     if json_ and (format_ != "terminal" or compare or rows is not None or provenance):
@@ -154,7 +154,7 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
 
 def plot(
     files: Annotated[
-        list[Path], typer.Argument(metavar="RESULT.h5", help="The result to draw, or several.", show_default=False)
+        list[Path], typer.Argument(metavar="RESULT.h5", help="One or more results to draw.", show_default=False)
     ],
     figures: Annotated[
         str | None,
@@ -163,32 +163,34 @@ def plot(
             "--output",
             "-o",
             metavar="FOLDER|none",
-            help="Where figures go, made where it is not there. Default: beside the result.",
+            help="Folder for figures; created if missing. Default: beside the result.",
             show_default=False,
         ),
     ] = None,
     format_: Annotated[
-        str, typer.Option("--format", metavar="png|svg|pdf", help="Of the files; one figure a file.")
+        str, typer.Option("--format", metavar="png|svg|pdf", help="Format of the files; one figure a file.")
     ] = "png",
     width: Annotated[
         str | None,
         typer.Option(
             metavar="LENGTH",
-            help="Of every figure: a number with mm, cm, in or pt, as 85mm for a column or 170mm for a page of a "
-            "journal. Default: each figure's own, 3.5in or 7in.",
+            help="Width of each figure in mm, cm, in or pt: 85mm for a column of a journal, 170mm for a page. Default: "
+            "3.5in or 7in, as the figure needs.",
             show_default=False,
         ),
     ] = None,
     only: Annotated[
         str | None,
-        typer.Option(metavar="NAME,...", help="Draw these figures alone. Default: all.", show_default=False),
+        typer.Option(metavar="NAME,...", help="Draw only these figures. Default: all.", show_default=False),
     ] = None,
     run: Annotated[
-        int | None, number_option(int, 0, "Draw one run of an ensemble, by its number. Default: all runs together.")
+        int | None, number_option(int, 0, "Draw one run of an ensemble. Default: all runs together.")
     ] = None,
-    dpi: Annotated[int | None, number_option(int, 30, "Dots per inch of pictures. Default: 200.", most=2400)] = None,
+    dpi: Annotated[
+        int | None, number_option(int, 30, "Resolution of PNG files, dots per inch. Default: 200.", most=2400)
+    ] = None,
 ) -> None:
-    """Draw the figures of results again and print their names."""
+    """Draw the figures of results and print the file names."""
     inches = None if width is None else _inches(width)
     if format_ not in ("png", "svg", "pdf"):
         leave(BAD_INPUT, f"--format {format_}: allowed are png, svg, pdf")
@@ -261,7 +263,7 @@ def export(
             "--output",
             "-o",
             metavar="FOLDER/STEM",
-            help="Start of the files' names. Default: the result's, without .h5.",
+            help="Beginning of the file names. Default: the result's name without .h5.",
             show_default=False,
         ),
     ] = None,

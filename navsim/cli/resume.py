@@ -40,17 +40,16 @@ def resume(
     folder: Annotated[
         Path,
         typer.Argument(
-            metavar="FOLDER", help="The finished work that was left, RESULT.h5.partial.", show_default=False
+            metavar="FOLDER", help="The folder of finished work, RESULT.h5.partial.", show_default=False
         ),
     ],
     given: ResumeOptions,
     care: Care,
 ) -> None:
-    """Go on with a study that was interrupted or killed.
+    """Continue a study that was interrupted or killed.
 
-    navsim gives the command that began it again, in the folder where it was given, and goes on from what is finished.
-    Scenario, files and code must be those of before. Options on where files and figures go, on clusters and on
-    overwriting are not taken from the folder: give them again.
+    navsim repeats the command that started the study, in its working folder, and continues from the finished work.
+    Scenario, files and code must be unchanged. Give options on figures, clusters, overwriting and logs again.
     """
     from navsim.cli.main import app
     from navsim.study.partial import PartialError, begun_by

@@ -30,7 +30,7 @@ from navsim.work.opening import Keep, Method, opened, target_of
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What is flown, and where it goes."""
+    """Options of `navsim run`."""
 
     output: Annotated[
         Path | None,
@@ -45,50 +45,50 @@ class RunOptions:
         number_option(
             int,
             1,
-            "Number of runs. Default: 1; with method rare enough for 20 %; of a companion paper's system: the "
-            "scenario's.",
+            "Number of runs. Default: 1; with --method rare as many as a standard error of 20 % needs; for a "
+            "companion paper's system the scenario's number.",
         ),
     ] = None
     until: Annotated[
         str | None,
         typer.Option(
             metavar="EXPR",
-            help="Stop once an interval is narrow, as in 'rms_horizontal within 2%' or, with method rare, 'probability "
-            "within 10%'; --runs is then the most.",
+            help="Run until an interval is narrow: 'rms_horizontal within 2%' or, with --method rare, 'probability "
+            "within 10%'. --runs is then the maximum.",
             show_default=False,
         ),
     ] = None
     first_run: Annotated[
         int | None,
-        number_option(int, 0, "Number of the first run; run 7 alone: --runs 1 --first-run 7. Default: 0."),
+        number_option(int, 0, "Number of the first run. To repeat run 7: --runs 1 --first-run 7. Default: 0."),
     ] = None
     workers: WorkersOption = None
     scheduler: SchedulerOption = None
     keep: Annotated[
         Keep | None,
         typer.Option(
-            help="What is stored per run: the filter's errors, also measurements and fixes, or the statistics alone. "
-            "Default: all for one run, errors for several.",
+            help="Data stored of each run: the filter's errors; everything, with measurements and fixes; or statistics "
+            "only. Default: all for one run, errors for several.",
             show_default=False,
         ),
     ] = None
     method: Annotated[
         Method | None,
         typer.Option(
-            help="Fly runs; compute their accuracy to first order; or fly runs that are pushed towards the edge of the "
-            "scenario's box, for the probability of leaving it. Default: the scenario's.",
+            help="Monte Carlo; linear covariance analysis; or importance sampling for the probability that a landing "
+            "leaves the scenario's box. Default: the scenario's.",
             show_default=False,
         ),
     ] = None
     set_: Annotated[list[str] | None, set_option("scenario")] = None
     figures: Annotated[str | None, figures_option("for several runs or with --quiet")] = None
-    dry_run: Annotated[bool, dry_run_option("Check everything, fly nothing.")] = False
+    dry_run: Annotated[bool, dry_run_option("Check the input, estimate time, memory and disk, and stop.")] = False
     fresh: FreshOption = False
     json_: JsonOption = False
 
 
 def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care: Care) -> None:
-    """Fly a scenario: result file, summary table, figures."""
+    """Simulate a scenario: write a result file and figures, print a summary."""
     from navsim.study.job import Options
 
     options = Options(

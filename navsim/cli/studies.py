@@ -44,26 +44,26 @@ class SweepOptions:
         int | None,
         number_option(
             int, 0, "Runs of each combination with method monte-carlo; default: the study's. With method covariance, "
-            "runs of the best combinations, 0 for none; default: 200.",
+            "runs that verify the best combinations, 0 for none; default: 200.",
         ),
     ] = None
     workers: WorkersOption = None
     scheduler: SchedulerOption = None
     method: Annotated[
         SweepMethod | None,
-        typer.Option(help="How each combination is judged. Default: the study's.", show_default=False),
+        typer.Option(help="Method for each combination. Default: the study's.", show_default=False),
     ] = None
     set_: Annotated[list[str] | None, set_option("study")] = None
     figures: Annotated[str | None, figures_option()] = None
-    dry_run: Annotated[bool, dry_run_option("Check everything, compute nothing.")] = False
+    dry_run: Annotated[bool, dry_run_option("Check the input, estimate time, memory and disk, and stop.")] = False
     fresh: FreshOption = False
     json_: JsonOption = False
 
 
 def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: Care) -> None:
-    """Compute every combination of the listed settings.
+    """Compute every combination of listed settings: table, CSV, maps.
 
-    A cube, a table, maps. After a kill the same command goes on from the finished combinations.
+    After an interruption the same command continues from the finished combinations.
     """
     from navsim.study.job import Options
 
@@ -88,26 +88,26 @@ class OptimizeOptions:
     figures: Annotated[str | None, figures_option()] = None
     time_limit: Annotated[
         float | None,
-        number_option(float, 0.0, "Stop then, with the best found so far. Default: none.", most=10**9),
+        number_option(float, 0.0, "Stop after this time with the best found so far. Default: no limit.", most=10**9),
     ] = None
     runs: Annotated[
         int | None,
         number_option(
             int,
             0,
-            "Runs that the best placements are flown with, 0 for none. Default: 200 for an error of the filter, "
-            "else none.",
+            "Runs that verify the best placements, 0 for none. Default: 200 if the objective is an error of the "
+            "filter, else none.",
         ),
     ] = None
-    dry_run: Annotated[bool, dry_run_option("Check everything, search nothing.")] = False
+    dry_run: Annotated[bool, dry_run_option("Check the input, estimate memory and disk, and stop.")] = False
     fresh: FreshOption = False
     json_: JsonOption = False
 
 
 def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
-    """Find the best placement of pseudolites under constraints.
+    """Find the best positions of pseudolites under constraints.
 
-    For one or several numbers of them. After a kill the same command goes on from what was analysed.
+    The study may ask for several numbers of pseudolites. After an interruption the same command continues.
     """
     from navsim.study.job import Options
 
@@ -123,18 +123,18 @@ class Table2Options:
     """How many runs, and where they go."""
 
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go, made where it is not there.")
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files; created if missing.")
     ] = Path("results")
     seed: SeedOption = 1
     runs: Annotated[int, number_option(int, 1, "Monte Carlo runs of each row.", show_default=True)] = 400
     workers: WorkersOption = None
-    dry_run: Annotated[bool, dry_run_option("Check everything, fly nothing.")] = False
+    dry_run: Annotated[bool, dry_run_option("Check the input, estimate time, memory and disk, and stop.")] = False
 
 
 def table2(given: Table2Options, care: Care) -> None:
-    """Set the paper's Table 2 beside the computed one.
+    """Reproduce the paper's Table 2: published beside computed.
 
-    Exit code 1 when claim C3 or the direction of C4 fails.
+    Exits with code 1 if claim C3 or the direction of C4 fails.
     """
     from navsim.study.job import Options
     from navsim.study.jobs.table2 import Table2Job
@@ -157,7 +157,7 @@ class IntegrityTableOptions:
     output: Annotated[Path | None, output_option("results/integrity_table.h5")] = None
     seed: SeedOption = 1
     set_: Annotated[list[str] | None, set_option("scenario")] = None
-    dry_run: Annotated[bool, dry_run_option("Check everything, compute nothing.")] = False
+    dry_run: Annotated[bool, dry_run_option("Check the input, estimate time, memory and disk, and stop.")] = False
     json_: JsonOption = False
 
 
@@ -167,14 +167,14 @@ def integrity_table(
     scenario: Annotated[
         Path | None,
         typer.Argument(
-            metavar="SCENARIO.yaml", help="The landing to read. Default: the shipped landing.yaml.", show_default=False
+            metavar="SCENARIO.yaml", help="The landing. Default: the shipped landing.yaml.", show_default=False
         ),
     ] = None,
 ) -> None:
-    """What few satellites and pseudolites make possible, and useful.
+    """Tabulate what a few satellites and pseudolites allow.
 
-    By rank: a fix, detection and exclusion of faults. By protection levels on the glide, with the scenario's
-    `integrity` and its limits: the share of epochs with both levels within them.
+    By rank: a fix, fault detection, fault exclusion. By protection levels on the glide (`integrity` of the scenario):
+    the share of epochs with both levels within the alert limits.
     """
     from navsim.scenario import shipped
     from navsim.scenario.load import read
