@@ -87,9 +87,9 @@ def _track(result: Result) -> Figure:
     plan, profile = abreast(fig, 2, width_ratios=[3, 2])
     llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
     dots = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
-    for positions, style in ((fixes, dots),
-                             (llh, {"color": COLOURS[0], "label": "estimate (IMU)"})):  # fmt: skip
-        plan.plot(*local(llh[0], positions).T, **style)
+    plan.plot(*local(llh[0], fixes).T, **dots)
+    hole = after_hole(result, result["/filter/time"])[:, None]
+    plan.plot(*np.where(hole, np.nan, local(llh[0], llh)).T, color=COLOURS[0], label="estimate (IMU)")
     away = rejected(result)
     crosses: dict[str, Any] = {"ls": "", "marker": "x", "ms": 4, "color": COLOURS[3], "label": "rejected fixes"}
     if away.any():
@@ -101,7 +101,8 @@ def _track(result: Result) -> Figure:
     if away.any():
         profile.plot(result["/receiver/time"][away], fixes[away, 2], **crosses)
     profile.plot(result["/receiver/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
-    profile.plot(result["/filter/time"], llh[:, 2], color=COLOURS[0])
+    profile.plot(result["/filter/time"], np.where(hole[:, 0], np.nan, llh[:, 2]), color=COLOURS[0])
+    _shade_lost(profile, result)
     profile.set_xlabel("time, s")
     profile.set_ylabel("height above the ellipsoid, m")
     return fig
@@ -135,7 +136,7 @@ def _innovations(result: Result) -> Figure:
             _shade_lost(ax, result)
     axes[0, 0].set_title("position")
     axes[0, 1].set_title("velocity")
-    legend_above(fig, axes[2, 0], 3 if rejected(result).any() else 2)
+    legend_above(fig, axes[2, 0], 2 + int(rejected(result).any()) + int(lost_spans(result).size > 0))
     for ax in axes[-1]:
         ax.set_xlabel("time, s")
     fig.align_ylabels(axes)
@@ -149,10 +150,20 @@ def lost_spans(result: Result) -> np.ndarray:
     return np.stack([result["/lost/start"], result["/lost/end"]], axis=1)
 
 
+def after_hole(result: Result, time: np.ndarray) -> np.ndarray:
+    """Which outputs at times (t,), s, are the first after a time without output: no line leads to them."""
+    out = np.full(time.size, False)
+    for begin, end in lost_spans(result):
+        k = int(np.searchsorted(time, end - 1e-6))
+        if 0 < k < time.size:
+            out[k] = time[k - 1] <= begin + 1e-6
+    return out
+
+
 def _shade_lost(ax: Axes, result: Result) -> None:
     """Shade the times at which the output is worthless."""
-    for begin, end in lost_spans(result):
-        ax.axvspan(begin, end, color="0.85", lw=0, zorder=0)
+    for k, (begin, end) in enumerate(lost_spans(result)):
+        ax.axvspan(begin, end, color="0.85", lw=0, zorder=0, label="" if k else "output worthless")
 
 
 def _attitude(result: Result) -> Figure:
@@ -163,8 +174,9 @@ def _attitude(result: Result) -> Figure:
     axes = fig.subplots(3, 2, sharex=True)
     time, rpy = result["/filter/time"], np.degrees(result["/filter/attitude_rpy"])
     jump = np.abs(np.diff(rpy, axis=0, prepend=rpy[:1])) > 180.0
-    rpy = np.where(jump, np.nan, rpy)
-    sigma = np.degrees(result["/filter/sigma"][:, 6:9])
+    hole = after_hole(result, time)[:, None]
+    rpy = np.where(jump | hole, np.nan, rpy)
+    sigma = np.where(hole, np.nan, np.degrees(result["/filter/sigma"][:, 6:9]))
     for row, name in enumerate(("roll", "pitch", "yaw")):
         axes[row, 0].plot(time, rpy[:, row], color=COLOURS[0])
         axes[row, 0].set_ylabel(f"{name}, deg")
@@ -173,9 +185,10 @@ def _attitude(result: Result) -> Figure:
     axes[0, 1].set_ylabel("1σ, deg")
     axes[0, 1].set_yscale("log")
     legend_over(axes[0, 1], 2)
+    gyro, accelerometer = (np.where(hole, np.nan, result[f"/filter/{of}_bias"]) for of in ("gyro", "accelerometer"))
     for i, axis in enumerate("xyz"):
-        axes[1, 1].plot(time, np.degrees(result["/filter/gyro_bias"][:, i]), color=COLOURS[i], label=axis)
-        axes[2, 1].plot(time, result["/filter/accelerometer_bias"][:, i], color=COLOURS[i])
+        axes[1, 1].plot(time, np.degrees(gyro[:, i]), color=COLOURS[i], label=axis)
+        axes[2, 1].plot(time, accelerometer[:, i], color=COLOURS[i])
     axes[1, 1].set_ylabel("gyro bias, deg/s")
     legend_over(axes[1, 1], 3)
     axes[2, 1].set_ylabel("accel. bias, m/s²")

@@ -11,6 +11,8 @@ correction that makes them agree:
   rotation is free [2], with the biases profiled out: signs and columns of either triad, unit of the gyros, time offset;
 - where gravity and the velocity point in the axes found so: body axes.
 
+Wild fixes are left out first (`wild_fixes`): a mistake of units or axes is in all fixes.
+
 What the motion does not show is not judged: a correction is named only where the recording as it is written fits
 clearly worse than the best one, and equally good ones are named together. Each stage goes on with what the one before
 has corrected, so several mistakes are found.
@@ -33,6 +35,7 @@ from navsim.io.recording import increments_as_rates
 from navsim.models import conventions
 from navsim.models.conventions import BODY_AXES, LEVEL_AXES, GnssConvention, ImuConvention, axes_letters, axes_matrix
 from navsim.models.recording import Fixes, Samples
+from navsim.study.wild_fixes import plausible
 
 GRAVITY = 9.8
 """m/s2, where a tenth does not matter."""
@@ -153,7 +156,7 @@ def diagnose(log: Log) -> list[Mistake]:
 def examine(log: Log) -> Diagnosis:
     """The mistakes of a recording, and what of it cannot be judged."""
     unseen: list[str] = []
-    found, log = times(log)
+    found, log = times(replace(log, fixes=log.fixes.take(plausible(log.fixes))))
     more, log = scales(log)
     found += more
     more, log = ways(log, unseen)

@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from navsim.cli.main import app
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.io.recording import read_fixes, read_imu
 from navsim.models import conventions
 from navsim.models.conventions import BODY_AXES, GnssConvention, ImuConvention
@@ -22,6 +23,7 @@ from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay
 from navsim.study.diagnosis import Log, diagnose, examine
+from navsim.study.wild_fixes import plausible
 from tests.mistakes import MISTAKES, Made, needs
 from tests.recordings import circuit, drive, quadrotor, record, straight
 from tests.recordings import write_recording as table
@@ -231,6 +233,52 @@ def test_velocities_are_judged_where_some_are_missing() -> None:
     some = np.where(np.arange(fixes.time.size)[:, None] % 20 == 7, np.nan, fixes.velocity)
     (found,) = diagnose(Log(samples, replace(fixes, velocity=some)))
     assert found.remedies == ({"gnss.speed_unit": "kn"},)
+
+
+# --- wild fixes
+
+
+def wild(fixes: Fixes, begins: list[float], length: float, away: list[float], velocity: list[float]) -> Fixes:
+    """The fixes, those of `length` seconds from each of the times on moved by so many metres and metres a second, NED,
+    every other time to the other side."""
+    ecef, moved = ecef_from_llh(fixes.llh), fixes.velocity.copy()
+    for k, begin in enumerate(begins):
+        rows = (fixes.time >= begin) & (fixes.time < begin + length)
+        ecef[rows] += (-1.0) ** k * np.einsum("nji,j->ni", ned_matrix(fixes.llh[rows]), away)
+        moved[rows] += (-1.0) ** k * np.array(velocity)
+    return replace(fixes, llh=llh_from_ecef(ecef), velocity=moved)
+
+
+BURSTS: dict[str, tuple[list[float], float, list[float], list[float]]] = {
+    "half a second of 1.1 km": ([60.3], 0.6, [1100.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    "six bursts": ([30.0, 45.0, 52.0, 70.0, 77.0, 90.0], 2.5, [900.0, 400.0, -50.0], [30.0, -20.0, 5.0]),
+    "every eight seconds": ([*np.arange(24.0, 118.0, 8.0)], 2.5, [300.0, 0.0, 40.0], [0.0, 25.0, 0.0]),
+    "wild velocities": ([*np.arange(24.0, 118.0, 8.0)], 2.5, [0.0, 0.0, 0.0], [60.0, -80.0, 20.0]),
+    "25 m for 30 s": ([50.0], 30.0, [25.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize("name", BURSTS)
+@pytest.mark.parametrize("ride", ["aircraft", "car", "drone", "level"])
+def test_wild_fixes_are_no_mistake_of_the_log(ride: str, name: str) -> None:
+    """However many bursts: units and axes are wrong in all fixes, or in none."""
+    samples, fixes = {"aircraft": aircraft, "car": car, "drone": drone, "level": level}[ride]()
+    assert diagnose(Log(samples, wild(fixes, *BURSTS[name]))) == []
+
+
+@pytest.mark.parametrize("name", ["FLU for FRD", "gyro z negated", "speed in knots", "vn and ve", "radians"])
+def test_wild_fixes_do_not_hide_mistakes(name: str) -> None:
+    samples, fixes = aircraft()
+    assert named(BY_NAME[name], (samples, wild(fixes, *BURSTS["six bursts"]))) == [(BY_NAME[name].remedy,)]
+
+
+def test_no_fix_of_a_sound_recording_is_wild() -> None:
+    for _, fixes in (aircraft(), car(), level(), drone(), weaving()):
+        assert plausible(fixes).all()
+        assert plausible(fixes.take((fixes.time < 40.0) | (fixes.time > 52.0))).all()
+    _, fixes = aircraft()
+    moved = wild(fixes, *BURSTS["six bursts"])
+    np.testing.assert_array_equal(plausible(moved), (moved.velocity == fixes.velocity).all(axis=1))
 
 
 # --- what is declared

@@ -7,15 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bokeh.models import BoxAnnotation, Line, VArea
 from typer.testing import CliRunner
 
 from navsim.cli.main import app
 from navsim.io import findings
 from navsim.io.results import Result
-from navsim.report.replay import figures, tables
+from navsim.models.recording import Samples
+from navsim.report.page.flights import replays
+from navsim.report.replay import figures, lost_spans, tables
 from navsim.simulation import replay as simulated
 from tests.consistency.test_replay import GIVEN, errors, flown, without
-from tests.recordings import write_flight
+from tests.recordings import record, ride, smooth_steps, write_flight, write_recording
 
 Truth = tuple[np.ndarray, ...]
 
@@ -198,6 +201,74 @@ def test_the_table_and_the_exit_code_know_of_a_lost_filter(tmp_path: Path) -> No
     names = [text.get_text() for text in drawn["track"].legends[0].get_texts()]
     assert "rejected fixes" in names
     assert any(patch.get_alpha() is None for patch in drawn["innovations"].axes[0].patches)
+
+
+@pytest.fixture(scope="module")
+def pierced(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A flight with a hole of the samples, and fixes 25 m off later."""
+    folder = tmp_path_factory.mktemp("pierced")
+    write_flight(folder)
+    without(folder / "imu.csv", 20.0, 35.0)
+    shifted(folder / "gnss.csv", 55.0, 75.0, 25.0)
+    return flown(folder / "log.yaml", *GIVEN)
+
+
+def test_figures_and_page_shade_worthless_output(pierced: Result) -> None:
+    """In each panel against time; no line crosses the time without output."""
+    spans = lost_spans(pierced)
+    assert spans.shape == (2, 2)
+    for name, count in (("track", 1), ("innovations", 6), ("attitude", 6)):
+        panels = [ax for ax in figures(pierced)[name].axes if ax.get_xlabel() == "time, s" or len(ax.patches)]
+        shaded = [[patch.get_extents().x0 for patch in ax.patches] for ax in panels]
+        assert [len(each) for each in shaded if each] == [2] * count, name
+    track, innovations, attitude = replays([("one", pierced)])
+    for drawing, panels in ((track, track.panels[1:]), (innovations, innovations.panels), (attitude, attitude.panels)):
+        assert "output worthless" in [key.text for key in drawing.keys]
+        for panel in panels:
+            boxes = [(box.left, box.right) for box in panel.center if isinstance(box, BoxAnnotation)]
+            np.testing.assert_allclose(boxes, spans, err_msg=str(panel.name))
+    for panel in (*track.panels, *attitude.panels):
+        for drawn in (each for each in panel.renderers if isinstance(each.glyph, Line)):
+            data = drawn.data_source.data
+            time = data["time" if "time" in data else "x"]
+            first = int(np.searchsorted(time, spans[0, 1] - 1e-3))
+            assert np.isnan(data[drawn.glyph.y][first]), panel.name
+    for panel in innovations.panels:
+        areas = [r.data_source.data["x"] for r in panel.renderers if isinstance(r.glyph, VArea)]
+        assert len(areas) > 1
+        assert not any(x[0] < spans[0].mean() < x[-1] for x in areas)
+
+
+@pytest.mark.parametrize("where", ["straight", "loop"])
+def test_a_minute_without_samples(where: str, tmp_path: Path) -> None:
+    """Flying straight and in a circle, the motion after it another one than before: aligned again after the hole, with
+    nothing from before it; the time is told, and no result for those who want a consistent one."""
+    turns = [20.0, 30.0, 38.0, 48.0, 125.0, 135.0, 142.0, 152.0] if where == "straight" else [20.0, 95.0]
+    rates = [0.0, 0.2, 0.0, -0.2, 0.0, 0.2, 0.0, -0.2, 0.0] if where == "straight" else [0.0, 0.22, -0.22]
+    flight = ride(
+        170.0, lambda t: np.full_like(t, 30.0), lambda t: smooth_steps(t, turns, rates),
+        lambda t: 2.0 * np.sin(0.15 * t),
+    )  # fmt: skip
+    samples, fixes = record(flight, 4, rate=25.0, fix_rate=2.0, position_noise=0.0, velocity_noise=0.05, latency=0.1)
+    pierced = (samples.time <= 52.0) | (samples.time >= 112.0)
+    log = write_recording(
+        tmp_path, Samples(samples.time[pierced], samples.rate[pierced], samples.force[pierced]), fixes
+    )
+    keys = ("gnss.latency_s=0.1", "gnss.velocity_sigma_m_s=[0.05,0.05]", "gnss.position_sigma_m=[0.3,0.3]")
+    result = flown(log, *keys)
+    np.testing.assert_allclose(lost_spans(result), [[52.0, 112.0]], atol=0.1)
+    assert "no samples for 60.0 s, longer than the attitude survives: there is no output" in told(result, "lost")
+    at = result["/filter/time"]
+    assert not np.any((at > 52.1) & (at < 111.9))
+    motion = flight.motion(at)
+    z, time = scaled(result, (at, motion.llh, motion.velocity_ned, motion.rpy))
+    settled = time > result["/innovations/time"][9]
+    assert np.mean(z[settled] ** 2) < 2.0
+    assert np.mean(z[time > 112.0] ** 2, axis=1).max() < 5.0
+    words = [word for key in keys for word in ("--set", key)]
+    quiet = ["--figures", "none", "--force", "-o", str(tmp_path / "out.h5"), "--require-consistent"]
+    strict = CliRunner().invoke(app, ["replay", str(log), *quiet, *words])
+    assert strict.exit_code == 3, strict.output
 
 
 def test_a_sound_flight_needs_no_gate(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from navsim.report.page.marks import (
     reach,
     some,
     source,
+    stretch,
     tell,
 )
 from navsim.report.quantities import settled
@@ -55,9 +56,9 @@ def _track(results: Sequence[Named]) -> Drawing:
         llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
         which, few = some(len(llh)), some(len(fixes))
         thinned.append(which)
-        of = source(
-            time=which(result["/filter/time"]), height=which(llh[:, 2]), **_flat(which(replay.local(llh[0], llh)))
-        )
+        time, path = which(result["/filter/time"]), np.column_stack([replay.local(llh[0], llh), llh[:, 2]])
+        path = np.where(replay.after_hole(result, time)[:, None], np.nan, which(path))
+        of = source(time=time, height=path[:, 2], **_flat(path))
         dots = source(
             time=few(result["/receiver/time"]), height=few(fixes[:, 2]), **_flat(few(replay.local(llh[0], fixes)))
         )
@@ -71,6 +72,7 @@ def _track(results: Sequence[Named]) -> Drawing:
             on.scatter(x, y, source=crosses, size=8, marker="x", color=colour(3), name="rejected fixes")
             on.scatter(x, y, source=dots, size=3, color=GREY if len(results) == 1 else colour(i), alpha=0.6)
             lines[k].append(line(on, of, y, colour(i), x=x, name=name))
+    lost = _shade_lost([profile], results)
     for on in (plan, profile):
         from_runway(on)
     for k, on in enumerate((plan, profile)):
@@ -78,7 +80,16 @@ def _track(results: Sequence[Named]) -> Drawing:
         tell(on, lines[k], *said, ("height", "@height{0.0} m"))
     caption = "Line: the estimate, of the IMU; points: fixes, of the antenna; crosses: fixes that the gate rejected."
     caption += most_thinned(thinned).words("output")
-    return Drawing("track", "Track", [plan, profile], caption, keys_of(results, Key("fixes", GREY, "dot")))
+    return Drawing("track", "Track", [plan, profile], caption, keys_of(results, Key("fixes", GREY, "dot"), *lost))
+
+
+def _shade_lost(panels: Sequence[figure], results: Sequence[Named]) -> list[Key]:
+    """Shade the times at which the output is worthless; what the legend says of it."""
+    spans = [(i, span) for i, (_, result) in enumerate(results) for span in replay.lost_spans(result)]
+    for on in panels:
+        for i, (begin, end) in spans:
+            stretch(on, begin, end, GREY if len(results) == 1 else colour(i), upright=True)
+    return [Key("output worthless", GREY, "band")] if spans else []
 
 
 def _flat(points: np.ndarray) -> dict[str, np.ndarray]:
@@ -114,7 +125,8 @@ def _innovations(results: Sequence[Named]) -> Drawing:
     thinned = most_thinned(some(r["/innovations/time"].size, 1000) for _, r in results)
     caption = f"Fix less prediction; {drawn_as(results)}: 3σ of the filter. A few wild fixes lie beyond the axes."
     caption += thinned.words("epoch")
-    return Drawing("innovations", "Innovations", panels, caption, keys_of(results, _three_sigma(results)), 3)
+    lost = _shade_lost(panels, results)
+    return Drawing("innovations", "Innovations", panels, caption, keys_of(results, _three_sigma(results), *lost), 3)
 
 
 def _attitude(results: Sequence[Named]) -> Drawing:
@@ -143,7 +155,8 @@ def _attitude(results: Sequence[Named]) -> Drawing:
         columns |= {
             f"{what}{a}": which(data[:, a]) for what, data in (("g", gyro), ("a", accelerometer)) for a in range(3)
         }
-        of = source(x=which(time), **columns)
+        hole = replay.after_hole(result, which(time))
+        of = source(x=which(time), **{column: np.where(hole, np.nan, values) for column, values in columns.items()})
         for k in range(len(shown)):
             marks[k].append(line(panels[k], of, f"y{k}", colour(i), name=name))
         for k, what in ((5, "g"), (6, "a")):
@@ -160,6 +173,7 @@ def _attitude(results: Sequence[Named]) -> Drawing:
     caption = "Attitude, how well it is known, and the biases of the sensors by axis." + most_thinned(thinned).words(
         "output"
     )
+    keys += _shade_lost(panels, results)
     return Drawing("attitude", "Attitude and biases", panels, caption, keys_of(results, *keys), 3)
 
 

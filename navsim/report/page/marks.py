@@ -154,13 +154,20 @@ def line(on: figure, of: ColumnDataSource, y: str, colour: str, x: str = "x", **
 
 
 def band(on: figure, of: ColumnDataSource, low: str, high: str, colour: str, several: bool = False) -> None:
-    """What lies between two columns. several: bands of several results lie over each other: only the ends are drawn,
-    dotted, since translucent colours would mix into those of nobody."""
+    """What lies between two columns, with gaps where they are not known. several: bands of several results lie over
+    each other: only the ends are drawn, dotted, since translucent colours would mix into those of nobody."""
     if several:
         for end in (low, high):
             line(on, of, end, colour, line_dash="dotted", line_width=1)
-    else:
-        on.varea("x", low, high, source=of, fill_color=colour, fill_alpha=0.18)
+        return
+    known = np.isfinite(np.asarray(of.data[low])) & np.isfinite(np.asarray(of.data[high]))
+    parts = [of]
+    if not known.all():  # Bokeh draws an area across what is not finite
+        edges = np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2)
+        columns = ("x", low, high)
+        parts = [ColumnDataSource({name: of.data[name][a:b] for name in columns}) for a, b in edges]
+    for part in parts:
+        on.varea("x", low, high, source=part, fill_color=colour, fill_alpha=0.18)
 
 
 def drawn_as(results: Sequence[Any]) -> str:
