@@ -86,7 +86,7 @@ def _track(result: Result) -> Figure:
     fig = new_figure(2 * COLUMN, 3.6)
     plan, profile = abreast(fig, 2, width_ratios=[3, 2])
     llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
-    dots = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
+    dots: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
     plan.plot(*local(llh[0], fixes).T, **dots)
     hole = after_hole(result, result["/filter/time"])[:, None]
     plan.plot(*np.where(hole, np.nan, local(llh[0], llh)).T, color=COLOURS[0], label="estimate (IMU)")

@@ -3,7 +3,8 @@
 The sum of squared residuals of a fix, each over its sigma, follows a chi-square distribution if all ranges are good. A
 fix that fails the test is computed anew without each of its ranges; the one without which it passes is excluded, if no
 other would do nearly as well. A fix that nothing cures is refused. A fix from as many ranges as unknowns has no
-residuals, and is only compared with its neighbours.
+residuals, and is only compared with its neighbours. Range rates are tested the same way once the ranges are: the
+velocity is computed without those that contradict the others, or not given.
 
 Sources: [1] Kaplan & Hegarty (2017), section 11.4 (chi-square test, exclusion). [2] RTKLIB 2.4.3, `pntpos.c`
 (`valsol`, `raim_fde`: the test, its limit of DOP).
@@ -17,6 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
+
+from navsim.core.arrays.earth import ned_matrix
 
 FALSE_ALARM = 1e-5
 """Probability that good ranges fail the test."""
@@ -38,6 +41,10 @@ _EPOCHS_AT_ONCE = 500
 _SCATTER = 500.0
 """By how much a fix that nothing tests may lie off its neighbours, m, beside what is flown between."""
 _MOST_NAMES = 12
+RATE_SIGMA = 0.1
+"""1 sigma of range rates, m/s, unless those of a recording scatter by more."""
+_UNKNOWN_RATES = 4
+"""Unknowns of a velocity: three components and the drift of the receiver's clock."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +102,8 @@ class TestedFixes:
 class Verdicts:
     """What the test found: excluded (e, s) ranges; fixes (e,) that are refused, since their ranges contradict each
     other, their geometry is weak (PDOP above `most_pdop`), or they are implausible; and those that are given
-    untested."""
+    untested; range rates (e, s) that are excluded, all of them where no velocity (e,) is given since they contradict
+    each other."""
 
     excluded: np.ndarray
     contradictory: np.ndarray
@@ -103,22 +111,27 @@ class Verdicts:
     implausible: np.ndarray
     untested: np.ndarray
     most_pdop: float
+    excluded_rates: np.ndarray
+    without_velocity: np.ndarray
 
     def report(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Lines for all that was found; names: of the satellites."""
         out = []
-        if count := int(self.excluded.sum()):
-            each = self.excluded.sum(axis=0)
-            most = [i for i in np.argsort(-each, kind="stable") if each[i]]
-            some = ", ".join(f"{names[i]} {each[i]}" for i in most[:_MOST_NAMES])
-            more = f" and {len(most) - _MOST_NAMES} more" if len(most) > _MOST_NAMES else ""
-            epochs = int(self.excluded.any(axis=1).sum())
-            out.append(f"{count} ranges excluded at {epochs} epochs, since they contradict the others: {some}{more}")
+        contradicting = self.excluded_rates & ~self.without_velocity[:, None]
+        for excluded, what in ((self.excluded, "ranges"), (contradicting, "range rates")):
+            if count := int(excluded.sum()):
+                each = excluded.sum(axis=0)
+                most = [i for i in np.argsort(-each, kind="stable") if each[i]]
+                some = ", ".join(f"{names[i]} {each[i]}" for i in most[:_MOST_NAMES])
+                more = f" and {len(most) - _MOST_NAMES} more" if len(most) > _MOST_NAMES else ""
+                when = f"{count} {what} excluded at {int(excluded.any(axis=1).sum())} epochs"
+                out.append(f"{when}, since they contradict the others: {some}{more}")
         for marks, text in (
             (self.contradictory, "epochs without a fix, since their ranges contradict each other"),
             (self.weak, f"epochs without a fix, since PDOP is above {self.most_pdop:g}"),
             (self.implausible, "epochs without a fix, since height, speed or distance from others is implausible"),
             (self.untested, "fixes from as many ranges as unknowns, which nothing tests"),
+            (self.without_velocity, "fixes without a velocity, since their range rates contradict each other"),
         ):
             if marks.any():
                 out.append(f"{int(marks.sum())} {text}")
@@ -130,12 +143,14 @@ def evaluate(
     fixes: TestedFixes,
     possible: np.ndarray,
     again: Callable[[np.ndarray, np.ndarray], TestedFixes],
+    rates: Callable[[TestedFixes], tuple[np.ndarray, np.ndarray]],
     most_pdop: float,
 ) -> Verdicts:
-    """Test fixes, in place, and exclude ranges.
+    """Test fixes, in place, and exclude ranges and range rates.
 
     possible: (e, s) ranges that a fix could use, seen from wherever it is. again: fixes of epochs by index (k,) with
-    ranges (k, s) alone. most_pdop: largest PDOP of a fix that is given.
+    ranges (k, s) alone. rates: directions (e, s, 3) of satellites from the fixes, ECEF, and range rates (e, s), m/s,
+    less what the motion of satellites and their clocks makes of them. most_pdop: largest PDOP of a fix that is given.
     """
     excluded = np.zeros(fixes.used.shape, dtype=bool)
     # what keeps ranges below the mask away, too, may be a wrong fix
@@ -147,6 +162,7 @@ def evaluate(
     excluded[given_up] = False
     fixes.refuse(given_up)
     contradictory = given_up & begun
+    excluded_rates, without_velocity = _test_rates(fixes, *rates(fixes))
     with np.errstate(invalid="ignore"):
         weak = fixes.pdop > most_pdop
         speed = np.linalg.norm(fixes.velocity, axis=1)
@@ -155,7 +171,8 @@ def evaluate(
     implausible |= untested & _is_far(time, fixes.position, fixes.fixed & ~untested & ~weak & ~implausible)
     implausible &= ~weak
     fixes.refuse(weak | implausible)
-    return Verdicts(excluded, contradictory, weak, implausible, untested & ~weak & ~implausible, most_pdop)
+    return Verdicts(excluded, contradictory, weak, implausible, untested & ~weak & ~implausible, most_pdop,
+                    excluded_rates, without_velocity)  # fmt: skip
 
 
 def _exclude(
@@ -191,6 +208,70 @@ def _exclude(
             elif len(sets) > 1 and np.isfinite(chi2[order[0]]) and len(ranked[0]) < _MOST_EXCLUDED:
                 left[epoch] = _larger(ranked, np.flatnonzero(possible[epoch]))
         choices = left
+
+
+@dataclass(frozen=True)
+class _Velocities:
+    """Velocities (k, 3) ECEF of k epochs, of some range rates (k, s): covariance (k, 4, 4) for 1 sigma of 1 m/s, with
+    the clock's drift last; residual (k, s), m/s; share (k, s) of the variance of a rate that its residual shows."""
+
+    velocity: np.ndarray
+    covariance: np.ndarray
+    residual: np.ndarray
+    share: np.ndarray
+
+
+def _velocities(los: np.ndarray, rates: np.ndarray, used: np.ndarray) -> _Velocities:
+    """Velocities by least squares from the used rates (k, s), of directions (k, s, 3)."""
+    design = np.where(used[..., None], np.concatenate([-los, np.ones((*used.shape, 1))], axis=2), 0.0)
+    inverse = np.linalg.pinv(np.einsum("ksi,ksj->kij", design, design))
+    seen = np.where(used, rates, 0.0)
+    solution = np.einsum("kij,ksj,ks->ki", inverse, design, seen)
+    residual = seen - np.einsum("ksi,ki->ks", design, solution)
+    share = 1.0 - np.einsum("ksi,kij,ksj->ks", design, inverse, design)
+    return _Velocities(solution[:, :3], inverse, residual, share)
+
+
+def _test_rates(fixes: TestedFixes, los: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Test the range rates of fixes, whose velocity is put right in place: rates (e, s) that are excluded, fixes (e,)
+    whose velocity is not given. los, rates: as of `evaluate`.
+
+    The rate whose residual is largest in its sigma is excluded, one after the other, until the rest agree. No other
+    choice may do nearly as well in the end, and as many must be left to test the rest as are excluded.
+    """
+    used = fixes.used & fixes.fixed[:, None] & np.isfinite(rates) & np.isfinite(los).all(axis=2)
+    excluded, refused = np.zeros(used.shape, dtype=bool), np.zeros(fixes.fixed.shape, dtype=bool)
+    rows = np.flatnonzero(used.sum(axis=1) > _UNKNOWN_RATES)
+    if not rows.size:
+        return excluded, refused
+    first = _velocities(los[rows], rates[rows], used[rows])
+    shown = used[rows] & (first.share > 0.1)
+    scaled = np.abs(first.residual[shown]) / np.sqrt(first.share[shown])
+    sigma = max(RATE_SIGMA, 1.4826 * float(np.median(scaled)) if scaled.size else 0.0)
+    limits = chdtri(np.maximum(used.sum(axis=1) - _UNKNOWN_RATES, 1), FALSE_ALARM)
+    bad = rows[np.sum(first.residual**2, axis=1) / sigma**2 > limits[rows]]
+    for row in bad.tolist():
+        kept = used[row].copy()
+        while True:
+            found = _velocities(los[row : row + 1], rates[row : row + 1], kept[None])
+            out, spare = int(np.sum(used[row] & ~kept)), int(kept.sum()) - _UNKNOWN_RATES
+            chi2 = float(np.sum(found.residual**2)) / sigma**2
+            if spare >= out and spare > 0 and chi2 <= chdtri(spare, FALSE_ALARM):
+                excluded[row] = used[row] & ~kept
+                axes = ned_matrix(fixes.llh[row])
+                fixes.velocity[row] = axes @ found.velocity[0]
+                fixes.covariance[row, 3:, 3:] = RATE_SIGMA**2 * axes @ found.covariance[0, :3, :3] @ axes.T
+                break
+            gain = np.where(kept & (found.share[0] > 1e-6), found.residual[0] ** 2 / found.share[0] / sigma**2, 0.0)
+            best = np.argsort(gain)[::-1]
+            passes = chi2 - gain[best[0]] <= chdtri(max(spare - 1, 1), FALSE_ALARM)
+            if spare < out + 2 or out == _MOST_EXCLUDED or (passes and gain[best[0]] - gain[best[1]] < _DISTINCT):
+                excluded[row], refused[row] = used[row], True
+                fixes.velocity[row] = np.nan
+                fixes.covariance[row, 3:, :] = fixes.covariance[row, :, 3:] = np.nan
+                break
+            kept[best[0]] = False
+    return excluded, refused
 
 
 def _larger(ranked: list[tuple[int, ...]], there: np.ndarray) -> list[tuple[int, ...]]:

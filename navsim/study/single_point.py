@@ -92,19 +92,23 @@ def solve(
     def again(rows: np.ndarray, kept: np.ndarray) -> outliers.TestedFixes:
         return _fixes(measured.take(rows), settings, kept)[0]
 
+    def of_rates(given: outliers.TestedFixes) -> tuple[np.ndarray, np.ndarray]:
+        return _rates_at(measured, given.position)
+
     with np.errstate(all="ignore"):  # far from the Earth, where a wrong range may put a fix
         fixes, travel, dop = _fixes(measured, settings, np.ones(ranges.shape, dtype=bool))
-        verdicts = outliers.evaluate(observations.time, fixes, possible, again, settings.most_pdop)
+        verdicts = outliers.evaluate(observations.time, fixes, possible, again, of_rates, settings.most_pdop)
         changed = np.flatnonzero(verdicts.excluded.any(axis=1))
         if changed.size:
             kept = ~verdicts.excluded[changed]
             _, travel[changed], dop[changed] = _fixes(measured.take(changed), settings, kept)
     dop[~fixes.fixed] = np.nan
     tested = np.where(verdicts.excluded | verdicts.contradictory[:, None], np.nan, ranges)
+    tested_rates = np.where(verdicts.excluded_rates, np.nan, rates)
     return Solution(
         observations.time, fixes.llh, fixes.position, fixes.velocity, fixes.clocks, fixes.covariance, dop,
         np.where(fixes.fixed, fixes.used.sum(axis=1), 0), fixes.residual,
-        _ranges(observations.time, fixes.llh, fixes.velocity, (position, velocity, tested, rates), travel, clock,
+        _ranges(observations.time, fixes.llh, fixes.velocity, (position, velocity, tested, tested_rates), travel, clock,
                 ratio2, settings, (tuple(observations.satellites[i] for own in columns for i in own),
                                    tuple(c.system.name for c in constellations))),
         verdicts,
@@ -151,7 +155,7 @@ def _fixes(
             moving = apparent_velocity(turned, moving, believed, np.einsum("eji,ej->ei", ned_matrix(llh), speed))
         usable = np.isfinite(m.ranges - delay) & np.isfinite(turned[..., 0]) & visible
         receiver.fixes(
-            start, turned, moving, sigma, np.full((e, s), 0.1), m.clock,
+            start, turned, moving, sigma, np.full((e, s), outliers.RATE_SIGMA), m.clock,
             np.where(usable, m.ranges - delay, np.nan), m.rates, llh, speed, clocks, covariance,
         )  # fmt: skip
         believed = ecef_from_llh(llh)
@@ -177,6 +181,19 @@ def _fixes(
         3 + scales.sum(axis=1),
     )  # fmt: skip
     return fixes, travel, dop
+
+
+def _rates_at(m: _Measured, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (e, s, 3) of satellites from places (e, 3), ECEF, and range rates (e, s) less what the motion of the
+    satellites makes of them, m/s; 3 mm/s at most hang on the receiver's own motion."""
+    travel = m.code / SPEED_OF_LIGHT
+    for _ in range(2):
+        away = turned_with_earth(m.position, travel) - place[:, None]
+        distance = np.linalg.norm(away, axis=2)
+        travel = distance / SPEED_OF_LIGHT
+    turned, los = turned_with_earth(m.position, travel), away / distance[..., None]
+    moving = apparent_velocity(turned, turned_with_earth(m.velocity, travel), place, np.zeros_like(place))
+    return los, m.rates - np.einsum("esi,esi->es", los, moving)
 
 
 def _sights(llh: np.ndarray, sources: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

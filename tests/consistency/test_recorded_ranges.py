@@ -13,10 +13,14 @@ import pytest
 from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import RATE, SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.estimation.records import NOT_USED, REJECTED, USED
+from navsim.io import findings
 from navsim.io.export import export
 from navsim.io.results import Result, write
+from navsim.io.rinex_nav import read_nav
+from navsim.io.rinex_obs import read_obs
 from navsim.models.kinematics import Motion
-from navsim.models.recording import Ranges
+from navsim.models.recording import Ranges, Samples
+from navsim.models.systems import SYSTEMS
 from navsim.scenario.load import read, read_replay
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.source import InputError
@@ -24,6 +28,7 @@ from navsim.simulation.landing import draw
 from navsim.study import landing, replay
 from navsim.study.executor import threads
 from navsim.study.recorded_ranges import _steadied
+from navsim.study.single_point import PositioningOptions, solve
 from tests.helpers import case
 
 SENSORS = SENSOR_CLASSES["industrial"]
@@ -142,6 +147,154 @@ def test_what_a_gate_rejects_is_counted(written: Written) -> None:
     assert "rejected_ranges" in list(one["/findings/finding"])
     bare = replayed(written.folder / "log.yaml", "gnss.atmosphere=false", "end_s=40")
     assert off(bare, written.truth)[100:, 2].mean() - off(one, written.truth)[100:300, 2].mean() > 3.0
+
+
+# --- holes, missing epochs and outliers of a tightly coupled flight
+
+
+@pytest.fixture(scope="module")
+def recording(written: Written) -> replay.Recording:
+    return replay.prepare(*read_replay(written.folder / "log.yaml", ()))
+
+
+def scaled(result: Result, truth: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Mean square (t,) of the errors of position, velocity and attitude in their sigma, at the outputs that are not
+    worthless, from the tenth epoch on; and the times (t,)."""
+    time = result["/filter/time"]
+
+    def at(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(time, truth.time, values[:, i]) for i in range(3)], axis=1)
+
+    turn = at(np.unwrap(truth.rpy, axis=0)) - result["/filter/attitude_rpy"]
+    errors = [off(result, truth), at(truth.velocity_ned) - result["/filter/velocity_ned"],
+              (turn + np.pi) % (2.0 * np.pi) - np.pi]  # fmt: skip
+    square = np.mean((np.concatenate(errors, axis=1) / result["/filter/sigma"][:, :9]) ** 2, axis=1)
+    sound = time > result["/innovations/time"][9]
+    for begin, end in zip(result["/lost/start"], result["/lost/end"], strict=True):
+        sound &= (time < begin) | (time > end)
+    return square[sound], time[sound]
+
+
+def best(ranges: Ranges) -> np.ndarray:
+    """Columns of the sources that are always there, the highest first."""
+    there = np.flatnonzero(np.isfinite(ranges.pseudorange).all(axis=0))
+    return there[np.argsort(ranges.slant[0, there])]
+
+
+def changed(
+    ranges: Ranges, rows: np.ndarray, columns: np.ndarray, away: np.ndarray | float, faster: float = 0.0
+) -> Ranges:
+    """Some pseudoranges `away` m longer, their rates `faster` m/s."""
+    pseudorange, rate = ranges.pseudorange.copy(), ranges.range_rate.copy()
+    pseudorange[np.ix_(rows, columns)] += away
+    rate[np.ix_(rows, columns)] += faster
+    return replace(ranges, pseudorange=pseudorange, range_rate=rate)
+
+
+@pytest.mark.parametrize(("first", "length"), [(30.0, 1.0), (30.0, 15.0), (25.0, 30.0)])
+def test_a_hole_of_the_samples(recording: replay.Recording, written: Written, first: float, length: float) -> None:
+    """Short ones are carried across; after longer ones the flight is aligned again, by the fixes, and its clock too."""
+    kept = (recording.samples.time <= first) | (recording.samples.time >= first + length)
+    samples = Samples(*(values[kept] for values in vars(recording.samples).values()))
+    result = replay.compute(replace(recording, samples=samples))
+    spans = np.stack([result["/lost/start"], result["/lost/end"]], axis=1)
+    np.testing.assert_allclose(spans, [[first, first + length]] if length > 1.0 else np.empty((0, 2)), atol=0.05)
+    square, time = scaled(result, written.truth)
+    assert time.max() > 69.0
+    assert square.mean() < 2.0
+    assert square.max() < 5.0
+    assert result["/summary/count/rejected"] == 0
+
+
+def test_missing_epochs(recording: replay.Recording, written: Written) -> None:
+    """15 s without any range: told, and the sigmas are those of the errors."""
+    ranges = recording.ranges
+    assert ranges is not None
+    gone = (ranges.time > 30.0) & (ranges.time < 45.0)
+    fixes = recording.fixes.take(~np.isin(recording.fixes.time, ranges.time[gone]))
+    result = replay.compute(replace(recording, ranges=ranges.take(np.flatnonzero(~gone)), fixes=fixes))
+    assert any(found.text.startswith("no fixes for 15.5 s") for found in findings.of(result))
+    square, _ = scaled(result, written.truth)
+    assert square.mean() < 2.0
+    assert square.max() < 5.0
+
+
+@pytest.mark.parametrize("name", ["a rate", "half of the sources", "all of a second", "the clock", "three sources"])
+def test_outliers(name: str, recording: replay.Recording, written: Written) -> None:
+    """The gate rejects what cannot be true, one range at a time, also of epochs with too few sources for a fix, which
+    no other test has seen; the rest is flown on."""
+    ranges, fixes = recording.ranges, recording.fixes
+    assert ranges is not None
+    some, rows = best(ranges), np.flatnonzero((ranges.time > 30.0) & (ranges.time < 45.0))
+    rejected = rows.size
+    if name == "a rate":
+        ranges = changed(ranges, rows, some[:1], 0.0, 10.0)
+    elif name == "half of the sources":
+        ranges, rejected = changed(ranges, rows, some[::2], 100.0), rows.size * some[::2].size
+    elif name == "all of a second":
+        away = np.random.default_rng(1).normal(0.0, 1000.0, (2, some.size))
+        # and those of the next epoch, since the clock may have jumped where all ranges are rejected
+        ranges, rejected = changed(ranges, rows[:2], some, away), 3 * some.size - 2
+    elif name == "the clock":
+        ranges = changed(ranges, np.flatnonzero(ranges.time > 30.0), some, 300.0)
+        rejected = some.size  # of the first epoch, by which the jump is seen
+    else:
+        few = ranges.pseudorange.copy()
+        few[np.ix_(rows, np.setdiff1d(np.arange(few.shape[1]), some[:3]))] = np.nan
+        ranges = changed(replace(ranges, pseudorange=few), rows, some[:1], 100.0)
+        fixes = fixes.take(~np.isin(fixes.time, ranges.time[rows]))
+    result = replay.compute(replace(recording, ranges=ranges, fixes=fixes))
+    assert result["/lost/start"].size == 0
+    assert abs(int(result["/summary/count/rejected"]) - rejected) <= 2
+    square, _ = scaled(result, written.truth)
+    assert square.mean() < 2.0
+    assert square.max() < 5.0
+
+
+@pytest.mark.parametrize(("wrong", "size"), [(1, 5.0), (2, -5.0), (4, 30.0), (7, 30.0)])
+def test_wrong_dopplers_are_excluded(wrong: int, size: float, written: Written) -> None:
+    """At each second epoch some range rates are off by so many m/s: excluded, and the velocities those of the others;
+    where half of them are wrong there is no velocity. Without outliers no velocity changes."""
+    constellations = read_nav(written.folder / "flight.nav", systems=SYSTEMS).constellations()
+    observations = read_obs(written.folder / "flight.obs")
+    options = PositioningOptions(mask=np.radians(5.0))
+    good = solve(observations, constellations, options)
+    assert not good.verdicts.excluded_rates.any()
+    names, due = good.ranges.names, np.zeros(good.residual.shape, bool)
+    doppler = observations.values["D1C"].copy()
+    for epoch in range(0, doppler.shape[0], 2):
+        for k in range(wrong):
+            column = (epoch // 2 + 3 * k) % len(names)
+            due[epoch, column] = True
+            doppler[epoch, observations.satellites.index(names[column])] += (-1.0) ** k * size / 0.19
+    found = solve(replace(observations, values={**observations.values, "D1C": doppler}), constellations, options)
+    np.testing.assert_array_equal(found.velocity[1::2], good.velocity[1::2])
+    np.testing.assert_array_equal(found.llh, good.llh)
+    if wrong == 7:
+        assert np.isnan(found.velocity[::2]).all()
+        assert found.verdicts.report(names) == (
+            "70 fixes without a velocity, since their range rates contradict each other",
+        )
+        return
+    np.testing.assert_array_equal(found.verdicts.excluded_rates, due)
+    np.testing.assert_array_equal(np.isnan(found.ranges.range_rate), due | np.isnan(good.ranges.range_rate))
+    np.testing.assert_allclose(found.velocity, good.velocity, atol=0.3)
+    (said,) = found.verdicts.report(names)
+    assert said.startswith(f"{70 * wrong} range rates excluded at 70 epochs, since they contradict the others: R01")
+
+
+def test_rates_of_a_real_station_agree(shared: Path) -> None:
+    """Six hours of ESBC: none of its range rates is excluded."""
+    folder = shared / "data/esbc_2020177"
+    messages = read_nav(folder / "ESBC00DNK_R_20201770000_01D_MN.rnx.gz", systems=SYSTEMS)
+    observations = read_obs(folder / "ESBC_2020177_GR_60S.rnx.gz")
+    part = slice(0, 360)
+    values = {code: table[part] for code, table in observations.values.items()}
+    constellations = [c for c in messages.constellations() if c.system.letter in "GR"]
+    found = solve(replace(observations, time=observations.time[part], values=values), constellations,
+                  PositioningOptions(klobuchar=messages.klobuchar))  # fmt: skip
+    assert found.verdicts.report(found.ranges.names) == ()
+    assert np.abs(found.velocity).max() < 0.2
 
 
 def test_noise_of_ranges_is_tuned(written: Written) -> None:
