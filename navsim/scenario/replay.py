@@ -34,6 +34,8 @@ from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import Checksums, Files, Name
 
 Time = Annotated[float, Field(ge=0.0, le=1e12)]
+LATENCIES = (-1.0, 2.0)
+"""Bounds of the latency, s: below zero the fixes are stamped before the time they are valid."""
 Times = Annotated[tuple[Time, ...], one_or_more(Time), one_or_list]
 
 
@@ -178,7 +180,7 @@ class Gnss(Section):
     """unit of the velocity columns"""
     velocity_axes: LevelAxes = "NED"  # type: ignore[valid-type]
     """where the columns vn, ve, vd point: N or S, E or W, D or U. ENU: east, north, up"""
-    latency_s: Annotated[float, Field(ge=-1.0, le=2.0)] | None = None
+    latency_s: Annotated[float, Field(ge=LATENCIES[0], le=LATENCIES[1])] | None = None
     """delay from the time a fix is valid to its time in the file, negative for fixes that are stamped too early; left
     out: tuned, untuned 0"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)

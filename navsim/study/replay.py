@@ -46,7 +46,7 @@ from navsim.study.recorded_ranges import read_messages, read_ranges, together
 from navsim.study.root import root_attributes
 from navsim.study.single_point import PositioningOptions
 from navsim.study.statistics import gate_limits
-from navsim.study.tuning import EVALUATIONS, FASTEST_NEEDED, moving_speed, tune
+from navsim.study.tuning import EVALUATIONS, FASTEST_NEEDED, LATENCY, moving_speed, tune
 
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers carry positions on with the velocity."""
@@ -179,12 +179,12 @@ class Recording:
 
     @cached_property
     def _valid_fixes(self) -> Fixes:
-        return self.fixes.earlier(self.settings[4])
+        return self.fixes.earlier(self.settings[LATENCY])
 
     @cached_property
     def moving_speed(self) -> float:
         """Speed, m/s, from which on a fix of the flight is in motion."""
-        flight = self.flight(float(self.settings[4]))
+        flight = self.flight(float(self.settings[LATENCY]))
         return moving_speed(flight.speed, not np.isfinite(flight.velocity[:, :2]).any())
 
     @cached_property
@@ -260,12 +260,12 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     free = np.array([*open_noise, *(v is None for v in given_noise), gnss.latency_s is None])
     free &= scenario.tuning == "likelihood"
     if gnss.navigation is not None:
-        free[4] = False  # observations are stamped with the time they are valid
+        free[LATENCY] = False  # observations are stamped with the time they are valid
     has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
     if not tight and gnss.velocity_sigma_m_s is None and not has_vertical:
         free[1] = False  # nothing would show it; `beliefs` ties it to the horizontal one
     search = _search(scenario, gyro, accel)
-    aligned = _align(search, samples, fixes.earlier(settings[4]), first)
+    aligned = _align(search, samples, fixes.earlier(settings[LATENCY]), first)
     # a heading that is known is that of the start
     again = search if search.heading is None else replace(search, heading=None, heading_sigma=USUAL_HEADING)
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
@@ -502,7 +502,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     tuning = tune(recording, done)
     settings = tuning.settings
     kind = FILTER_KINDS[scenario.filter.kind]
-    flight, beliefs = recording.flight(settings[4]), recording.beliefs(settings, kind)
+    flight, beliefs = recording.flight(settings[LATENCY]), recording.beliefs(settings, kind)
     fix_sigma = recording.fix_sigma(settings)
     begin, end = flight.imu_time[0], flight.imu_time[-1]
     rate = scenario.filter.output_rate_hz

@@ -14,6 +14,7 @@ import numpy as np
 
 from navsim.estimation.records import TFG
 from navsim.io.findings import CONSISTENT, Finding
+from navsim.scenario.replay import LATENCIES
 from navsim.simulation import replay
 from navsim.study.statistics import gate_limits
 
@@ -32,8 +33,9 @@ TRUST = 0.7
 """1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
 STRAYED = 5.0
 """Sigmas of `TRUST` beyond which a tuned noise is no sensor's: an airframe's vibration reaches 4.4 (a factor of 22)."""
-LATENCIES = (-1.0, 2.0)
-"""Bounds of the latency, s: below zero the fixes are stamped before the time they are valid."""
+GYRO_NOISE, ACCELEROMETER_NOISE, LATENCY, SETTINGS = 2, 3, 4, 5
+"""Numbers of the settings that all filters have, after the two of the noise of fixes or ranges, and how many there
+are."""
 AT_BOUND = 0.01
 """A latency this close to one of them, s, stands there."""
 COARSE = 2.5
@@ -64,29 +66,29 @@ def moving_speed(speed: np.ndarray, derived: bool) -> float:
 def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Tuning:
     """The settings with the free ones most likely, by Nelder and Mead's simplex over their logarithms."""
     free, given = recording.free, recording.settings
-    tuned = np.isin(np.arange(5), free)
+    tuned = np.isin(np.arange(SETTINGS), free)
     if not free.size:
         return Tuning(given, tuned)
     threshold = recording.moving_speed
-    fast = int(np.sum(recording.flight(given[4]).speed > threshold))
+    fast = int(np.sum(recording.flight(given[LATENCY]).speed > threshold))
     if fast <= FEWEST:
         names = ", ".join(recording.tuned[i].replace("_", " ") for i in free)
         remark = (
             f"nothing is tuned: {fast} fixes are in motion (faster than {threshold:.2g} m/s), needed are more than "
             f"{FEWEST}, and receivers at rest do not show their noise; untuned are {names}: give them in the log"
         )
-        return Tuning(given, np.zeros(5, bool), (Finding("tuning", remark),))
+        return Tuning(given, np.zeros(SETTINGS, bool), (Finding("tuning", remark),))
     from scipy.optimize import minimize
 
-    scale = np.where(np.arange(5) == 4, 0.1, 1.0)  # the latency itself, in tenths of a second
-    start = np.where(np.arange(5) == 4, given / scale, np.log(np.maximum(given, 1e-9)))
-    start[4] = 1.0 if 4 in free else start[4]
+    scale = np.where(np.arange(SETTINGS) == LATENCY, 0.1, 1.0)  # the latency itself, in tenths of a second
+    start = np.where(np.arange(SETTINGS) == LATENCY, given / scale, np.log(np.maximum(given, 1e-9)))
+    start[LATENCY] = 1.0 if LATENCY in free else start[LATENCY]
     flown, of_rejected = 0, recording.of_rejected(given)
 
     def settings(x: np.ndarray) -> np.ndarray:
         whole = start.copy()
         whole[free] = x
-        return np.where(np.arange(5) == 4, scale * whole, np.exp(whole))
+        return np.where(np.arange(SETTINGS) == LATENCY, scale * whole, np.exp(whole))
 
     def cost(x: np.ndarray) -> float:
         nonlocal flown
@@ -96,9 +98,9 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
     def surprise(x: np.ndarray, judged: bool) -> float:
         values = settings(x)
-        if not LATENCIES[0] <= values[4] <= LATENCIES[1]:
+        if not LATENCIES[0] <= values[LATENCY] <= LATENCIES[1]:
             return 1e12
-        flight, beliefs = recording.flight(values[4]), recording.beliefs(values, TFG)
+        flight, beliefs = recording.flight(values[LATENCY]), recording.beliefs(values, TFG)
         if not judged:
             beliefs = replace(beliefs, gate=gate_limits(0.0))
         seen = replay.fly(
@@ -106,12 +108,14 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
             range_sigma=recording.range_sigma(values),
         )  # fmt: skip
         total = seen.surprise(flight.speed > threshold, of_rejected)
-        total += 0.5 * float(np.sum((np.log(values[2:4] / given[2:4]) / TRUST) ** 2))
+        total += 0.5 * float(np.sum((np.log(values[GYRO_NOISE:LATENCY] / given[GYRO_NOISE:LATENCY]) / TRUST) ** 2))
         return total if np.isfinite(total) else 1e12
 
-    if 4 in free:
-        start[4] = _first_latency(lambda latency: surprise(np.where(free == 4, latency, start[free]), False))
-    x, step = start[free], np.where(free == 4, 0.5, 0.7)
+    if LATENCY in free:
+        start[LATENCY] = _first_latency(
+            lambda latency: surprise(np.where(free == LATENCY, latency, start[free]), False)
+        )
+    x, step = start[free], np.where(free == LATENCY, 0.5, 0.7)
     for most in (EVALUATIONS // 2, EVALUATIONS):  # once more from where the first simplex has shrunk to
         simplex = np.vstack([x, x + np.diag(step)])
         options = {"maxfev": most - flown, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.05}
@@ -147,13 +151,16 @@ def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int
             f"the tuning had not converged after {flown} flights: its numbers ({names}) may be far from the most "
             "likely ones; give some of them in the log, or fly a longer part"
         )
-    if 4 in recording.free and min(abs(best[4] - bound) for bound in LATENCIES) <= AT_BOUND:
-        side = "earlie" if best[4] < 0.0 else "late"
+    if LATENCY in recording.free and min(abs(best[LATENCY] - bound) for bound in LATENCIES) <= AT_BOUND:
+        side = "earlie" if best[LATENCY] < 0.0 else "late"
         out.append(
-            f"the tuned latency stands at its bound of {best[4]:.3g} s: the fixes are stamped even {side}r than that, "
-            "or something else is wrong with them; set the clocks right with gnss.time_offset_s, or give gnss.latency_s"
+            f"the tuned latency stands at its bound of {best[LATENCY]:.3g} s: the fixes are stamped even {side}r than "
+            "that, or something else is wrong with them; set the clocks right with gnss.time_offset_s, or give "
+            "gnss.latency_s"
         )
-    for i, key in ((2, "imu.gyro.arw_deg_sqrt_h"), (3, "imu.accelerometer.vrw_m_s_sqrt_h")):
+    for i, key in (
+        (GYRO_NOISE, "imu.gyro.arw_deg_sqrt_h"), (ACCELEROMETER_NOISE, "imu.accelerometer.vrw_m_s_sqrt_h"),
+    ):  # fmt: skip
         ratio = float(best[i] / recording.settings[i])
         if i in recording.free and np.log(ratio) > STRAYED * TRUST:
             out.append(
