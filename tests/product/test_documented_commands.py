@@ -3,8 +3,8 @@
 Nothing lies beside the copy. It has what git tracks but for the package: that is the one under test, as an editable
 installation has it. `navsim` and `python` are forks of one process that has all loaded: see `tests/forks.py`.
 
-With `--as-written` (part of `make validate`) every number is taken as it stands; without it `SHORTER` makes the long
-commands small.
+A command that has run at length since its page, its help or its scenario changed runs in brief (`BRIEF`), any other as
+it is written; with `--as-written` (part of `make validate`) all do: see `tests/at_length.py`.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ import typer
 from navsim.cli.main import app
 from navsim.io.export import export
 from navsim.io.results import read
+from tests import at_length
 from tests.conftest import ROOT
 from tests.forks import found_first, shared
 
@@ -36,41 +37,31 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PROGRAMS = ("navsim", "make", "cat", "python")
 """What a line of a code block must start with to be a command."""
 
-SHORTER = [
-    ("--runs 100000", "--runs 64"),
-    ("--runs 1000", "--runs 20"),
-    ("--runs 200 ", "--runs 20 "),
-    *((f"--runs 100 --set {what}", f"--runs 12 --set {what}") for what in ("'integrity", "'events", "sky")),
-    ("navsim run scenarios/landing.yaml\n", "navsim run scenarios/landing.yaml --figures none\n"),
-    ("--set filter.coupling=tight\n", "--set filter.coupling=tight --figures none\n"),
-    ("--width 85mm", "--width 85mm --only errors,histogram"),
-    ("navsim replay log.yaml", "navsim replay log.yaml --set tuning=none"),
-    ("runs1000", "runs20"),
-    ("within 2%", "within 50%"),
-    ("navsim table2", "navsim table2 --runs 2"),
+FEW = 4
+"""Runs of a brief form."""
+BRIEF = [
+    (r"navsim (run|sweep|optimize|replay) (?!.*--figures)", r"navsim \1 --figures none "),
+    (r"(--method rare)", r"\1 --runs 32"),
+    (r"within 2%", "within 50%"),
+    (r"navsim table2\b", "navsim table2 --runs 2"),
+    (r"navsim replay", "navsim replay --set tuning=none"),
+    (r"navsim sweep", "navsim sweep --set vary.1.grid.count=6 --set vary.2.grid.count=6"),
+    (r"navsim optimize", "navsim optimize --set pseudolites=[1] --set effort=1"),
+    (r"--time-limit 60", "--time-limit 2"),
+    (r"navsim plot", "navsim plot --only errors"),
+    (r" --realtime", ""),  # a landing lasts two minutes
+    (r"navsim live", "navsim live --silence 2"),
+    (r"scenarios/mls_elevation.yaml", r"\g<0> --set montecarlo.experiments=5"),
+    (r"scenarios/atc_tracking.yaml", r"\g<0> --runs 5"),
+    (r"scenarios/azimuth_tracking.yaml", r"\g<0> --runs 5 --set map.runs=0"),
     (
-        "integrity-table --set 'integrity={method: filter",
-        "integrity-table --set duration_s=61 --set receiver.rate_hz=0.2 --set imu.rate_hz=20 "
-        "--set 'integrity={method: filter",
+        r"integrity-table (?=.*method: filter)",
+        "integrity-table --set duration_s=61 --set receiver.rate_hz=0.2 --set imu.rate_hz=20 ",
     ),
-    (
-        "sweep scenarios/placement_sweep.yaml",
-        "sweep scenarios/placement_sweep.yaml --set vary.1.grid.count=20 --set vary.2.grid.count=26",
-    ),
-    ("--method rare", "--method rare --runs 64"),
-    ("--time-limit 60", "--time-limit 8"),
-    ("scenarios/placement_optimum.yaml ", "scenarios/placement_optimum.yaml --set pseudolites=[1,2] --set effort=1 "),
-    ("scenarios/placement_lpv200.yaml", "scenarios/placement_lpv200.yaml --set pseudolites.last=1"),
-    (" --realtime", ""),  # a landing lasts two minutes
-    ("navsim live", "navsim live --silence 2"),
-    *((f"-o results/{name}.h5", f"-o results/{name}.h5 --figures none") for name in ("wide", "almanac", "run7")),
-    ("--method covariance ", "--method covariance --figures none "),
-    ("navsim replay scenarios/recorded_flight.yaml", "navsim replay scenarios/recorded_flight.yaml --set tuning=none"),
-    ("scenarios/mls_elevation.yaml", "scenarios/mls_elevation.yaml --set montecarlo.experiments=20 --figures none"),
-    ("scenarios/atc_tracking.yaml", "scenarios/atc_tracking.yaml --runs 50 --figures none"),
-    ("scenarios/azimuth_tracking.yaml", "scenarios/azimuth_tracking.yaml --runs 50 --set map.runs=0 --figures none"),
 ]
-"""What stands in the documents, a command a line, and what is run instead where time is short."""
+"""Patterns of commands and what is run instead in brief, where `FEW` replaces the number of runs, too."""
+HOURS = ("--runs 100000", "--runs 1000")
+"""What a cluster is for takes one machine hours: no form runs it, `--dry-run` apart."""
 
 INSTALLS = ("make run", "make test")
 """They install from the network; `make -n` says that the targets are there."""
@@ -220,22 +211,39 @@ def ends() -> Iterator[ExitStack]:
         yield stack
 
 
+def brief(command: str) -> str:
+    """The brief form of a command, whose result has the name that the long form gives it."""
+    if "--dry-run" in command:
+        return command
+    runs = re.search(r"--runs (\d+)", command)
+    if runs and int(runs[1]) > FEW and "--require " not in command:  # few runs leave a requirement undecided
+        (stem,) = re.findall(r"scenarios/(\w+)\.yaml", command)
+        result = "" if " -o " in command else f" -o results/{stem}_runs{runs[1]}.h5"
+        command = command.replace(runs[0], f"--runs {FEW}{result}")
+    for pattern, instead in BRIEF:
+        command = re.sub(pattern, instead, command)
+    return command
+
+
 @pytest.mark.parametrize("document", WITH_COMMANDS, ids=[path.stem for path in WITH_COMMANDS])
-def test_commands_run_as_written(
-    document: Path, tmp_path: Path, pytestconfig: pytest.Config, ends: ExitStack
-) -> None:
+def test_commands_run(document: Path, tmp_path: Path, pytestconfig: pytest.Config, ends: ExitStack) -> None:
     tree = tmp_path / "tree"
     fresh_copy(tree, "navsim/", "tests/", "benchmarks/")
     environment = found_first(shared().programs(tmp_path / "bin"))
-    whole = pytestconfig.getoption("--as-written")
-    for written in commands(document):
+    page = commands(document)
+    digests = {at_length.digest(command) for command in page}
+    anew = pytestconfig.getoption("--as-written")
+    done_at_length = _run_at_length if anew else at_length.stored()
+    if anew:
+        at_length.store(at_length.stored() - (digests - _run_at_length), every_command())
+    for written in page:
         command = written
         if command.split("#")[0].strip() in INSTALLS:
             command = command.replace("make", "make -n", 1)
-        if not whole:
-            command += "\n"
-            for long, short in SHORTER:
-                command = command.replace(long, short)
+        elif at_length.digest(written) in done_at_length:
+            command = brief(command)
+        elif "--dry-run" not in command:
+            command = command.replace(*HOURS)
         done = run(command, tree, tmp_path, environment, ends)
         if NO_DEVICE in command:
             assert done.returncode == 2, command
@@ -247,6 +255,17 @@ def test_commands_run_as_written(
         if "udp://" in command:
             (used,) = re.findall(r"messages used +(\d+)", done.stdout)
             assert int(used) >= 1000  # of 1200; a datagram may be lost where the machine is busy
+    if anew:
+        _run_at_length.update(digests)
+        at_length.store(at_length.stored() | digests, every_command())
+
+
+_run_at_length: set[str] = set()
+"""Digests of commands that this process has run as they are written, on pages that passed."""
+
+
+def every_command() -> list[str]:
+    return [command for document in WITH_COMMANDS for command in commands(document)]
 
 
 def test_there_are_commands_to_run() -> None:
