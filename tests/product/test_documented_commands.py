@@ -19,7 +19,7 @@ import subprocess
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -37,8 +37,8 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PROGRAMS = ("navsim", "make", "cat", "python")
 """What a line of a code block must start with to be a command."""
 
-FEW = 4
-"""Runs of a brief form."""
+MOST, FEW = 20, 4
+"""Runs that brief forms have; how many instead of more."""
 BRIEF = [
     (r"navsim (run|sweep|optimize|replay) (?!.*--figures)", r"navsim \1 --figures none "),
     (r"(--method rare)", r"\1 --runs 32"),
@@ -59,7 +59,7 @@ BRIEF = [
         "integrity-table --set duration_s=61 --set receiver.rate_hz=0.2 --set imu.rate_hz=20 ",
     ),
 ]
-"""Patterns of commands and what is run instead in brief, where `FEW` replaces the number of runs, too."""
+"""Patterns of commands and what is run instead in brief."""
 HOURS = ("--runs 100000", "--runs 1000")
 """What a cluster is for takes one machine hours: no form runs it, `--dry-run` apart."""
 
@@ -213,16 +213,23 @@ def ends() -> Iterator[ExitStack]:
 
 def brief(command: str) -> str:
     """The brief form of a command, whose result has the name that the long form gives it."""
-    if "--dry-run" in command:
-        return command
     runs = re.search(r"--runs (\d+)", command)
-    if runs and int(runs[1]) > FEW and "--require " not in command:  # few runs leave a requirement undecided
+    if runs and int(runs[1]) > MOST and "--require " not in command:  # few runs leave a requirement undecided
         (stem,) = re.findall(r"scenarios/(\w+)\.yaml", command)
         result = "" if " -o " in command else f" -o results/{stem}_runs{runs[1]}.h5"
         command = command.replace(runs[0], f"--runs {FEW}{result}")
     for pattern, instead in BRIEF:
         command = re.sub(pattern, instead, command)
     return command
+
+
+def form(command: str, done: Container[str]) -> str:
+    """What is run of a command. done: digests of those that have run at length."""
+    if command.split("#")[0].strip() in INSTALLS:
+        return command.replace("make", "make -n", 1)
+    if at_length.digest(command) in done:
+        return brief(command)
+    return command if "--dry-run" in command else command.replace(*HOURS)
 
 
 @pytest.mark.parametrize("document", WITH_COMMANDS, ids=[path.stem for path in WITH_COMMANDS])
@@ -237,13 +244,7 @@ def test_commands_run(document: Path, tmp_path: Path, pytestconfig: pytest.Confi
     if anew:
         at_length.store(at_length.stored() - (digests - _run_at_length), every_command())
     for written in page:
-        command = written
-        if command.split("#")[0].strip() in INSTALLS:
-            command = command.replace("make", "make -n", 1)
-        elif at_length.digest(written) in done_at_length:
-            command = brief(command)
-        elif "--dry-run" not in command:
-            command = command.replace(*HOURS)
+        command = form(written, done_at_length)
         done = run(command, tree, tmp_path, environment, ends)
         if NO_DEVICE in command:
             assert done.returncode == 2, command
@@ -266,6 +267,22 @@ _run_at_length: set[str] = set()
 
 def every_command() -> list[str]:
     return [command for document in WITH_COMMANDS for command in commands(document)]
+
+
+def test_what_has_not_run_at_length_runs_as_written() -> None:
+    every = every_command()
+    done = {at_length.digest(command) for command in every}
+    asked = [command for command in every if command.split("#")[0].strip() not in INSTALLS]
+    assert [command for command in asked if form(command, ()) != command] == [c for c in asked if "--scheduler s" in c]
+    brief_forms = [form(command, done) for command in asked]
+    assert not [one for one in brief_forms if re.search(r"--runs \d{3}(?!.*--require)|--realtime", one)]
+    for one, short in zip(asked, brief_forms, strict=True):
+        verb, also = (re.findall(r"navsim \S+", text) for text in (one, short))
+        assert verb[:1] == also[:1]
+    longer = [command.replace("--runs 1000", "--runs 1001") for command in asked]
+    changed = [new for old, new in zip(asked, longer, strict=True) if old != new and "--dry-run" not in new]
+    assert len(changed) >= 4
+    assert all(form(command, done) == command.replace(*HOURS) for command in changed)
 
 
 def test_there_are_commands_to_run() -> None:

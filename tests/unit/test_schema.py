@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from navsim.scenario.load import read_any, section
 from navsim.scenario.source import Document, InputError, load
 
 
+@functools.cache
 def published(kind: str) -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(section(kind).model_json_schema())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections import Counter
 from pathlib import Path
@@ -72,6 +73,7 @@ def questions(tree: ast.AST, classes: set[str]) -> list[str]:
     return found
 
 
+@functools.cache
 def modules() -> dict[str, ast.Module]:
     return {str(path.relative_to(PACKAGE)): ast.parse(path.read_text()) for path in sorted(PACKAGE.glob("**/*.py"))}
 
@@ -81,6 +83,7 @@ def members() -> set[str]:
     return {name for name in vars(Constellation) if not name.startswith("_")}
 
 
+@functools.cache
 def implementing() -> dict[str, list[str]]:
     """Classes of the package that fly satellites, with their modules."""
     found: dict[str, list[str]] = {}
