@@ -53,7 +53,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--validation", metavar="FILE", help="write the table of oracle tests to FILE")
     parser.addoption("--long", action="store_true", help="run the tests marked long, and no others")
     parser.addoption("--baselines", action="store_true", help="write the pictures of tests/baselines anew")
-    parser.addoption("--as-written", action="store_true", help="run documented commands with their own run counts")
+    parser.addoption("--as-written", action="store_true", help="run all documented commands at length")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -31,6 +31,8 @@ from tests.recordings import write_recording as table
 ROOT = Path(__file__).resolve().parents[2]
 AIRCRAFT = needs("turns", "rolls", "sideways", "climbs", "velocities", "vertical")
 BY_NAME = {made.name: made for made in MISTAKES}
+SEEDS = (11, pytest.param(12, marks=pytest.mark.long))
+"""Of recordings in which nothing is to be found."""
 
 
 @cache
@@ -112,7 +114,8 @@ def test_what_a_straight_flight_cannot_tell_is_left_open() -> None:
 
 @pytest.mark.parametrize("ride", ["circuit", "circuit at once", "drive", "straight", "straight for longer"])
 @pytest.mark.parametrize("grade", ["fine", "poor", "worse"])
-def test_recordings_in_order_raise_no_alarm(ride: str, grade: str) -> None:
+@pytest.mark.parametrize("seed", SEEDS)
+def test_recordings_in_order_raise_no_alarm(seed: int, ride: str, grade: str) -> None:
     """Gyros up to 700 deg/h and accelerometers up to 10 mg (1 sigma), receivers of all kinds."""
     path = {"circuit": circuit, "circuit at once": lambda: circuit(0.0), "drive": drive, "straight": straight,
             "straight for longer": lambda: straight(100.0)}[ride]()  # fmt: skip
@@ -122,8 +125,7 @@ def test_recordings_in_order_raise_no_alarm(ride: str, grade: str) -> None:
         "worse": {"gyro_bias": 3.4e-3, "accel_bias": 0.1, "accel_noise": 0.5, "position_noise": 2.5,
                   "velocities": "none", "fix_rate": 5.0},
     }[grade]  # fmt: skip
-    for seed in (11, 12):
-        assert diagnose(Log(*record(path, seed, **sensors))) == []
+    assert diagnose(Log(*record(path, seed, **sensors))) == []
 
 
 def test_clocks_that_do_not_meet() -> None:
@@ -202,13 +204,13 @@ def test_each_mistake_of_a_slow_flight_is_named(name: str) -> None:
 
 
 @pytest.mark.parametrize("velocities", ["ned", "horizontal", "none"])
-def test_a_slow_flight_in_order_raises_no_alarm(velocities: Any) -> None:
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_slow_flight_in_order_raises_no_alarm(seed: int, velocities: Any) -> None:
     """Parked for the most part, too, by a receiver whose positions wander."""
     for poor in ({}, {"position_noise": 3.0, "velocity_noise": 0.2, "accel_bias": 0.1}):
-        for seed in (11, 12):
-            samples, fixes = record(quadrotor(), seed, velocities=velocities, **poor)
-            assert diagnose(Log(samples, fixes)) == []
-            assert diagnose(Log(samples.between(0.0, 45.0), fixes.take(fixes.time < 45.0))) == []
+        samples, fixes = record(quadrotor(), seed, velocities=velocities, **poor)
+        assert diagnose(Log(samples, fixes)) == []
+        assert diagnose(Log(samples.between(0.0, 45.0), fixes.take(fixes.time < 45.0))) == []
 
 
 def test_what_cannot_be_judged_is_listed() -> None:

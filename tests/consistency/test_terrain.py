@@ -115,7 +115,7 @@ def test_what_ridges_hide_of_the_sky_ends_where_they_begin_to_hide() -> None:
     rng = np.random.default_rng(8)
     azimuth = np.linspace(0.0, 2.0 * np.pi, 721)
     hidden = 0
-    for _ in range(40):
+    for _ in range(10):
         eye = cartesian(56.0, 37.0, rng.uniform(0.0, 100.0))
         ends = rng.uniform([55.97, 36.95], [56.03, 37.05], (6, 2, 2))
         tops = np.array([[cartesian(*end, height) for end in pair]
@@ -128,7 +128,7 @@ def test_what_ridges_hide_of_the_sky_ends_where_they_begin_to_hide() -> None:
             found = horizon.behind(tops, (eye + away)[None], eye[None])[0]
             np.testing.assert_array_equal(found[~sides], wanted[~sides])
             hidden += int(found.sum())
-    assert hidden > 5000
+    assert hidden > 1250
 
 
 @pytest.fixture(scope="module")

@@ -190,7 +190,7 @@ def test_an_optimum_of_a_watched_landing_is_that_of_an_unwatched_one(tmp_path: P
             f"set: {json.dumps(common | {'filter.kind': 'eskf'} | settings)}\npseudolites: [1]\n"
             "sites: [{s_m: 300, l1_m: 500}, {s_m: -800, l1_m: 1500}, {s_m: 600, l1_m: 0}]\n"
         )
-        navsim("optimize", path, "--figures", "none", "-q", "-o", "o.h5", "--force", cwd=tmp_path)
+        navsim("optimize", path, "--runs", 20, "--figures", "none", "-q", "-o", "o.h5", "--force", cwd=tmp_path)
         result = read(tmp_path / "o.h5")
         as_declared(result)
         places.append(

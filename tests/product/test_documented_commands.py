@@ -41,23 +41,22 @@ MOST, FEW = 20, 4
 """Runs that brief forms have; how many instead of more."""
 BRIEF = [
     (r"navsim (run|sweep|optimize|replay) (?!.*--figures)", r"navsim \1 --figures none "),
-    (r"(--method rare)", r"\1 --runs 32"),
+    (r"--figures \S+", "--figures none"),
+    (r"--method rare", r"\g<0> --runs 32"),
     (r"within 2%", "within 50%"),
     (r"navsim table2\b", "navsim table2 --runs 2"),
     (r"navsim replay", "navsim replay --set tuning=none"),
     (r"navsim sweep", "navsim sweep --set vary.1.grid.count=6 --set vary.2.grid.count=6"),
     (r"navsim optimize", "navsim optimize --set pseudolites=[1] --set effort=1"),
-    (r"--time-limit 60", "--time-limit 2"),
     (r"navsim plot", "navsim plot --only errors"),
     (r" --realtime", ""),  # a landing lasts two minutes
-    (r"navsim live", "navsim live --silence 2"),
+    (r"navsim live", "navsim live --silence 2 --set duration_s=62"),
     (r"scenarios/mls_elevation.yaml", r"\g<0> --set montecarlo.experiments=5"),
     (r"scenarios/atc_tracking.yaml", r"\g<0> --runs 5"),
     (r"scenarios/azimuth_tracking.yaml", r"\g<0> --runs 5 --set map.runs=0"),
-    (
-        r"integrity-table (?=.*method: filter)",
-        "integrity-table --set duration_s=61 --set receiver.rate_hz=0.2 --set imu.rate_hz=20 ",
-    ),
+    # what takes ten seconds however small it is made: its kind has another command that is run
+    (r"navsim optimize(?=.*(objective=|lpv200))", r"\g<0> --dry-run"),
+    (r"navsim integrity-table(?=.*method: filter)", r"\g<0> --dry-run"),
 ]
 """Patterns of commands and what is run instead in brief."""
 HOURS = ("--runs 100000", "--runs 1000")
@@ -255,7 +254,8 @@ def test_commands_run(document: Path, tmp_path: Path, pytestconfig: pytest.Confi
         assert "Traceback" not in done.stderr
         if "udp://" in command:
             (used,) = re.findall(r"messages used +(\d+)", done.stdout)
-            assert int(used) >= 1000  # of 1200; a datagram may be lost where the machine is busy
+            sent = 620 if "duration_s=62" in command else 1200
+            assert int(used) >= sent - 200  # a datagram may be lost where the machine is busy
     if anew:
         _run_at_length.update(digests)
         at_length.store(at_length.stored() | digests, every_command())

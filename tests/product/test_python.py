@@ -91,16 +91,21 @@ def test_a_landing_is_the_one_of_the_command_line(words: list[str], options: dic
 
 
 @pytest.mark.parametrize(
-    ("scenario", "options"),
-    [("landing", {"method": "covariance"}), ("landing_smooth", {"method": "rare", "runs": 64}), ("mls_elevation", {})],
+    ("scenario", "options", "given"),
+    [
+        ("landing", {"method": "covariance"}, SHORT),
+        ("landing_smooth", {"method": "rare", "runs": 32}, {"box": BOX}),
+        ("mls_elevation", {}, {"montecarlo.experiments": 5}),
+    ],
 )
-def test_other_jobs_are_those_of_the_command_line(scenario: str, options: dict[str, Any], tmp_path: Path) -> None:
+def test_other_jobs_are_those_of_the_command_line(
+    scenario: str, options: dict[str, Any], given: dict[str, Any], tmp_path: Path
+) -> None:
     file = SCENARIOS / f"{scenario}.yaml"
-    box = {"box": BOX} if "runs" in options else {}
     words = [w for name, value in options.items() for w in (f"--{name}", str(value))]
-    words += [w for key, value in box.items() for w in ("--set", f"{key}={json.dumps(value)}")]
+    words += [w for key, value in given.items() for w in ("--set", f"{key}={json.dumps(value)}")]
     command("run", str(file), *words, "-o", "cli.h5", "--figures", "none", cwd=tmp_path)
-    same(tmp_path / "cli.h5", navsim.run(file, set=box, output=tmp_path / "api.h5", **options).path)
+    same(tmp_path / "cli.h5", navsim.run(file, set=given, output=tmp_path / "api.h5", **options).path)
 
 
 def test_a_sweep_is_the_one_of_the_command_line(study: Path, tmp_path: Path) -> None:
@@ -116,8 +121,8 @@ def test_a_sweep_is_the_one_of_the_command_line(study: Path, tmp_path: Path) -> 
 
 def test_a_replay_is_the_one_of_the_command_line(tmp_path: Path) -> None:
     log = SCENARIOS / "recorded_flight.yaml"
-    command("replay", str(log), "-o", "cli.h5", "--figures", "none", cwd=tmp_path)
-    same(tmp_path / "cli.h5", navsim.replay(log, output=tmp_path / "api.h5").path)
+    command("replay", str(log), "--set", "tuning=none", "-o", "cli.h5", "--figures", "none", cwd=tmp_path)
+    same(tmp_path / "cli.h5", navsim.replay(log, set={"tuning": "none"}, output=tmp_path / "api.h5").path)
 
 
 @pytest.mark.parametrize(
@@ -229,7 +234,7 @@ class Enough(Exception):
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, Enough])
 def test_what_ends_the_work_leaves_what_is_finished(stop: type[BaseException], tmp_path: Path) -> None:
     """And the same call goes on from there, to the same result."""
-    target, runs = tmp_path / "a.h5", 4 * BATCH
+    target, runs = tmp_path / "a.h5", 2 * BATCH
     seen: list[tuple[int, int]] = []
 
     def told(finished: int, extent: int, words: str) -> None:
@@ -441,11 +446,11 @@ def test_the_log_takes_what_is_no_warning(tmp_path: Path, caplog: pytest.LogCapt
             raise Enough
 
     with pytest.raises(Enough):
-        navsim.run(LANDING, set=SHORT, runs=3 * BATCH, workers=1, output=tmp_path / "a.h5", progress=told)
+        navsim.run(LANDING, set=SHORT, runs=2 * BATCH, workers=1, output=tmp_path / "a.h5", progress=told)
     for piece in kept.glob("*.npz"):
         piece.write_bytes(b"damaged")
     with caplog.at_level(logging.INFO, "navsim"):
-        navsim.run(LANDING, set=SHORT, runs=3 * BATCH, output=tmp_path / "a.h5")
+        navsim.run(LANDING, set=SHORT, runs=2 * BATCH, output=tmp_path / "a.h5")
     assert "damaged piece(s) of an earlier attempt were computed again" in caplog.text
 
 
