@@ -1,8 +1,8 @@
 """Forks of navsim as processes with a time limit, quickly: one process loads everything, the others are its forks.
 
 A fork takes milliseconds where a start takes more than a second, and is a process like any other: it has its own
-signals, exit code and memory, and the folder, environment and streams of who asks for it. On its way it may be killed,
-or find the disk full, at a chosen step (`steps`).
+signals, exit code and memory, and the folder, environment and streams of who asks for it. On its way it may get a
+signal, or find the disk full, at a chosen step (`steps`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import gc
 import importlib
 import json
 import os
+import resource
 import select
 import shlex
 import signal
@@ -23,18 +24,20 @@ import tempfile
 import time
 import traceback
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Queue
 from types import TracebackType
-from typing import Self, TextIO
+from typing import Any, Self, TextIO
 
 from tests import steps
+from tests.fork_client import HEARD, ask, received
 from tests.fork_client import __file__ as CLIENT
-from tests.fork_client import ask, received
 
 ROOT = Path(__file__).resolve().parent.parent
-NAVSIM, PYTHON = "navsim", "python"
+NAVSIM, PYTHON, DASK = "navsim", "python", "dask"
 """Programs whose commands can be forks; of Python those with `-c`."""
 HANG_S = 10.0
 """A command that has to refuse its input and takes longer hangs."""
@@ -68,6 +71,33 @@ class Ended:
         return "memory" if self.peak_mb > MOST_MB else None
 
 
+@dataclass(frozen=True)
+class Running:
+    """A command that was started."""
+
+    pid: int
+    _told: Future[dict[str, Any]]
+    _out: TextIO
+    _err: TextIO
+
+    def has_ended(self) -> bool:
+        return self._told.done()
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """Send it a signal, unless it has ended."""
+        with suppress(ProcessLookupError):
+            os.kill(self.pid, number)
+
+    def ended(self, limit_s: float = 60.0) -> Ended:
+        """How it ends. It is killed if that takes longer."""
+        try:
+            told = self._told.result(limit_s)
+        finally:
+            self.send_signal(signal.SIGKILL)
+        with self._out, self._err:
+            return Ended(out=_whole(self._out), err=_whole(self._err), **told)
+
+
 class Forks:
     """Runs commands of navsim as forks of one process."""
 
@@ -78,14 +108,21 @@ class Forks:
         self.door = str(Path(self._short.name) / "door")
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg"}
         self._server = subprocess.Popen(
-            [sys.executable, "-m", "tests.forks", self.door, str(folder), json.dumps(_texts(warm))],
+            [sys.executable, "-m", "tests.forks", self.door, str(folder)],
             cwd=ROOT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             env=environment,
         )
+        self.prepare(warm)
+
+    def prepare(self, warm: Sequence[Sequence[object]] = (), modules: Sequence[str] = ()) -> None:
+        """Load what commands need, and modules, for all forks that are yet to come."""
+        assert self._server.stdin is not None
         assert self._server.stdout is not None
+        self._server.stdin.write(f"{json.dumps([_texts(warm), list(modules)])}\n")
+        self._server.stdin.flush()
         assert self._server.stdout.readline() == "ready\n"
 
     def __enter__(self) -> Self:
@@ -99,17 +136,27 @@ class Forks:
         self._server.communicate()
         self._short.cleanup()
 
-    def run(self, *arguments: object, cwd: Path, what: str = steps.COUNT, at: int = 0, limit_s: float = 60.0) -> Ended:
-        """Run one command. what: happens at step number `at`, see `steps`."""
+    def run(self, *arguments: object, cwd: Path, limit_s: float = 60.0, **how: object) -> Ended:
+        """Run one command. how: `what` happens `at` which step `of` a sort, see `steps.watched`; `file_bytes`, the
+        largest file that it can write."""
         with (
             open(os.devnull) as nothing,
             open(self._folder / "out.txt", "w+", encoding="utf-8", errors="replace") as out,
             open(self._folder / "err.txt", "w+", encoding="utf-8", errors="replace") as err,
         ):
             streams = {number: stream.fileno() for number, stream in enumerate((nothing, out, err))}
-            words, how = list(map(str, arguments)), {"what": what, "at": at, "limit_s": limit_s}
-            told = ask(self.door, words, str(cwd), streams, os.environ, **how)
+            told = ask(self.door, list(map(str, arguments)), str(cwd), streams, os.environ, limit_s=limit_s, **how)
             return Ended(out=_whole(out), err=_whole(err), **told)
+
+    def start(self, *arguments: object, cwd: Path, program: str = NAVSIM, **how: object) -> Running:
+        """Start one command and leave it running. how: as of `run`."""
+        out = [tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") for _ in range(2)]  # noqa: SIM115
+        pid: Queue[int] = Queue()
+        with open(os.devnull) as nothing:
+            streams = {number: stream.fileno() for number, stream in enumerate((nothing, *out))}
+            order = functools.partial(ask, self.door, list(map(str, arguments)), str(cwd), streams, dict(os.environ))
+            told = ThreadPoolExecutor(1).submit(order, pid.put, program=program, **how)
+            return Running(pid.get(), told, *out)
 
     def programs(self, folder: Path) -> Path:
         """Write programs `navsim` and `python` for shells, whose commands are forks; returns their folder."""
@@ -140,7 +187,8 @@ def found_first(programs: Path, tree: Path = ROOT) -> dict[str, str]:
 def shared() -> Forks:
     """The one of this test process; it ends with it."""
     landing = ROOT / "scenarios" / "landing.yaml"
-    short = ("run", landing, "--set", "duration_s=65", "-q", "--force")
+    short = ("run", landing, "--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1", "-q",
+             "--force")  # fmt: skip
     warm = (
         short,
         (*short, "--figures", "."),
@@ -154,9 +202,9 @@ def shared() -> Forks:
     return forks
 
 
-def navsim(*arguments: object, cwd: Path, code: int | None = 0) -> subprocess.CompletedProcess[str]:
-    """A command that must end with this code (None: any), without a traceback."""
-    done = shared().run(*arguments, cwd=cwd, limit_s=600.0)
+def navsim(*arguments: object, cwd: Path, code: int | None = 0, **how: object) -> subprocess.CompletedProcess[str]:
+    """A command that must end with this code (None: any), without a traceback. how: as of `Forks.run`."""
+    done = shared().run(*arguments, cwd=cwd, limit_s=600.0, **how)
     assert "Traceback" not in done.err
     assert code is None or done.code == code, done.err + done.out
     assert done.code is not None, "it hangs"
@@ -167,23 +215,34 @@ def _texts(commands: Sequence[Sequence[object]]) -> list[list[str]]:
     return [[str(word) for word in command] for command in commands]
 
 
-def _serve(door: str, folder: Path, warm: list[list[str]]) -> None:
+def _prepare(warm: list[list[str]], modules: list[str]) -> None:
     from typer.testing import CliRunner
 
     from navsim.cli.main import app
 
-    os.chdir(folder)
     for command in warm:
         done = CliRunner().invoke(app, command)
         if done.exit_code:
             raise RuntimeError(f"{command}: {done.output}")
-    importlib.import_module("navsim.report.page.document")  # Bokeh, a second for each report
+    for module in modules:
+        importlib.import_module(module)
     gc.freeze()  # what is collected in a fork is what it made itself
+    print("ready", flush=True)
+
+
+def _serve(door: str, folder: Path) -> None:
+    os.chdir(folder)
+    importlib.import_module("navsim.report.page.document")  # Bokeh, a second for each report
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(door)
         listening.listen()
-        print("ready", flush=True)
-        while listening in select.select([listening, sys.stdin], [], [])[0]:  # its input is closed at the end
+        while True:
+            if sys.stdin in select.select([listening, sys.stdin], [], [])[0]:
+                asked = sys.stdin.readline()
+                if not asked:  # its input is closed at the end
+                    return
+                _prepare(*json.loads(asked))
+                continue
             line, _ = listening.accept()
             with line:
                 if os.fork() == 0:
@@ -237,12 +296,14 @@ def _become(
     environment: dict[str, str],
     streams: dict[int, int],
     program: str = NAVSIM,
-    what: str = steps.COUNT,
-    at: int = 0,
+    file_bytes: int | None = None,
+    **how: Any,
 ) -> None:
     """The forked process: it runs the command and does not return."""
     code = 1
     try:
+        for number in HEARD:  # as a program has them that a terminal starts, whoever started the tests
+            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
         os.chdir(cwd)
         os.environ.clear()
         os.environ.update(environment)
@@ -262,9 +323,11 @@ def _become(
         sys.modules["__main__"].__package__ = None  # as of a program that is installed, whose name is said in its help
         from navsim.__main__ import main
 
-        with steps.watched(Path(cwd), what, at) as count:
+        if file_bytes is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
+        with steps.watched(Path(cwd), **how) as count:
             try:
-                main() if program == NAVSIM else _python(*arguments)
+                {NAVSIM: main, PYTHON: _python, DASK: _dask}[program]()
                 code = 0
             except SystemExit as left:
                 code = left.code if isinstance(left.code, int) else int(left.code is not None)
@@ -279,8 +342,15 @@ def _become(
         os._exit(code)
 
 
-def _python(option: str, code: str, *arguments: str) -> None:
+def _dask() -> None:
+    from dask.cli import run_cli
+
+    run_cli()
+
+
+def _python() -> None:
     """What `python -c` does."""
+    _, option, code, *arguments = sys.argv
     assert option == "-c", "only commands can be forks"
     sys.argv = [option, *arguments]
     sys.path[0] = ""
@@ -288,4 +358,4 @@ def _python(option: str, code: str, *arguments: str) -> None:
 
 
 if __name__ == "__main__":
-    _serve(sys.argv[1], Path(sys.argv[2]), json.loads(sys.argv[3]))
+    _serve(sys.argv[1], Path(sys.argv[2]))

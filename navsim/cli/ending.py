@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from types import FrameType
@@ -32,6 +33,9 @@ WORDS: dict[int, str] = {
 
 PATIENCE = 1.0
 """How long a command may take to end before something is said, or done, s."""
+
+_GAP_S = 0.2
+"""Longest time between the compiling of two kernels, s."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -233,10 +237,20 @@ def _still_here(number: int) -> None:
     """A command was told to end a while ago."""
     if not _held:  # it has: the interpreter goes on in somebody else's hands
         return
-    if _compiling():
+    if _compiling_soon():
         say(f"{WORDS[number]} while kernels were compiled", logged=False)
         os._exit(128 + number)
     say(f"{WORDS[number]}; what is under way is finished first, once more ends it at once")
+
+
+def _compiling_soon() -> bool:
+    """Whether another thread compiles, now or within `_GAP_S`: between two kernels nobody does for a moment."""
+    end = time.monotonic() + _GAP_S
+    while not _compiling():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.001)
+    return True
 
 
 def _compiling() -> bool:

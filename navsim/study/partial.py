@@ -48,7 +48,7 @@ JOURNAL = "journal.txt"
 """The file of `study.journal` in the folder."""
 
 _OWN = re.compile(
-    rf"{re.escape(_KEY_FILE)}|{re.escape(_COMMAND_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+\.(npz|sha256)|\..*"
+    rf"{re.escape(_KEY_FILE)}|{re.escape(_COMMAND_FILE)}|{re.escape(JOURNAL)}|[a-z0-9_-]+\.(npz|sha256)|\..*"
 )
 """Names that partial work has (`.sha256` in earlier versions), and those that begin with a dot: temporary files, and
 what file managers leave."""
@@ -152,7 +152,9 @@ class Store:
 
     def file(self, name: str) -> Path:
         """Where a piece is kept."""
-        return self.folder / f"{name}.npz"
+        path = self.folder / f"{name}.npz"
+        assert _OWN.fullmatch(path.name), f"{path.name} would be taken for the file of another program"
+        return path
 
     def find(self, name: str) -> dict[str, Kept] | None:
         """The arrays of a piece, which was read as a whole; None where there is none that counts."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import socket
@@ -16,10 +15,12 @@ from pathlib import Path
 import pytest
 
 from navsim.io.results import read
-from navsim.scenario.source import InputError, Place, Problem
+from navsim.scenario import load
+from navsim.scenario.source import InputError
 from navsim.study.executor import Lost
-from tests.conftest import ROOT, SCENARIOS
-from tests.forks import navsim
+from tests import forks
+from tests.conftest import SCENARIOS
+from tests.forks import Running, navsim
 from tests.product.test_run import stored
 
 pytest.importorskip("distributed")
@@ -28,13 +29,9 @@ LIMIT_S = 300.0
 """Whatever takes longer hangs."""
 
 
-def process(*words: object, cwd: Path) -> subprocess.Popen[str]:
-    """A program that ends with the test, whatever becomes of it."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "1", "OPENBLAS_NUM_THREADS": "1"}
-    return subprocess.Popen(
-        [sys.executable, "-m", *map(str, words)],
-        cwd=cwd, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+def start(*words: object, cwd: Path) -> Running:
+    """A command that ends with the test, whatever becomes of it."""
+    return forks.shared().start(*words, cwd=cwd, limit_s=LIMIT_S)
 
 
 class Cluster:
@@ -47,7 +44,7 @@ class Cluster:
             self.port = probe.getsockname()[1]
         self.address = f"tcp://127.0.0.1:{self.port}"
         self.file = folder / "scheduler.json"
-        self.processes: list[subprocess.Popen[str]] = []
+        self.processes: list[Running] = []
         self.start()
 
     def start(self) -> None:
@@ -60,14 +57,11 @@ class Cluster:
         self.workers = [self.worker(), self.worker()]
         self.wait_for(2)
 
-    def worker(self, *options: object) -> subprocess.Popen[str]:
+    def worker(self, *options: object) -> Running:
         return self._dask("worker", self.address, "--nthreads", 1, "--no-nanny", "--no-dashboard", *options)
 
-    def _dask(self, *words: object) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "dask", *map(str, words)]
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "1", "OPENBLAS_NUM_THREADS": "1"}
-        quiet = subprocess.DEVNULL
-        made = subprocess.Popen(command, cwd=self.folder, env=environment, stdout=quiet, stderr=quiet, text=True)
+    def _dask(self, *words: object) -> Running:
+        made = forks.shared().start(*words, cwd=self.folder, program=forks.DASK, limit_s=2 * LIMIT_S)
         self.processes.append(made)
         return made
 
@@ -83,8 +77,7 @@ class Cluster:
 
     def close(self) -> None:
         for each in self.processes:
-            each.kill()
-            each.wait()
+            each.send_signal(signal.SIGKILL)
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +85,22 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("cluster")
 
 
+def swept(place: Path) -> Path:
+    """A sweep by covariance analysis."""
+    study = place / "sweep.yaml"
+    study.write_text(
+        f"kind: sweep\nversion: 1\nbase: {SCENARIOS / 'landing_gnss_only.yaml'}\nmethod: covariance\n"
+        "outputs: [pdop, horizontal]\n"
+        "set: {duration_s: 61, receiver.rate_hz: 1, imu.rate_hz: 10, pseudolites.frame: runway, pseudolites.count: 1}\n"
+        "vary:\n  - {key: pseudolites.s_m, values: [100, 400]}\n  - {key: pseudolites.l1_m, values: [0, 500, 900]}\n"
+    )
+    return study
+
+
 @pytest.fixture(scope="module")
 def cluster(place: Path) -> Iterator[Cluster]:
+    study = ("sweep", swept(place), "-q", "--figures", "none", "-o", place / "warm.h5")
+    forks.shared().prepare([study], ["distributed.cli.dask_scheduler", "distributed.cli.dask_worker"])
     with ExitStack() as stack:
         made = Cluster(place)
         stack.callback(made.close)
@@ -120,21 +127,18 @@ def pieces(file: Path) -> dict[str, int]:
     return {path.name: path.stat().st_mtime_ns for path in Path(f"{file}.partial").glob("*.npz")}
 
 
-def ended(running: subprocess.Popen[str], code: int) -> str:
+def ended(running: Running, code: int) -> str:
     """What a command said until its end, with this code."""
-    try:
-        _, said = running.communicate(timeout=LIMIT_S)
-    finally:
-        running.kill()
-    assert running.returncode == code, said
-    assert "Traceback" not in said
-    return said
+    done = running.ended(LIMIT_S)
+    assert done.code == code, done.err
+    assert "Traceback" not in done.err
+    return done.err
 
 
-def some_finished(running: subprocess.Popen[str], file: Path, number: int = 1) -> None:
+def some_finished(running: Running, file: Path, number: int = 1) -> None:
     """Wait until a command has finished some pieces."""
     end = time.monotonic() + LIMIT_S
-    while len(pieces(file)) < number and running.poll() is None and time.monotonic() < end:
+    while len(pieces(file)) < number and not running.has_ended() and time.monotonic() < end:
         time.sleep(0.005)
 
 
@@ -159,12 +163,7 @@ def test_pushed_runs_end_where_those_of_threads_end(cluster: Cluster, place: Pat
 
 
 def test_sweep_is_that_of_threads(cluster: Cluster, place: Path) -> None:
-    study = place / "sweep.yaml"
-    study.write_text(
-        f"kind: sweep\nversion: 1\nbase: {SCENARIOS / 'landing_gnss_only.yaml'}\nmethod: covariance\n"
-        "set: {duration_s: 61, receiver.rate_hz: 1, imu.rate_hz: 10, pseudolites.frame: runway, pseudolites.count: 1}\n"
-        "vary:\n  - {key: pseudolites.s_m, values: [100, 400]}\n  - {key: pseudolites.l1_m, values: [0, 500, 900]}\n"
-    )
+    study = swept(place)
     command = ("sweep", study, "-q", "--figures", "none")
     navsim(*command, "-o", "sweep-threads.h5", cwd=place)
     navsim(*command, "-o", "sweep-dask.h5", "--scheduler", cluster.address, cwd=place)
@@ -186,20 +185,21 @@ def test_search_is_that_of_one_machine(cluster: Cluster, place: Path) -> None:
     assert stored(place / "search-dask.h5") == stored(place / "search-here.h5")
 
 
-def test_errors_of_workers_come_back_as_they_are(cluster: Cluster) -> None:
+def test_errors_of_workers_come_back_as_they_are(cluster: Cluster, tmp_path: Path) -> None:
     from navsim.study.cluster import Cluster as Pool
 
+    file = tmp_path / "a.yaml"
+    file.write_text("kind: landing\nversion: 1\n")
+    with pytest.raises(InputError) as here:
+        load.read(file)
     pool = Pool(cluster.address)
     try:
-        with pytest.raises(InputError) as caught:
-            pool.submit(refuse, "sky.mask_deg").result(60)
-        assert [str(problem) for problem in caught.value.problems] == ["a.yaml:3:1: sky.mask_deg: too high"]
+        with pytest.raises(InputError) as there:
+            pool.submit(load.read, file).result(60)
+        assert list(map(str, there.value.problems)) == list(map(str, here.value.problems))
+        assert f"{file}:1:1: epoch: this key is required" in map(str, there.value.problems)
     finally:
         pool.close()
-
-
-def refuse(key: str) -> None:
-    raise InputError([Problem(Place("a.yaml", 3, 1), key, "too high")])
 
 
 def test_dry_run_asks_nothing_of_this_machine_that_workers_have(cluster: Cluster, place: Path) -> None:
@@ -210,7 +210,7 @@ def test_dry_run_asks_nothing_of_this_machine_that_workers_have(cluster: Cluster
 
 def test_a_worker_is_killed(cluster: Cluster, place: Path, undisturbed: Path) -> None:
     file = place / "worker-killed.h5"
-    running = process("navsim", *LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
+    running = start(*LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
     some_finished(running, file)
     cluster.workers[0].send_signal(signal.SIGKILL)
     said = ended(running, 0)
@@ -222,17 +222,17 @@ def test_a_worker_is_killed(cluster: Cluster, place: Path, undisturbed: Path) ->
 
 def test_interrupt_keeps_what_is_finished_and_leaves_the_scheduler(cluster: Cluster, place: Path) -> None:
     file = place / "interrupted.h5"
-    running = process("navsim", *LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
+    running = start(*LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
     some_finished(running, file)
     running.send_signal(signal.SIGINT)
     assert "the same command goes on from there" in ended(running, 130)
     assert pieces(file)
-    assert cluster.scheduler.poll() is None
+    assert not cluster.scheduler.has_ended()
 
 
 def test_the_scheduler_is_killed_and_another_goes_on(cluster: Cluster, place: Path, undisturbed: Path) -> None:
     file = place / "scheduler-killed.h5"
-    running = process("navsim", *LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
+    running = start(*LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
     some_finished(running, file)
     cluster.scheduler.send_signal(signal.SIGKILL)
     said = ended(running, 3)
@@ -242,7 +242,7 @@ def test_the_scheduler_is_killed_and_another_goes_on(cluster: Cluster, place: Pa
     assert 0 < len(before) < RUNS // 32
     cluster.close()
     cluster.start()
-    running = process("navsim", *LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
+    running = start(*LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
     some_finished(running, file, len(before) + 1)
     after = pieces(file) or before  # none where it was already done
     assert {name: after[name] for name in before} == before  # none was flown twice
@@ -260,8 +260,7 @@ def test_a_worker_of_another_version_is_refused(cluster: Cluster, place: Path) -
         done = navsim(*LONG, "-o", "refused.h5", "--scheduler", cluster.address, cwd=place, code=2)
         assert "has navsim 0.0.9 where this machine has" in done.stderr
     finally:
-        other.kill()
-        other.wait()
+        other.send_signal(signal.SIGKILL)
         cluster.wait_for(2)
 
 

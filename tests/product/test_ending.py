@@ -17,10 +17,11 @@ import pytest
 from navsim.cli import ending
 from navsim.cli.common import progress
 from tests.conftest import ROOT, SCENARIOS
+from tests.forks import PYTHON, Running, found_first, navsim, shared
 
 NAVSIM = [sys.executable, "-m", "navsim"]
 LONG = ["run", str(SCENARIOS / "landing.yaml"), "--runs", "100000", "--keep", "none", "-q", "--workers", "1",
-        "-o", "long.h5"]  # fmt: skip
+        "--set", "filter.kind=eskf", "-o", "long.h5"]  # fmt: skip
 
 
 def _listening() -> None:
@@ -29,9 +30,8 @@ def _listening() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def start(cwd: Path, *arguments: str) -> subprocess.Popen[str]:
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen([*NAVSIM, *arguments], cwd=cwd, text=True, preexec_fn=_listening, **pipes)
+def start(cwd: Path, *arguments: str) -> Running:
+    return shared().start(*arguments, cwd=cwd, limit_s=300.0)
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -46,15 +46,26 @@ def test_signals_keep_finished_work(number: signal.Signals, tmp_path: Path) -> N
     process = start(tmp_path, *LONG)
     until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 128 + number
-    assert "finished runs are kept in long.h5.partial; the same command goes on from there" in err
-    assert err.endswith(f"{ending.WORDS[number]}\n")
-    assert "Traceback" not in err
-    assert out == ""
+    done = process.ended()
+    assert done.code == 128 + number
+    assert "finished runs are kept in long.h5.partial; the same command goes on from there" in done.err
+    assert done.err.endswith(f"{ending.WORDS[number]}\n")
+    assert "Traceback" not in done.err
+    assert done.out == ""
     assert [path.name for path in tmp_path.iterdir()] == ["long.h5.partial"]
 
 
+def seconds_of_other_threads(pid: int) -> float:
+    """Processor time of the threads of a process without that of its main thread."""
+    ticks = 0
+    for thread in Path(f"/proc/{pid}/task").iterdir():
+        if thread.name != str(pid):
+            fields = (thread / "stat").read_text().rpartition(")")[2].split()
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs a system that tells of threads")
 def test_a_signal_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
     """Which takes most of a minute at the first start, and would have it to the end."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cold")}
@@ -64,7 +75,7 @@ def test_a_signal_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
     )
     assert process.stderr is not None
     assert "compiling the kernels, once" in process.stderr.readline()
-    time.sleep(6.0)
+    until(lambda: seconds_of_other_threads(process.pid) > 0.5)  # where the main thread compiles it ends at once
     process.send_signal(signal.SIGTERM)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 128 + signal.SIGTERM
@@ -72,7 +83,9 @@ def test_a_signal_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
 
 
 def test_signals_in_a_row_show_no_traceback(tmp_path: Path) -> None:
-    process = start(tmp_path, *LONG)
+    """Until the interpreter itself has ended: that of a program, not a fork."""
+    command = [*NAVSIM, *LONG]
+    process = subprocess.Popen(command, cwd=tmp_path, text=True, preexec_fn=_listening, stderr=subprocess.PIPE)
     until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))
     sent = 0
     while process.poll() is None:  # until it has ended, whatever it is at
@@ -130,12 +143,10 @@ from navsim.study import landing
 landing.partial_key = key
 main()
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120, preexec_fn=_listening
-    )
-    assert "Exception ignored" in done.stderr
-    assert done.returncode == 130, done.stderr
-    assert done.stderr.endswith("interrupted\n")
+    done = shared().start("-c", code, cwd=tmp_path, program=PYTHON).ended()
+    assert "Exception ignored" in done.err
+    assert done.code == 130, done.err
+    assert done.err.endswith("interrupted\n")
 
 
 def test_ignored_signals_stay_ignored(tmp_path: Path) -> None:
@@ -158,22 +169,19 @@ def test_the_second_on_one_output_is_told_who_is_there(tmp_path: Path) -> None:
     first = start(tmp_path, *LONG)
     until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))
     first.send_signal(signal.SIGSTOP)  # it stays where it is, and leaves the processor to the others
-    second = start(tmp_path, *LONG)
-    _, err = second.communicate(timeout=60)
-    assert second.returncode == 2
-    assert f"long.h5: process {first.pid} on " in err
-    assert "is at work on it; wait for it, or choose another -o/--output" in err
-    assert first.poll() is None
-    dry = start(tmp_path, *LONG, "--dry-run")
-    dry.communicate(timeout=60)
-    assert dry.returncode == 0
-    first.kill()
-    first.communicate()
+    second = start(tmp_path, *LONG).ended()
+    assert second.code == 2
+    assert f"long.h5: process {first.pid} on " in second.err
+    assert "is at work on it; wait for it, or choose another -o/--output" in second.err
+    assert not first.has_ended()
+    assert start(tmp_path, *LONG, "--dry-run").ended().code == 0
+    first.send_signal(signal.SIGKILL)
+    first.ended()
     (tmp_path / ".long.h5.4711.tmp").touch()  # a result half written by a process that was killed
     third = start(tmp_path, *LONG)
     until(lambda: not (tmp_path / ".long.h5.4711.tmp").exists())
-    third.terminate()
-    third.communicate(timeout=60)
+    third.send_signal(signal.SIGTERM)
+    third.ended()
     assert [path.name for path in tmp_path.iterdir()] == ["long.h5.partial"]
 
 
@@ -190,17 +198,24 @@ def test_too_little_memory_is_said(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("shown")
-    arguments = ["run", str(SCENARIOS / "landing.yaml"), "--set", "duration_s=2", "-q", "-o", "r.h5"]
-    assert subprocess.run([*NAVSIM, *arguments], cwd=folder, check=False).returncode == 0
+    navsim("run", SCENARIOS / "landing.yaml", "--set", "duration_s=2", "-q", "-o", "r.h5", cwd=folder)
     return folder
 
 
 def shell(line: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[bytes]:
-    python = f"{sys.executable} -m navsim"
-    return subprocess.run(
-        ["bash", "-c", line.replace("navsim", python, 1)], cwd=cwd, capture_output=True, timeout=120, check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-    )  # fmt: skip
+    return subprocess.run(["bash", "-c", line], cwd=cwd, capture_output=True, timeout=120, env=environment)
+
+
+def started(line: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    """By an interpreter that starts with these streams and settings."""
+    line = line.replace("navsim", f"{sys.executable} -m navsim", 1)
+    return shell(line, cwd, **{**os.environ, "PYTHONPATH": str(ROOT), **environment})
+
+
+@pytest.fixture(scope="module")
+def forked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment of a shell whose navsim is quick to start."""
+    return found_first(shared().programs(tmp_path_factory.mktemp("programs")))
 
 
 @pytest.mark.parametrize(
@@ -208,7 +223,7 @@ def shell(line: str, cwd: Path, **environment: str) -> subprocess.CompletedProce
     [{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "cp1251"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}],
 )
 def test_any_encoding_will_do(environment: dict[str, str], shown: Path) -> None:
-    done = shell("navsim show r.h5", shown, **environment)
+    done = started("navsim show r.h5", shown, **environment)
     assert done.returncode == 0, done.stderr
     assert b"PDOP" in done.stdout
 
@@ -228,8 +243,11 @@ def test_any_encoding_will_do(environment: dict[str, str], shown: Path) -> None:
         ("navsim show r.h5 | true; exit ${PIPESTATUS[0]}", 0, b""),
     ],
 )
-def test_streams_that_are_full_or_closed(line: str, code: int, said: bytes, shown: Path) -> None:
-    done = shell(line, shown)
+def test_streams_that_are_full_or_closed(
+    line: str, code: int, said: bytes, shown: Path, forked: dict[str, str]
+) -> None:
+    # what is closed is so from the interpreter's first moment
+    done = started(line, shown) if "&-" in line else shell(line, shown, **forked)
     assert done.returncode == code, done.stderr
     assert said in done.stderr
     assert b"Traceback" not in done.stderr
@@ -239,8 +257,9 @@ def test_streams_that_are_full_or_closed(line: str, code: int, said: bytes, show
 def test_a_closed_stream_does_not_get_into_the_result(shown: Path, tmp_path: Path) -> None:
     """A file opened while standard output is closed would be number 1, and get what is printed."""
     line = f"navsim run {SCENARIOS / 'landing.yaml'} --set duration_s=2 --figures none -o r.h5 >&- 2>&-"
-    assert shell(line, tmp_path).returncode == 0
-    assert shell("navsim show r.h5 --json", tmp_path).stdout == shell("navsim show r.h5 --json", shown).stdout
+    assert started(line, tmp_path).returncode == 0
+    mine, right = (navsim("show", "r.h5", "--json", cwd=folder).stdout for folder in (tmp_path, shown))
+    assert mine == right
 
 
 def test_words_for_a_terminal_that_went_away_are_lost(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import re
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +12,18 @@ from scipy.stats import chi2
 
 from navsim.io.results import read
 from navsim.study.ensemble import BATCH
+from tests import forks
 from tests.conftest import SCENARIOS
+from tests.forks import Ended, navsim
 from tests.layout import as_declared
-from tests.product.test_run import SHORT, navsim, stored, with_files_limited
+from tests.product.test_run import SHORT, stored
+from tests.steps import PIECE
 
 RUNS = 16 * BATCH
 KEPT = "finished runs are kept in {0}.partial; the same command goes on from there, or navsim resume {0}.partial\n"
-QUICK = (*SHORT, "--set", "imu.rate_hz=50")
+QUICK = (*SHORT, "--set", "imu.rate_hz=50", "--set", "receiver.rate_hz=2", "--set", "filter.kind=eskf")
+BATCH_BYTES = 500_000
+"""Of a batch of the study on disk, roughly."""
 COMMAND = ("run", SCENARIOS / "landing.yaml", *QUICK, "--runs", RUNS, "-q")
 
 
@@ -42,45 +44,40 @@ def finished(file: Path) -> list[Path]:
     return sorted(Path(f"{file}.partial").glob("*.npz"))
 
 
-def stopped_by(number: signal.Signals, file: Path, after: int, cwd: Path) -> subprocess.Popen[str]:
-    """Start the study and send it a signal once some more batches are finished."""
-    before = len(finished(file))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "navsim", *map(str, COMMAND), "-o", str(file)],
-        cwd=cwd,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    deadline = time.monotonic() + 120
-    while len(finished(file)) < before + after and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.01)
-    process.send_signal(number)
-    return process
+def stopped_by(number: str, file: Path, after: int, *more: object) -> Ended:
+    """The study, which gets a signal as the batch after these is about to be kept."""
+    words = (*COMMAND, "--workers", 1, *more, "-o", file)
+    return forks.shared().run(*words, cwd=file.parent, what=number, at=after + 1, of=PIECE)
 
 
 def test_killed_three_times_and_resumed(place: Path, undisturbed: Path) -> None:
     file = place / "killed.h5"
-    for _ in range(3):
-        process = stopped_by(signal.SIGKILL, file, 2, place)
-        process.wait()
-        assert process.returncode == -signal.SIGKILL
+    for kept in (2, 4, 6):
+        assert stopped_by("SIGKILL", file, 2).code == -signal.SIGKILL
         assert not file.exists()
-    assert 3 <= len(finished(file)) < 16
-    navsim(*COMMAND, "--workers", 1, "-o", file, cwd=place)
+        assert len(finished(file)) == kept
+    navsim(*COMMAND, "--workers", 2, "-o", file, cwd=place)
     assert stored(file) == stored(undisturbed)
     assert not Path(f"{file}.partial").exists()
+
+
+def test_killed_while_two_threads_fly(place: Path, undisturbed: Path) -> None:
+    file = place / "threads.h5"
+    assert stopped_by("SIGKILL", file, 5, "--workers", 2).code == -signal.SIGKILL
+    assert 3 < len(finished(file)) < 16
+    navsim(*COMMAND, "--workers", 1, "-o", file, cwd=place)
+    assert stored(file) == stored(undisturbed)
 
 
 def test_interrupt_keeps_what_is_finished(place: Path, undisturbed: Path, tmp_path: Path) -> None:
     """And `navsim resume` goes on with it, from any folder."""
     file = place / "interrupted.h5"
-    process = stopped_by(signal.SIGINT, file, 2, place)
-    _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in stderr
-    assert f"goes on from there, or navsim resume {file}.partial\n" in stderr
+    done = stopped_by("SIGINT", file, 2)
+    assert done.code == 130
+    assert "Traceback" not in done.err
+    assert f"goes on from there, or navsim resume {file}.partial\n" in done.err
     kept = {path.name: path.stat().st_mtime_ns for path in finished(file)}
-    assert len(kept) >= 2
+    assert 2 <= len(kept) < 16
     said = navsim("resume", f"{file}.partial", cwd=tmp_path).stderr
     assert said.startswith(f"navsim {COMMAND[0]} {COMMAND[1]} --output {file} ")
     assert stored(file) == stored(undisturbed)
@@ -101,7 +98,7 @@ def flip(path: Path) -> None:
 def test_damaged_batches_are_flown_again(place: Path, undisturbed: Path) -> None:
     """One cut short, and one with a bit changed."""
     file = place / "damaged.h5"
-    stopped_by(signal.SIGKILL, file, 4, place).wait()
+    stopped_by("SIGKILL", file, 4)
     for damage, victim in zip((cut, flip), finished(file)[:2], strict=True):
         damage(victim)
     done = navsim(*COMMAND, "-o", file, cwd=place)
@@ -111,7 +108,7 @@ def test_damaged_batches_are_flown_again(place: Path, undisturbed: Path) -> None
 
 def test_another_study_is_refused_unless_fresh(place: Path) -> None:
     file = place / "other.h5"
-    stopped_by(signal.SIGKILL, file, 2, place).wait()
+    stopped_by("SIGKILL", file, 2)
     refused = navsim(*COMMAND, "--seed", 2, "-o", file, cwd=place, code=2)
     assert re.search(r"other.h5.partial.*another study.*seed 1 there, 2 here.*--fresh", refused.stderr)
     assert len(finished(file)) >= 2
@@ -125,12 +122,10 @@ def test_full_disk_keeps_finished_batches(place: Path) -> None:
     ends = {0: "; nothing of it is kept; the same command begins anew\n", 2: KEPT.format(file)}
     for before, end in ends.items():
         if before:
-            stopped_by(signal.SIGKILL, file, before, place).wait()
+            stopped_by("SIGKILL", file, before)
         kept = finished(file)
-        assert len(kept) >= before
-        done = with_files_limited(1_000_000, *COMMAND, "-o", file, cwd=place)
-        assert done.returncode == 3, done.stderr
-        assert "Traceback" not in done.stderr
+        assert len(kept) == before
+        done = navsim(*COMMAND, "-o", file, cwd=place, code=3, file_bytes=BATCH_BYTES // 2)
         assert "full.h5.partial" in done.stderr
         assert "cannot be written" in done.stderr
         assert done.stderr.endswith(end)
@@ -141,9 +136,7 @@ def test_full_disk_keeps_finished_batches(place: Path) -> None:
 def test_large_result_on_a_full_disk(place: Path) -> None:
     """The file of an ensemble is larger than its batches; when it does not fit, the batches stay."""
     file = place / "large.h5"
-    done = with_files_limited(20_000_000, *COMMAND, "-o", file, cwd=place)
-    assert done.returncode == 3, done.stderr
-    assert "Traceback" not in done.stderr
+    done = navsim(*COMMAND, "-o", file, cwd=place, code=3, file_bytes=4 * BATCH_BYTES)
     assert done.stderr.endswith(KEPT.format(file))
     assert len(finished(file)) == 16
     navsim(*COMMAND, "-o", file, cwd=place)
@@ -151,7 +144,7 @@ def test_large_result_on_a_full_disk(place: Path) -> None:
 
 
 def test_keep_decides_what_is_stored(place: Path) -> None:
-    base = ("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", 30, "-q", "-o", "keep.h5", "--keep")
+    base = ("run", SCENARIOS / "landing.yaml", *QUICK, "--runs", 30, "-q", "-o", "keep.h5", "--keep")
     summaries = []
     for keep, stored_paths, left_out in (
         ("none", ["/summary/rms/horizontal"], ["/filter/error", "/receiver/position_llh"]),

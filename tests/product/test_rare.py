@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +12,9 @@ from PIL import Image
 
 from navsim.io.results import read
 from tests.conftest import SCENARIOS
-from tests.forks import navsim
+from tests.forks import navsim, shared
 from tests.layout import as_declared
+from tests.steps import KILL, PIECE
 
 FAST = ("--set", "filter.kind=eskf", "--set", "receiver.rate_hz=1")
 BOX = ("--set", "box={lateral_m: 2.4, vertical_m: 3.6}")
@@ -150,8 +148,10 @@ def test_rejected_fixes_are_reported(place: Path) -> None:
     ("words", "message"),
     [
         (("--set", "box=null"), "box: method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`"),
-        (("--set", "box={}"), "error: --set box={}: box: limits nothing: give lateral_m, along_m, from_threshold_m or "
-         "vertical_m"),
+        (
+            ("--set", "box={}"),
+            "error: --set box={}: box: limits nothing: give lateral_m, along_m, from_threshold_m or vertical_m",
+        ),
         (("--set", "box.height_m=5000"), "the aircraft never comes down through 5000 m above the runway"),
         (
             ("--set", "filter.kind=rts"),
@@ -174,17 +174,11 @@ def test_refused(words: tuple[str, ...], message: str, place: Path) -> None:
 
 def test_killed_and_resumed(place: Path) -> None:
     """A study that is interrupted goes on to the same numbers, to the bit."""
-    whole = ("--runs", 800, "-q", "--workers", 1)
-    assert navsim(*RARE, *whole, "-o", "whole.h5", cwd=place).returncode == 0
-    command = [sys.executable, "-m", "navsim", *map(str, (*RARE, *whole, "-o", "cut.h5"))]
-    process = subprocess.Popen(command, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    folder = place / "cut.h5.partial"
-    deadline = time.monotonic() + 120
-    while len(list(folder.glob("*.npz"))) < 3 and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert folder.exists()
-    assert navsim(*RARE, *whole, "-o", "cut.h5", cwd=place).returncode == 0
+    whole = (*RARE, "--runs", 256, "-q", "--workers", 1)
+    navsim(*whole, "-o", "whole.h5", cwd=place)
+    cut = (*whole, "-o", "cut.h5")
+    assert shared().run(*cut, cwd=place, what=KILL, at=4, of=PIECE).code == -signal.SIGKILL
+    assert len(list((place / "cut.h5.partial").glob("*.npz"))) == 3
+    navsim(*cut, cwd=place)
     for name in ("/rare/error", "/rare/log_weight", "/summary/rare/probability"):
         np.testing.assert_array_equal(read(place / "cut.h5")[name], read(place / "whole.h5")[name])

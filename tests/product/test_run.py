@@ -7,8 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,22 +19,13 @@ from PIL import Image
 from navsim.core import states
 from navsim.core.dop import dops
 from navsim.io.results import Result, read
+from tests import forks
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim
 from tests.layout import as_declared
+from tests.steps import PIECE
 
 SHORT = ("--set", "duration_s=65")
-
-
-def with_files_limited(size: int, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """navsim where no file may grow beyond `size` bytes, which stands for a full disk."""
-    code = (
-        "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}));"
-        "from navsim.__main__ import main; main()"
-    )
-    command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
 
 
 @pytest.fixture(scope="module")
@@ -344,19 +333,10 @@ def test_shorter_than_a_fix_interval(place: Path) -> None:
     assert read(place / "t.h5")["/filter/error"].shape == (1, 1, 15)
 
 
-def signalled(number: signal.Signals, file: Path, cwd: Path) -> tuple[int, str]:
-    """Exit code and standard error of a long study that gets a signal once its first batch is finished."""
-    arguments = ("run", SCENARIOS / "landing.yaml", "--runs", 100_000, "--keep", "none", "-q", "-o", file)
-    command = [sys.executable, "-m", "navsim", *map(str, arguments)]
-    process = subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 120.0
-    while not any(cwd.glob(f"{file.name}.partial/*.npz")):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(number)
-    _, stderr = process.communicate(timeout=60)
-    return process.returncode, stderr
+def signalled(number: str, file: Path, cwd: Path) -> forks.Ended:
+    """A study of many runs that gets a signal as its second batch is about to be kept."""
+    many = (*SHORT, "--set", "filter.kind=eskf", "--runs", 10_000, "--workers", 1, "--keep", "none", "-q", "-o", file)
+    return forks.shared().run("run", SCENARIOS / "landing.yaml", *many, cwd=cwd, what=number, at=2, of=PIECE)
 
 
 def test_a_kill_leaves_no_half_file(place: Path) -> None:
@@ -364,15 +344,15 @@ def test_a_kill_leaves_no_half_file(place: Path) -> None:
     file = place / "killed.h5"
     navsim("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", 2, "-q", "-o", file, cwd=place)
     before = file.read_bytes()
-    assert signalled(signal.SIGKILL, file, place)[0] == -signal.SIGKILL
+    assert signalled("SIGKILL", file, place).code == -signal.SIGKILL
     assert file.read_bytes() == before
     assert {p.name for p in place.glob("*killed.h5*")} == {"killed.h5", "killed.h5.partial", ".killed.h5.lock"}
 
 
 def test_interrupt_exits_130(place: Path) -> None:
-    code, stderr = signalled(signal.SIGINT, place / "i.h5", place)
-    assert code == 130
-    assert "Traceback" not in stderr
+    done = signalled("SIGINT", place / "i.h5", place)
+    assert done.code == 130
+    assert "Traceback" not in done.err
     assert not (place / "i.h5").exists()
 
 
@@ -381,9 +361,8 @@ def test_full_disk_is_a_clear_error(place: Path) -> None:
     file = place / "full.h5"
     navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "-o", file, cwd=place)
     before = file.read_bytes()
-    done = with_files_limited(100_000, "run", SCENARIOS / "landing.yaml", "-q", "-o", file, cwd=place)
-    assert done.returncode == 3, done.stderr
-    assert "Traceback" not in done.stderr
+    again = ("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "-o", file)
+    done = navsim(*again, cwd=place, code=3, file_bytes=100_000)
     assert "full.h5" in done.stderr
     assert done.stderr.endswith("; nothing of it is kept; the same command begins anew\n")
     assert file.read_bytes() == before

@@ -5,9 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +14,13 @@ from PIL import Image
 
 from navsim.io.results import read
 from navsim.study.landing import covariance_analysis, covariance_result
+from tests import forks
 from tests.conftest import SCENARIOS
+from tests.forks import navsim
 from tests.helpers import case
 from tests.layout import as_declared
-from tests.product.test_run import navsim, stored, with_files_limited
+from tests.product.test_run import stored
+from tests.steps import KILL, PIECE
 
 BASE = SCENARIOS / "landing_gnss_only.yaml"
 
@@ -37,6 +37,7 @@ vary:
   - {key: pseudolites.count, values: [1, 2]}
   - {key: pseudolites.s_m, grid: {first: 50, last: 2000, count: 60}}
   - {key: pseudolites.l1_m, range: {first: -500, last: 4000, step: 100}}
+outputs: [pdop, vdop_max, fix_vertical]
 """
 SIZE = 2 * 60 * 46
 
@@ -158,28 +159,16 @@ def test_killed_three_times_with_damage_on_the_way(place: Path, grid: Path) -> N
     file = study(place, "grid", GRID)
     target = place / "killed.h5"
     folder = Path(f"{target}.partial")
-    slow = (
-        "import time; from navsim.study import sweep; own = sweep.SweepStudy._placements\n"
-        "def waited(*a): time.sleep(0.3); return own(*a)\n"
-        "sweep.SweepStudy._placements = waited\nfrom navsim.__main__ import main; main()"
-    )
-    for attempt in range(3):
-        arguments = ["sweep", str(file), "-o", str(target), "-q", "--workers", "1"]
-        before = len(list(folder.glob("*.npz")))
-        process = subprocess.Popen([sys.executable, "-c", slow, *arguments], cwd=place, stderr=subprocess.PIPE)
-        deadline = time.monotonic() + 120
-        while len(list(folder.glob("*.npz"))) <= before and time.monotonic() < deadline:
-            assert process.poll() is None, process.stderr and process.stderr.read()
-            time.sleep(0.01)
-        assert len(list(folder.glob("*.npz"))) > before
-        process.send_signal(signal.SIGKILL)
-        assert process.wait() == -signal.SIGKILL
+    command = ("sweep", file, "-o", target, "-q", "--workers", 1)
+    for kept in (1, 2, 3):
+        done = forks.shared().run(*command, cwd=place, what=KILL, at=2, of=PIECE)
+        assert done.code == -signal.SIGKILL
+        assert len(list(folder.glob("*.npz"))) == kept
         assert not target.exists()
-        if attempt == 2:
-            victim = sorted(folder.glob("*.npz"))[0]
-            content = bytearray(victim.read_bytes())
-            content[len(content) // 2] ^= 1
-            victim.write_bytes(content)
+    victim = min(folder.glob("*.npz"))
+    content = bytearray(victim.read_bytes())
+    content[len(content) // 2] ^= 1
+    victim.write_bytes(content)
     done = navsim("sweep", file, "-o", target, "--workers", 2, "--figures", "none", cwd=place)
     assert "1 damaged piece" in done.stderr
     assert stored(target) == stored(grid)
@@ -189,10 +178,11 @@ def test_killed_three_times_with_damage_on_the_way(place: Path, grid: Path) -> N
 
 def test_full_disk_keeps_what_is_finished(place: Path) -> None:
     file = study(place, "full", GRID)
-    failed = with_files_limited(150_000, "sweep", file, "-o", "full.h5", "-q", cwd=place)
-    assert failed.returncode == 3
+    command = ("sweep", file, "-o", "full.h5", "-q", "--workers", 1)
+    forks.shared().run(*command, cwd=place, what=KILL, at=3, of=PIECE)
+    failed = navsim(*command, cwd=place, code=3, file_bytes=50_000)
     assert "full.h5" in failed.stderr
-    assert "Traceback" not in failed.stderr
+    assert len(list((place / "full.h5.partial").glob("*.npz"))) == 2
     assert not (place / "full.h5").exists()
 
 
@@ -202,7 +192,8 @@ def test_another_study_is_refused(place: Path) -> None:
     folder.mkdir()
     (folder / "key.json").write_text(json.dumps({"study_sha256": "x", "seed": 1}))
     (folder / "0000000.npz").write_text("of a piece")
-    file = study(place, "other", GRID)
+    text = "set: {pseudolites.frame: runway, pseudolites.count: 1, pseudolites.l1_m: 500}\noutputs: [pdop]\n"
+    file = study(place, "other", f"{text}vary: [{{key: pseudolites.s_m, values: [100, 200]}}]")
     done = navsim("sweep", file, "-o", target, cwd=place, code=2)
     assert "--fresh" in done.stderr
     navsim("sweep", file, "-o", target, "--fresh", "-q", cwd=place)
@@ -221,6 +212,7 @@ outputs: [pdop, horizontal, vertical_200ft]
     file = study(place, "filters", text)
     navsim("sweep", file, "--method", "covariance", "-o", "covariance.h5", cwd=place)
     navsim("sweep", file, "--method", "monte-carlo", "--runs", 200, "-o", "runs.h5", "-q", cwd=place)
+    assert not (place / "covariance.h5.partial").exists()  # nor the runs of the best by vertical_200ft
     linear, flown = read(place / "covariance.h5"), read(place / "runs.h5")
     as_declared(linear)
     as_declared(flown)
@@ -248,6 +240,7 @@ vary:
   - {key: pseudolites.s_m, lhs: {first: 100, last: 500}}
   - {key: pseudolites.l1_m, lhs: {first: 0, last: 4000}}
   - {key: sky.mask_deg, values: [5, 10]}
+outputs: [pdop]
 """
     file = study(place, "cube", text)
     navsim("sweep", file, "-o", "cube.h5", cwd=place)
@@ -263,14 +256,15 @@ vary:
 def test_impossible_combinations_are_nan_and_named(place: Path) -> None:
     """A pseudolite under the wheels at touchdown is no scenario; the others are computed."""
     text = """
-set: {pseudolites.frame: runway, pseudolites.count: 1, receiver.rate_hz: 1}
+set: {pseudolites.frame: runway, pseudolites.count: 1, receiver.rate_hz: 1, imu.rate_hz: 10, duration_s: 61}
 vary:
   - {key: pseudolites.s_m, values: [1, 100]}
   - {key: pseudolites.l1_m, values: [0, 1000]}
 """
     for method, bad in (("dop", 1), ("covariance", 1)):
-        file = study(place, f"wheels_{method}", text)
-        done = navsim("sweep", file, "--method", method, "-o", f"wheels_{method}.h5", cwd=place)
+        outputs = "outputs: [pdop]" if method == "dop" else "outputs: [pdop, horizontal]"
+        file = study(place, f"wheels_{method}", text + outputs)
+        done = navsim("sweep", file, "--method", method, "-o", f"wheels_{method}.h5", "-q", cwd=place)
         result = read(place / f"wheels_{method}.h5")
         assert np.isnan(result["/sweep/pdop"]).sum() == bad
         assert np.isnan(result["/sweep/pdop"][0, 0])
