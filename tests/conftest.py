@@ -63,14 +63,25 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = wanted
 
 
+SHARES = {"": 1.0, "(relative)": 1.0, "%": 0.01}
+UNITS = ("m", "m2", "m/s", "m/s2", "m/s rms an axis", "s", "rad", "deg", "deg/s", "deg/s2", "Pa", "dB")
+"""Units that tolerances of oracle tests may have: those that the tests compute in."""
+
+
 class Within(dict[str, float]):
-    """The tolerances of an oracle test by what they are of, and which of them the test has used."""
+    """The tolerances of an oracle test by what they are of, and which of them the test has used.
+
+    Raises pytest.UsageError for a unit that no test computes in: a tolerance of `1 mm` would be one of 1 m.
+    """
 
     def __init__(self, texts: dict[str, str]) -> None:
         super().__init__()
         for name, text in texts.items():
             number, _, unit = text.partition(" ")
-            self[name] = float(number) * (0.01 if unit == "%" else 1.0)
+            if unit not in UNITS and unit not in SHARES:
+                known = ", ".join([*UNITS, "%", "(relative)"])
+                raise pytest.UsageError(f"{name}={text!r}: unknown unit {unit!r}; give it in one of {known}")
+            self[name] = float(number) * SHARES.get(unit, 1.0)
         self.unused = set(texts)
 
     def __getitem__(self, name: str) -> float:
