@@ -73,6 +73,8 @@ LONGEST_FLIGHT = 1e6
 """Of a simulation, s. Memory bounds flights earlier: the budget is asked before they are flown."""
 FlightTime = Annotated[float, Field(ge=0.0, le=LONGEST_FLIGHT)]
 """A time in a flight, s after time 0."""
+EndTime = Annotated[float, Field(gt=0.0, le=LONGEST_FLIGHT)]
+"""When a flight, or a part of it, ends, s after time 0."""
 Stretch = Annotated[float, Field(ge=0.01, le=LONGEST_FLIGHT)]
 """How long a part of a flight takes, s."""
 ScanPeriod = Annotated[float, Field(ge=0.001, le=60.0)]

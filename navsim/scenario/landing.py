@@ -29,7 +29,7 @@ from navsim.scenario.approach import (
 )
 from navsim.scenario.base import (
     DEG,
-    LONGEST_FLIGHT,
+    EndTime,
     KeyedError,
     ListOf,
     Section,
@@ -87,7 +87,7 @@ class Landing(Section):
     """title of results, reports and exports; empty: they show the name of the file"""
     epoch: Utc
     """UTC of time 0"""
-    duration_s: Annotated[float, Field(gt=0.0, le=LONGEST_FLIGHT)] = 120.0
+    duration_s: EndTime = 120.0
     """length of the simulation"""
     method: Literal["monte-carlo", "covariance", "rare"] = "monte-carlo"
     """monte-carlo: fly the runs; covariance: the same accuracy to first order from matrices, with an error budget;

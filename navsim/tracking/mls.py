@@ -64,11 +64,13 @@ def flare(s: np.ndarray, station: float = 750.0) -> Leg:
 
 
 def roll_out(s: np.ndarray) -> Leg:
-    """Segment 4, s = 0 ... 40 s: braking at ROLL_OUT, 2 m above the station's plane."""
+    """Segment 4, from s = 0: braking at ROLL_OUT to a standstill at 40 s, 2 m above the station's plane."""
     s = np.asarray(s, dtype=float)
     one = np.ones_like(s)
-    d = _ROLL_OUT_STATION - 80.0 * s + 0.5 * ROLL_OUT * s**2
-    return Leg(d, -80.0 + ROLL_OUT * s, ROLL_OUT * one, 2.0 * one, 0.0 * s, 0.0 * s)
+    braking = np.minimum(s, 80.0 / ROLL_OUT)
+    d = _ROLL_OUT_STATION - 80.0 * braking + 0.5 * ROLL_OUT * braking**2
+    d1, d2 = -80.0 + ROLL_OUT * braking, np.where(braking < s, 0.0, ROLL_OUT)
+    return Leg(d, d1, d2, 2.0 * one, 0.0 * s, 0.0 * s)
 
 
 def elevation(leg: Leg) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

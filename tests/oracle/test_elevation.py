@@ -438,3 +438,13 @@ def test_small_kernels_equal_matrix_algebra() -> None:
             np.testing.assert_allclose(after, keep @ p @ keep.T + 0.3 * k @ k.T, rtol=1e-12, atol=1e-12)
             np.testing.assert_allclose(weighed, x + 0.7 * k[:, 0], rtol=1e-12)
             assert nis == pytest.approx(0.49 / (p[index, index] + 0.3))
+
+
+def test_the_aircraft_stands_after_its_roll_out() -> None:
+    """40 s of braking from 80 m/s; a run may be longer, and the aircraft does not drive backwards."""
+    stop = mls.GLIDE_END + mls.FLARE + 40.0
+    late = mls.along(np.array([stop, stop + 1e-6, stop + 3600.0]))
+    np.testing.assert_allclose(late.d, late.d[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(late.d1, 0.0, atol=1e-9)
+    assert late.d2[0] == mls.ROLL_OUT
+    np.testing.assert_array_equal(late.d2[1:], 0.0)

@@ -66,3 +66,21 @@ def test_options_of_landings_are_refused(tmp_path: Path) -> None:
         assert option[0] in done.stderr
     done = navsim("run", SCENARIOS / "mls_elevation.yaml", "--set", "filter.modell=paper", cwd=tmp_path, code=2)
     assert "did you mean 'model'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "setting"),
+    [
+        ("mls_elevation", "nominal.to_s=10800"),
+        ("mls_elevation", "azimuth.to_s=10800"),
+        ("azimuth_tracking", "circuit.duration_s=10800"),
+        ("atc_tracking", "circuit.duration_s=10800"),
+    ],
+)
+def test_more_than_an_hour_is_flown_where_memory_allows(name: str, setting: str, tmp_path: Path) -> None:
+    """Memory alone bounds the length, and is asked for before anything is flown."""
+    scenario = SCENARIOS / f"{name}.yaml"
+    assert "of memory" in navsim("run", scenario, "--set", setting, "--dry-run", cwd=tmp_path).stderr
+    key = setting.partition("=")[0]
+    done = navsim("run", scenario, "--set", f"{key}=2e6", "--dry-run", cwd=tmp_path, code=2)
+    assert "1e+06" in done.stderr or "1000000" in done.stderr

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from navsim.scenario.base import DEG, ListOf, Pair, Section, Signed, Triple
+from navsim.scenario.base import DEG, LONGEST_FLIGHT, ListOf, Pair, Section, Signed, Triple
 
 if TYPE_CHECKING:
     from navsim.tracking.circuit import Circuit
@@ -43,7 +43,7 @@ class CircuitSection(Section):
     """raised-cosine ramps of the speed: start s, duration s, increment"""
     path_angle_deg: ListOf[Command] = ((283.795, 8.0, -3.0),)
     """raised-cosine ramps of the path angle: start s, duration s, increment"""
-    duration_s: Annotated[float, Field(gt=10.0, le=3600.0)] = 406.0
+    duration_s: Annotated[float, Field(gt=10.0, le=LONGEST_FLIGHT)] = 406.0
     """length of the flight"""
     manoeuvre_s: ListOf[Pair] = ((160.0, 195.346), (241.652, 273.907))
     """stretches in which errors are counted as those of the manoeuvre"""

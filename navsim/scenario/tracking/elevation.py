@@ -9,6 +9,8 @@ from pydantic import Field, model_validator
 
 from navsim.scenario.base import (
     CorrelationTime,
+    EndTime,
+    FlightTime,
     ListOf,
     Pair,
     PairOf,
@@ -76,9 +78,9 @@ def _check_run(section: Any) -> None:
 class NominalSection(Section):
     """The run on the nominal trajectory, where truth does not follow the filter's model."""
 
-    from_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 60.0
+    from_s: FlightTime = 60.0
     """start of the run, on the nominal trajectory"""
-    to_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 110.0
+    to_s: EndTime = 110.0
     """end of the run, on the nominal trajectory"""
     rate_variances_deg2_s2: ListOf[Variance] = (1e-4, 7.462188e-6, 1.19395e-8)
     """the paper's Q, and what its formula gives for accelerations up and along"""
@@ -103,15 +105,15 @@ class AzimuthChannel(Section):
     """Q of the filter: the noise density of the paper's Q over this period; for accelerations across at 9 km"""
     initial_deg: Pair = (3.5, -0.1)
     """azimuth, and rate in deg/s, the filter starts with"""
-    on_line_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 75.0
+    on_line_s: FlightTime = 75.0
     """time of the nominal trajectory from which on the aircraft is on the centre line"""
     cross_speed_m_s: Annotated[float, Field(ge=0.1, le=200.0)] = 30.0
     """speed across, towards the centre line, before the turn"""
     cross_acceleration_m_s2: Annotated[float, Field(ge=0.01, le=50.0)] = 1.96133
     """acceleration across in the turn, 0.2 g"""
-    from_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 40.0
+    from_s: FlightTime = 40.0
     """start of the run, on the nominal trajectory"""
-    to_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 110.0
+    to_s: EndTime = 110.0
     """end of the run, on the nominal trajectory"""
 
     @model_validator(mode="after")
