@@ -768,9 +768,10 @@ _LIVE = Chapter(
             _a(f"/off_flight/{name}", "", "m", meaning, LIVE)
             for name, meaning in (
                 ("across", "mean of the fixes right of the flight, without what a shift along the track explains"),
-                ("across_sigma", "1 sigma of the same for a healthy receiver: lasting errors of the scenario, and 3 m"),
+                ("across_sigma", "1 sigma of the same where errors of the scenario's size last all the flight"),
                 ("up", "mean of the fixes above the flight, without what a shift along the track explains"),
-                ("up_sigma", "1 sigma of the same for a healthy receiver: lasting errors of the scenario, and 5 m"),
+                ("up_sigma", "1 sigma of the same where errors of the scenario's size last all the flight"),
+                ("undulation", "height of the geoid above the ellipsoid at the start of the flight, nan where unknown"),
             )
         ),
         _a("/clock/shift_sigma", "", "s", "1 sigma of the same, from its scatter", LIVE),

@@ -7,6 +7,7 @@ program does. Serial devices are opened by the `pyserial` package.
 
 from __future__ import annotations
 
+import codecs
 import errno
 import os
 import select
@@ -79,7 +80,7 @@ class Lines:
         self._rest += part[: LONGEST_LINE - len(self._rest)]
 
     def _hand_over(self) -> None:
-        line = self._rest.decode("ascii", "replace").strip("\r")
+        line = self._rest.removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace").strip("\r")
         self._rest.clear()
         cost = len(line) + _COST
         with self._change:

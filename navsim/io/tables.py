@@ -179,6 +179,52 @@ class TextTable:
         return number(self.path, line, cell.replace(",", "."), name)
 
 
+class StreamedTable:
+    """A table whose lines come one by one: where its wanted columns stand, and what separates cells.
+
+    Without a header the columns are in the order in which they are wanted, and the first row shows the separator.
+    """
+
+    def __init__(self, wanted: Sequence[str]) -> None:
+        self.wanted = tuple(wanted)
+        self._places = list(range(len(self.wanted)))
+        self._separator: str | None = ""
+
+    def header(self, line: str) -> list[str] | None:
+        """Take a line if it is a header, one with the first wanted column; return the wanted columns that it lacks,
+        else None. A header that lacks some tells the separator alone."""
+        text = line.strip().lstrip("".join(_COMMENT)).strip()
+        if not text or _is_of_numbers(text):
+            return None
+        try:
+            table = TextTable.of(Path("stream"), [text])
+            places = [table.find(name) for name in self.wanted]
+        except FileError:
+            return None
+        if places[0] is None:
+            return None
+        self._separator = table.separator
+        lacking = [name for name, place in zip(self.wanted, places, strict=True) if place is None]
+        if not lacking:
+            self._places = [place for place in places if place is not None]
+        return lacking
+
+    def row(self, line: str) -> list[str] | None:
+        """The wanted cells of a line, with decimal points, None where it has fewer."""
+        if self._separator == "":
+            if not _is_of_numbers(line):
+                return None
+            # commas may be decimal ones beside any other separator
+            self._separator = next((one for one in (*_SEPARATORS[1:], _SEPARATORS[0]) if one in line), None)
+        try:
+            cells = _cells(Path("stream"), 0, line, self._separator)
+        except FileError:
+            return None
+        if len(cells) <= max(self._places):
+            return None
+        return [cells[place].strip().replace(",", ".") for place in self._places]
+
+
 def _separator(head: str) -> str | None:
     """What separates the names of a header: the most frequent one; None for blanks."""
     bare = re.sub(r'"[^"]*"', "", head)

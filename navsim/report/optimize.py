@@ -72,8 +72,7 @@ def flown(result: Result) -> list[Table | str]:
     """What runs say of the best placements, beside the covariance analysis; those that they spoke against."""
     counts, runs = result["/pseudolites"], result["/flown/runs"]
     if not runs.any():
-        said = "The best placements are by geometry alone, not flown; --runs 200 tells what a filter makes of them."
-        return [said]
+        return ["The best placements were not flown (--runs 0); --runs 200 compares them with the errors of a filter."]
     name = str(result.attributes["objective"])
     of_filter = name in FILTER_QUANTITIES
     heads = ("pseudolites", *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",

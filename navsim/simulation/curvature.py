@@ -67,6 +67,15 @@ class Curvature:
         return cls(mean, alone, gamma, float(of_mean.sum() + squares.sum()), bound)
 
 
+def diagonal_bound(covariance: np.ndarray) -> np.ndarray:
+    """Variances (m, k) of uncorrelated errors that are nowhere smaller than correlated ones of covariance (m, k, k):
+    each with its share of every correlation, so that the difference is diagonally dominant in units of the sigmas."""
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    size = sigma[:, :, None] * sigma[:, None, :]
+    correlation = np.divide(np.abs(covariance), size, out=np.zeros_like(size), where=size > 0.0)
+    return np.asarray(sigma**2 * correlation.sum(axis=2))
+
+
 def _products(forms: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean (m, k) of e' F e, e of a covariance (m, 3, 3), and the coefficients (m, k, 6) of what varies: those of the
     products n_i n_j, each divided by its standard deviation."""

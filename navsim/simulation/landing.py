@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -52,7 +52,15 @@ from navsim.models.sky import enu_matrix
 from navsim.models.steering import Held
 from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
-from navsim.simulation.curvature import NEGLIGIBLE, Curvature, NearPass, has_near_sources, near_passes, shifted
+from navsim.simulation.curvature import (
+    NEGLIGIBLE,
+    Curvature,
+    NearPass,
+    diagonal_bound,
+    has_near_sources,
+    near_passes,
+    shifted,
+)
 from navsim.simulation.exclusion import Excluder, SettledFixes
 from navsim.simulation.fixes import ReceiverFixes, left_over, solved
 from navsim.simulation.flown import Flown, Ways
@@ -443,7 +451,8 @@ class Flight:
     initial, gyro, accel: the truth. beliefs: the filter's. covariance: (n, n) it starts from. events: what happens in
     the order of the filter. weighed: (e, 1) the event of each fix, or (e, s) of each range, -1 of one that is not
     received. model: `beliefs` as kernels take them. watching: how it is watched, if it is. start: 1 sigma of the
-    initial errors that the filter believes in.
+    initial errors that the filter believes in. second_order: whether the filter knows of second-order errors beside
+    near sources.
     """
 
     world: World
@@ -457,6 +466,7 @@ class Flight:
     model: FilterModel
     start: InitialErrors
     watching: monitoring.Monitoring | None = None
+    second_order: bool = True
 
     @cached_property
     def bank(self) -> monitoring.Bank | None:
@@ -557,23 +567,38 @@ class Flight:
         return found if found.squares > NEGLIGIBLE else None
 
     @property
-    def curvature(self) -> Curvature | None:
-        """Second-order errors of fixes that a loosely coupled filter knows of; None where they are negligible, or the
-        geometry of fixes is not that of the route: aircraft deviate from it, or sources are excluded."""
+    def _has_second_order(self) -> bool:
+        """Whether the filter knows of second-order errors that count. Not where the sources of a fix are not always
+        those of the route: filters that watch it have fewer, and exclusion takes some out of fixes."""
         watching = self.watching
-        other = self.world.ways is not None or (watching is not None and (watching.bank or self.excluder))
-        return None if self.beliefs.tight or other else self._second_order
+        other = watching is not None and (watching.bank or (self.excluder and not self.beliefs.tight))
+        return self.second_order and not other and self._second_order is not None
+
+    @property
+    def curvature(self) -> Curvature | None:
+        """Second-order errors of fixes that a loosely coupled filter knows of; None where they are negligible."""
+        return self._second_order if self._has_second_order and not self.beliefs.tight else None
+
+    @cached_property
+    def range_curvature(self) -> Curvature | None:
+        """Second-order errors of the ranges (m, 2) of all epochs and sources that are received, which a tightly coupled
+        filter knows of; None where they are negligible. They follow from its own errors of position, to first order."""
+        if not self._has_second_order or not self.beliefs.tight:
+            return None
+        from navsim.simulation.landing_covariance import curvature_of_ranges
+
+        return curvature_of_ranges(replace(self, second_order=False))
 
     @cached_property
     def near_passes(self) -> tuple[NearPass, ...]:
-        """Sources that are passed so near that covariances are not right there: to second order, where a loosely
-        coupled filter knows of that part, because the third counts; to first order, where it does not, or the filter is
-        tightly coupled and its errors last."""
+        """Sources that are passed so near that covariances are not right there: to second order, where the filter knows
+        of that part, because the third counts; to first order, where it does not."""
         if self._second_order is None:
             return ()
-        signals, second = self.world.signals, self.curvature is not None
+        signals = self.world.signals
         sigma = signals.lasting.total if self.beliefs.tight and signals.lasting is not None else signals.fix_sigma
-        every = near_passes(signals, self.world.fix_errors.of_ranges(sigma), 2 if second else 1)
+        order = 2 if self._has_second_order else 1
+        every = near_passes(signals, self.world.fix_errors.of_ranges(sigma), order)
         return tuple(one for one in every if one.counts)
 
     @property
@@ -658,12 +683,17 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
     signals, beliefs, heard = flight.world.signals, flight.beliefs, flight.world.signals.used
     bias = np.full(MAX_CLOCKS, -1)
     bias[list(flight.scales)] = np.arange(len(flight.scales))
-    source = np.nonzero(heard)[1]
+    source, curvature = np.nonzero(heard)[1], flight.range_curvature
+    sigma = np.stack([flight.range_sigma[heard], signals.fix_rate_sigma[heard]], axis=1)
+    given = np.stack([ranges[heard], rates[heard]], axis=1)
+    if curvature is not None:
+        sigma = np.sqrt(sigma**2 + diagonal_bound(curvature.noise))
+        given = given - curvature.mean.reshape(*curvature.mean.shape, *(1,) * (given.ndim - 2))
+    sigma = beliefs.sigma_scale * sigma
     return RangeTable(
-        signals.position[heard], signals.velocity[heard], signals.range[heard],
-        beliefs.sigma_scale * flight.range_sigma[heard], beliefs.sigma_scale * signals.fix_rate_sigma[heard], source,
-        bias[signals.clock[source]], ranges[heard], rates[heard] if beliefs.velocity else np.full_like(rates[heard],
-        np.nan), beliefs.lever_arm,
+        signals.position[heard], signals.velocity[heard], signals.range[heard], sigma[:, 0].copy(), sigma[:, 1].copy(),
+        source, bias[signals.clock[source]], given[:, 0].copy(),
+        given[:, 1].copy() if beliefs.velocity else np.full_like(given[:, 1], np.nan), beliefs.lever_arm,
     )  # fmt: skip
 
 

@@ -553,7 +553,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
     )
     white = s.smoothing is None and s.space is None and s.offset is None and s.lasting is None and s.wandering is None
-    white &= beliefs.sigma_scale == 1.0 and curvature is None
+    white &= beliefs.sigma_scale == 1.0 and curvature is None and flight.range_curvature is None
     white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
@@ -585,22 +585,40 @@ def _true_curvature(flight: Flight) -> Curvature | None:
     return flight.world.fix_errors.curvature(noise, np.sqrt(square), MOST if flight.beliefs.velocity else 3)
 
 
+def curvature_of_ranges(flight: Flight) -> Curvature | None:
+    """Second-order errors of all ranges (m, 2) by the errors of position that the filter believes in, without regard to
+    them; None where they are negligible."""
+    epoch, source = np.nonzero(flight.world.signals.used)
+    believed = along_truth(flight).lin.believed[1 + epoch, : states.VEL, : states.VEL]
+    found = _curvature_of_ranges(flight, epoch, source, believed)
+    return found if found.squares > NEGLIGIBLE else None
+
+
+def _curvature_of_ranges(flight: Flight, epoch: np.ndarray, source: np.ndarray, position: np.ndarray) -> Curvature:
+    """Second-order errors of ranges and range rates (m, 2) in the epochs of the sources (m,), by errors of position
+    (m, 3, 3) that last."""
+    s = flight.world.signals
+    of_range, of_rate, _ = range_forms(s)
+    forms = -np.stack([of_range[epoch, source], of_rate[epoch, source]], axis=1)
+    noise = np.zeros((epoch.size, 2, 2))
+    noise[:, 0, 0] = flight.range_sigma[epoch, source] ** 2
+    noise[:, 1, 1] = s.fix_rate_sigma[epoch, source] ** 2
+    if not flight.beliefs.velocity:
+        forms[:, 1], noise[:, 1, 1] = 0.0, 0.0
+    return Curvature.of(forms, np.zeros_like(position), position, noise)
+
+
 def _add_range_curvature(
     flight: Flight, along: AlongTruth, route: Route, source: int, out: _Sums, errors: np.ndarray
 ) -> None:
     """Add second-order errors of the ranges of near sources that a tightly coupled filter weighs: by its own errors of
-    position, to first order; nothing where they are negligible."""
-    s, events = flight.world.signals, flight.events
-    weighed, row = _weighed(events, route, RANGE)
+    position, to first order; nothing where they are negligible and the filter knows of none."""
+    weighed, row = _weighed(flight.events, route, RANGE)
     epoch = along.epoch[row]
     heard = np.argmax(along.by_range[row, 0], axis=1)
-    of_range, of_rate, _ = range_forms(s)
-    forms = -np.stack([of_range[epoch, heard], of_rate[epoch, heard]], axis=1)
     position = out.covariance[1 + epoch, : states.VEL, : states.VEL]
-    noise = np.zeros((row.size, 2, 2))
-    noise[:, 0, 0], noise[:, 1, 1] = s.fix_sigma[epoch, heard] ** 2, s.fix_rate_sigma[epoch, heard] ** 2
-    found = Curvature.of(forms, np.zeros_like(position), position, noise)
-    if found.squares <= NEGLIGIBLE:
+    found = _curvature_of_ranges(flight, epoch, heard, position)
+    if found.squares <= NEGLIGIBLE and flight.range_curvature is None:
         return
     off = np.zeros((*along.lin.have.shape, 7))
     there = along.lin.have[weighed, :2] > 0.0

@@ -8,6 +8,7 @@ landing.
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -26,9 +27,11 @@ from navsim.io.nmea import Assembler, has_sentences
 from navsim.io.results import Result
 from navsim.io.schema import COUNTS, LIVE, RMS_WINDOW
 from navsim.io.stream import Lines
+from navsim.io.tables import StreamedTable
 from navsim.io.text import plain_number
 from navsim.models import imu
 from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS
+from navsim.models.geoid import NoGeoid, undulation
 from navsim.models.signals import antenna_ecef
 from navsim.simulation.landing import initial_errors, initial_estimate, measured, receiver_fixes
 from navsim.simulation.live import Increments, LiveFilter
@@ -65,7 +68,7 @@ _SLICE = 0.2
 """Longest wait without a look at whether to stop, s."""
 
 _BEST_FIX = 1.0
-"""No receiver is asked for fixes better than this, m, also where the scenario has signals without errors."""
+"""No receiver is asked for fixes better than this, m an axis, also where the scenario has signals without errors."""
 FEWEST_USED = 0.1
 """Share of what came that must be of use; lines without a fix and corrupt ones count too."""
 MANY_CORRUPT = 0.05
@@ -79,11 +82,13 @@ MOST_NIS = 100.0
 MOST_OFF = 10.0
 """Median distance of the fixes from the flight, in sigmas of a fix, beyond which they are not of this landing."""
 MOST_ASIDE = 5.0
-"""Sigmas of a healthy receiver's mean, across the track or in height, beyond which fixes are not of this landing."""
-_HEALTHY = np.array([3.0, 5.0])
-"""1 sigma of what lasts in a healthy receiver's errors beside what the scenario says, across and in height, m."""
+"""Mean of the fixes across the track, or in height, in sigmas of one fix, beyond which they are not of this landing."""
+_UNDULATIONS = (-107.0, 86.0)
+"""Least and largest height of the geoid of EGM96 above the ellipsoid, m."""
+_AS_GEOID = 0.2
+"""Part of the geoid's undulation within which a height error is taken for it: the fixes' own errors are in both."""
 _DRAWN = 8
-"""Runs of the scenario's own receiver by which its lasting errors are known."""
+"""Runs of the scenario's own receiver, by which errors are known that it does not know of itself."""
 _SPANS = 12
 """Spans in which the stream's shift along the track is taken, for their scatter; at least half must have fixes."""
 _SHORTEST_SPAN = 1.0
@@ -126,8 +131,7 @@ class Session:
         self.fixes: list[tuple[float, np.ndarray]] = []
         self.noise, self.own_fixes = _fixes(case, self.seed)
         self.next_fix = 0
-        self._columns = GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS
-        self._places = list(range(len(self._columns)))
+        self._table = StreamedTable(GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS)
         self._of_nmea = dict.fromkeys(_OF_NMEA, 0)
         self._held: tuple[np.ndarray, source_clock.Kind] | None = None
         self._latest: np.ndarray | None = None
@@ -178,30 +182,29 @@ class Session:
 
     def take(self, line: str) -> None:
         """One line as it came."""
-        if not line.strip() or line.startswith("#"):
+        if not line.strip():
             return
-        if line.startswith("t_s"):
-            self._header(line)
+        # "$" begins a sentence, which is no header
+        if "$" not in line and (lacking := self._table.header(line)) is not None:
+            self._warn_of_header(lacking)
+            return
+        if line.startswith("#"):
             return
         self.counts["received"] += 1
         if self.block == "receiver" and ("$" in line or has_sentences([line])):
             self._from_nmea(self.assembler.feed(line))
             return
-        row = _row(line, self._places, self.block)
+        row = _row(self._table.row(line), self.block)
         if row is None:
             self.counts["corrupt"] += 1
         else:
             self._use(row, "count")
 
-    def _header(self, line: str) -> None:
-        """The places of the columns, where a table names them; without such a header they are the first ones."""
-        names = [name.strip() for name in line.split(",")]
-        lacking = [name for name in self._columns if name not in names]
+    def _warn_of_header(self, lacking: list[str]) -> None:
+        """Warn of a header that lacks columns; without such a header they are the first ones."""
         if lacking:
-            order = ", ".join(self._columns)
+            order = ", ".join(self._table.wanted)
             self.tell(f"warning: the header lacks {', '.join(lacking)}; columns are taken in the order {order}")
-        else:
-            self._places = [names.index(name) for name in self._columns]
 
     def finish(self) -> None:
         """What waited for a successor has none: the last epoch of NMEA sentences, a single message."""
@@ -276,8 +279,12 @@ class Session:
 
     def _sigma(self, time: np.ndarray) -> np.ndarray:
         """1 sigma of the scenario's fixes in space nearest to times (n,), m, as what real ones are measured by."""
-        nearest = np.array([np.argmin(np.abs(self.case.world.signals.time - t)) for t in time], dtype=np.int64)
-        return np.maximum(np.sqrt(np.trace(self.noise[nearest, :3, :3], axis1=1, axis2=2)), _BEST_FIX)
+        noise = self.noise[self._nearest(time), :3, :3]
+        return np.maximum(np.sqrt(np.trace(noise, axis1=1, axis2=2)), _BEST_FIX)
+
+    def _nearest(self, time: np.ndarray) -> np.ndarray:
+        """Numbers of the scenario's fixes nearest to times (n,)."""
+        return np.array([np.argmin(np.abs(self.case.world.signals.time - t)) for t in time], dtype=np.int64)
 
     def _place(self, row: np.ndarray) -> None:
         """A message at its time in the flight."""
@@ -351,24 +358,41 @@ class Session:
         velocity = self.case.trajectory.motion(time).velocity_ned
         if np.isfinite(shift):
             off = off - shift * velocity
-        speed = np.linalg.norm(velocity[:, :2], axis=1)
-        use = (speed > _SLOWEST) & np.isfinite(off).all(axis=1)
+        right, moves = _right(velocity)
+        use = moves & np.isfinite(off).all(axis=1)
         if not use.any():
             return np.full(2, np.nan)
-        right = (off[use, 1] * velocity[use, 0] - off[use, 0] * velocity[use, 1]) / speed[use]
-        return np.array([right.mean(), -off[use, 2].mean()])
+        return np.array([np.sum(off[use] * right[use], axis=1).mean(), -off[use, 2].mean()])
 
-    def _aside_sigma(self) -> np.ndarray:
-        """1 sigma (2,) of the same for a healthy receiver: by runs of the scenario's own, whose errors may last."""
+    def _aside_sigma(self, time: np.ndarray) -> np.ndarray:
+        """1 sigma (2,) of the same for a healthy receiver whose errors last all the flight, so that no number of fixes
+        averages them: by the covariances of the scenario's fixes at these times (n,), or by runs where its receiver has
+        errors that it does not know of."""
         world = self.case.world
+        right, _ = _right(self.case.trajectory.motion(time).velocity_ned)
+        noise = self.noise[self._nearest(time), :3, :3]
+        claimed = np.sqrt([np.einsum("ni,nij,nj->n", right, noise, right).mean(), noise[:, 2, 2].mean()])
         means = []
         for run in range(_DRAWN):
             llh = receiver_fixes(world, *measured(world, self.seed, run)).llh
             fixed = np.isfinite(llh[:, 0])
-            time = world.signals.time[fixed]
-            if time.size:
-                means.append(self._aside(time, self._off(time, llh[fixed]), np.nan))
-        return np.hypot(np.sqrt(np.mean(np.square(means), axis=0)) if means else 0.0, _HEALTHY)
+            at = world.signals.time[fixed]
+            if at.size:
+                means.append(self._aside(at, self._off(at, llh[fixed]), np.nan))
+        drawn = np.sqrt(np.mean(np.square(means), axis=0)) if means else np.zeros(2)
+        return np.maximum(np.maximum(claimed, drawn), _BEST_FIX)
+
+    def _undulation(self) -> float:
+        """Height of the geoid above the ellipsoid at the start of the flight, m: the scenario's, else that of EGM96,
+        nan where the extra `geoid` is not installed."""
+        runway = self.case.scenario.runway
+        if runway.geoid_undulation_m is not None:
+            return runway.undulation_m
+        lat, lon, _ = self.case.trajectory.motion(np.zeros(1)).llh[0]
+        try:
+            return undulation(float(np.degrees(lat)), float(np.degrees(lon)))
+        except NoGeoid:
+            return math.nan
 
     def result(self) -> Result:
         """What there is, as far as it came."""
@@ -398,9 +422,10 @@ class Session:
             shift, sigma = _shift(time, off, case.trajectory.motion(time).velocity_ned)
         aside, sure = np.full(2, np.nan), np.full(2, np.nan)
         if self.block == "receiver" and time.size:
-            aside, sure = self._aside(time, off, shift), self._aside_sigma()
+            aside, sure = self._aside(time, off, shift), self._aside_sigma(time)
         for k, name in enumerate(("across", "up")):
             draft[f"/off_flight/{name}"], draft[f"/off_flight/{name}_sigma"] = aside[k], sure[k]
+        draft["/off_flight/undulation"] = self._undulation()
         draft["/clock/offset"] = np.nan if self.clock is None else self.clock.offset
         draft["/clock/shift"] = shift
         draft["/clock/shift_sigma"] = sigma
@@ -465,18 +490,38 @@ def failures(result: Result) -> list[str]:
 def _aside_failures(result: Result) -> list[str]:
     """Fixes that lie beside the flight, or above or below it, by more than a healthy receiver's."""
     out = []
-    why_across = "another runway, another datum, or the wrong offset of an antenna?"
-    why_up = (
-        "heights above the geoid given as heights above the ellipsoid, or the reverse? Their difference is the geoid's "
-        "undulation; rows have h_m above the ellipsoid, NMEA sentences have both"
-    )
-    for name, sides, why in (("across", ("left", "right"), why_across), ("up", ("below", "above"), why_up)):
+    count = result["/innovations/time"].size
+    for name, sides in (("across", ("left of", "right of")), ("up", ("below", "above"))):
         off, sigma = float(result[f"/off_flight/{name}"]), float(result[f"/off_flight/{name}_sigma"])
         if abs(off) > MOST_ASIDE * sigma:
-            side = f"{sides[off > 0.0]}{' of' if name == 'across' else ''}"
-            metres = f"{abs(off):.1f} m {side} the flight, where {sigma:.1f} m (1 sigma) is a healthy receiver's"
-            out.append(f"the fixes lie on average {metres}: {why}")
+            out.append(
+                f"the fixes lie on average {abs(off):.1f} m {sides[off > 0.0]} the flight, {abs(off) / sigma:.1f} "
+                f"sigmas of one fix ({sigma:.1f} m) and {abs(off) / sigma * np.sqrt(count):.0f} of the mean of {count} "
+                f"whose errors are independent: {_why_above(off, result) if name == 'up' else _WHY_ACROSS}"
+            )
     return out
+
+
+_WHY_ACROSS = "another runway, another datum, or the wrong offset of an antenna?"
+
+
+def _why_above(off: float, result: Result) -> str:
+    """The likely reason why fixes lie above the flight, m."""
+    geoid = float(result["/off_flight/undulation"]) if "/off_flight/undulation" in result else math.nan
+    how = "rows have h_m above the ellipsoid, NMEA sentences have both"
+    if not math.isfinite(geoid):
+        low, high = _UNDULATIONS
+        return (
+            "heights above the geoid given as heights above the ellipsoid, or the reverse? They differ by the geoid's "
+            f"undulation, {low:g} to {high:g} m over the Earth (pip install 'navsim-landing[geoid]' tells it); {how}"
+        )
+    for wrong, text in ((-geoid, "are above the geoid"), (geoid, "have the geoid's undulation twice")):
+        if abs(off - wrong) < _AS_GEOID * abs(geoid):
+            return f"the geoid is {geoid:.1f} m above the ellipsoid here, so these heights likely {text}; {how}"
+    return (
+        f"the wrong offset of an antenna, or another reference of heights? It is not the geoid, which is {geoid:.1f} m "
+        f"above the ellipsoid here; {how}"
+    )
 
 
 def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
@@ -538,18 +583,27 @@ def _shift(time: np.ndarray, off: np.ndarray, velocity: np.ndarray) -> tuple[flo
     return float(shifts.mean()), float(shifts.std(ddof=1) / np.sqrt(shifts.size))
 
 
+def _right(velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (n, 3) right of velocities (n, 3), NED, level, and where these are fast enough to have a side (n,);
+    0 elsewhere."""
+    speed = np.linalg.norm(velocity[:, :2], axis=1)
+    moves = speed > _SLOWEST
+    out = np.zeros_like(velocity)
+    out[moves, 0], out[moves, 1] = -velocity[moves, 1] / speed[moves], velocity[moves, 0] / speed[moves]
+    return out, moves
+
+
 def _radians(row: np.ndarray) -> np.ndarray:
     """Geodetic coordinates, rad, rad, m, of rows (..., 7)."""
     return np.stack([np.radians(row[..., 1]), np.radians(row[..., 2]), row[..., 3]], axis=-1)
 
 
-def _row(line: str, places: list[int], block: Block) -> np.ndarray | None:
-    """The numbers at these places of a row, None for anything that cannot be one."""
-    cells = line.split(",")
-    if len(cells) <= max(places):
+def _row(cells: list[str] | None, block: Block) -> np.ndarray | None:
+    """The numbers of a row's cells, None for anything that cannot be one."""
+    if cells is None:
         return None
     try:
-        row = np.array([plain_number(cells[k]) if cells[k].strip() else np.nan for k in places])
+        row = np.array([plain_number(cell) if cell else np.nan for cell in cells])
     except ValueError:
         return None
     needed = row[:4] if block == "receiver" else row

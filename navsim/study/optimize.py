@@ -20,7 +20,7 @@ from navsim.scenario.load import resolved_yaml
 from navsim.study import findings as judging
 from navsim.study.ahead import Ahead, Judges
 from navsim.study.analyses import Judge
-from navsim.study.confirmation import RUNS, Candidate, Confirmation, confirm
+from navsim.study.confirmation import Candidate, Confirmation, confirm
 from navsim.study.executor import Away
 from navsim.study.journal import Journal
 from navsim.study.landing.requirements import MET, Fulfilment
@@ -83,11 +83,6 @@ def search(here: PlacementProblem, seed: int, watch: Watch | None = None) -> dic
 def planned(here: PlacementProblem) -> list[Step]:
     """All steps of the work, each with the most placements it may judge."""
     return [*_search_steps(here), *(Step(_flying(count), {}) for count in here.study.counts), *_later_steps(here)]
-
-
-def default_runs(here: PlacementProblem) -> int:
-    """Runs that the best placements are flown with: of geometry alone none."""
-    return RUNS if here.flies else 0
 
 
 def _search_steps(here: PlacementProblem) -> list[Step]:

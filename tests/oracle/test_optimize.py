@@ -265,3 +265,25 @@ def test_coarse_analysis_is_close_to_the_full_one(tmp_path: Path) -> None:
     ratio = here.coarse(places) / here.objective(places)
     assert np.all(np.abs(ratio - 1.0) < 0.03)
     assert ratio.std() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("objective", "given", "due"),
+    [
+        ("vertical", "", [100.0, 1e5]),
+        ("pdop", "", None),
+        ("vertical", "constraints: {distance_m: [20, 9000]}", [20, 9000]),
+    ],
+)
+def test_the_default_distance_is_kept(tmp_path: Path, objective: str, given: str, due: list[float] | None) -> None:
+    """An error of the filter keeps 100 m from the aircraft unless the file says otherwise: a place under the glide
+    path, 60 m from it, breaks a rule."""
+    sites = "[{s_m: 300, l1_m: 0}, {s_m: 50, l1_m: 300}]"
+    text = f"pseudolites: [1]\nobjective: {objective}\nsites: {sites}\n{given}\n"
+    head = f"kind: optimize\nversion: 1\nbase: {SCENARIOS / 'landing_gnss_only.yaml'}\nset: {{receiver.rate_hz: 1}}\n"
+    (tmp_path / "study.yaml").write_text(head + text)
+    here = problem(*read_study(tmp_path / "study.yaml", Optimize))
+    assert (None if here.study.constraints.distance_m is None else list(here.study.constraints.distance_m)) == due
+    far, near = here.rules.violation(np.array([[[300.0, 0.0]], [[50.0, 300.0]]]))
+    assert far <= 0.0
+    assert (near > 0.0) == (due is not None and due[0] == 100.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 import os
@@ -14,6 +15,7 @@ import sys
 import threading
 import time
 import tty
+import types
 from pathlib import Path
 from typing import Any
 
@@ -342,25 +344,87 @@ def aside(rows: list[str], east: float = 0.0, up: float = 0.0) -> list[str]:
     ]
 
 
+OFF = r"the fixes lie on average {} m {} the flight, \d+\.\d sigmas of one fix \(\d\.\d m\) and {} of the mean of 120"
+
+
 @pytest.mark.parametrize(
     ("east", "up", "said"),
     [
         (0.0, 0.0, None),
-        (8.0, -12.0, None),
-        (55.0, 0.0, r"the fixes lie on average 5\d\.\d m (right|left) of the flight, where .* another runway"),
-        (-55.0, 0.0, r"the fixes lie on average 5\d\.\d m (right|left) of the flight"),
-        (0.0, -40.0, r"the fixes lie on average [34]\d\.\d m below the flight, where .* heights above the geoid"),
-        (0.0, 40.0, r"the fixes lie on average [34]\d\.\d m above the flight"),
+        (2.0, -2.0, None),
+        (-4.0, 8.0, None),
+        (55.0, 0.0, OFF.format(r"5\d\.\d", "(right|left) of", r"\d{3}") + ".* another runway"),
+        (-55.0, 0.0, OFF.format(r"5\d\.\d", "(right|left) of", r"\d{3}")),
+        (0.0, -40.0, OFF.format(r"[34]\d\.\d", "below", r"\d{2,3}") + ".* heights above the geoid .* -107 to 86 m"),
+        (0.0, 40.0, OFF.format(r"[34]\d\.\d", "above", r"\d{2,3}")),
     ],
 )
-def test_a_receiver_beside_the_flight_is_told(flown, east: float, up: float, said: str | None) -> None:  # type: ignore[no-untyped-def]
+def test_a_receiver_beside_the_flight_is_told(  # type: ignore[no-untyped-def]
+    flown, east: float, up: float, said: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Across and in height too, in metres; one whose errors last, of metres, is healthy."""
+    monkeypatch.setitem(sys.modules, "egm96", None)  # as where the extra is not installed
     c, _, table, _ = flown
     header, *rows = table.read_text().splitlines()
     moved = aside(rows, east, up)
-    _, result, _ = flew(c, [header, *moved])
+    _, result, warned = flew(c, [header, *moved])
     wrong = "; ".join(flying.failures(result))
-    assert (re.search(said, wrong) is not None) if said else wrong == ""
+    assert (re.search(said, wrong) is not None) if said else (wrong, warned) == ("", [])
+
+
+@pytest.mark.parametrize(
+    ("geoid", "up", "said"),
+    [
+        (40.0, -40.0, r"the geoid is 40\.0 m above the ellipsoid here, so these heights likely are above the geoid"),
+        (-35.0, -35.0, r"the geoid is -35\.0 m .* likely have the geoid's undulation twice"),
+        (14.6, -40.0, r"It is not the geoid, which is 14\.6 m above the ellipsoid here"),
+    ],
+)
+@pytest.mark.parametrize("known", ["installed", "given"])
+def test_the_geoid_is_named_with_its_metres(  # type: ignore[no-untyped-def]
+    flown, geoid: float, up: float, said: str, known: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the package where it is installed, by the scenario where it says so."""
+    c, _, table, _ = flown
+    monkeypatch.setitem(sys.modules, "egm96", types.SimpleNamespace(undulation=lambda lat, lon: geoid))
+    if known == "given":
+        monkeypatch.setitem(sys.modules, "egm96", None)
+        runway = c.scenario.runway.model_copy(update={"geoid_undulation_m": geoid})
+        c = dataclasses.replace(c, scenario=c.scenario.model_copy(update={"runway": runway}))
+    header, *rows = table.read_text().splitlines()
+    _, result, _ = flew(c, [header, *aside(rows, 0.0, up)])
+    assert result["/off_flight/undulation"] == geoid
+    assert re.search(said, "; ".join(flying.failures(result)))
+
+
+def test_a_receiver_with_slow_errors_of_metres_is_healthy(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """2 m, over minutes, on each axis, as of orbits and atmosphere; the command ends with 0, and with 3 for one that is
+    55 m beside the flight."""
+    _, _, table, _ = flown
+    header, *rows = table.read_text().splitlines()
+    slow = [2.0 * np.sqrt(2.0) * np.sin(2.0 * np.pi * k / 300.0 + 1.0) for k in range(len(rows))]
+    drifting = [aside([row], by, -by)[0] for row, by in zip(rows, slow, strict=True)]
+    for name, lines, code in (("slow", drifting, 0), ("beside", aside(rows, 55.0), 3)):
+        (tmp_path / f"{name}.csv").write_text("\n".join([header, *lines]))
+        done = navsim(*SCENARIO, "--receiver", f"{name}.csv", "-o", f"{name}.h5", cwd=tmp_path)
+        assert done.returncode == code, done.stderr
+        assert ("on average" in done.stderr) == (code == 3)
+
+
+@pytest.mark.parametrize("separator", [";", "\t", "|", " "])
+@pytest.mark.parametrize("headed", [True, False])
+def test_other_separators_are_read(flown, separator: str, headed: bool) -> None:  # type: ignore[no-untyped-def]
+    """As in files: by the header, or by the first row; semicolons with decimal commas, quotes, units in brackets."""
+    c, _, table, _ = flown
+    header, *rows = [line.replace(",", separator) for line in table.read_text().splitlines()]
+    if separator == ";":
+        rows = [row.replace(".", ",") for row in rows]
+        header = ";".join(f'"{name}"' for name in header.split(";")).replace("lat_deg", "lat (deg)")
+    session, result, warned = flew(c, [*([f"\ufeff{header}"] if headed else []), *rows])
+    assert session.counts["used"] == len(rows)
+    assert not session.counts["corrupt"]
+    assert not warned
+    assert not flying.failures(result)
 
 
 @pytest.mark.parametrize("kind", ["csv", "nmea"])

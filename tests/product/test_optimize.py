@@ -54,7 +54,8 @@ def test_shipped_study(place: Path) -> None:
             assert min(image.size) > 300
     for name in ("b.h5", "c.h5"):
         navsim(
-            "optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1]", "-o", name, "-q", cwd=place
+            "optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1]", "--runs", 8, "-o", name, "-q",
+            cwd=place,
         )
     assert stored(place / "b.h5") == stored(place / "c.h5")
     assert read(place / "b.h5")["/front/objective"] == result["/front/objective"][0]
@@ -67,6 +68,18 @@ def test_json(place: Path) -> None:
     data = json.loads(done.stdout)
     assert 100 <= data["placements"][0]["sites"][0]["s_m"] <= 900
     assert data["placements"][0]["value"] < data["without_pseudolites"]
+    # no optimum is printed that was not flown, one of geometry neither
+    flown = data["placements"][0]["flown"]
+    assert flown["runs"] == 200
+    value, low, high = flown["vertical"]
+    assert 0.0 < low < value < high
+    assert flown["objective"] == [None] * 3, "runs have no VDOP"
+
+
+def test_none_is_flown_where_that_is_asked_for(place: Path) -> None:
+    file = study(place, NARROW)
+    done = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", cwd=place)
+    assert "The best placements were not flown (--runs 0)" in done.stdout
 
 
 NARROW = "pseudolites: [1]\nobjective: pdop\narea: {s_m: [0, 50], l1_m: [0, 100]}\n"

@@ -119,6 +119,21 @@ def test_a_sweep_is_the_one_of_the_command_line(study: Path, tmp_path: Path) -> 
     assert made.tree["sweep/pdop"].shape == (5, 4)
 
 
+def test_runs_of_a_search_are_those_of_the_command_line(tmp_path: Path) -> None:
+    study = {
+        "kind": "optimize", "version": 1, "base": str(SCENARIOS / "landing_gnss_only.yaml"), "objective": "vertical",
+        "set": {"receiver.rate_hz": 1, "imu.rate_hz": 10}, "pseudolites": [1],
+        "sites": [{"s_m": 300, "l1_m": 1500}, {"s_m": -900, "l1_m": 0}],
+    }  # fmt: skip
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(study))
+    command("optimize", "study.yaml", "--runs", "24", "-o", "cli.h5", "--figures", "none", cwd=tmp_path)
+    made = navsim.optimize(tmp_path / "study.yaml", runs=24, output=tmp_path / "api.h5")
+    same(tmp_path / "cli.h5", made.path)
+    assert made["flown/runs"].tolist() == [24]
+    value, low, high = made["flown/objective"][0]
+    assert 0.0 < low < value < high
+
+
 def test_a_replay_is_the_one_of_the_command_line(tmp_path: Path) -> None:
     log = SCENARIOS / "recorded_flight.yaml"
     command("replay", str(log), "--set", "tuning=none", "-o", "cli.h5", "--figures", "none", cwd=tmp_path)

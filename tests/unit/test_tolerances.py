@@ -17,7 +17,7 @@ def test_shares_are_numbers(text: str, value: float) -> None:
     assert Within({"place": text})["place"] == value
 
 
-@pytest.mark.parametrize("text", ["1 mm", "1 km", "1 mrad", "1 arcsec", "1 ms", "1 ft", "1 M", "1  m", "1 m ", "1 metre"])
+@pytest.mark.parametrize("text", ["1 mm", "1 km", "1 mrad", "1 arcsec", "1 ms", "1 ft", "1 M", "1  m", "1 m "])
 def test_units_that_no_test_computes_in_are_refused(text: str) -> None:
     """1 mm taken as 1 m would be a test that cannot fail."""
     with pytest.raises(pytest.UsageError, match=r"place='1 .*': unknown unit .* give it in one of m, m2"):

@@ -14,6 +14,7 @@ from navsim.scenario.source import Document
 from navsim.study import optimize
 from navsim.study.budget import studies as estimates
 from navsim.study.budget.estimate import Budget
+from navsim.study.confirmation import RUNS
 from navsim.study.executor import Away, Executor
 from navsim.study.job import Allow, Options, Outcome, Tell
 from navsim.study.journal import Journal
@@ -49,7 +50,7 @@ class OptimizeJob:
             allow(asked[0], final=False)
 
         self.posed = problem(self.section, self.document, self.base, ask)
-        self._runs = optimize.default_runs(self.posed) if self.options.runs is None else self.options.runs
+        self._runs = RUNS if self.options.runs is None else self.options.runs
         time = asked[0].time_s + estimates.search_time(self.posed) + estimates.confirming_time(self.posed, self._runs)
         allow(replace(asked[0], time_s=time), at_most=True)
 
