@@ -3,11 +3,11 @@
 A command whose digest is in the table runs in brief, any other as it is written. With `--as-written` each runs as it is
 written, once however many pages have it, and the table is written anew: with the commands of pages that passed.
 
-A digest covers what the page has its reader type; the help of the command and of the options that are given, in Python
-the docstrings of the functions; the shipped files that are named, and what these name: of scenarios the settings,
-without comments, of others all. It covers no code of navsim and of the packages it needs, no key of scenarios that is
-not set, nor what earlier commands of a page have written. A change of those is seen by the brief forms, which always
-run, and at length by `make validate`.
+A digest covers what the page has its reader type; of the arguments of the command, and of the options that are given,
+the names and the defaults, in Python the parameters of the functions; the shipped files that are named, and
+what these name: of scenarios the settings, without comments, of others all. It covers no words of help, no code of
+navsim and of the packages it needs, no key of scenarios that is not set, nor what earlier commands of a page have
+written. A change of those is seen by the brief forms, which always run, and at length by `make validate`.
 """
 
 from __future__ import annotations
@@ -34,20 +34,18 @@ VERBS = typer.main.get_command(app).commands
 """Commands of navsim by their names."""
 
 
-def said_of(command: str) -> list[str]:
-    """What the help says of a command and of its options, with the template that `navsim init` takes unasked; what
-    docstrings say of functions."""
-    told = [str(inspect.getdoc(getattr(navsim, name))) for name in re.findall(r"\bnavsim\.([a-z]\w*)\(", command)]
-    words = set(_typed(command).split())
-    for verb in re.findall(r"\bnavsim ([a-z][\w-]*)", command):
-        if verb in VERBS:
-            told.append(f"{VERBS[verb].help}")
-            for parameter in VERBS[verb].params:
-                if parameter.param_type_name == "argument":
-                    told.append(f"{verb} {parameter.default}")
-                elif words & set(parameter.opts):
-                    told.append(f"{parameter.opts} {parameter.help}")
-    return told
+def parameters(command: str) -> list[str]:
+    """The parameters of the functions that a program in Python calls; those of a command, of its options the given."""
+    typed = _typed(command)
+    found = [str(inspect.signature(getattr(navsim, name))) for name in re.findall(r"\bnavsim\.([a-z]\w*)\(", typed)]
+    words = set(typed.split())
+    for verb in re.findall(r"\bnavsim ([a-z][\w-]*)", typed):
+        for one in VERBS[verb].params if verb in VERBS else ():
+            if one.param_type_name == "argument":
+                found.append(f"{verb} {one.default}")
+            elif words & set(one.opts):
+                found.append(f"{one.opts} {one.is_flag} {one.multiple} {one.default}")
+    return found
 
 
 def named(text: str, shipped: Path = SHIPPED) -> dict[str, str]:
@@ -82,8 +80,8 @@ def _typed(command: str) -> str:
 
 def digest(command: str, shipped: Path = SHIPPED) -> str:
     """Of what decides what a documented command does, as far as the text at the top says."""
-    said = said_of(command)
-    parts = [_typed(command).split(), said, named("\n".join([_typed(command), *said]), shipped)]
+    given = parameters(command)
+    parts = [_typed(command).split(), given, named("\n".join([_typed(command), *given]), shipped)]
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 

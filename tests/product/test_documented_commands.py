@@ -3,8 +3,8 @@
 Nothing lies beside the copy. It has what git tracks but for the package: that is the one under test, as an editable
 installation has it. `navsim` and `python` are forks of one process that has all loaded: see `tests/forks.py`.
 
-A command that has run at length since its page, its help or its scenario changed runs in brief (`BRIEF`), any other as
-it is written; with `--as-written` (part of `make validate`) all do: see `tests/at_length.py`.
+A command that has run at length since its page, its parameters or its scenario changed runs in brief (`BRIEF`), any
+other as it is written; with `--as-written` (part of `make validate`) all do: see `tests/at_length.py`.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def test_files_are_followed(shipped: Path) -> None:
     assert list(at_length.named(SWEEP, shipped)) == ["study.yaml", "flight.yaml", "data/log.csv"]
     assert list(at_length.named("navsim init flight", shipped)) == ["flight.yaml", "data/log.csv"]
     assert not at_length.named("navsim run my_study.yaml; navsim show results/flight.h5", shipped)
-    assert "landing_open_sky.yaml" in at_length.named("\n".join(at_length.said_of("navsim init -o my.yaml")))
+    assert "landing_open_sky.yaml" in at_length.named("\n".join(at_length.parameters("navsim init -o my.yaml")))
 
 
 @pytest.mark.parametrize(
@@ -63,10 +63,13 @@ def test_another_command_has_another(shipped: Path, command: str, same: bool) ->
 
 
 @pytest.mark.parametrize(("option", "same"), [("--workers", False), ("--fresh", True)])
-def test_help_of_options_given_counts(shipped: Path, option: str, same: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_options_given_count(shipped: Path, option: str, same: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By their defaults, not by the words of their help."""
     before = at_length.digest(SWEEP, shipped)
     (of,) = [one for one in at_length.VERBS["sweep"].params if option in one.opts]
-    monkeypatch.setattr(of, "help", "Does something else.")
+    monkeypatch.setattr(of, "help", "Says it in other words.")
+    assert at_length.digest(SWEEP, shipped) == before
+    monkeypatch.setattr(of, "default", 7)
     assert (at_length.digest(SWEEP, shipped) == before) == same
 
 
