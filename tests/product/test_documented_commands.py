@@ -214,8 +214,8 @@ def brief(command: str) -> str:
     """The brief form of a command, whose result has the name that the long form gives it."""
     runs = re.search(r"--runs (\d+)", command)
     if runs and int(runs[1]) > MOST and "--require " not in command:  # few runs leave a requirement undecided
-        (stem,) = re.findall(r"scenarios/(\w+)\.yaml", command)
-        result = "" if " -o " in command else f" -o results/{stem}_runs{runs[1]}.h5"
+        scenario = re.search(r"(\w+)\.yaml", command)
+        result = f" -o results/{scenario[1]}_runs{runs[1]}.h5" if scenario and " -o " not in command else ""
         command = command.replace(runs[0], f"--runs {FEW}{result}")
     for pattern, instead in BRIEF:
         command = re.sub(pattern, instead, command)
