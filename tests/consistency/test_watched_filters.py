@@ -204,7 +204,7 @@ def bound(c: Case, runs: int, seed: int) -> np.ndarray:
     return beyond.mean(axis=(0, 1))
 
 
-@pytest.mark.parametrize("source", ["R01", "R08", "PL1", "none"])
+@pytest.mark.parametrize("source", ["R01", pytest.param("R08", marks=pytest.mark.long), "PL1", "none"])
 def test_levels_bound_errors_at_budgets_that_can_be_counted(source: str) -> None:
     """With p_HMI and priors at 1e-2: a fault that is always there may cause at most p_HMI by its prior."""
     chances = "p_hmi_v: 1.0e-3, p_hmi_h: 1.0e-3, p_fa_v: 1.0e-3, p_fa_h: 1.0e-3, p_unmonitored_max: 1.0e-3"
