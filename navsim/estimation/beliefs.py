@@ -7,13 +7,14 @@ The one home of it, for simulated, recorded and live flights. What the truth is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from navsim.core import states
 from navsim.core.states import Block
 from navsim.estimation.clock import UNKNOWN_BIAS, UNKNOWN_DRIFT, ReceiverClock
+from navsim.estimation.observations import RANGE
 from navsim.estimation.records import GAUSSIAN_SUM, FilterModel
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
@@ -33,12 +34,13 @@ class SensorBeliefs:
 
 @dataclass(frozen=True)
 class LastingBelief:
-    """What a filter makes of errors of ranges that last: followed: whether as states, of fixes; groups: numbers of the
-    kinds of errors that the states stand for, in order, `SUMS` for a group; factor: (k,) by which the variance of each
-    kind is larger as noise, where they are none."""
+    """What a filter makes of time-correlated errors of ranges: followed: whether as states, of fixes or of ranges;
+    groups: numbers of the kinds of errors that the states stand for, in order, names: of the groups; factor: (k,) by
+    which the variance of each kind is larger as noise, where they are none."""
 
     followed: bool
     groups: tuple[tuple[int, ...], ...]
+    names: tuple[str, ...]
     factor: np.ndarray
 
 
@@ -74,6 +76,14 @@ class Beliefs:
     def followed(self, scales: Sequence[int]) -> tuple[int, ...]:
         """Of the time scales that sources keep, those that it has a bias of the clock for."""
         return tuple(scales) if self.tight else ()
+
+    def with_range_errors(self, errors: Sequence[Block]) -> Beliefs:
+        """The same of a filter that follows these errors of ranges, of 1 sigma one, and none that it followed before.
+        They come behind states in groups of three, before others."""
+        kept = [pair for pair in zip(self.sensors.blocks, self.sensors.sigma, strict=True) if pair[0].triad != RANGE]
+        first = sum(block.size == 3 for block, _ in kept)
+        blocks, sigma = zip(*kept[:first], *((block, 1.0) for block in errors), *kept[first:], strict=True)
+        return replace(self, sensors=replace(self.sensors, blocks=blocks, sigma=sigma))
 
     def model(self, noise: np.ndarray | None = None, scales: Sequence[int] = ()) -> FilterModel:
         """What the kernels take; noise: densities of each interval of the IMU (n, 2) instead of the sensors' own;

@@ -3,8 +3,8 @@
 A chart says how an estimate is fed back and the covariance carried to the new one, `correct`; how an error is judged,
 `own_error`; and what a turn does to its axes, `turn_axes`: see `error_state`, `invariant`, `tfg`. It is a class to
 kernels, so that only the one in use is compiled. Those of groups turn positions with attitude, unless they are
-`straight`: as far as fixes have lasting errors, positions are known less well than what positions and these errors add
-up to, which a turn of the one without the other would spoil.
+`straight`: where a filter follows time-correlated errors of fixes or ranges, it knows the sum of position and error
+better than the position, and a turn of the one without the other would spoil that.
 
 Source: `docs/theory/filter.md`, sections 4 to 6.
 """
@@ -13,10 +13,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from navsim.core.jit import in_kernels
 from navsim.core.linear import copy
 from navsim.estimation import error_state, invariant, tfg
-from navsim.estimation.observations import FIX
+from navsim.estimation.observations import FIX, RANGE
 from navsim.estimation.records import ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel
 
 
@@ -58,7 +60,7 @@ PLAIN = CHARTS[ESKF]
 
 def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
     """The chart of a filter."""
-    return CHARTS[model.kind]._replace(straight=int((model.declared["triad"] == FIX).any()))
+    return CHARTS[model.kind]._replace(straight=int(np.isin(model.declared["triad"], (FIX, RANGE)).any()))
 
 
 def turn_axes(chart, nav, p, increments, dt):

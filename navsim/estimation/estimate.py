@@ -17,7 +17,7 @@ from navsim.core.lanes import WIDTH, in_lanes
 from navsim.estimation import filter_loop, gaussian_sum, records, smoother
 from navsim.estimation.charts import chart_of
 from navsim.estimation.judge import judge_into
-from navsim.estimation.observations import FIX, Measurements
+from navsim.estimation.observations import FIX, RANGE, Measurements
 from navsim.estimation.records import (
     OUTPUT,
     TIME_TOLERANCE,
@@ -89,12 +89,16 @@ def fly(
 
 
 def _check_lasting(measurements: Measurements, events: Events, model: FilterModel) -> None:
-    """Raise ValueError for fixes whose table does not say what errors that the filter follows do to them: kernels read
-    on."""
+    """Raise ValueError for fixes, or ranges, whose table does not say what errors that the filter follows do to them:
+    kernels read on."""
     axes, rows = model.declared["axis"][model.declared["triad"] == FIX], events.row[events.kind == FIX]
     table = measurements.fixes.lasting
     if axes.size and rows.size and (table.shape[2] <= axes.max() or table.shape[0] <= rows.max()):
         raise ValueError("the table of fixes does not say what the errors do to them that the filter follows")
+    rows, effects = events.row[events.kind == RANGE], measurements.ranges.lasting
+    followed = bool((model.declared["triad"] == RANGE).any())
+    if followed and rows.size and (effects.shape[1] == 0 or effects.shape[0] <= rows.max()):
+        raise ValueError("the table of ranges does not say what the errors do to them that the filter follows")
 
 
 def _engine(model: FilterModel, state: State) -> Any:

@@ -8,14 +8,14 @@ from navsim.estimation.charts import CHARTS
 from navsim.estimation.records import FILTERS, SMOOTHERS, TFG, Account, History, Judgement, Truth, empty_account
 
 
-def judge(kind: int, history: History, truth: Truth, clock: int = 0) -> Judgement:
+def judge(kind: int, history: History, truth: Truth, single: int = 0) -> Judgement:
     """What a history of an estimator of `kind` is worth, at all its outputs; a smoother's errors are those of `tfg`.
 
-    history, truth: of one run, or of lanes; clock: how many states are the receiver clock's. Raises ValueError for a
+    history, truth: of one run, or of lanes; single: as of `empty_account`. Raises ValueError for a
     kind that is none of `records.FILTERS` or `records.SMOOTHERS`.
     """
     _, n, _, *lanes = history.covariance.shape
-    account = empty_account(truth, n, 0, *lanes, clock=clock)
+    account = empty_account(truth, n, 0, *lanes, single=single)
     judge_into(kind, history, account)
     return account.judgement
 

@@ -6,7 +6,7 @@ A new kind is a number (counted in `KIND_COUNT`), a table and a function here, w
 `observe`.
 Sources: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled
 update, section 14.3.2). [2] `docs/theory/filter.md`, section 10. [3] `docs/theory/altimeters.md`, sections 1, 2. [4]
-`docs/theory/lasting-errors.md`, section 3.
+`docs/theory/lasting-errors.md`, sections 3 and 4.
 """
 
 from __future__ import annotations
@@ -126,8 +126,9 @@ class RangeTable(NamedTuple):
     position, velocity: (m, 3) of the source as the receiver believes it (`models.pseudorange.Signals`), ECEF, m, m/s.
     distance: (m,) to it, roughly, m. sigma, rate_sigma: (m,) m, m/s. source: (m,) int its number. bias: (m,) int which
     of the clock's biases is in it (`clock.ReceiverClock`). pseudorange (m,) m, nan where there is none; range_rate (m,)
-    m/s, not used where it or the pseudorange is nan. lever_arm: as of `FixTable`. But for what was measured all are the
-    same in all lanes.
+    m/s, not used where it or the pseudorange is nan. lever_arm: as of `FixTable`. lasting: (m, g) m, 1 sigma of the
+    time-correlated errors of the pseudorange that the filter follows, one for each of g groups of kinds: the state
+    with the axis g source + group has it, in these sigmas [4]. But for what was measured all are the same in all lanes.
     """
 
     position: np.ndarray
@@ -140,6 +141,7 @@ class RangeTable(NamedTuple):
     pseudorange: np.ndarray
     range_rate: np.ndarray
     lever_arm: np.ndarray
+    lasting: np.ndarray
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> RangeTable:
         """The table with every array changed that differs between runs."""
@@ -182,7 +184,7 @@ class Measurements(NamedTuple):
 
 _NO_RANGES = RangeTable(
     np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64),
-    np.empty(0, np.int64), np.empty(0), np.empty(0), np.zeros(3),
+    np.empty(0, np.int64), np.empty(0), np.empty(0), np.zeros(3), np.empty((0, 0)),
 )  # fmt: skip
 _NO_GROUND = GroundTable(
     np.empty(0), 1.0, 0.0, 0.0, np.zeros(3), np.ones(2), np.array([1.0, 0.0]), np.zeros(1), np.zeros(1), np.zeros(3)
@@ -381,6 +383,12 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
         ranges = measurements.ranges
         pseudorange, range_rate = registers(ranges.pseudorange), registers(ranges.range_rate)
         _range(nav, increments, dt, declared, c_nb, ranges, row, z, h)
+        groups = ranges.lasting.shape[1]
+        for c in range(declared.shape[0]):
+            if declared[c].triad == RANGE and declared[c].axis // groups == ranges.source[row]:
+                effect = ranges.lasting[row, declared[c].axis % groups]
+                z[0] -= effect * nav[NAV_SENSORS + c]
+                h[0, SENSORS + c] = effect
         ranged = no(math.isnan(pseudorange[row]))
         for a in range(2):
             measured = pseudorange[row] if a == 0 else range_rate[row]

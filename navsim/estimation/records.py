@@ -158,8 +158,8 @@ class Truth(NamedTuple):
 
 class Judgement(NamedTuple):
     """A history against a truth: plain errors (o, n), truth minus estimate; normalised squared errors: nees (o,) of all
-    states in the filter's own coordinates, nees_position_velocity (o,), nees_group (o, g) of each three states but the
-    clock's."""
+    states in the filter's own coordinates, nees_position_velocity (o,), nees_group (o, g) of each three states, but
+    those that stand alone."""
 
     error: np.ndarray
     nees: np.ndarray
@@ -191,11 +191,11 @@ class Account(NamedTuple):
 
 
 def empty_account(
-    truth: Truth, states: int, events: int, *lanes: int, clock: int = 0, innovations: bool = False
+    truth: Truth, states: int, events: int, *lanes: int, single: int = 0, innovations: bool = False
 ) -> Account:
-    """Room for what an estimator of so many states, some of them the clock's, leaves beside a truth, of one run or of
-    so many lanes; innovations: whether they are wanted."""
-    o, n, groups = truth.llh.shape[0], states, (states - clock) // 3
+    """Room for what an estimator of so many states leaves beside a truth, of one run or of so many lanes; single: how
+    many of the states, the last, belong to no group of three; innovations: whether they are wanted."""
+    o, n, groups = truth.llh.shape[0], states, (states - single) // 3
     judgement = Judgement(
         np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, groups, *lanes))
     )

@@ -81,9 +81,10 @@ class FilterSection(Section):
     lever_arm_m: Triple | None = None
     """lever arm that the filter believes in; default: receiver.lever_arm_m"""
     fix_errors: Literal["states", "inflate", "none"] | None = None
-    """what it does about errors that last (`signals.errors`): follow those of the fixes as states; take fixes or ranges
-    for noisier than they are; none: take them for noise of their size. Left out: states, with `coupling: tight`
-    inflate"""
+    """time-correlated errors (`signals.errors`). states: the filter follows those of the fixes, six for all satellites
+    and each group of kinds; with `coupling: tight` those of each satellite. inflate: it takes fixes or ranges for
+    noisier than they are. none: it takes them for noise of their size. Left out: states; inflate where the filter is
+    tightly coupled and watched (`integrity.method: filter`)"""
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()
@@ -110,15 +111,10 @@ class FilterSection(Section):
         """Whether it is tightly coupled."""
         return self.coupling == "tight"
 
-    def about_lasting_errors(self) -> Literal["states", "inflate", "none"]:
-        """What it does about errors that last, where there are any."""
-        return self.fix_errors or ("inflate" if self.tight else "states")
-
-    def states(self, scales: int, gains: int, lasting: int = 0) -> int:
-        """How many errors it follows where sources keep so many time scales, inertial sensors have so many gains that
-        it follows, and fixes so many errors that it can follow."""
+    def states(self, scales: int, others: int) -> int:
+        """How many errors it follows where sources keep so many time scales, and it follows so many others beside
+        navigation and biases."""
         from navsim.core import states
 
-        followed = lasting if self.about_lasting_errors() == "states" else 0
         clock = states.clock_states(scales) if self.tight else 0
-        return len(states.names(states.biases())) + gains + followed + clock
+        return len(states.names(states.biases())) + others + clock

@@ -311,7 +311,7 @@ class Landing(Section):
 
     def _checked_lasting(self) -> None:
         """What a filter can do about errors that last."""
-        watched = self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
+        watched = self.watches_filter
         drawn = [key for key in ("survey_sigma_m", "clock_sigma_ns", "clock_noise") if getattr(self.pseudolites, key)]
         lasts = "lasts, and the filter's levels take errors for independent in time"
         if watched and drawn and self.pseudolites.placed():
@@ -328,25 +328,32 @@ class Landing(Section):
                 text = "there are none: give signals.errors, or a signals.preset that has them"
                 raise reject(text, "filter", "fix_errors")
             return
-        if self.filter.about_lasting_errors() == "states":
-            if self.filter.tight:
-                text = "a tightly coupled filter has no fixes to follow the errors of; use inflate or none"
-                raise reject(text, "filter", "fix_errors")
+        if self.about_lasting_errors() == "states" and not self.filter.tight:
             if self.integrity is not None and self.integrity.exclusion != "none":
                 text = "fixes without what is excluded have other errors than those that states follow; use inflate"
                 raise reject(text, "filter", "fix_errors")
-        if watched and not (self.filter.tight and self.filter.about_lasting_errors() == "inflate"):
+        if watched and not (self.filter.tight and self.about_lasting_errors() == "inflate"):
             text = "levels of the filter take errors of fixes for independent in time; use mhss"
             also = ", or `coupling: tight` with `fix_errors: inflate`"
             raise reject(text + also, "integrity", "method")
 
     @property
-    def lasting_states(self) -> int:
-        """How many errors of fixes a filter can follow."""
+    def watches_filter(self) -> bool:
+        """Whether a monitor watches the filter."""
+        return self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
+
+    def about_lasting_errors(self) -> Literal["states", "inflate", "none"]:
+        """What the filter does about time-correlated errors of ranges, where there are any."""
+        return self.filter.fix_errors or ("inflate" if self.filter.tight and self.watches_filter else "states")
+
+    def lasting_states(self, sources: int) -> int:
+        """How many errors of fixes the filter follows, or of the ranges of so many sources."""
         from navsim.models.lasting import SUMS
 
-        kinds = self.signals.errors.models()
-        return SUMS * len({kind.time >= self.duration_s for kind in kinds})
+        if self.about_lasting_errors() != "states":
+            return 0
+        groups = len({kind.time >= self.duration_s for kind in self.signals.errors.models()})
+        return groups * (sources if self.filter.tight else SUMS)
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""

@@ -64,7 +64,7 @@ from navsim.simulation.curvature import (
 from navsim.simulation.exclusion import Excluder, SettledFixes
 from navsim.simulation.fixes import ReceiverFixes, left_over, solved
 from navsim.simulation.flown import Flown, Ways
-from navsim.simulation.lasting import FixErrors
+from navsim.simulation.lasting import FixErrors, RangeErrors
 from navsim.simulation.sensors import true_values
 
 CARRIER_SIGMA = 3e-3
@@ -516,6 +516,21 @@ class Flight:
         return Excluder(self.watching, self.world.signals, self.world.start, self.world.antenna_enu)
 
     @cached_property
+    def range_errors(self) -> RangeErrors:
+        """Time-correlated errors of ranges as states, where a tightly coupled filter follows them."""
+        assert self.beliefs.lasting is not None
+        return RangeErrors(self.world.signals, self.beliefs.lasting)
+
+    @property
+    def range_error_sigma(self) -> np.ndarray:
+        """1 sigma of the errors of each group (e, s, g), m, that a tightly coupled filter follows; of no size where it
+        follows none."""
+        lasting = self.beliefs.lasting
+        if lasting is None or not lasting.followed or self.world.signals.lasting is None:
+            return np.empty((*self.world.signals.used.shape, 0))
+        return self.range_errors.size
+
+    @cached_property
     def lasting_roots(self) -> np.ndarray:
         """What lasting errors that the filter follows do to fixes (e, MOST, k)."""
         lasting = self.beliefs.lasting
@@ -528,6 +543,15 @@ class Flight:
         """What those owe to the errors of each kind and source (e, k, kinds, s), where the filter follows them."""
         assert self.beliefs.lasting is not None
         return self.world.fix_errors.projections(self.beliefs.lasting.groups)
+
+    def lasting_of_states(self, epoch: int) -> np.ndarray:
+        """What the time-correlated errors of fixes or ranges that the filter follows owe to those of each kind and
+        source of variance one (n, k, s), at an epoch; of no size where it follows none."""
+        lasting, signals = self.beliefs.lasting, self.world.signals
+        assert signals.lasting is not None
+        if lasting is None or not lasting.followed:
+            return np.empty((0, *signals.lasting.sigma.shape[::2]))
+        return self.range_errors.projections(epoch) if self.beliefs.tight else self.lasting_projections[epoch]
 
     @cached_property
     def lasting_noise(self) -> np.ndarray:
@@ -607,6 +631,8 @@ class Flight:
         signals, lasting = self.world.signals, self.beliefs.lasting
         if lasting is None or signals.lasting is None:
             return signals.fix_sigma
+        if lasting.followed:
+            return signals.noise_sigma
         return np.asarray(np.sqrt(
             signals.noise_sigma**2 + np.einsum("k,kes->es", lasting.factor, signals.lasting.sigma**2)
         ))  # fmt: skip
@@ -626,6 +652,10 @@ def prepare(
     watching: monitoring.Monitoring | None = None,
 ) -> Flight:
     """A flight; start: 1 sigma of the initial errors that the filter believes in."""
+    if beliefs.tight and beliefs.lasting is not None and beliefs.lasting.followed:
+        step = float(world.imu_time[1] - world.imu_time[0])
+        errors = () if world.signals.lasting is None else RangeErrors(world.signals, beliefs.lasting).blocks(step)
+        beliefs = beliefs.with_range_errors(errors)
     covariance = beliefs.covariance(start.position, start.velocity, start.attitude, world.scales)
     model = beliefs.model(scales=world.scales)
     return Flight(world, initial, gyro, accel, beliefs, covariance, *_order(world, beliefs), model, start, watching)
@@ -694,6 +724,7 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
         signals.position[heard], signals.velocity[heard], signals.range[heard], sigma[:, 0].copy(), sigma[:, 1].copy(),
         source, bias[signals.clock[source]], given[:, 0].copy(),
         given[:, 1].copy() if beliefs.velocity else np.full_like(given[:, 1], np.nan), beliefs.lever_arm,
+        beliefs.sigma_scale * flight.range_error_sigma[heard],
     )  # fmt: skip
 
 
@@ -770,8 +801,14 @@ def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
     outputs = flight.world.filter_time.size
     if believed is None or not believed.followed:
         return np.empty((outputs, 0, WIDTH))
-    effect = flight.lasting_projections
     epoch = np.maximum(np.arange(outputs) - 1, 0)
+    if flight.beliefs.tight:
+        mine = flight.range_errors
+        out = np.empty((outputs, mine.states[0].size, WIDTH))
+        for lane in range(errors.shape[-1]):
+            out[..., lane] = mine.true_values(errors[..., lane])[epoch]
+        return out
+    effect = flight.lasting_projections
     out = np.empty((outputs, effect.shape[1], WIDTH))
     for lane in range(errors.shape[-1]):
         # one run at a time: sums over its numbers have one order
@@ -850,7 +887,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
 
     account = empty_account(
         _truth(world, inputs), n, flight.events.time.size, WIDTH,
-        clock=flight.model.clock_states, innovations=flight.bank is not None,
+        single=n - 3 * len(states.slices(beliefs.sensors.blocks)), innovations=flight.bank is not None,
     )  # fmt: skip
     start_ = begun(flight, nav, in_all_lanes(flight.covariance))
     fly_filter(ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, account)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import copy as copying
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
@@ -34,7 +34,7 @@ from navsim.estimation.carried_errors import Route, carry_columns, carry_covaria
 from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
 from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
 from navsim.estimation.records import OUTPUT, Events, ImuData
-from navsim.models.lasting import SUMS, LastingErrors
+from navsim.models.lasting import LastingErrors
 from navsim.models.pseudorange import Signals
 from navsim.models.transmitter import WanderingClocks
 from navsim.simulation.aiding import Aid
@@ -179,13 +179,13 @@ class _SourceErrors(ABC):
 class _Lasting(_SourceErrors):
     """Errors of measurements that last, of each kind those of the sources of variance one.
 
-    shown: (e, n, k, s) what the filter's states, its own lasting ones, are by them; moving: whether these go on between
-    epochs, or are as at the last one.
+    shown: gives for an epoch what the filter's states, its own lasting ones, are by them (n, k, s); moving: whether
+    these go on between epochs, or are as at the last one.
     """
 
     def __init__(
-        self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray, shown: np.ndarray,
-        moving: bool = False,
+        self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray,
+        shown: Callable[[int], np.ndarray], moving: bool = False,
     ):  # fmt: skip
         """size: S of the state carried; errors, used (e, s), time (e,) of `Signals`."""
         super().__init__(len(errors.names), size, used.shape[1])
@@ -220,9 +220,9 @@ class _Lasting(_SourceErrors):
         turn = np.eye(self.size, self.cov.shape[1])
         out = np.empty((self.cov.shape[0], self.size, self.size))
         at = max(self.epoch, 0)
-        age = abs(when - self.time[at]) if self.moving else 0.0
+        age, of_kinds = abs(when - self.time[at]) if self.moving else 0.0, self.shown(at)
         for k, cov in enumerate(self.cov):
-            shown, kept = self.shown[at, :, k], math.exp(-age * self.decay[k])
+            shown, kept = of_kinds[:, k], math.exp(-age * self.decay[k])
             turn[:, self.size :] = kept * shown
             out[k] = turn @ cov @ turn.T
             if kept < 1.0:
@@ -796,12 +796,15 @@ def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[i
     """Add what ranging errors that last do, each kind to the variance of its row."""
     s = flight.world.signals
     assert s.lasting is not None
-    n, e = along.lin.believed.shape[1], s.time.size
-    shown, believed = np.zeros((e, n, *s.lasting.sigma.shape[::2])), flight.beliefs.lasting
-    if believed is not None and believed.followed:
-        count = SUMS * len(believed.groups)
-        first = n - flight.model.clock_states - sum(len(aid.followed) for aid in flight.world.aids) - count
-        shown[:, first : first + count] = flight.world.fix_errors.projections(believed.groups)
+    n, kinds_and_sources = along.lin.believed.shape[1], s.lasting.sigma.shape[::2]
+    followed_ = np.flatnonzero(np.isin(flight.model.declared["triad"], (FIX, RANGE))) + states.SENSORS
+    of_states = flight.lasting_of_states
+
+    def shown(epoch: int) -> np.ndarray:
+        out = np.zeros((n, *kinds_and_sources))
+        out[followed_] = of_states(epoch)
+        return out
+
     own = _Lasting(n, s.lasting, s.used, s.time, shown)
     own.measure(0)
     _carry_remembered(flight, along, route, own, _own_kind(flight), along.epoch, along.by_range, rows, out)
@@ -846,7 +849,7 @@ def _carry_aided(flight: Flight, along: AlongTruth, route: Route, aid: Aid, rows
         for k in np.flatnonzero(there == error):
             shown[:, state, k] = aid.slope * sigma[k]
     those = LastingErrors(_lasting_of(aid), errors.time[there], sigma)
-    own = _Lasting(n, those, np.ones((m, 1), bool), aid.time, shown, moving=True)
+    own = _Lasting(n, those, np.ones((m, 1), bool), aid.time, shown.__getitem__, moving=True)
     by = np.zeros((m, MOST, 1))
     by[:, : aid.exact.shape[1]] = aid.slope
     own.measure(0)

@@ -2,10 +2,10 @@
 
 Errors of ranges become errors of a fix by its geometry. A loosely coupled filter can follow those: some states for the
 kinds of errors that hardly change over the flight, some for the others, each of 1 sigma one and a sum of the errors of
-all sources, by shares that stay the same; what these leave is taken for white. Or it takes fixes, or ranges, for
-noisier than they are.
+all sources, by shares that stay the same; what these leave is taken for white. A tightly coupled filter follows the
+errors of each source by itself. Or a filter takes fixes, or ranges, for noisier than they are.
 
-Source: `docs/theory/lasting-errors.md`, sections 3 and 4.
+Source: `docs/theory/lasting-errors.md`, sections 3 to 5.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from navsim.core import states
 from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import LastingBelief
-from navsim.estimation.observations import FIX
+from navsim.estimation.observations import FIX, RANGE
 from navsim.models.lasting import SUMS, LastingError
 from navsim.models.pseudorange import Signals
 from navsim.simulation.curvature import Curvature, fix_forms
@@ -29,34 +29,45 @@ from navsim.simulation.fixes import solved
 
 STATES, INFLATED, IGNORED = "states", "inflate", "none"
 """What a filter does about errors that last: follows them, takes what is measured for noisier, nothing."""
-_SLOW, _FAST = "fix_error_slow", "fix_error_fast"
+_SPEEDS = "slow", "fast"
+"""Names of the two groups of kinds: those that hardly change over the flight, and the others."""
 
 
 def followed_errors(
-    how: str, kinds: Sequence[LastingError], duration: float, interval: float, step: float
-) -> tuple[LastingBelief, tuple[Block, ...]]:
-    """What a filter believes of these kinds of errors, and the blocks of states that it follows them by.
+    how: str, kinds: Sequence[LastingError], duration: float, interval: float
+) -> LastingBelief:
+    """What a filter believes of these kinds of errors.
 
-    how: `STATES`, `INFLATED` or `IGNORED`. duration: of the flight, interval: between fixes, step: of the filter, s.
+    how: `STATES`, `INFLATED` or `IGNORED`. duration: of the flight, interval: between fixes, s.
     """
-    groups: list[tuple[int, ...]] = []
-    blocks: list[Block] = []
+    groups = []
     if how == STATES:
         slow = [kind.time >= duration for kind in kinds]
-        for name, wanted in ((_SLOW, True), (_FAST, False)):
+        for name, wanted in zip(_SPEEDS, (True, False), strict=True):
             members = tuple(k for k, is_slow in enumerate(slow) if is_slow == wanted and kinds[k].sigma > 0.0)
             if members:
-                variances = np.array([kinds[k].sigma ** 2 for k in members])
-                rate = float(np.average([1.0 / kinds[k].time for k in members], weights=variances))
-                time = 1.0 / rate if rate > 0.0 else np.inf
-                for triad in range(SUMS // 3):
-                    own = f"{name}_more" if triad else name
-                    blocks.append(states.lasting(own, FIX, time, step, 3 * len(blocks), numbered=triad > 0))
-                groups.append(members)
+                groups.append((name, members))
     factor = np.ones(len(kinds))
     if how == INFLATED:
         factor = np.array([_as_noise(kind.time, duration, interval) for kind in kinds])
-    return LastingBelief(how == STATES, tuple(groups), factor), tuple(blocks)
+    return LastingBelief(how == STATES, tuple(members for _, members in groups), tuple(n for n, _ in groups), factor)
+
+
+def fix_blocks(belief: LastingBelief, kinds: Sequence[LastingError], step: float) -> tuple[Block, ...]:
+    """The states of a loosely coupled filter, `SUMS` for each group of kinds; step: of the filter, s."""
+    blocks: list[Block] = []
+    for name, members in zip(belief.names, belief.groups, strict=True):
+        time = _common_time([kinds[k].time for k in members], [kinds[k].sigma ** 2 for k in members])
+        for triad in range(SUMS // 3):
+            own = f"fix_error_{name}_more" if triad else f"fix_error_{name}"
+            blocks.append(states.lasting(own, FIX, time, step, 3 * len(blocks), numbered=triad > 0))
+    return tuple(blocks)
+
+
+def _common_time(times: Sequence[float] | np.ndarray, variances: Sequence[float] | np.ndarray) -> float:
+    """Correlation time, s, of a sum of processes of these times and variances, by its short-term growth."""
+    rate = float(np.average(1.0 / np.asarray(times), weights=variances))
+    return 1.0 / rate if rate > 0.0 else np.inf
 
 
 def _as_noise(time: float, duration: float, interval: float) -> float:
@@ -137,33 +148,13 @@ class FixErrors:
         out = np.zeros((e, SUMS * len(groups), k, s))
         for g, members in enumerate(groups):
             shares = self._shares(members)
-            for member, part in zip(members, self._parts(members), strict=True):
+            for member, part in zip(members, _parts(self.signals, members), strict=True):
                 out[:, SUMS * g : SUMS * (g + 1), member] = part[:, None] * shares.T
         return out
 
-    def _size(self, members: Sequence[int]) -> np.ndarray:
-        """1 sigma of the errors of a group of kinds (e, s), m, 0 of what is not used."""
-        assert self.signals.lasting is not None
-        total = np.sqrt(np.sum(self.signals.lasting.sigma[list(members)] ** 2, axis=0))
-        return np.where(self.signals.used, total, 0.0)
-
     def _effect(self, members: Sequence[int]) -> np.ndarray:
         """What an error of a group of kinds of 1 sigma one of each source does to fixes (e, MOST, s)."""
-        return np.asarray(self.by_range * self._size(members)[:, None])
-
-    def _parts(self, members: Sequence[int]) -> np.ndarray:
-        """By how much each kind is in an error of its group of 1 sigma one (k, e, s); of what is not used as it last
-        was, or first will be."""
-        assert self.signals.lasting is not None
-        size = self._size(members)
-        there = size > 0.0
-        at = np.where(there, np.arange(size.shape[0])[:, None], -1)
-        last = np.maximum.accumulate(at, axis=0)
-        last = np.where(last < 0, np.argmax(there, axis=0), last)
-        source = np.arange(size.shape[1])
-        total = size[last, source]
-        sigma = self.signals.lasting.sigma[list(members)][:, last, source]
-        return np.divide(sigma, total, out=np.zeros_like(sigma), where=total > 0.0)
+        return np.asarray(self.by_range * _size(self.signals, members)[:, None])
 
     def _shares(self, members: Sequence[int]) -> np.ndarray:
         """By how much the error of each source, of 1 sigma one, is in each of the orthogonal sums (s, SUMS): those
@@ -193,3 +184,86 @@ def _spread(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray) -> np.ndarra
     """Covariance (e, MOST, MOST) by independent errors of sources (e, s)."""
     spread = slope * np.where(used, sigma, 0.0)[:, None]
     return np.asarray(spread @ np.swapaxes(spread, 1, 2))
+
+
+def _size(signals: Signals, members: Sequence[int]) -> np.ndarray:
+    """1 sigma of the errors of a group of kinds (e, s), m, 0 of what is not used."""
+    assert signals.lasting is not None
+    total = np.sqrt(np.sum(signals.lasting.sigma[list(members)] ** 2, axis=0))
+    return np.where(signals.used, total, 0.0)
+
+
+def _parts(signals: Signals, members: Sequence[int]) -> np.ndarray:
+    """By how much each kind is in an error of its group of 1 sigma one (k, e, s); of what is not used as it last was,
+    or first will be."""
+    assert signals.lasting is not None
+    size = _size(signals, members)
+    there = size > 0.0
+    at = np.where(there, np.arange(size.shape[0])[:, None], -1)
+    last = np.maximum.accumulate(at, axis=0)
+    last = np.where(last < 0, np.argmax(there, axis=0), last)
+    source = np.arange(size.shape[1])
+    total = size[last, source]
+    sigma = signals.lasting.sigma[list(members)][:, last, source]
+    return np.divide(sigma, total, out=np.zeros_like(sigma), where=total > 0.0)
+
+
+@dataclass(frozen=True)
+class RangeErrors:
+    """Time-correlated errors of the ranges of a flight as states of a tightly coupled filter: of each source that is
+    ever used one state for each group of kinds that it has, of 1 sigma one.
+
+    A source that rises, or comes back, has a state that has not been measured, or not for long: its variance is one, or
+    has returned towards one. Nothing has to be added or taken away.
+    """
+
+    signals: Signals
+    belief: LastingBelief
+
+    @cached_property
+    def size(self) -> np.ndarray:
+        """1 sigma of the errors of each group (e, s, g), m, 0 of what is not used."""
+        sizes = [_size(self.signals, members) for members in self.belief.groups]
+        return np.stack(sizes, axis=2) if sizes else np.empty((*self.signals.used.shape, 0))
+
+    @cached_property
+    def states(self) -> tuple[np.ndarray, np.ndarray]:
+        """Group and source of each state (n,), group by group."""
+        group, source = np.nonzero(self.size.any(axis=0).T)
+        return group, source
+
+    def blocks(self, step: float) -> tuple[Block, ...]:
+        """The states, each a block by itself; step: of the filter, s."""
+        lasting, names, speeds = self.signals.lasting, self.signals.names, self.belief.names
+        assert lasting is not None
+        out = []
+        for group, source in zip(*self.states, strict=True):
+            members = list(self.belief.groups[group])
+            time = _common_time(lasting.time[members], np.sum(lasting.sigma[members][:, :, source] ** 2, axis=1))
+            name, number = f"range_error_{speeds[group]}_{names[source]}", len(self.belief.groups) * source + group
+            out.append(states.alone(name, "1", RANGE, int(number), 1.0, time, step))
+        return tuple(out)
+
+    @cached_property
+    def _shares(self) -> np.ndarray:
+        """By how much each kind is in the error of each state (k, e, n)."""
+        assert self.signals.lasting is not None
+        k, e, _ = self.signals.lasting.sigma.shape
+        group, source = self.states
+        out = np.zeros((k, e, group.size))
+        for g, members in enumerate(self.belief.groups):
+            own = np.flatnonzero(group == g)
+            out[np.ix_(list(members), np.arange(e), own)] = _parts(self.signals, members)[:, :, source[own]]
+        return out
+
+    def projections(self, epoch: int) -> np.ndarray:
+        """What the errors of the states owe to those of each kind and source of variance one (n, k, s), at an epoch."""
+        _, source = self.states
+        k, s = self._shares.shape[0], self.signals.used.shape[1]
+        out = np.zeros((source.size, k, s))
+        out[np.arange(source.size), :, source] = self._shares[:, epoch].T
+        return out
+
+    def true_values(self, errors: np.ndarray) -> np.ndarray:
+        """The errors of the states (e, n), of errors of each kind and source of variance one (k, e, s)."""
+        return np.asarray(np.sum(self._shares * errors[:, :, self.states[1]], axis=0))

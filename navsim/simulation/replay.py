@@ -572,7 +572,7 @@ def _table_of(
     return RangeTable(
         ranges.position[heard], ranges.velocity[heard], ranges.distance[heard], sigma[0] * slant,
         np.full(slant.size, sigma[1]), source, np.searchsorted(scales, ranges.clock[source]),
-        ranges.pseudorange[heard], ranges.range_rate[heard], lever_arm,
+        ranges.pseudorange[heard], ranges.range_rate[heard], lever_arm, np.empty((source.size, 0)),
     )  # fmt: skip
 
 

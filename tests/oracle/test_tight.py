@@ -111,6 +111,7 @@ def seen(prior_enu: np.ndarray, unit: np.ndarray, sigma: np.ndarray) -> np.ndarr
         RangeTable(
             places, np.zeros((count, 3)), np.full(count, distance), sigma, sigma, np.arange(count),
             np.zeros(count, np.int64), np.linalg.norm(places - here, axis=1), np.full(count, np.nan), np.zeros(3),
+            np.empty((count, 0)),
         ),
         ImuData(np.array([0.0, 0.01]), np.zeros((1, 3)), np.zeros((1, 3))),
         FilterModel(ESKF, np.zeros((1, 2)), DECLARED, NO_GATE, 0, clock=ReceiverClock(np.zeros(1, int), np.zeros(2))),
@@ -296,6 +297,7 @@ def test_a_near_source_is_iterated() -> None:
     table = RangeTable(
         (here + towards @ c_ne)[None], np.zeros((1, 3)), np.full(1, 200.0), np.full(1, sigma), np.full(1, 0.1),
         np.zeros(1, np.int64), np.zeros(1, np.int64), measured, np.full(1, np.nan), np.zeros(3),
+        np.empty((1, 0)),
     )  # fmt: skip
     model = FilterModel(
         ESKF, np.zeros((1, 2)), DECLARED, NO_GATE, 0, clock=ReceiverClock(np.zeros(1, int), np.zeros(2))

@@ -81,7 +81,7 @@ class Extent:
     inertial sensors have errors beyond those that are drawn with the noise; whether runs have ways of their own, of
     which discrete gusts draw nothing; signals that interfere with the sources', none where nothing is said of it;
     corners of the horizon; ridges of the terrain; whether clocks of pseudolites wander, and whether pressure has errors
-    that last."""
+    that last; states beside the clock's that belong to no group of three."""
 
     samples: int
     epochs: int
@@ -104,13 +104,14 @@ class Extent:
     ridges: int = 0
     wandering: bool = False
     pressing: bool = False
+    single: int = 0
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
         of_clock = clock_states(self.clocks) if self.ranged else 0
         return {
             "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
-            "group": (self.states - of_clock) // 3, "aided": self.aided, "watched": self.watched,
+            "group": (self.states - of_clock - self.single) // 3, "aided": self.aided, "watched": self.watched,
             "settled": self.settled,
             "ranged": self.ranged,
             "tried": self.tried,
@@ -132,9 +133,10 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         clocks.add(sources.pseudolites.clock)
     scales = 1 if sources.effects.one_clock else len(clocks)
     jamming, pressure = sources.jamming, scenario.barometric_altimeter
+    lasting = scenario.lasting_states(names // 2)  # about half of a sky is received
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
-        scenario.filter.states(scales, scenario.gain_states, scenario.lasting_states) + scenario.height_states,
+        scenario.filter.states(scales, scenario.gain_states + lasting + scenario.height_states),
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
         0 if scenario.integrity is None else fixes.size,
@@ -152,6 +154,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         len(sources.terrain),
         scenario.pseudolites.clock_noise is not None and of_ground > 0,
         pressure is not None and (pressure.qnh_sigma_hpa > 0.0 or pressure.drift_m > 0.0),
+        (lasting if scenario.filter.tight else 0) + scenario.height_states,
     )  # fmt: skip
 
 

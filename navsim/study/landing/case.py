@@ -33,7 +33,7 @@ from navsim.simulation.landing import (
     fly,
 )
 from navsim.simulation.landing import prepare as prepare_flight
-from navsim.simulation.lasting import followed_errors
+from navsim.simulation.lasting import fix_blocks, followed_errors
 from navsim.simulation.sensors import followed
 from navsim.study.foreseen import Foreseen, modelled
 from navsim.study.landing.faults import watching
@@ -208,7 +208,9 @@ def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
     sensors, lasting = followed(gyro, accel, section.scale_factors, section.misalignments), None
     if kinds := scenario.signals.errors.models():
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
-        lasting, blocks = followed_errors(section.about_lasting_errors(), kinds, scenario.duration_s, interval, step)
+        lasting = followed_errors(scenario.about_lasting_errors(), kinds, scenario.duration_s, interval)
+        # those of ranges go by the sources that are received: `simulation.landing.prepare` adds them
+        blocks = () if section.tight else fix_blocks(lasting, kinds, step)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
     of_aids = followed_heights(scenario.aiding(), 1.0 / scenario.imu.rate_hz)
     sensors = replace(
