@@ -28,12 +28,12 @@ SENSOR = (
 )
 UNKNOWN: list[tuple[str, tuple[str, ...]]] = [
     ("none", ()),
-    ("scale factors, 1000 ppm", ("imu.gyro.scale_ppm=1000", "imu.accelerometer.scale_ppm=1000")),
-    ("the same, followed", (
-        "imu.gyro.scale_ppm=1000", "imu.accelerometer.scale_ppm=1000", "filter.scale_factors=true")),
-    ("misalignments, 1 mrad", ("imu.gyro.misalignment_mrad=1", "imu.accelerometer.misalignment_mrad=1")),
-    ("the same, followed", (
-        "imu.gyro.misalignment_mrad=1", "imu.accelerometer.misalignment_mrad=1", "filter.misalignments=true")),
+    ("scale factors, 1000 ppm", (
+        "imu.gyro.scale_ppm=1000", "imu.accelerometer.scale_ppm=1000", "filter.scale_factors=false")),
+    ("the same, followed (default)", ("imu.gyro.scale_ppm=1000", "imu.accelerometer.scale_ppm=1000")),
+    ("misalignments, 1 mrad", (
+        "imu.gyro.misalignment_mrad=1", "imu.accelerometer.misalignment_mrad=1", "filter.misalignments=false")),
+    ("the same, followed (default)", ("imu.gyro.misalignment_mrad=1", "imu.accelerometer.misalignment_mrad=1")),
     ("asymmetry, 500 ppm", ("imu.gyro.asymmetry_ppm=500", "imu.accelerometer.asymmetry_ppm=500")),
     ("nonlinearity, 20 ppm/(°/s), 100 µg/g²", (
         "imu.gyro.nonlinearity_ppm_deg_s=20", "imu.accelerometer.nonlinearity_ug_g2=100")),

@@ -203,6 +203,8 @@ def transition(mid, dt, increments, declared, phi):
 
     # sensor states: -C on theta and v, with the turning of n and their decay; second order on r and v
     for c in range(declared.shape[0]):
+        if declared[c].triad > ACCELEROMETERS:
+            continue  # an error of measurements, whose `axis` is no axis of the body
         axis = declared[c].axis
         x, y, z = mid[axis], mid[3 + axis], mid[6 + axis]
         size = dt - h * declared[c].decay

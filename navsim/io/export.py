@@ -38,8 +38,9 @@ ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
 _ELLIPSES = 40
 """At most so many error ellipses are drawn along a track."""
-FIX_ERROR = "fix_error_"
-"""What names of states of errors of fixes that last begin with; each begins with a variance of one."""
+FIX_ERROR, RANGE_ERROR = "fix_error_", "range_error_"
+"""What names of states of time-correlated errors of fixes, and of ranges, begin with; each begins with a variance of
+one."""
 MOST_SITES = 20_000
 """Places of pseudolites on a map."""
 LONGEST = 30 * 86400.0
@@ -509,7 +510,7 @@ def _gates(result: Result, target: Path) -> dict[Path, str]:
 
 def _with_unit(name: str, unit: str) -> str:
     """The name of a column of a state with its unit, as keys of scenarios have them."""
-    if name.startswith(FIX_ERROR):
+    if name.startswith((FIX_ERROR, RANGE_ERROR)):
         return f"{name}_prior_sigma"
     return name if unit in ("", "1") else f"{name}_{unit.replace('/', '_')}"
 

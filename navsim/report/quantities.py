@@ -14,7 +14,7 @@ import numpy as np
 
 from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
-from navsim.io.export import FIX_ERROR, choose_run, true_antenna
+from navsim.io.export import FIX_ERROR, RANGE_ERROR, choose_run, true_antenna
 from navsim.io.results import Result, ResultError, Stream
 from navsim.report.tables import runs_of, setting
 
@@ -202,7 +202,7 @@ class Followed:
 
 def followed(names: list[str]) -> list[Followed]:
     """How states of a filter are shown, three a row; names: as the result has them."""
-    alone = [name for name in names if name.startswith(("barometric_", "clock_"))]
+    alone = [name for name in names if name.startswith(("barometric_", "clock_", RANGE_ERROR))]
     rows = list(_STATES)
     further = names[3 * len(_STATES) : len(names) - len(alone)]
     for first in further[::3]:
@@ -211,7 +211,8 @@ def followed(names: list[str]) -> list[Followed]:
         rows.append((first.rpartition("_")[0].replace("accelerometer", "accel.").replace("_", " "), *scale))
     axes = [*(3 * ("north", "east", "down")), *(2 * "xyz"), *(name.rpartition("_")[2] for name in further)]
     out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]
-    return out + [Followed(n.replace("_", " "), "m/s" if n == "clock_drift" else "m", 1.0, "") for n in alone]
+    units = ("m/s" if n == "clock_drift" else "prior σ" if n.startswith(RANGE_ERROR) else "m" for n in alone)
+    return out + [Followed(n.replace("_", " "), unit, 1.0, "") for n, unit in zip(alone, units, strict=True)]
 
 
 def shares(result: Result, states: list[int]) -> np.ndarray:

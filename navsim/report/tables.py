@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -565,6 +566,20 @@ def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
                 units=("", "m", "1", "1", "1", "1"))  # fmt: skip
 
 
+_FAMILIES = {"clock_": "receiver clock", "barometric_": "barometric altimeter", "range_error_": "errors of ranges",
+             "fix_error_": "errors of fixes", "gyro_misalignment_": "gyro misalignments",
+             "accelerometer_misalignment_": "accelerometer misalignments", "gyro_scale_": "gyro scale factors",
+             "accelerometer_scale_": "accelerometer scale factors"}  # fmt: skip
+"""What states of a filter beside navigation and biases are, by what their names begin with."""
+
+
+def _further_states(result: Result) -> dict[str, int]:
+    """How many states of each family a filter has beside navigation and biases."""
+    names = [str(name) for name in result["/filter/state"]] if "/filter/state" in result else []
+    found = (next((family for begin, family in _FAMILIES.items() if name.startswith(begin)), "") for name in names)
+    return dict(Counter(family for family in found if family))
+
+
 def _uses(result: Result, kind: str) -> bool:
     """Whether the result counts satellites or pseudolites, and any is used."""
     return f"/summary/used/{kind}" in result and bool(result[f"/summary/used/{kind}"][2] > 0.0)
@@ -597,6 +612,10 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         section("Sensors beside the receiver, measurements of all runs")
         for name in sensors:
             row(f"  {name.replace('_', ' ')}", lambda r, n=name: _aiding(r, n))
+    if families := list(dict.fromkeys(family for _, r in results for family in _further_states(r))):
+        section("States of the filter beside navigation and biases")
+        for family in families:
+            row(f"  {family}", lambda r, f=family: Cell("{}", (_further_states(r).get(f, 0),), names=("count",)))
     _losses(table, [r for _, r in results])
     section("Geometry on the glide (mean, min - max)")
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):

@@ -95,12 +95,12 @@ class FilterSection(Section):
     """what the filter takes the radio altimeter for; what is left out is as `radio_altimeter` says"""
     barometric_altimeter: FilterBarometricAltimeter = FilterBarometricAltimeter()
     """what the filter takes the barometric altimeter for; what is left out is as `barometric_altimeter` says"""
-    scale_factors: bool = False
+    scale_factors: bool | None = None
     """follow the scale factors of gyros and accelerometers, three more states each where they have some; their 1 sigma
-    at the start is that of imu"""
-    misalignments: bool = False
+    at the start is that of imu. Left out: of each sensor whose scale factors are large for this flight"""
+    misalignments: bool | None = None
     """follow the gains from one axis of gyros and accelerometers to another, six more states each where they have some;
-    their 1 sigma at the start is that of imu"""
+    their 1 sigma at the start is that of imu. Left out: of each sensor whose misalignments are large for this flight"""
     gate: Gate = Gate()
     """rejection of fixes, or of ranges, that cannot be true"""
     gaussian_sum: Components = Components()

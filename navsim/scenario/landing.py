@@ -305,9 +305,9 @@ class Landing(Section):
 
     @property
     def gain_states(self) -> int:
-        """How many gains of the inertial sensors the filter follows."""
-        scales = 3 * self._known_gains("scale_ppm") if self.filter.scale_factors else 0
-        return scales + (6 * self._known_gains("misalignment_mrad") if self.filter.misalignments else 0)
+        """How many gains of the inertial sensors the filter follows at most: by default only those that are large."""
+        scales = 0 if self.filter.scale_factors is False else 3 * self._known_gains("scale_ppm")
+        return scales + (0 if self.filter.misalignments is False else 6 * self._known_gains("misalignment_mrad"))
 
     def _checked_lasting(self) -> None:
         """What a filter can do about errors that last."""
@@ -328,10 +328,10 @@ class Landing(Section):
                 text = "there are none: give signals.errors, or a signals.preset that has them"
                 raise reject(text, "filter", "fix_errors")
             return
-        if self.about_lasting_errors() == "states" and not self.filter.tight:
-            if self.integrity is not None and self.integrity.exclusion != "none":
-                text = "fixes without what is excluded have other errors than those that states follow; use inflate"
-                raise reject(text, "filter", "fix_errors")
+        excludes = self.integrity is not None and self.integrity.exclusion != "none"
+        if excludes and not self.filter.tight and self.about_lasting_errors() == "states":
+            text = "fixes without what is excluded have other errors than those that states follow; use inflate"
+            raise reject(text, "filter", "fix_errors")
         if watched and not (self.filter.tight and self.about_lasting_errors() == "inflate"):
             text = "levels of the filter take errors of fixes for independent in time; use mhss"
             also = ", or `coupling: tight` with `fix_errors: inflate`"

@@ -557,10 +557,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
-    blocks = {*beliefs.sensors.blocks}
-    gains = (not blocks.isdisjoint(any_of_them) for any_of_them in (states.SCALE_FACTORS, states.MISALIGNMENTS))
     inertial = tuple(b for b in beliefs.sensors.blocks if b.triad in (states.GYROS, states.ACCELEROMETERS))
-    matched &= _same(replace(beliefs.sensors, blocks=inertial), followed(gyro, accel, *gains))
+    matched &= _same(replace(beliefs.sensors, blocks=inertial), followed(gyro, accel, beliefs.sensors.blocks))
     if beliefs.clock is not None:
         matched &= np.allclose(beliefs.clock, world.clock_density, rtol=1e-12, atol=0.0)
     begins = np.allclose(lin.believed[0], analysis.covariance[0], rtol=1e-9, atol=0.0)

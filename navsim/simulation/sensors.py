@@ -6,7 +6,7 @@ The one converter between truth and belief. A further error of a sensor is a ter
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,23 +16,52 @@ from navsim.core.states import Block
 from navsim.estimation.beliefs import SensorBeliefs
 from navsim.models.imu import SensorErrors, Triad
 
+GAINS = (*states.SCALE_FACTORS, *states.MISALIGNMENTS)
+"""Errors of inertial sensors that a filter can follow beside biases."""
+_MATTERS = 0.3
+"""Least ratio of what a gain adds to what a filter cannot know at which it is followed by default: sigma without the
+state would be too small by sqrt(1 + 0.3^2) - 1, 4 %."""
 
-def followed(
-    gyro: Triad, accel: Triad, scale_factors: bool = False, misalignments: bool = False
-) -> SensorBeliefs:
-    """The beliefs of a filter that takes these sensors for true; scale_factors, misalignments: whether it follows them,
-    of those sensors that have some.
+
+def _sigma(block: Block, triads: Sequence[Triad]) -> float:
+    """1 sigma of gains of a block."""
+    triad = triads[block.triad]
+    return triad.scale if block.through == 0 else triad.further.misalignment
+
+
+def gains_that_matter(gyro: Triad, accel: Triad, dtheta: np.ndarray, dv: np.ndarray, dt: float) -> tuple[Block, ...]:
+    """The blocks of gains that are large for a flight: exact increments dtheta, dv (n, 3) over intervals of dt, s.
+
+    A gain s adds s u, where its triad feels u. Over windows of 1 s, 2 s, 4 s and so on, s times the integral of u is
+    held against what a filter cannot know of the window however well it has learnt the bias: white noise and the
+    wandering of the bias.
+    """
+    triads, out = (gyro.merged(), accel.merged()), []
+    for block in GAINS:
+        sigma, triad = _sigma(block, triads), triads[block.triad]
+        felt = (dtheta, dv)[block.triad]
+        # the axis that feels most counts, whichever axis the gain takes it to
+        adding = np.concatenate([np.zeros((1, 3)), np.cumsum(felt, axis=0)])
+        length = max(1, round(1.0 / dt))
+        while length <= felt.shape[0]:
+            most, window = float(np.abs(adding[length:] - adding[:-length]).max()), length * dt
+            if sigma * most > _MATTERS * np.hypot(np.sqrt(triad.white() * window), triad.markov * window):
+                out.append(block)
+                break
+            length *= 2
+    return tuple(out)
+
+
+def followed(gyro: Triad, accel: Triad, gains: Collection[Block] = ()) -> SensorBeliefs:
+    """The beliefs of a filter that takes these sensors for true; gains: blocks of `GAINS` that it follows, of those
+    sensors that have some.
 
     A Markov bias alone is followed as such; on top of a constant bias it is followed as a random walk of the same
     short-term growth, since one state cannot be both; flicker noise is followed as `Triad.merged` has it; a random walk
     of the bias is followed as what it is. A fixed bias counts with its root mean square.
     """
     triads = (gyro.merged(), accel.merged())
-    gains = (
-        *((block, triads[block.triad].scale) for block in states.SCALE_FACTORS if scale_factors),
-        *((block, triads[block.triad].further.misalignment) for block in states.MISALIGNMENTS if misalignments),
-    )
-    there = [(block, sigma) for block, sigma in gains if sigma > 0.0]
+    there = [(block, sigma) for block in GAINS if block in gains and (sigma := _sigma(block, triads)) > 0.0]
     return SensorBeliefs(
         blocks=(*states.biases(*(_decay_and_drive(t) for t in triads)), *(block for block, _ in there)),
         sigma=(*(t.initial_sigma() for t in triads), *(sigma for _, sigma in there)),

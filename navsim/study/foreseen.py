@@ -304,12 +304,12 @@ def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:
 
 
 def _gains_passed_over(scenario: Landing) -> list[str]:
-    """Gains of the inertial sensors that the filter takes for none."""
+    """Warnings of gains of the inertial sensors that the scenario has the filter take for none."""
     imu, its = scenario.imu, scenario.filter
     gains = (
         ("scale_ppm", "scale factors", "scale_factors"), ("misalignment_mrad", "misalignments", "misalignments"),
     )  # fmt: skip
-    there = [(name, f"filter.{key}: true", keys) for error, name, key in gains if not getattr(its, key)
+    there = [(name, f"filter.{key}: true", keys) for error, name, key in gains if getattr(its, key) is False
              and (keys := [f"imu.{s}.{error}" for s in ("gyro", "accelerometer") if getattr(getattr(imu, s), error)])]
     if not there:
         return []

@@ -19,7 +19,7 @@ from tests.product.test_run import navsim
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")
 SCALED = ("imu.gyro.scale_ppm=20000", "imu.accelerometer.scale_ppm=20000")
 """Two percent: large enough to be seen within a minute of turns."""
-FOLLOWED = "filter.scale_factors=true"
+FOLLOWED, IGNORED = "filter.scale_factors=true", "filter.scale_factors=false"
 
 
 @pytest.mark.parametrize("kind", ["eskf", "left-invariant", "tfg", "gaussian-sum"])
@@ -40,7 +40,7 @@ def test_a_filter_that_follows_them_is_true(kind: str) -> None:
 
 def test_a_filter_that_does_not_know_of_them_is_worse_and_untrue() -> None:
     wise = fly_all(case(*GENTLE, *SCALED, FOLLOWED, name="s_turn"), 12, 0, 150, threads())
-    ignorant = fly_all(case(*GENTLE, *SCALED, name="s_turn"), 12, 0, 150, threads())
+    ignorant = fly_all(case(*GENTLE, *SCALED, IGNORED, name="s_turn"), 12, 0, 150, threads())
     np.testing.assert_array_equal(wise["pseudorange"], ignorant["pseudorange"])  # the same flights
     late = slice(30, None)
     attitude = slice(states.ATT, states.SENSORS)
@@ -48,7 +48,7 @@ def test_a_filter_that_does_not_know_of_them_is_worse_and_untrue() -> None:
     assert ignorant["nees"].mean(axis=0)[late].mean() / 15 > 1.3
 
 
-@pytest.mark.parametrize("settings", [(FOLLOWED,), ()], ids=["followed", "ignored"])
+@pytest.mark.parametrize("settings", [(FOLLOWED,), (IGNORED,)], ids=["followed", "ignored"])
 def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     """Every component of position and velocity at every 10 s, 400 runs within 16 % (4.5 sigma of the sampling)."""
     small = ("imu.gyro.scale_ppm=5000", "imu.accelerometer.scale_ppm=5000")
@@ -60,6 +60,26 @@ def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     at = list(range(10, 61, 10))
     ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[at, : states.ATT] / predicted[at, : states.ATT]
     assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
+
+
+PHONE = (
+    "imu={preset: icm-42688-p, gyro: {bias_instability_deg_h: 10}, accelerometer: {bias_instability_mg: 0.05}}",
+    "receiver.rate_hz=1",
+)
+
+
+def test_the_default_follows_those_that_are_large() -> None:
+    """By size and flight: a phone's, whose accelerometer bias would be off by 40 sigma at the end; not those that noise
+    hides, nor a gyro's where nothing turns; the analysis of the default is that of a true filter."""
+    phone = case(*PHONE)
+    assert phone.groups[5:] == ("gyro_scale", "accelerometer_scale")
+    assert np.abs(covariance_analysis(phone).expected_square(slice(0, 21))[2:] - 1.0).max() < 0.02
+    bias = slice(states.ACCEL + 2, states.ACCEL + 3)
+    assert covariance_analysis(case(*PHONE, IGNORED)).expected_square(bias)[-1] > 100.0
+    tiny = ("imu.gyro.scale_ppm=1", "imu.accelerometer.scale_ppm=1")
+    assert case(*tiny, "duration_s=20").groups[5:] == ()
+    straight = case(*PHONE, "duration_s=20")  # before the flare, 5 deg down without a turn
+    assert straight.groups[5:] == ("accelerometer_scale",)
 
 
 def test_smoothed_with_them() -> None:

@@ -169,7 +169,8 @@ def _whole(here: PlacementProblem) -> Extent:
     """The base scenario with the most pseudolites."""
     case = here.scenario
     fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
-    samples, followed = epochs(case.duration_s, case.imu.rate_hz).size, case.filter.states(1, case.gain_states + case.height_states)
+    samples = epochs(case.duration_s, case.imu.rate_hz).size
+    followed = case.filter.states(1, case.gain_states + case.height_states)
     return Extent(samples, fixes, 24 + max(here.study.counts), 1, followed, 0, 0.0, 0, 0)
 
 

@@ -11,11 +11,13 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.lanes import WIDTH
+from navsim.core.states import Block
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.models.approach import TOUCHDOWN
 from navsim.models.horizon import behind
+from navsim.models.imu import Triad
 from navsim.models.kinematics import Moving
 from navsim.models.signals import Environment, Pseudolites
 from navsim.models.systems import CLOCKS
@@ -34,7 +36,7 @@ from navsim.simulation.landing import (
 )
 from navsim.simulation.landing import prepare as prepare_flight
 from navsim.simulation.lasting import fix_blocks, followed_errors
-from navsim.simulation.sensors import followed
+from navsim.simulation.sensors import followed, gains_that_matter
 from navsim.study.foreseen import Foreseen, modelled
 from navsim.study.landing.faults import watching
 from navsim.study.sources import touchdown_time
@@ -165,7 +167,7 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     gyro, accel = scenario.imu.triads()
     world = world_of(scenario, trajectory, sources)
     watched = watching(scenario, sources)
-    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario), watched)
+    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, world), watched)
     case = Case(scenario, trajectory, sources, flight, warnings)
     case.foreseen.check(document)
     return case
@@ -194,7 +196,17 @@ def _initial(scenario: Landing) -> InitialErrors:
     return InitialErrors(section.attitude_deg * DEG, section.position_m, section.velocity_m_s, fixed)
 
 
-def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
+def _gains(scenario: Landing, world: World, gyro: Triad, accel: Triad) -> tuple[Block, ...]:
+    """The gains of inertial sensors, as the filter believes in them, that it follows: those that are asked for, and of
+    those that the scenario says nothing of the ones that matter on this flight."""
+    dt = float(world.imu_time[1] - world.imu_time[0])
+    large = gains_that_matter(gyro, accel, world.dtheta, world.dv, dt)
+    its = scenario.filter
+    asked = ((its.scale_factors, states.SCALE_FACTORS), (its.misalignments, states.MISALIGNMENTS))
+    return tuple(b for wanted, blocks in asked for b in blocks if (b in large if wanted is None else wanted))
+
+
+def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
     """What the filter believes, and of the initial errors: what its section leaves out is what the truth has."""
     section = scenario.filter
     truth = scenario.initial_errors
@@ -205,7 +217,7 @@ def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
         truth.velocity_m_s if given.velocity_m_s is None else given.velocity_m_s,
     )
     gyro, accel = scenario.imu.triads(section.imu.gyro, section.imu.accelerometer)
-    sensors, lasting = followed(gyro, accel, section.scale_factors, section.misalignments), None
+    sensors, lasting = followed(gyro, accel, _gains(scenario, world, gyro, accel)), None
     if kinds := scenario.signals.errors.models():
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
         lasting = followed_errors(scenario.about_lasting_errors(), kinds, scenario.duration_s, interval)
