@@ -70,10 +70,11 @@ PHONE = (
 
 def test_the_default_follows_those_that_are_large() -> None:
     """By size and flight: a phone's, whose accelerometer bias would be off by 40 sigma at the end; not those that noise
-    hides, nor a gyro's where nothing turns; the analysis of the default is that of a true filter."""
+    hides, nor a gyro's where nothing turns; with them the filter is true to first order."""
     phone = case(*PHONE)
     assert phone.groups[5:] == ("gyro_scale", "accelerometer_scale")
-    assert np.abs(covariance_analysis(phone).expected_square(slice(0, 21))[2:] - 1.0).max() < 0.02
+    square = covariance_analysis(phone).expected_square(slice(0, 21))
+    assert 0.9 < square.min() < square.max() < 1.02  # a little cautious: one state for constant and wandering bias
     bias = slice(states.ACCEL + 2, states.ACCEL + 3)
     assert covariance_analysis(case(*PHONE, IGNORED)).expected_square(bias)[-1] > 100.0
     tiny = ("imu.gyro.scale_ppm=1", "imu.accelerometer.scale_ppm=1")
