@@ -53,6 +53,7 @@ class Beliefs:
     fixes. gate: limits by the number of measurements; components, widest: of a Gaussian sum; see `FilterModel`.
     clock: densities of the noises of the receiver's clock, phase (m2/s) and frequency (m2/s3), where ranges are
     measurements instead of fixes; None where they are not. lasting: what it makes of errors that last, None without.
+    reflections: whether it knows how large errors by reflections are.
     """
 
     kind: int
@@ -67,6 +68,7 @@ class Beliefs:
     widest: float
     clock: tuple[float, float] | None = None
     lasting: LastingBelief | None = None
+    reflections: bool = False
 
     @property
     def tight(self) -> bool:

@@ -50,6 +50,10 @@ DEEPEST = -40.0
 out."""
 
 
+_PHASES = 16
+"""Phases that the mean and the spread of a reflection's error are taken over."""
+
+
 @dataclass(frozen=True)
 class GroundReflection:
     """The ground under a path from a transmitter near it: height of the ground over the ellipsoid, m; permittivity,
@@ -129,6 +133,34 @@ def multipath_error(
         rising = discriminator(middle) < 0.0
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
     return 0.5 * chip * (low + high)
+
+
+@dataclass(frozen=True)
+class ReflectionErrors:
+    """How large errors by reflections are for somebody who knows the geometry to metres, not to a wavelength: mean,
+    sigma (e, s) over all phases, m, 0 of sources without; time (e, s) the correlation time of what is beside the mean,
+    s, the inverse of the rate of the phase."""
+
+    mean: np.ndarray
+    sigma: np.ndarray
+    time: np.ndarray
+
+    def at(self, epochs: np.ndarray) -> ReflectionErrors:
+        """At the epochs with these numbers (m,) int."""
+        return ReflectionErrors(self.mean[epochs], self.sigma[epochs], self.time[epochs])
+
+    def select(self, kept: np.ndarray) -> ReflectionErrors:
+        """Of the sources that are marked in `kept` (s,) bool."""
+        return ReflectionErrors(self.mean[:, kept], self.sigma[:, kept], self.time[:, kept])
+
+
+def over_phases(
+    spacing: float, chip: float, amplitude: np.ndarray, excess: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation of `multipath_error` over all phases (e,), m."""
+    phases = np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
+    errors = multipath_error(spacing, chip, amplitude[:, None], excess[:, None], phases)
+    return errors.mean(axis=1), errors.std(axis=1)
 
 
 def _triangle(x: np.ndarray) -> np.ndarray:

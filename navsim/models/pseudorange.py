@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.core.arrays import earth
+from navsim.models.code_loop import ReflectionErrors
 from navsim.models.constellation import Constellation
 from navsim.models.lasting import LastingErrors
 from navsim.models.transmitter import WanderingClocks
@@ -46,6 +47,7 @@ class Signals:
     smoothing: (e, s) int, counts of the carrier smoothing, or None for bare code. js: (j, e, s) power of jammers by
     that of the signal, dB. offset: (s, k) change by one sigma of the offset of each of k time scales, m, which are
     drawn for each run, or None. wandering: the clocks of pseudolites that are drawn for each run, or None.
+    reflections: how large the errors by reflections are that `delay` has, or None.
     """
 
     time: np.ndarray
@@ -74,6 +76,7 @@ class Signals:
     js: np.ndarray
     offset: np.ndarray | None = None
     wandering: WanderingClocks | None = None
+    reflections: ReflectionErrors | None = None
 
     @property
     def noise_sigma(self) -> np.ndarray:
@@ -107,7 +110,8 @@ class Signals:
             if getattr(self, name) is not None
         }
         lasting = None if self.lasting is None else self.lasting.at(epochs)
-        return replace(self, js=self.js[:, epochs], lasting=lasting, **each)
+        reflections = None if self.reflections is None else self.reflections.at(epochs)
+        return replace(self, js=self.js[:, epochs], lasting=lasting, reflections=reflections, **each)
 
     def select(self, kept: np.ndarray) -> Signals:
         """Of the sources, those marked in `kept` (s,) bool."""
@@ -118,6 +122,7 @@ class Signals:
             clock=self.clock[kept],
             space=None if self.space is None else self.space[:, kept],
             lasting=None if self.lasting is None else self.lasting.select(kept),
+            reflections=None if self.reflections is None else self.reflections.select(kept),
             smoothing=None if self.smoothing is None else self.smoothing[:, kept],
             js=self.js[:, :, kept],
             offset=None if self.offset is None else self.offset[kept],

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from navsim.core.arrays.earth import RATE as EARTH_RATE
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.core.defect import Defect
 from navsim.models import atmosphere, code_loop, interference, pseudorange, timescales
 from navsim.models.antenna import AircraftAntenna, GroundPattern
@@ -450,7 +450,9 @@ def _affected(
         cn0[:, is_pseudolite] = np.where(used[:, is_pseudolite], strength + to_ground[:, is_pseudolite], np.nan)
     if effects.cn0_reference is not None:
         cn0 += np.where(is_pseudolite, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
+    reflections = None
     if effects.reflection is not None:
+        mean, size, time = np.zeros((e, s)), np.zeros((e, s)), np.full((e, s), np.inf)
         # the ray by the runway's plane, per pseudolite
         for i in np.flatnonzero(is_pseudolite):
             transmitter = pseudolites.llh[i - (s - len(pseudolites.names))]
@@ -458,7 +460,12 @@ def _affected(
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
             ray = code_loop.reflection(effects.reflection, pseudolites.carrier, above, float(own), across)
             delay[:, i] += code_loop.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
+            mean[:, i], size[:, i] = code_loop.over_phases(effects.loop.spacing, float(chip[i]), *ray[:2])
+            if e > 1:
+                turns = np.abs(np.gradient(ray[1], signals.time)) * pseudolites.carrier / SPEED_OF_LIGHT
+                time[:, i] = 1.0 / np.maximum(2.0 * np.pi * turns, 1e-9)
             cn0[:, i] += code_loop.fade(ray[0], ray[2])
+        reflections = code_loop.ReflectionErrors(mean, size, time)
     if effects.thermal:
         thermal = effects.loop.sigma(cn0, chip)
         sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
@@ -504,6 +511,7 @@ def _affected(
         divergence=2.0 * ionosphere + signals.divergence,
         space=space,
         lasting=lasting,
+        reflections=reflections,
         fix_sigma=fix_sigma,
         fix_rate_sigma=fix_rate_sigma,
         smoothing=smoothing,

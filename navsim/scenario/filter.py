@@ -84,7 +84,8 @@ class FilterSection(Section):
     """time-correlated errors (`signals.errors`). states: the filter follows those of the fixes, six for all satellites
     and each group of kinds; with `coupling: tight` those of each satellite. inflate: it takes fixes or ranges for
     noisier than they are. none: it takes them for noise of their size. Left out: states; inflate where the filter is
-    tightly coupled and watched (`integrity.method: filter`)"""
+    tightly coupled and watched (`integrity.method: filter`). Reflections (`pseudolites.multipath`) are taken for noise
+    of their size and memory, with none: they are not known"""
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()

@@ -324,7 +324,10 @@ class Landing(Section):
                 text = f"{lasts}; use 0, or filter.barometric_altimeter.errors: states"
                 raise reject(text, "barometric_altimeter", there[0])
         if not self.signals.errors.models():
-            if self.filter.fix_errors is not None:
+            reflected = self.pseudolites.multipath is not None and self.pseudolites.placed()
+            if self.filter.fix_errors == "states" and reflected:
+                raise reject("reflections are no states; use inflate or none", "filter", "fix_errors")
+            if self.filter.fix_errors is not None and not reflected:
                 text = "there are none: give signals.errors, or a signals.preset that has them"
                 raise reject(text, "filter", "fix_errors")
             return

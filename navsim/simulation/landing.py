@@ -44,6 +44,7 @@ from navsim.estimation.records import (
 from navsim.integrity.exclusion import NOTHING
 from navsim.models import code_loop, imu, pseudorange
 from navsim.models.air import Air
+from navsim.models.code_loop import ReflectionErrors
 from navsim.models.heavier import HeavierNoise
 from navsim.models.kinematics import Motion, Moving, Trajectory
 from navsim.models.receiver import Receiver, wander
@@ -64,7 +65,7 @@ from navsim.simulation.curvature import (
 from navsim.simulation.exclusion import Excluder, SettledFixes
 from navsim.simulation.fixes import ReceiverFixes, left_over, solved
 from navsim.simulation.flown import Flown, Ways
-from navsim.simulation.lasting import FixErrors, RangeErrors
+from navsim.simulation.lasting import FixErrors, RangeErrors, as_noise
 from navsim.simulation.sensors import true_values
 
 CARRIER_SIGMA = 3e-3
@@ -521,6 +522,38 @@ class Flight:
         assert self.beliefs.lasting is not None
         return RangeErrors(self.world.signals, self.beliefs.lasting)
 
+    @cached_property
+    def reflection_sigma(self) -> np.ndarray | None:
+        """1 sigma of the errors by reflections (e, s), m, beside their mean, that the filter takes for noise: with
+        their memory; None where there are none, or it knows nothing of them."""
+        reflections, time = self._reflections, self.world.signals.time
+        if reflections is None or time.size < 2:
+            return None
+        duration, interval = float(time[-1] - time[0]), float(np.median(np.diff(time)))
+        return np.asarray(reflections.sigma * np.sqrt(as_noise(reflections.time, duration, interval)))
+
+    @property
+    def _reflections(self) -> ReflectionErrors | None:
+        """What the filter knows of errors by reflections."""
+        return self.world.signals.reflections if self.beliefs.reflections else None
+
+    @cached_property
+    def fix_bias(self) -> np.ndarray | None:
+        """The errors of fixes (e, MOST) that a loosely coupled filter takes off: the mean of second-order errors, and
+        of errors by reflections over all phases; None of none."""
+        out = None if self.curvature is None else self.curvature.mean
+        if self._reflections is not None:
+            mean = np.where(self.world.signals.used, self._reflections.mean, 0.0)
+            by_reflections = np.einsum("ems,es->em", self.world.fix_errors.by_range, mean)
+            out = by_reflections if out is None else out + by_reflections
+        return out
+
+    @property
+    def range_bias(self) -> np.ndarray:
+        """The errors of ranges (e, s), m, that a tightly coupled filter takes off: the mean of those by reflections."""
+        reflections = self._reflections
+        return np.zeros_like(self.world.signals.range) if reflections is None else reflections.mean
+
     @property
     def range_error_sigma(self) -> np.ndarray:
         """1 sigma of the errors of each group (e, s, g), m, that a tightly coupled filter follows; of no size where it
@@ -629,13 +662,11 @@ class Flight:
     def range_sigma(self) -> np.ndarray:
         """1 sigma of pseudoranges (e, s), m, that a tightly coupled filter takes for noise."""
         signals, lasting = self.world.signals, self.beliefs.lasting
-        if lasting is None or signals.lasting is None:
-            return signals.fix_sigma
-        if lasting.followed:
-            return signals.noise_sigma
-        return np.asarray(np.sqrt(
-            signals.noise_sigma**2 + np.einsum("k,kes->es", lasting.factor, signals.lasting.sigma**2)
-        ))  # fmt: skip
+        sigma = signals.fix_sigma
+        if lasting is not None and signals.lasting is not None:
+            of_kinds = 0.0 if lasting.followed else np.einsum("k,kes->es", lasting.factor, signals.lasting.sigma**2)
+            sigma = np.sqrt(signals.noise_sigma**2 + of_kinds)
+        return sigma if self.reflection_sigma is None else np.hypot(sigma, self.reflection_sigma)
 
     def over(self, world: World) -> Flight:
         """The same in another world."""
@@ -691,7 +722,7 @@ def table_of_all_fixes(
 ) -> FixTable:
     """The fixes of a flight (e, 3), (e, 3), (e, 6, 6), of one run, or of lanes, with what the filter knows of errors
     that last; epochs: those that they are of."""
-    lasting, curvature, lanes = flight.beliefs.lasting, flight.curvature, covariance.ndim == 4
+    lasting, bias, lanes = flight.beliefs.lasting, flight.fix_bias, covariance.ndim == 4
     noise = flight.noise_along_route
     if noise is not None:
         # a fix of another receiver may come where the scenario's has none
@@ -700,8 +731,11 @@ def table_of_all_fixes(
     elif lasting is not None:
         more = flight.world.fix_errors.of_kinds(lasting.factor - 1.0)[epochs]
         covariance = covariance + (more[..., None] if lanes else more)
-    if curvature is not None:
-        mean, route = curvature.mean[epochs], llh_from_ecef(flight.world.signals.antenna[epochs])
+    if flight.reflection_sigma is not None:
+        more = flight.world.fix_errors.of_ranges(flight.reflection_sigma)[epochs]
+        covariance = covariance + (more[..., None] if lanes else more)
+    if bias is not None:
+        mean, route = bias[epochs], llh_from_ecef(flight.world.signals.antenna[epochs])
         llh = shifted(llh, -mean[:, : states.VEL], route)
         velocity = velocity - mean[:, states.VEL :].reshape(-1, 3, *(1,) * (velocity.ndim - 2))
     table = table_of_fixes(flight.beliefs, llh, velocity, covariance)
@@ -715,7 +749,8 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
     bias[list(flight.scales)] = np.arange(len(flight.scales))
     source, curvature = np.nonzero(heard)[1], flight.range_curvature
     sigma = np.stack([flight.range_sigma[heard], signals.fix_rate_sigma[heard]], axis=1)
-    given = np.stack([ranges[heard], rates[heard]], axis=1)
+    off = flight.range_bias[heard].reshape(-1, *(1,) * (ranges.ndim - 2))
+    given = np.stack([ranges[heard] - off, rates[heard]], axis=1)
     if curvature is not None:
         sigma = np.sqrt(sigma**2 + diagonal_bound(curvature.noise))
         given = given - curvature.mean.reshape(*curvature.mean.shape, *(1,) * (given.ndim - 2))

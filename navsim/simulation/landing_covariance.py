@@ -554,6 +554,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     )
     white = s.smoothing is None and s.space is None and s.offset is None and s.lasting is None and s.wandering is None
     white &= beliefs.sigma_scale == 1.0 and curvature is None and flight.range_curvature is None
+    white &= s.reflections is None
     white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()

@@ -49,7 +49,7 @@ def followed_errors(
                 groups.append((name, members))
     factor = np.ones(len(kinds))
     if how == INFLATED:
-        factor = np.array([_as_noise(kind.time, duration, interval) for kind in kinds])
+        factor = as_noise(np.array([kind.time for kind in kinds]), duration, interval)
     return LastingBelief(how == STATES, tuple(members for _, members in groups), tuple(n for n, _ in groups), factor)
 
 
@@ -70,11 +70,11 @@ def _common_time(times: Sequence[float] | np.ndarray, variances: Sequence[float]
     return 1.0 / rate if rate > 0.0 else np.inf
 
 
-def _as_noise(time: float, duration: float, interval: float) -> float:
-    """How many times its variance an error of this correlation time has as white noise that does to a mean over many
-    intervals what the error does; of one that outlasts the flight, to the mean over the flight."""
-    kept = np.exp(-interval / min(time, 0.5 * duration))
-    return float((1.0 + kept) / (1.0 - kept))
+def as_noise(time: np.ndarray, duration: float, interval: float) -> np.ndarray:
+    """How many times its variance an error of these correlation times, s, has as white noise that does to a mean over
+    many intervals what the error does; of one that outlasts the flight, to the mean over the flight."""
+    kept = np.exp(-interval / np.minimum(time, 0.5 * duration))
+    return np.asarray((1.0 + kept) / (1.0 - kept))
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ class RangeErrors:
         out = np.zeros((k, e, group.size))
         for g, members in enumerate(self.belief.groups):
             own = np.flatnonzero(group == g)
-            out[np.ix_(list(members), np.arange(e), own)] = _parts(self.signals, members)[:, :, source[own]]
+            out[np.ix_(np.array(members), np.arange(e), own)] = _parts(self.signals, members)[:, :, source[own]]
         return out
 
     def projections(self, epoch: int) -> np.ndarray:

@@ -218,6 +218,26 @@ def test_ground_multipath_of_pseudolites() -> None:
     assert np.sum(np.diff(np.sign(error)) != 0) >= 1  # it beats as the aircraft comes down
 
 
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+def test_a_filter_knows_how_large_reflections_are(coupling: str) -> None:
+    """To first order: RMS of error/sigma of every state within 0.9 and 1.1 at every 10 s, where a filter that knows
+    nothing of them has more (its positions 1.13); without reflections the key is refused."""
+    reflected = (
+        "receiver.rate_hz=2", "pseudolites.height_m=5", "pseudolites.multipath={}", f"filter.coupling={coupling}"
+    )  # fmt: skip
+
+    def z(*more: str) -> np.ndarray:
+        analysis = landing.covariance_analysis(case(*reflected, *more))
+        second = np.diagonal(analysis.covariance, axis1=1, axis2=2) + analysis.mean**2
+        return np.sqrt(second / np.diagonal(analysis.believed, axis1=1, axis2=2))[20::20]
+
+    known = z()
+    assert 0.9 < known.min() < known.max() < 1.1
+    assert z("filter.fix_errors=none").max() > 1.1
+    with pytest.raises(InputError, match="reflections are no states"):
+        case(*reflected, "filter.fix_errors=states")
+
+
 def test_smoothed_code() -> None:
     """Fixes get quieter, as their stated sigma says."""
     bare, smoothed = (case(*BASE, f"receiver.smoothing_s={t}", "receiver.rate_hz=2") for t in (0, 30))

@@ -36,6 +36,15 @@ def test_multipath_of_a_short_delay_in_closed_form() -> None:
             np.testing.assert_allclose(ours[inside], expected[inside], atol=1e-4)
 
 
+def test_mean_and_spread_of_a_short_delay_over_phases() -> None:
+    """Of delta m / (1 + m) with m = alpha cos(phase), in closed form by the moments of 1 / (1 + m)."""
+    excess, amplitude = np.array([0.5, 2.0, 5.0]), np.array([0.1, 0.3, 0.5])
+    mean, spread = code_loop.over_phases(0.5, CHIP, amplitude, excess)
+    left = 1.0 - amplitude**2
+    np.testing.assert_allclose(mean, excess * (1.0 - left**-0.5), atol=1e-4)
+    np.testing.assert_allclose(spread, excess * np.sqrt(left**-1.5 - 1.0 / left), atol=1e-4)
+
+
 def test_multipath_has_its_known_envelope() -> None:
     """In phase the plateau is alpha d / 2 chips; beyond 1 + d / 2 chips there is none; opposite phases have opposite
     signs."""

@@ -242,6 +242,7 @@ def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
         widest=section.gaussian_sum.heading_deg * DEG,
         clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
         lasting=lasting,
+        reflections=section.fix_errors != "none",
     )
     return beliefs, initial
 
