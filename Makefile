@@ -4,14 +4,23 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: run test lint docs site table2 calibrate validate torture release bench clean
+.PHONY: run test coverage lint docs site table2 calibrate validate torture release bench clean
 
 run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
 	$(BIN)/navsim run scenarios/landing.yaml
 
+# whatever starts Python keeps what it compiles: a start without that takes twice as long, and the tests have hundreds
+export PYTHONDONTWRITEBYTECODE :=
+
 # the tests of a file stay in one process, which makes what they share once
 test: $(STAMP)           ## the whole test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+coverage: $(VENV)/.coverage ## the test suite, and the lines of each file that it ran, in processes that it started too
+	$(BIN)/python -m coverage erase
+	$(BIN)/python -m coverage run -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
 
 docs: $(STAMP)           ## docs/result-file.md, docs/reference and the names of keys from the schemas, docs/validation.md from the oracle tests
 	$(BIN)/python scripts/key_names.py
@@ -61,6 +70,10 @@ $(STAMP): pyproject.toml requirements.lock
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+$(VENV)/.coverage: $(STAMP) requirements-coverage.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-coverage.lock
 	touch $@
 
 $(VENV)/.bench: $(STAMP) requirements-bench.lock

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
+import time
 from collections import Counter
 from collections.abc import Generator
 from contextlib import suppress
@@ -25,6 +27,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # what the developer has installed for editors is none of the tests'
 os.environ["XDG_DATA_HOME"] = "/dev/null/data"
+
+# processes of the tests keep what they compile of Python: the start of one takes half as long then
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
@@ -140,6 +146,8 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     told, cpu = (dict(report.user_properties).get(name) for name in ("validates", CPU))
     if cpu is not None and report.when == "teardown":
         _cpu[report.nodeid] += cpu
+        if (node := getattr(report, "node", None)) is not None:
+            _last[node.gateway.id] = time.monotonic()
     if told is None or not (report.when == "call" or (report.when == "setup" and report.outcome != "passed")):
         return
     claim, oracle, tolerance, unused = told
@@ -179,6 +187,8 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
 
 _BEGAN = pytest.StashKey[float]()
 _cpu: Counter[str] = Counter()
+_last: dict[str, float] = {}
+"""When each process of tests has ended its last one."""
 DEAREST = 10
 """Tests that the end of a session names."""
 
@@ -189,6 +199,8 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     for name, seconds in _cpu.items():
         files[name.partition("::")[0]] += seconds
     terminalreporter.write_sep("=", f"{sum(_cpu.values()):.0f} s of processor time")
+    for name, end in sorted(_last.items()):
+        terminalreporter.write_line(f"{max(_last.values()) - end:6.1f} s  without work at the end: {name}")
     for dearest in (files, _cpu):
         for name, seconds in dearest.most_common(DEAREST):
             terminalreporter.write_line(f"{seconds:6.1f} s  {name}")
