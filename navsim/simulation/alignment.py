@@ -55,6 +55,9 @@ STILL_WAY = 10.0
 """Distance that fixes of a body at rest may be apart beside `STILL_SPEED` times their interval, m."""
 AT_REST = 3.0
 """Mean rate and specific force of a body at rest are those of the Earth within this many sigmas of the biases."""
+TURNED, TILTED = 0.01, 0.1
+"""A piece at either end of a standstill belongs to it if its mean rate, rad/s, and mean specific force, m/s2, differ
+from the median of all by less, or by less than four sigma of such means."""
 SHORTEST, LONGEST = 3.0, 30.0
 """A standstill is used from the one length on, and up to the other, s: gyros warm up."""
 STEP = 10.0
@@ -159,16 +162,31 @@ def standstill(samples: Samples, fixes: Fixes, begin: float, end: float, wanted:
         if at_rest and start is None:
             start = index
         if not at_rest and start is not None:
-            first, last = edges[start], edges[index - 1] + WINDOW
+            alike = start + _alike([samples.between(t, t + WINDOW) for t in edges[start:index]])
+            start = None
+            if not alike.size:
+                continue
+            first, last = edges[alike[0]], edges[alike[-1]] + WINDOW
             if last - first >= SHORTEST:
                 first = max(first, last - LONGEST)
                 piece = samples.between(first, last)
                 return Standstill(
-                    float(edges[start]), float(first), float(last), piece.rate.mean(axis=0), piece.force.mean(axis=0),
-                    piece.rate.std(axis=0), piece.force.std(axis=0),
+                    float(edges[alike[0]]), float(first), float(last), piece.rate.mean(axis=0),
+                    piece.force.mean(axis=0), piece.rate.std(axis=0), piece.force.std(axis=0),
                 )  # fmt: skip
-            start = None
     return None
+
+
+def _alike(pieces: list[Samples]) -> np.ndarray:
+    """Numbers of the pieces (k,) whose mean rate and specific force are those of most."""
+    differs = np.full(len(pieces), False)
+    for of, most in (("rate", TURNED), ("force", TILTED)):
+        values = [getattr(piece, of) for piece in pieces]
+        means = np.array([each.mean(axis=0) for each in values])
+        noise = np.array([each.std(axis=0) / np.sqrt(each.shape[0]) for each in values])
+        away = np.abs(means - np.median(means, axis=0))
+        differs |= (away > np.maximum(most, 4.0 * np.median(noise, axis=0))).any(axis=1)
+    return np.flatnonzero(~differs)
 
 
 def _at_one_place(fixes: Fixes, speed: np.ndarray, first: float) -> bool:

@@ -654,7 +654,7 @@ def _off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[F
     at = np.minimum(np.searchsorted(flown.time, flight.arrival), flown.time.size - 1)
     nose = dcm_from_quaternion(flown.navigation[at, states.NAV_QUAT : states.NAV_HELD])[:, :2, 0]
     angle = np.angle(np.exp(1j * (np.arctan2(nose[:, 1], nose[:, 0]) - flight.course)))
-    moving = np.flatnonzero((flight.speed > FASTEST_NEEDED) & flown.flown)
+    moving = np.flatnonzero((flight.speed > FASTEST_NEEDED) & flown.flown & (flown.status != REJECTED))
     off = np.abs(angle[moving]) > SIDEWAYS + 3.0 * flown.sigma[at[moving], states.A_D]
     edges = np.flatnonzero(np.diff(off, prepend=False, append=False)).reshape(-1, 2)
     out = []

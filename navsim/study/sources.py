@@ -91,7 +91,9 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
             _check_flyable(moving, scenario)
         else:
             assert attitude is not None
-            keep = (time >= start - 1.0) & (time <= start + scenario.duration_s + 1.0)
+            begin, end = start - 1.0, start + scenario.duration_s + 1.0
+            _refuse_worthless(path, begin, end)
+            keep = (time >= begin) & (time <= end)
             moving = recorded_trajectory(time[keep] - start, llh[keep], dcm_from_rpy(attitude[keep]), frame, events)
     except ValueError as error:
         raise wrong(str(error)) from None
@@ -118,6 +120,23 @@ def _read_replay(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]
     if any(a.dtype.kind != "f" or not np.isfinite(a).all() for a in (time, llh, attitude)):
         raise ValueError("damaged: times, positions and attitudes are finite numbers in a recording")
     return time, llh, attitude
+
+
+def _refuse_worthless(path: Path, begin: float, end: float) -> None:
+    """Raise ValueError where the output of a replay is worthless at some time within begin .. end, s."""
+    from navsim.io.results import read
+
+    result = read(path)
+    if "/lost/start" not in result:  # results of earlier versions lack it
+        return
+    spans = zip(*(result[f"/lost/{name}"] for name in ("start", "end", "cause")), strict=True)
+    each = [f"{a:.1f} to {b:.1f} s ({why})" for a, b, why in spans if b > begin and a < end]
+    if each:
+        raise ValueError(
+            f"its output is worthless at {', '.join(each)}, within the {begin:.1f} to {end:.1f} s that the flight "
+            "needs; choose approach.start_s and duration_s so that the flight, with a second before and after it, is "
+            "beside these times"
+        )
 
 
 def _read_table(path: Path, scenario: Landing) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:

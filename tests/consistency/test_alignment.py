@@ -21,7 +21,7 @@ from navsim.simulation import replay as simulated
 from navsim.simulation.alignment import Alignment, Search
 from navsim.study import replay
 from tests.conftest import SCENARIOS
-from tests.recordings import circuit, record, ride, smooth_steps, write_flight
+from tests.recordings import circuit, quadrotor, record, ride, smooth_steps, write_flight
 
 SEARCH = Search(None, np.radians(10.0), 120.0, 5e-3, 5e-4, 0.1)
 """As of consumer sensors."""
@@ -101,6 +101,19 @@ def test_a_body_that_stands_while_fixes_pause_is_at_rest() -> None:
     assert paused.time == whole.time
     assert paused.since == whole.since < 2.0
     assert np.abs(off(trajectory, paused)).max() < 3.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_onset_of_a_slow_motion_is_no_standstill(seed: int) -> None:
+    """A drone that hovers, then tilts by 4 degrees within a second: by its speed and the scatter of its samples it
+    stands for a second more."""
+    drone = quadrotor()
+    samples, fixes = record(drone, seed, fix_rate=5.0, accel_bias=0.01)
+    known = replace(SEARCH, heading=0.7, heading_sigma=np.radians(5.0))
+    aligned = alignment.find(samples, fixes.earlier(0.1), 0.5, known)
+    assert aligned is not None
+    assert 15.0 < aligned.until < 19.0
+    assert np.all(np.abs(off(drone, aligned)[:2]) < 1.5)
 
 
 def test_nothing_is_aligned_across_missing_samples() -> None:

@@ -3,6 +3,8 @@ in the samples, by the truth of a simulated recording."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +13,16 @@ from bokeh.models import BoxAnnotation, Line, VArea
 from typer.testing import CliRunner
 
 from navsim.cli.main import app
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
 from navsim.io import findings
 from navsim.io.results import Result
+from navsim.models.recorded_trajectory import RecordedTrajectory
 from navsim.models.recording import Samples
 from navsim.report.page.flights import replays
 from navsim.report.replay import figures, lost_spans, tables
 from navsim.simulation import replay as simulated
 from tests.consistency.test_replay import GIVEN, errors, flown, without
-from tests.recordings import record, ride, smooth_steps, write_flight, write_recording
+from tests.recordings import circuit, drive, quadrotor, record, ride, smooth_steps, write_flight, write_recording
 
 Truth = tuple[np.ndarray, ...]
 
@@ -269,6 +273,51 @@ def test_a_minute_without_samples(where: str, tmp_path: Path) -> None:
     quiet = ["--figures", "none", "--force", "-o", str(tmp_path / "out.h5"), "--require-consistent"]
     strict = CliRunner().invoke(app, ["replay", str(log), *quiet, *words])
     assert strict.exit_code == 3, strict.output
+
+
+FLIGHTS: dict[str, tuple[Callable[[], RecordedTrajectory], float, float, tuple[str, ...]]] = {
+    "an aircraft, a fix a second": (circuit, 1.0, 0.1, ()),
+    "an aircraft, fixes stamped a second too early": (circuit, 2.0, -1.0, ()),
+    "a car": (drive, 2.0, 0.1, ()),
+    "a drone that hovers": (quadrotor, 5.0, 0.1, ("alignment={heading_deg: 40.107, heading_sigma_deg: 5}",)),
+}
+"""Flights: rate of the fixes, latency, keys."""
+
+
+@pytest.mark.parametrize("faults", ["none", "wild fixes, a pause and a hole"])
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_faults_come_together(name: str, faults: str, tmp_path: Path) -> None:
+    """Wherever the squares of the errors are far beyond their sigma for more than five seconds it is told; of a flight
+    without faults nothing is told."""
+    flight, rate, latency, keys = FLIGHTS[name]
+    trajectory = flight()
+    samples, fixes = record(trajectory, 3, fix_rate=rate, position_noise=0.0, latency=latency)
+    if faults != "none":
+        ecef, velocity = ecef_from_llh(fixes.llh), fixes.velocity.copy()
+        for k, begin in enumerate((32.0, 60.0, 85.0, 92.0)):
+            wild = (fixes.time >= begin) & (fixes.time < begin + (0.7 if k == 1 else 1.6))
+            ecef[wild] += (-1.0) ** k * np.array([700.0, -400.0, 750.0])
+            velocity[wild] += [20.0, -20.0, 0.0]
+        fixes = replace(fixes, llh=llh_from_ecef(ecef), velocity=velocity)
+        fixes = fixes.take((fixes.time < 70.0) | (fixes.time > 80.0))
+        kept = (samples.time < 100.0) | (samples.time > 104.0)
+        samples = Samples(samples.time[kept], samples.rate[kept], samples.force[kept])
+    log = write_recording(tmp_path, samples, fixes)
+    given = ("gnss.velocity_sigma_m_s=[0.1,0.1]", "gnss.position_sigma_m=[0.1,0.1]", f"gnss.latency_s={latency}")
+    result = flown(log, *given, *keys)
+    at = result["/filter/time"]
+    motion = trajectory.motion(at)
+    z, time = scaled(result, (at, motion.llh, motion.velocity_ned, motion.rpy))
+    settled = time > result["/innovations/time"][9]
+    far = np.flatnonzero(np.diff(np.mean(z[settled] ** 2, axis=1) > 5.0, prepend=False, append=False)).reshape(-1, 2)
+    assert np.all(np.diff(far, axis=1) <= 50)  # outputs, ten a second
+    names = {one.name for one in findings.of(result)}
+    if faults == "none":
+        assert not names
+    else:
+        assert {"rejected_fixes", "pauses"} <= names
+        assert names & {"gap", "lost"}
+        assert "off_course" not in names
 
 
 def test_a_sound_flight_needs_no_gate(tmp_path: Path) -> None:

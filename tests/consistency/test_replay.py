@@ -359,7 +359,10 @@ def test_thor_innovations(thor: tuple[Result, Any]) -> None:
     circuits = (t > 230.0) & (t < 570.0)
     assert np.all(np.round(rms(result["/innovations/position_ned"][circuits]), 1) <= [1.4, 0.8, 1.4])
     assert np.all(np.round(rms(result["/innovations/velocity_ned"][circuits]), 2) <= [0.56, 0.53, 0.32])
-    # on the ground receivers smooth hard, and without the outliers of the launch the rest of all fixes is theirs
+    # NIS counts no fix that the gate rejected: flown without the gate, by the noise tuned without it, all fixes have
+    # 0.76 and those in motion 1.01 (limit 0.7), and the same noise with the gate 0.56 and 0.75. What is missing are the
+    # squares of the launch and of jumps of the receiver. Down: 0.314 m/s without the gate, 0.322 with it, since the
+    # noise that is tuned is another one.
     assert np.all((result["/summary/nis"] > [0.5, 0.7]) & (result["/summary/nis"] < 1.4))
     assert result["/innovations/time"][-1] > 690.0
     # the receiver had 0 to 4 satellites in the first 20 s after launch
@@ -370,7 +373,8 @@ def test_thor_innovations(thor: tuple[Result, Any]) -> None:
 
 def test_thor_attitude_against_onboard(thor: tuple[Result, Any]) -> None:
     result, onboard = thor
-    # aligned anew at 225 s, after the receiver's errors of the launch: its own heading settles until then
+    # aligned anew at 225 s, after the receiver's errors of the launch: its own heading settles until 270 s. Without the
+    # gate nothing is aligned anew, and yaw is within 1.0 degrees from 230 s on
     for axis, (name, limit, first) in enumerate(
         (("roll_deg", 1.3, 230.0), ("pitch_deg", 0.7, 230.0), ("yaw_deg", 1.0, 270.0))
     ):

@@ -17,6 +17,8 @@ from navsim.scenario.load import read, read_replay
 from navsim.scenario.source import InputError
 from navsim.study import landing, replay
 from navsim.study.executor import threads
+from tests.consistency.test_lost_filters import shifted
+from tests.consistency.test_replay import GIVEN, without
 from tests.helpers import case
 from tests.recordings import write_flight
 
@@ -94,3 +96,20 @@ def test_recordings_that_cannot_be_flown(change: str, fragment: str, tmp_path: P
     (tmp_path / "again.yaml").write_text(text)
     with pytest.raises(InputError, match=fragment):
         landing.prepare(*read(tmp_path / "again.yaml"))
+
+
+@pytest.mark.parametrize("fault", ["a hole", "fixes that are off"])
+def test_worthless_output_is_not_flown(fault: str, tmp_path: Path) -> None:
+    """A replay whose samples have a hole, or whose filter contradicted its fixes: the times are named, and beside them
+    the flight can be had."""
+    write_flight(tmp_path)
+    if fault == "a hole":
+        without(tmp_path / "imu.csv", 40.0, 52.0)
+    else:
+        shifted(tmp_path / "gnss.csv", 40.0, 52.0, 40.0)
+    write(tmp_path / "flight.h5", replay.compute(replay.prepare(*read_replay(tmp_path / "log.yaml", GIVEN))))
+    (tmp_path / "landing.yaml").write_text(REPLAYED.format(file="flight.h5"))
+    cause = r"no samples" if fault == "a hole" else r"the filter contradicted its fixes"
+    with pytest.raises(InputError, match=rf"worthless at 40.* \({cause}\), within the 19.0 to 81.0 s .*start_s and"):
+        landing.prepare(*read(tmp_path / "landing.yaml"))
+    landing.prepare(*read(tmp_path / "landing.yaml", ("approach.start_s=66", "duration_s=25")))
