@@ -147,7 +147,13 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             f"gnss.file_sha256={_SUM}", "gnss.columns={h_m: Alt}", "gnss.latency_s=0.1",
             "gnss.velocity_sigma_m_s=[0.3, 0.5]", "gnss.position_sigma_m=[1.5, 2.5]", "filter.gate.max_rejected=10",
         )),
-        ("recorded_flight", ("imu.gyro.bias_instability_deg_h=10", "imu.accelerometer.bias_instability_mg=0.3")),
+        ("recorded_flight", (
+            "imu.gyro.bias_instability_deg_h=10", "imu.accelerometer.bias_instability_mg=0.3",
+            "gnss.errors=[{time_s: 1000, position_sigma_m: [2, 3]}, {time_s: 100, states: 6}]",
+            "alignment.known={time_s: 10, lat_deg: 56, lon_deg: 37, height_m: 150, velocity_m_s: [29, -1, 0], "
+            "attitude_deg: [0, 2, 30], gyro_bias_deg_h: [20, -5, 10], accelerometer_bias_mg: [1, 0, -2], "
+            "position_sigma_m: [1, 1, 2], velocity_sigma_m_s: [0.1, 0.1, 0.2], attitude_sigma_deg: [0.5, 0.5, 2]}",
+        )),
         ("recorded_flight", (
             f"gnss={{file: flight.obs, navigation: [brdc.rnx.gz], navigation_sha256: [{_SUM}], range_sigma_m: 1, "
             "range_rate_sigma_m_s: 0.1}",

@@ -274,6 +274,7 @@ def export(
     """
     from navsim.io.export import approximate_systems, choose_run
     from navsim.io.export import export as convert
+    from navsim.io.simulated_log import differences
 
     chosen = [name for name, wanted in (("rinex", rinex), ("nmea", nmea), ("kml", kml), ("geojson", geojson),
                                         ("csv", csv), ("imu", imu)) if wanted]  # fmt: skip
@@ -290,8 +291,11 @@ def export(
         if several is not None:
             say(f"{file}: {several}; --run K takes another")
         approximate = approximate_systems(result) if rinex else []
+        otherwise = differences(result) if imu else []
     for system in approximate:
         say(
             f"warning: the {system} satellites flew by an almanac, and the exported messages only resemble it; fly "
             "with sky.broadcast: true for exact ones"
         )
+    for text in otherwise:
+        say(f"warning: the run's filter {text}; navsim replay of the exported log gives other estimates than the run")

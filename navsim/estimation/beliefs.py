@@ -31,6 +31,13 @@ class SensorBeliefs:
     sigma: tuple[float, ...]
     noise: np.ndarray
 
+    def covariance(self, navigation: np.ndarray) -> np.ndarray:
+        """P (n, n) of a start from 1 sigma of position, velocity and attitude along each axis (9,), m, m/s, rad; none
+        is below what keeps it regular."""
+        each = np.concatenate([navigation, np.repeat(self.sigma, [block.size for block in self.blocks])])
+        floors = np.array([_FLOORS[unit] for unit in states.units(self.blocks)])
+        return np.diag(np.maximum(each, floors) ** 2)
+
 
 @dataclass(frozen=True)
 class LastingBelief:
@@ -99,7 +106,7 @@ class Beliefs:
 
     def covariance(self, position: float, velocity: float, attitude: float, scales: Sequence[int] = ()) -> np.ndarray:
         """P (n, n) of a start with these 1 sigmas per axis, m, m/s, rad; scales: as of `model`."""
-        known = initial_covariance((position, velocity, attitude, *self.sensors.sigma), self.sensors.blocks)
+        known = self.sensors.covariance(np.repeat([position, velocity, attitude], 3))
         return with_unknown_clock(known, len(self.followed(scales)))
 
 
@@ -116,9 +123,3 @@ def clock_sigma(scales: int) -> np.ndarray:
     """1 sigma that the clock's states are known with at the start: its biases, m, and its drift, m/s."""
     return np.array([*[UNKNOWN_BIAS] * scales, UNKNOWN_DRIFT] if scales else [])
 
-
-def initial_covariance(sigma: Sequence[float], blocks: Sequence[Block]) -> np.ndarray:
-    """P (n, n) from 1 sigma of position, velocity and attitude, and of each block, none below what keeps it regular."""
-    each = np.repeat(np.asarray(sigma, dtype=float), [3, 3, 3, *(block.size for block in blocks)])
-    floors = np.array([_FLOORS[unit] for unit in states.units(blocks)])
-    return np.diag(np.maximum(each, floors) ** 2)

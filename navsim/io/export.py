@@ -20,27 +20,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import dcm_from_rpy
-from navsim.io import rinex_write
+from navsim.io import rinex_write, simulated_log
 from navsim.io.results import Result, ResultError, part, scenario_of, write_text
 from navsim.io.ridges import ridges
 from navsim.io.schema import HEIGHTS
+from navsim.io.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.io.swept import heads, rows
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.constellation import Constellation, carriers
-from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS, KNOT, STANDARD_GRAVITY
+from navsim.models.conventions import KNOT
 from navsim.models.systems import BY_LETTER, GLONASS, System
 
 ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
 _ELLIPSES = 40
 """At most so many error ellipses are drawn along a track."""
-FIX_ERROR, RANGE_ERROR = "fix_error_", "range_error_"
-"""What names of states of time-correlated errors of fixes, and of ranges, begin with; each begins with a variance of
-one."""
 MOST_SITES = 20_000
 """Places of pseudolites on a map."""
 LONGEST = 30 * 86400.0
@@ -428,68 +425,13 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
 
 
 def _imu(result: Result, target: Path) -> dict[Path, str]:
-    """A recording of the run that `navsim replay` reads: the inertial samples as means over their intervals, the fixes
-    with the times at which they came, and the log that names both. Numbers have all their digits."""
-    if "/imu/delta_angle" not in result or "/receiver/position_llh" not in result:
-        raise _lacking(result, "inertial samples")
-    scenario, time = scenario_of(result), result["/imu/time"]
-    step = np.diff(time, prepend=0.0)[:, None]
-    rates = np.concatenate([result["/imu/delta_angle"][0] / step, result["/imu/delta_velocity"][0] / step], axis=1)
-    receiver = scenario["receiver"]
-    came = result["/geometry/time"] + receiver["latency_s"]
-    llh, velocity = result["/receiver/position_llh"][0], result["/receiver/velocity_ned"][0]
-    fixes = np.column_stack([came, np.degrees(llh[:, :2]), llh[:, 2], velocity])[np.isfinite(llh[:, 0])]
-    files = {part: target.with_name(f"{target.stem}_{part}") for part in ("imu.csv", "fixes.csv", "replay.yaml")}
-    log = {
-        "kind": "replay",
-        "version": 1,
-        "title": f"{result.attributes.get('title') or target.stem}, as recorded",
-        "epoch": scenario["epoch"],
-        "imu": {
-            "file": files["imu.csv"].name, "samples": "averaged",
-            **{name: _replayed(scenario, name) for name in _WHITE},
-        },
-        "gnss": {
-            "file": files["fixes.csv"].name, "latency_s": receiver["latency_s"],
-            "lever_arm_m": [*receiver["lever_arm_m"]], "spacing_s": 0.0, "position_sigma_m": _fix_sigma(result),
-        },
-        "tuning": "likelihood",
-        "filter": {"kind": scenario["filter"]["kind"], "output_rate_hz": receiver["rate_hz"]},
-    }  # fmt: skip
-    samples = np.column_stack([time, rates])
-    return {
-        files["imu.csv"]: _table([*IMU_COLUMNS], [[repr(float(x)) for x in row] for row in samples]),
-        files["fixes.csv"]: _table(
-            [*GNSS_COLUMNS], [["" if np.isnan(x) else repr(float(x)) for x in row] for row in fixes]
-        ),
-        files["replay.yaml"]: yaml.safe_dump(log, sort_keys=False, allow_unicode=True),
-    }
-
-
-def _fix_sigma(result: Result) -> list[float]:
-    """1 sigma of the run's fixes, root mean square over the flight: horizontal per axis, vertical, m."""
-    variance = np.nanmean(np.diagonal(result["/receiver/covariance_enu"], axis1=1, axis2=2), axis=0)
-    return [round(math.sqrt(x), 4) for x in (0.5 * (variance[0] + variance[1]), variance[2])]
-
-
-_WHITE = {"gyro": ("noise_deg_h", "arw_deg_sqrt_h", 1.0 / 3600.0),
-          "accelerometer": ("noise_mg", "vrw_m_s_sqrt_h", 3600.0 * (1e-3 * STANDARD_GRAVITY) ** 2)}  # fmt: skip
-"""Of white noise: the key for that of a sample, the key for its density, and the square of the latter's unit by that of
-the former's, for one sample a second."""
-_REPLAYED = ("drift_deg_h", "bias_mg", "noise", "arw", "vrw", "markov", "bias_instability", "rate_random_walk",
-             "bias_random_walk")  # fmt: skip
-"""How keys of errors begin that the filter of a recorded flight follows, or takes for noise."""
-
-
-def _replayed(scenario: dict[str, Any], sensor: str) -> dict[str, Any]:
-    """The errors of a sensor, as the filter of a scenario knows them, for the log of a recorded flight."""
-    sample, density, unit = _WHITE[sensor]
-    known = scenario["imu"][sensor] | (scenario["filter"]["imu"].get(sensor) or {})
-    out = {key: value for key, value in known.items() if value is not None and key.startswith(_REPLAYED)}
-    noise = out.pop(sample, None)
-    if noise is not None and density not in out:
-        out[density] = noise * math.sqrt(unit / scenario["imu"]["rate_hz"])
-    return out
+    """The run as a recorded flight, for `navsim replay`."""
+    if any(path not in result for path in simulated_log.NEEDED):
+        raise _lacking(result, "inertial samples and start of the filter")
+    imu, fixes, log = (target.with_name(f"{target.stem}_{part}") for part in ("imu.csv", "fixes.csv", "replay.yaml"))
+    title = f"{result.attributes.get('title') or target.stem}, as recorded"
+    *parts, text = simulated_log.files(result, imu, fixes, title)
+    return {path: _table(head, rows) for path, (head, *rows) in zip((imu, fixes), parts, strict=True)} | {log: text}
 
 
 def _gates(result: Result, target: Path) -> dict[Path, str]:

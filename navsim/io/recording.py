@@ -18,8 +18,12 @@ from navsim.io.tables import TextTable
 from navsim.io.text import Dropped, FileError, read_lines, within
 from navsim.models import conventions
 from navsim.models.conventions import (
+    FIX_AXES,
+    FIX_CORRELATIONS,
+    FIX_SIGMAS,
     GNSS_AS_DUE,
     GNSS_COLUMNS,
+    GNSS_OPTIONAL,
     IMU_AS_DUE,
     IMU_COLUMNS,
     TRACK_ATTITUDE,
@@ -29,9 +33,12 @@ from navsim.models.conventions import (
 )
 from navsim.models.recording import Fixes, Samples
 
-_MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", "nsat")
+_MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", *GNSS_OPTIONAL)
 _IMU_LIMITS = ((-1e12, 1e12), *((-100.0, 100.0),) * 3, *((-2000.0, 2000.0),) * 3)
-_GNSS_LIMITS = ((-1e12, 1e12), (-90.0, 90.0), (-180.0, 360.0), (-1e4, 1e5), *((-2000.0, 2000.0),) * 3, (0, 1000))
+_GNSS_LIMITS = ((-1e12, 1e12), (-90.0, 90.0), (-180.0, 360.0), (-1e4, 1e5), *((-2000.0, 2000.0),) * 3, (0, 1000),
+                *((1e-9, 1e6),) * len(FIX_SIGMAS), *((-1.0, 1.0),) * len(FIX_CORRELATIONS))  # fmt: skip
+_CONTRADICTORY = -1e-6
+"""Smallest eigenvalue of a correlation matrix, which rounding may bring below zero."""
 
 _TRACK_LIMITS = (*_GNSS_LIMITS[:4], *((-360.0, 360.0),) * 3)
 
@@ -54,7 +61,7 @@ def read_imu(
     ):
         turned = table[:, first : first + 3] @ conventions.axes_matrix(axes, conventions.BODY_AXES).T
         table[:, first : first + 3] = factor * turned
-    table = _limited(path, table, lines, IMU_COLUMNS, _IMU_LIMITS, dropped, limited)
+    table, _ = _limited(path, table, lines, IMU_COLUMNS, _IMU_LIMITS, dropped, limited)
     silent = np.all(table[:, 1:] == 0.0, axis=1)
     dropped.add("samples of zeros alone (a sensor not yet awake)", silent.sum())
     table = _in_order(table[~silent], dropped, "samples")
@@ -86,10 +93,10 @@ def read_fixes(
 ) -> tuple[Fixes, Dropped]:
     """Fixes of a table or of NMEA sentences, in order of time, and what was left out.
 
-    min_satellites: rows with fewer in the column `nsat` are left out, where there is that column. lenient: as of
-    `read_imu` (of NMEA, corrupt sentences are always left out, those without a checksum read); limited: as there.
-    simulated: take NMEA fixes that the receiver says are a simulator's. Raises FileError, naming the line;
-    OSError where the file cannot be read.
+    min_satellites: rows with fewer in the column `nsat` are left out, where there is that column. The covariance of a
+    fix is that of its columns of sigmas and correlations, where there are some. lenient: as of `read_imu` (of NMEA,
+    corrupt sentences are always left out, those without a checksum read); limited: as there. simulated: take NMEA fixes
+    that the receiver says are a simulator's. Raises FileError, naming the line; OSError where the file cannot be read.
     """
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)
@@ -99,7 +106,10 @@ def read_fixes(
             raise FileError(0, message, path)
         table = read_nmea(path, lines, dropped, simulated)
     else:
-        table, numbers = _columns(TextTable.of(path, lines), GNSS_COLUMNS, ("nsat",), dropped, convention.columns)
+        effects, due = convention.effects, len(GNSS_COLUMNS)
+        wanted = (*GNSS_COLUMNS, *effects)
+        table, numbers = _columns(TextTable.of(path, lines), wanted, GNSS_OPTIONAL, dropped, convention.columns)
+        table = np.hstack([table[:, :due], table[:, due + len(effects) :], table[:, due : due + len(effects)]])
         table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
         table[:, 1:3] *= conventions.ANGLE_UNITS[convention.angle_unit]
         table[:, 3] *= conventions.HEIGHT_UNITS[convention.height_unit]
@@ -107,7 +117,9 @@ def read_fixes(
         # by columns, since a matrix product would spread an unknown component over all
         source, sign = np.argmax(np.abs(axes), axis=1), axes.sum(axis=1)
         table[:, 4:7] = conventions.SPEED_UNITS[convention.speed_unit] * sign * table[:, 4 + source]
-        table = _limited(path, table, numbers, (*GNSS_COLUMNS, "nsat"), _GNSS_LIMITS, dropped, limited)
+        names, limits = (*GNSS_COLUMNS, *GNSS_OPTIONAL, *effects), (*_GNSS_LIMITS, *((-1e6, 1e6),) * len(effects))
+        table, numbers = _limited(path, table, numbers, names, limits, dropped, limited)
+        table = table[_agreeing(path, table[:, _SPREAD], numbers, dropped)]
     table[:, 0] += convention.time_offset
     few = table[:, 7] < min_satellites
     dropped.add(f"fixes with fewer than {min_satellites} satellites", few.sum())
@@ -125,7 +137,53 @@ def read_fixes(
     if table.shape[0] < 2:
         raise _too_few(path, table, "fixes", dropped)
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
-    return Fixes(table[:, 0], llh, table[:, 4:7].copy()), dropped
+    spread = table[:, _SPREAD]
+    covariance = _covariances(spread) if np.isfinite(spread).any() else None
+    effect = None
+    if convention.errors:
+        effect = np.swapaxes(table[:, _SPREAD.stop :].reshape(-1, convention.errors, len(FIX_AXES)), 1, 2).copy()
+    return Fixes(table[:, 0], llh, table[:, 4:7].copy(), covariance, effect), dropped
+
+
+_SPREAD = slice(len(GNSS_COLUMNS) + 1, len(GNSS_COLUMNS) + len(GNSS_OPTIONAL))
+"""Of a row of fixes: 1 sigmas and correlations; what lasting errors do to it is behind them."""
+
+
+def _covariances(spread: np.ndarray) -> np.ndarray:
+    """Covariance (m, 6, 6) of fixes by their 1 sigmas and correlations (m, 21); nan where a sigma is not known."""
+    sigma, axes = spread[:, : len(FIX_AXES)], np.arange(len(FIX_AXES))
+    known = np.where(np.isnan(spread[:, len(FIX_AXES) :]), 0.0, spread[:, len(FIX_AXES) :])
+    correlation = np.zeros((spread.shape[0], axes.size, axes.size))
+    above = np.triu_indices(axes.size, 1)
+    correlation[:, *above] = correlation[:, *above[::-1]] = known
+    correlation[:, axes, axes] = 1.0
+    return np.asarray(correlation * sigma[:, :, None] * sigma[:, None, :])
+
+
+def _agreeing(path: Path, spread: np.ndarray, numbers: np.ndarray, dropped: Dropped) -> np.ndarray:
+    """Which rows of 1 sigmas and correlations (m, 21) are those of a covariance; others are damaged."""
+    keep = np.ones(numbers.size, bool)
+    if np.isnan(spread).all():
+        return keep
+    sigma = spread[:, : len(FIX_AXES)]
+    for part in (slice(0, 3), slice(3, 6)):
+        missing = np.isnan(sigma[:, part])
+        for row in np.flatnonzero(missing.any(axis=1) & ~missing.all(axis=1)):
+            names = FIX_SIGMAS[part]
+            there = ", ".join(name for name, gone in zip(names, missing[row], strict=True) if not gone)
+            message = f"{there} alone: give all of {', '.join(names)} of a fix, or none"
+            dropped.damaged("rows left out", FileError(int(numbers[row]), message, path))
+            keep[row] = False
+    correlation = _covariances(np.column_stack([np.ones_like(sigma), spread[:, len(FIX_AXES) :]]))
+    smallest = np.linalg.eigvalsh(correlation)[:, 0]
+    for row in np.flatnonzero(keep & (smallest < _CONTRADICTORY)):
+        given = np.flatnonzero(np.isfinite(spread[row, len(FIX_AXES) :]))
+        names = ", ".join(FIX_CORRELATIONS[i] for i in given)
+        message = f"no covariance has the correlations {names} of this fix: their matrix has the negative eigenvalue "
+        message += f"{smallest[row]:.2g}; leave them out, or give those of the receiver"
+        dropped.damaged("rows left out", FileError(int(numbers[row]), message, path))
+        keep[row] = False
+    return keep
 
 
 def read_track(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, Dropped]:
@@ -136,7 +194,7 @@ def read_track(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, D
     turned = any(there.find(name) is not None for name in TRACK_ATTITUDE)
     names = (*TRACK_COLUMNS, *TRACK_ATTITUDE) if turned else TRACK_COLUMNS
     table, numbers = _columns(there, names, (), dropped, {})
-    table = _limited(path, table, numbers, names, _TRACK_LIMITS[: len(names)], dropped, True)
+    table, _ = _limited(path, table, numbers, names, _TRACK_LIMITS[: len(names)], dropped, True)
     table = _in_order(table, dropped, "places")
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
     return table[:, 0].copy(), llh, np.radians(table[:, 4:]) if turned else None, dropped
@@ -171,9 +229,12 @@ def _limited(
     limits: tuple[tuple[float, float], ...],
     dropped: Dropped,
     limited: bool,
-) -> np.ndarray:
-    """The rows within physical limits; those outside are left out by a lenient reader and else refused, or where not
-    `limited` kept by both and the first noted. What is no finite number is never kept."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """The rows within physical limits, and the numbers of their lines.
+
+    A lenient reader leaves out the rows outside, another refuses the first; where not `limited` both keep them, and
+    note the first. What is no finite number is never kept.
+    """
     low, high = np.array(limits).T
     good = ((table >= low) & (table <= high)) | (np.isnan(table) & np.isin(names, _MAY_BE_EMPTY))
     keep = np.all(good, axis=1)
@@ -189,7 +250,7 @@ def _limited(
                 keep[row] = True
                 error.salvageable = True
                 dropped.outside = dropped.outside or error
-    return table[keep]
+    return table[keep], numbers[keep]
 
 
 def _too_few(path: Path, table: np.ndarray, what: str, dropped: Dropped) -> FileError:

@@ -126,6 +126,8 @@ _TRACK = "with `approach.profile: track`"
 _ALL = "with `--keep all`, which is the default for one run"
 _WAYS = "where runs deviate from the route"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
+_LOOSE = f"{_ALL}, of a loosely coupled filter"
+_LASTING = f"{_LOOSE} with states of lasting errors"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
@@ -265,6 +267,37 @@ _FILTER = Chapter(
         _a("/filter/innovation_squared", "run epoch", "1",
            "normalised innovation squared, nan where nothing is weighed", LANDING, when=_KEPT,
            attributes=("degrees_of_freedom",)),
+        _a("/filter/start_position_llh", "run llh", "rad, rad, m", "position that the filter starts from at time 0",
+           LANDING, when=_ALL),
+        _a("/filter/start_velocity_ned", "run ned", "m/s", "velocity that the filter starts from", LANDING, when=_ALL),
+        _a("/filter/start_attitude_rpy", "run rpy", "rad", "roll, pitch, yaw that the filter starts from", LANDING,
+           when=_ALL),
+        _a("/filter/start_sigma", "state", "{mixed}", "1 sigma that the filter starts from, without "
+           "correlations", LANDING, when=_ALL),
+        _a("/filter/state_decay", "state", "1/s", "reciprocal of the correlation time of each sensor state of the "
+           "filter, 0 of a constant or a random walk", LANDING, when=_ALL),
+        _a("/filter/state_drive", "state", "{mixed}", "root of the density of the white noise that drives each sensor "
+           "state, in its unit by the root of a second", LANDING, when=_ALL),
+        _a("/filter/noise_gyro", "", "rad/sqrt(s)", "root of the density of white noise that the filter takes the "
+           "gyros for", LANDING, when=_ALL),
+        _a("/filter/noise_accelerometer", "", "m/s/sqrt(s)", "root of the density of white noise that the filter takes "
+           "the accelerometers for", LANDING, when=_ALL),
+        _labels("/filter/fix_number", "numbers of a fix", LANDING, "position_north", "position_east", "position_down",
+                "velocity_north", "velocity_east", "velocity_down"),
+        _labels("/filter/fix_column", "columns of matrices of these numbers", LANDING, "position_north",
+                "position_east", "position_down", "velocity_north", "velocity_east", "velocity_down"),
+        _a("/filter/fix_position_llh", "run epoch llh", "rad, rad, m", "fixes of the antenna as the filter takes them, "
+           "nan where it takes none: less what it knows of their errors, without those that a monitor excludes",
+           LANDING, when=_LOOSE),
+        _a("/filter/fix_velocity_ned", "run epoch ned", "m/s", "their velocities, nan where the filter takes none",
+           LANDING, when=_LOOSE),
+        _a("/filter/fix_covariance", "run epoch fix_number fix_column", "m2, m2/s, m2/s2", "covariance of position and "
+           "velocity, NED, that the filter takes a fix for, beside the errors that it follows as states",
+           LANDING, when=_LOOSE),
+        _a("/filter/fix_error", "fix_error", "1", "states of the filter that stand for lasting errors of fixes",
+           LANDING, TEXT, when=_LASTING),
+        _a("/filter/fix_effect", "epoch fix_number fix_error", "m, m/s", "what an error of 1 of each of these states "
+           "does to a fix", LANDING, when=_LASTING),
         _a("/filter/source", "source", "1", "names of the sources", LANDING, TEXT, when=_TIGHT),
         _a("/filter/range_status", "run epoch source", "1",
            "0 not received, 1 used, 2 rejected by the gate", LANDING, WHOLE, when=_TIGHT),

@@ -15,7 +15,19 @@ import numpy as np
 
 IMU_COLUMNS = ("t_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
 GNSS_COLUMNS = ("t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s")
-"""Names of the columns of both tables; fixes may also have `nsat`."""
+"""Names of the columns of both tables."""
+FIX_AXES = ("n", "e", "d", "vn", "ve", "vd")
+FIX_SIGMAS = ("sigma_n_m", "sigma_e_m", "sigma_d_m", "sigma_vn_m_s", "sigma_ve_m_s", "sigma_vd_m_s")
+"""Names of the columns of 1 sigma of each fix, along north, east, down."""
+FIX_CORRELATIONS = tuple(f"corr_{one}_{other}" for one, other in itertools.combinations(FIX_AXES, 2))
+"""Names of the columns of their correlations, as the upper triangle of a matrix has them."""
+def effects_of(state: int) -> tuple[str, ...]:
+    """Names of the columns of what one lasting error of the fixes, numbered from 1, does to each fix."""
+    return tuple(f"error{state}_{axis}" for axis in FIX_AXES)
+
+
+GNSS_OPTIONAL = ("nsat", *FIX_SIGMAS, *FIX_CORRELATIONS)
+"""Names of the columns that fixes may have beside the others."""
 TRACK_COLUMNS, TRACK_ATTITUDE = ("t_s", "lat_deg", "lon_deg", "h_m"), ("roll_deg", "pitch_deg", "yaw_deg")
 """Names of the columns of trajectories, and of those that they may have."""
 STANDARD_GRAVITY = 9.80665
@@ -78,7 +90,8 @@ class ImuConvention:
 @dataclass(frozen=True)
 class GnssConvention:
     """How fixes are written. velocity_axes: where the columns vn, ve, vd point. time_offset: s, to be added to their
-    times. columns: names in the file of those of `docs/replay.md`."""
+    times. columns: names in the file of those of `docs/replay.md`. errors: number of lasting errors with columns of
+    their effects on each fix (`effects_of`)."""
 
     time_unit: str = "s"
     time_offset: float = 0.0
@@ -87,6 +100,12 @@ class GnssConvention:
     speed_unit: str = "m/s"
     velocity_axes: str = "NED"
     columns: Mapping[str, str] = field(default_factory=dict)
+    errors: int = 0
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the columns of these effects."""
+        return tuple(name for state in range(self.errors) for name in effects_of(state + 1))
 
 
 IMU_AS_DUE, GNSS_AS_DUE = ImuConvention(), GnssConvention()

@@ -46,19 +46,32 @@ class Samples:
 
 @dataclass(frozen=True)
 class Fixes:
-    """Fixes: time (m,) s, llh (m, 3) rad, rad, m, velocity (m, 3) NED m/s, nan where unknown."""
+    """Fixes: time (m,) s, llh (m, 3) rad, rad, m, velocity (m, 3) NED m/s, nan where unknown; covariance (m, 6, 6) of
+    position and velocity, NED, as the receiver gives it, nan where it does not, None where it never does; effect
+    (m, 6, k) what each of k errors that last, of a variance of one, does to them, None without."""
 
     time: np.ndarray
     llh: np.ndarray
     velocity: np.ndarray
+    covariance: np.ndarray | None = None
+    effect: np.ndarray | None = None
+
+    @property
+    def has_own_noise(self) -> bool:
+        """Whether the receiver gives the variance of every number of every fix."""
+        if self.covariance is None:
+            return False
+        unknown = np.isnan(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return not np.any(unknown & np.isfinite(np.hstack([self.llh, self.velocity])))
 
     def take(self, index: np.ndarray | slice) -> Fixes:
         """Some of the fixes."""
-        return Fixes(self.time[index], self.llh[index], self.velocity[index])
+        more = (None if values is None else values[index] for values in (self.covariance, self.effect))
+        return Fixes(self.time[index], self.llh[index], self.velocity[index], *more)
 
     def earlier(self, delay: float) -> Fixes:
         """The same fixes with their times put back by `delay` seconds."""
-        return Fixes(self.time - delay, self.llh, self.velocity)
+        return replace(self, time=self.time - delay)
 
     def pauses(self, longest: float) -> np.ndarray:
         """Begin and end, s, of the intervals without a fix (k, 2) that are longer than `longest` seconds."""
@@ -79,7 +92,7 @@ class Fixes:
         over = self.time[after] - self.time[before]
         mean = (ecef[after] - ecef[before]) / np.where(over > 0.0, over, np.nan)[:, None]
         derived = np.einsum("nij,nj->ni", earth.ned_matrix(self.llh), mean)
-        return Fixes(self.time, self.llh, np.where(np.isnan(self.velocity), derived, self.velocity)), over
+        return replace(self, velocity=np.where(np.isnan(self.velocity), derived, self.velocity)), over
 
 
 @dataclass(frozen=True)

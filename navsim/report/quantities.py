@@ -14,8 +14,9 @@ import numpy as np
 
 from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
-from navsim.io.export import FIX_ERROR, RANGE_ERROR, choose_run, true_antenna
+from navsim.io.export import choose_run, true_antenna
 from navsim.io.results import Result, ResultError, Stream
+from navsim.io.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.report.tables import runs_of, setting
 
 START = 0.1

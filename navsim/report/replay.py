@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.core.arrays import earth
-from navsim.io.results import Result
+from navsim.io.results import Result, scenario_of
 from navsim.report.table import Table, cell, number, numbers
 from navsim.report.view import View, one_by_one
 
@@ -35,8 +35,10 @@ def tables(result: Result) -> list[Table | str]:
     sigma = np.asarray(alignment["alignment_sigma_deg"])
     begin, until = float(alignment["alignment_time"]), float(alignment["alignment_until"])
     counts = {n: int(result[f"/summary/count/{n}"]) for n in ("samples", "fixes", "rejected", "gaps")}
+    known = (scenario_of(result).get("alignment") or {}).get("known")
+    start = "aligned at {:.2f} s with data up to {:.2f} s" if known is None else "known at {:.2f} s"
     said = (
-        f"aligned at {begin:.2f} s with data up to {until:.2f} s: tilt to {max(sigma[:2]):.1f}, heading to "
+        f"{start.format(begin, until)}: tilt to {max(sigma[:2]):.1f}, heading to "
         f"{sigma[2]:.1f} degrees (1 sigma); " + ", ".join(f"{count} {name}" for name, count in counts.items())
     )
     if "flown_s" in alignment:  # results of earlier versions lack it

@@ -82,6 +82,12 @@ ScanPeriod = Annotated[float, Field(ge=0.001, le=60.0)]
 CorrelationTime = Annotated[float, Field(ge=1e-3, le=1e9)]
 """Of an exponentially correlated error, s."""
 Latency = Annotated[float, Field(ge=0.0, le=30.0)]
+FIX_LATENCIES = (-1.0, 5.0)
+"""Bounds of the latency of fixes, s; below zero they are stamped before the time they are valid."""
+FixLatency = Annotated[float, Field(ge=0.0, le=FIX_LATENCIES[1])]
+"""From the time a fix is valid to the time the filter gets it, s."""
+RecordedLatency = Annotated[float, Field(ge=FIX_LATENCIES[0], le=FIX_LATENCIES[1])]
+"""The same of a recorded fix, by the time that it is stamped with, s."""
 Decay = Annotated[float, Field(ge=1e-9, le=1e3)]
 """Its reciprocal, 1/s."""
 Size = Annotated[float, Field(ge=0.1, le=1e5)]
@@ -120,6 +126,8 @@ Pair = Annotated[tuple[Signed, Signed], BeforeValidator(as_tuple)]
 T = typing.TypeVar("T")
 PairOf = Annotated[tuple[T, T], BeforeValidator(as_tuple)]
 """A YAML list of two of a type, kept as a tuple."""
+TripleOf = Annotated[tuple[T, T, T], BeforeValidator(as_tuple)]
+"""A YAML list of three of a type, kept as a tuple."""
 ListOf = Annotated[tuple[T, ...], BeforeValidator(as_tuple)]
 """A YAML list of a type, kept as a tuple."""
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from navsim.scenario.base import (
+    FixLatency,
     Section,
     Sigma,
     Triple,
@@ -76,7 +77,7 @@ class FilterSection(Section):
     """noise of the receiver's clock that a tight filter believes in; left out: that of receiver.clock"""
     velocity: bool = True
     """use the velocity of the fixes beside their position, or the range rates beside the pseudoranges"""
-    latency_s: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
+    latency_s: FixLatency | None = None
     """latency of the fixes that the filter believes in; default: receiver.latency_s"""
     lever_arm_m: Triple | None = None
     """lever arm that the filter believes in; default: receiver.lever_arm_m"""

@@ -13,13 +13,18 @@ from navsim.models.conventions import GnssConvention, ImuConvention
 from navsim.models.systems import SYSTEMS, USUAL, System
 from navsim.scenario.base import (
     Checksum,
+    CorrelationTime,
+    Latitude,
     ListOf,
     LogTime,
+    Longitude,
     NonNegative,
     PairOf,
+    RecordedLatency,
     Section,
     Sigma,
     Triple,
+    TripleOf,
     Utc,
     Version,
     hint,
@@ -34,8 +39,6 @@ from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import Checksums, Files, Name
 
 Time = Annotated[float, Field(ge=0.0, le=1e12)]
-LATENCIES = (-1.0, 2.0)
-"""Bounds of the latency, s: below zero the fixes are stamped before the time they are valid."""
 Times = Annotated[tuple[Time, ...], one_or_more(Time), one_or_list]
 
 
@@ -141,12 +144,33 @@ class Sensors(Section):
         return Gyro.model_validate(gyro), Accelerometer.model_validate(accel)
 
 
+class FixError(Section):
+    """An error of the fixes that lasts, which the filter follows as states: three of a Gauss-Markov process, along
+    north, east and down, or as many as the table has columns of."""
+
+    time_s: CorrelationTime
+    """correlation time"""
+    position_sigma_m: PairOf[Sigma] | None = None
+    """1 sigma of the positions by this error: horizontal per axis, vertical; three states"""
+    states: Literal[3, 6, 9, 12] | None = None
+    """how many states it has, where the table tells what an error of 1 of each does to each fix: columns error1_n,
+    error1_e, error1_d, error1_vn, error1_ve, error1_vd, error2_n, ..., m and m/s, numbered on from one error to the
+    next"""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.position_sigma_m is None) == (self.states is None):
+            raise reject("give one of position_sigma_m and states", "position_sigma_m")
+        return self
+
+
 class Gnss(Section):
     """The fixes. What is left out is tuned (`tuning: likelihood`), or as written below without tuning."""
 
     file: str
-    """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty), or NMEA sentences,
-    also with a logger's text around them; with `navigation`, RINEX observations"""
+    """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty) and where it has them
+    nsat and the covariance of each fix (sigma_n_m ... corr_ve_vd); or NMEA sentences, also with a logger's text around
+    them; with `navigation`, RINEX observations"""
     navigation: Files | None = None
     """RINEX navigation files, one or a list: fixes are solved from the ranges of `file`, which `filter.coupling: tight`
     takes as they are"""
@@ -166,7 +190,7 @@ class Gnss(Section):
     """noise of the receiver's clock, for `coupling: tight`"""
     file_sha256: Checksum | None = None
     """checksum of the file; when given, another file is refused"""
-    columns: _columns((*conventions.GNSS_COLUMNS, "nsat")) = Field(default_factory=dict)  # type: ignore[valid-type]
+    columns: _columns((*conventions.GNSS_COLUMNS, *conventions.GNSS_OPTIONAL)) = Field(default_factory=dict)  # type: ignore[valid-type]
     """names of the columns in the file where they are others; not for NMEA, as the units and axes"""
     time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
     """unit of the column t_s"""
@@ -180,16 +204,20 @@ class Gnss(Section):
     """unit of the velocity columns"""
     velocity_axes: LevelAxes = "NED"  # type: ignore[valid-type]
     """where the columns vn, ve, vd point: N or S, E or W, D or U. ENU: east, north, up"""
-    latency_s: Annotated[float, Field(ge=LATENCIES[0], le=LATENCIES[1])] | None = None
+    latency_s: RecordedLatency | None = None
     """delay from the time a fix is valid to its time in the file, negative for fixes that are stamped too early; left
     out: tuned, untuned 0"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """lever arm from the IMU to the antenna: forward, right, down"""
     velocity_sigma_m_s: PairOf[Sigma] | None = None
-    """1 sigma of velocities: horizontal per axis, vertical; left out: tuned, untuned 0.3 and 0.3"""
+    """1 sigma of velocities: horizontal per axis, vertical, of fixes that have none in the table; left out: tuned,
+    untuned 0.3 and 0.3"""
     position_sigma_m: PairOf[Sigma] | None = None
-    """1 sigma of positions: horizontal per axis, vertical; default 2.5 s times the velocity's: receivers smooth
-    positions with it"""
+    """1 sigma of positions: horizontal per axis, vertical, of fixes that have none in the table; default 2.5 s times
+    the velocity's: receivers smooth positions with it"""
+    errors: Annotated[ListOf[FixError], Field(max_length=4)] = ()
+    """errors of the fixes that last (of satellite orbits, of the atmosphere), which the filter follows as states beside
+    the noise of each fix; for `coupling: loose`"""
     spacing_s: NonNegative = 0.45
     """fixes closer than this to the last one used are left out: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0, le=1000)] = 4
@@ -212,10 +240,17 @@ class Gnss(Section):
                 if getattr(self, key) != type(self).model_fields[key].default:
                     raise reject("is for RINEX observations: give `navigation`", key)
             return self
+        if self.of_table:
+            raise reject("RINEX observations have no columns of effects: give position_sigma_m", "errors")
         default = type(self)(file=self.file).convention()
         if replace(self.convention(), time_offset=0.0) != default:
             raise reject("RINEX observations have units of their own; only their times may be shifted", "file")
         return self
+
+    @property
+    def of_table(self) -> int:
+        """How many lasting errors have columns of their effects."""
+        return sum(error.states or 0 for error in self.errors)
 
     def wanted(self) -> tuple[System, ...]:
         """The systems whose ranges are taken."""
@@ -231,12 +266,44 @@ class Gnss(Section):
             speed_unit=self.speed_unit,
             velocity_axes=self.velocity_axes,
             columns=self.columns,
+            errors=self.of_table,
         )
+
+
+class KnownSection(Section):
+    """State of the navigation at a time of the recording, where it is known: the filter starts there and aligns
+    nothing."""
+
+    time_s: LogTime
+    """time of the recording at which the state is known, and the filter starts"""
+    lat_deg: Latitude
+    """latitude of the IMU"""
+    lon_deg: Longitude
+    """longitude of the IMU"""
+    height_m: Annotated[float, Field(ge=-1e4, le=1e5)]
+    """height of the IMU above the WGS-84 ellipsoid"""
+    velocity_m_s: Triple
+    """velocity over ground: north, east, down"""
+    attitude_deg: TripleOf[Annotated[float, Field(ge=-360.0, le=360.0)]]
+    """roll, pitch, yaw (heading)"""
+    gyro_bias_deg_h: Triple = (0.0, 0.0, 0.0)
+    """bias of the gyros; its 1 sigma is that of imu.gyro"""
+    accelerometer_bias_mg: Triple = (0.0, 0.0, 0.0)
+    """bias of the accelerometers; its 1 sigma is that of imu.accelerometer"""
+    position_sigma_m: TripleOf[NonNegative]
+    """1 sigma of the position: north, east, down"""
+    velocity_sigma_m_s: TripleOf[NonNegative]
+    """1 sigma of the velocity: north, east, down"""
+    attitude_sigma_deg: TripleOf[NonNegative]
+    """1 sigma of the attitude: about north, east, down; that about down is the heading's"""
 
 
 class AlignmentSection(Section):
     """How the attitude is found: level at rest, heading from the changes of velocity once it moves."""
 
+    known: KnownSection | None = None
+    """state of the navigation at a time, instead of an alignment; what is below is then for a filter that is lost and
+    starts anew"""
     heading_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
     """heading at the start, where it is known; needs a standstill"""
     heading_sigma_deg: Annotated[float, Field(ge=1e-6, le=30.0)] = 10.0
@@ -244,14 +311,21 @@ class AlignmentSection(Section):
     longest_s: Annotated[float, Field(ge=5.0, le=600.0)] = 120.0
     """give up an attempt after this time and try later"""
 
+    @model_validator(mode="after")
+    def _one_start(self) -> Self:
+        if self.known is not None and self.heading_deg is not None:
+            raise reject("the heading at the start is that of alignment.known; leave one of them out", "heading_deg")
+        return self
+
 
 class ReplayGate(Section):
     """Rejection of fixes that cannot be true, and the way back of a filter that is lost."""
 
     probability: Annotated[float, Field(ge=0.0, lt=0.5)] = 1e-6
     """chance of rejecting a good fix; 0: no gate"""
-    restart_s: Annotated[float, Field(ge=1.0, le=600.0)] = 10.0
-    """a filter that rejects its fixes, or most ranges of each epoch, for so long starts anew from them"""
+    restart_s: Annotated[float, Field(ge=1.0, le=1e9)] = 10.0
+    """a filter that rejects its fixes, or most ranges of each epoch, for so long starts anew from them; longer than the
+    flight: it never does"""
     max_rejected: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
     """rejections in a row after which a fix, or a source's range, is taken nevertheless; left out: none is"""
 
@@ -267,8 +341,8 @@ class ReplayFilterSection(Section):
     """rejection of fixes, or of ranges, that cannot be true"""
     gaussian_sum: Components = Components()
     """the components of `kind: gaussian-sum`"""
-    output_rate_hz: Annotated[float, Field(ge=1e-3, le=1000.0)] = 10.0
-    """outputs of the filter a second"""
+    output_rate_hz: Annotated[float, Field(ge=1e-3, le=1000.0)] | Literal["fixes"] = 10.0
+    """outputs of the filter a second; fixes: one whenever a fix comes"""
 
 
 class Outage(Section):
@@ -315,10 +389,21 @@ class Replay(Section):
     outages: ListOf[Outage] = ()
     """fixes withheld on purpose, to see the drift"""
 
+    @property
+    def begin(self) -> float | None:
+        """Where the flight is to begin, s, if the log says so."""
+        return self.start_s if self.alignment.known is None else self.alignment.known.time_s
+
     @model_validator(mode="after")
     def _order(self) -> Self:
+        if self.start_s is not None and self.alignment.known is not None:
+            raise reject("the flight begins at alignment.known.time_s; leave one of them out", "start_s")
+        if (known := self.alignment.known) is not None and self.end_s is not None and self.end_s <= known.time_s:
+            raise reject("must come after alignment.known.time_s", "end_s")
         if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
             raise reject("must come after start_s", "end_s")
         if self.filter.coupling == "tight" and not self.gnss.navigation:
             raise reject("fixes are all there is: give RINEX observations and gnss.navigation", "filter", "coupling")
+        if self.filter.coupling == "tight" and self.gnss.errors:
+            raise reject("a tightly coupled filter takes ranges, not fixes: leave it out", "gnss", "errors")
         return self

@@ -14,6 +14,7 @@ from navsim.scenario.base import (
     Azimuth,
     CorrelationTime,
     Elevation,
+    FixLatency,
     Latitude,
     ListOf,
     Longitude,
@@ -572,7 +573,7 @@ class ReceiverSection(Section):
 
     rate_hz: Annotated[float, Field(ge=1e-3, le=100.0)] = 10.0
     """fixes a second"""
-    latency_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
+    latency_s: FixLatency = 0.0
     """delay from the time a fix is valid to the time the filter gets it"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """lever arm from the IMU to the antenna: forward, right, down"""

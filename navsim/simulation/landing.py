@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core import noise, states
+from navsim.core.arrays.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
 from navsim.core.jit import kernel
@@ -259,6 +260,19 @@ class Run:
     """Angle increments that the gyros measured (n, 3), rad. Empty if measurements are not wanted."""
     delta_velocity: np.ndarray
     """Velocity increments that the accelerometers measured (n, 3), m/s. Empty if measurements are not wanted."""
+    start_llh: np.ndarray
+    """Position (3,), rad, rad, m, that the filter starts from."""
+    start_velocity: np.ndarray
+    """Velocity (3,), NED, m/s, that the filter starts from."""
+    start_rpy: np.ndarray
+    """Roll, pitch, yaw (3,), rad, that the filter starts from."""
+    filter_fix_llh: np.ndarray
+    """Fixes (e, 3) as a loosely coupled filter takes them, nan where it takes none. Empty if measurements are not
+    wanted, or the filter is tightly coupled."""
+    filter_fix_velocity: np.ndarray
+    """Their velocities (e, 3), NED, m/s, nan where the filter takes none."""
+    filter_fix_covariance: np.ndarray
+    """Covariance (e, 6, 6) that the filter takes their position and velocity for, NED."""
     clipped: np.ndarray
 
     def one(self, which: int) -> Run:
@@ -890,6 +904,8 @@ def fly(flight: Flight, seed: int, runs: Sequence[int], measured: bool = True) -
     return fly_inputs(flight, inputs, len(runs), measured)
 
 
+NO_FIXES = FixTable(np.empty((0, 3, WIDTH)), np.empty((0, 3, WIDTH)), np.empty((0, MOST, MOST, WIDTH)), np.zeros(3))
+"""A table of fixes of lanes without any."""
 _ROWS = 64
 """Numbers of a run that are taken out of its lane before those of the next: 4 kB of eight lanes."""
 
@@ -937,6 +953,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     def of_signals(lanes: np.ndarray) -> np.ndarray:
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
 
+    of_filter = tables.fixes if measured and not beliefs.tight else NO_FIXES
     none = np.empty((0, 3, WIDTH))
     own = {"deviation": none, "attitude": none, "antenna": none, "gust": none}
     if inputs.flown is not None:
@@ -962,6 +979,11 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         monitor_level=of_runs(watched.level),
         **{name: of_runs(lanes) for name, lanes in own.items()},
         delta_angle=of_signals(inputs.dtheta), delta_velocity=of_signals(inputs.dv),
+        start_llh=of_runs(nav[states.NAV_LLH : states.NAV_VEL]),
+        start_velocity=of_runs(nav[states.NAV_VEL : states.NAV_QUAT]),
+        start_rpy=roll_pitch_yaw(dcm_from_quaternion(of_runs(nav[states.NAV_QUAT : states.NAV_HELD]))),
+        filter_fix_llh=of_runs(of_filter.llh), filter_fix_velocity=of_runs(of_filter.velocity),
+        filter_fix_covariance=of_runs(of_filter.covariance),
         clipped=of_runs(inputs.clipped).astype(np.int64) if flight.limited else np.empty((count, 0), np.int64),
     )  # fmt: skip
 

@@ -24,7 +24,7 @@ from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs, with_unknown_clock
 from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
 from navsim.estimation.observations import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
-from navsim.estimation.records import NOT_USED, REJECTED, ImuData, by_epoch, schedule, start
+from navsim.estimation.records import NOT_USED, REJECTED, TIME_TOLERANCE, ImuData, by_epoch, schedule, start
 from navsim.models.recording import Fixes, Ranges, Samples
 from navsim.simulation.alignment import Alignment
 
@@ -58,27 +58,59 @@ class Sensed:
 
 
 @dataclass(frozen=True)
+class KnownStart:
+    """A state of the navigation that is known instead of aligned: time s; navigation (NAV_N,) of the IMU; sigma (9,) 1
+    sigma of position, velocity and attitude along north, east, down, m, m/s, rad."""
+
+    time: float
+    navigation: np.ndarray
+    sigma: np.ndarray
+
+    @property
+    def alignment(self) -> Alignment:
+        """The attitude and gyro biases as of an alignment that is finished at once; nothing is said of how good the
+        biases are: a filter knows it."""
+        attitude = self.navigation[states.NAV_QUAT : states.NAV_HELD]
+        covariance = np.diag(self.sigma[states.ATT : states.SENSORS] ** 2)
+        gyro_bias = self.navigation[states.NAV_GYRO : states.NAV_ACCEL]
+        return Alignment(self.time, attitude, covariance, gyro_bias, np.full(3, np.nan), self.time, self.time)
+
+
+@dataclass(frozen=True)
 class PartStart:
     """Where a part of a flight starts: alignment; llh, velocity (3,): of the fix nearest to it, carried on to it over
     age seconds; derived: (3,) s over which positions gave the components of that velocity, 0 where they are known;
-    kept: navigation (NAV,) and covariance (n, n) of the filter before, whose attitude and biases are kept."""
+    own: (6,) 1 sigma of the fix that the receiver gives, nan where it does not; effect: (6, k) as of `Fixes`; kept:
+    navigation (NAV,) and covariance (n, n) of the filter before, whose attitude and biases are kept; known: a state
+    that takes the place of all of it.
+    """
 
     alignment: Alignment
     llh: np.ndarray
     velocity: np.ndarray
     age: float
     derived: np.ndarray
+    own: np.ndarray
+    effect: np.ndarray
     kept: tuple[np.ndarray, np.ndarray] | None = None
+    known: KnownStart | None = None
+
+    @classmethod
+    def at(cls, known: KnownStart) -> PartStart:
+        """At a state that is known."""
+        llh, velocity = known.navigation[states.NAV_LLH : states.NAV_VEL], known.navigation[states.NAV_VEL :][:3]
+        return cls(known.alignment, llh, velocity, 0.0, np.zeros(3), np.full(6, np.nan), np.empty((6, 0)), known=known)
 
 
 @dataclass(frozen=True)
 class RecordedFlight(Sensed):
     """A recording ready for the filter, from the alignment on.
 
-    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), nan where unknown; speed, course (m,) over
-    ground, m/s, rad, from the positions where no velocity is known. ranges: of each epoch (m,) that the fixes are
-    solved from, where they are known; an epoch without a fix has nan in its place. start: the first one; restart: the
-    next one at or after a time, None where there is none. patience: s of contradiction after which a filter is lost.
+    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), covariance (m, 6, 6), nan where unknown;
+    effect (m, 6, k) as of `Fixes`; speed, course (m,) over ground, m/s, rad, from the positions where no velocity is
+    known. ranges: of each epoch (m,) that the fixes are solved from, where they are known; an epoch without a fix has
+    nan in its place. start: the first one; restart: the next one at or after a time, None where there is none.
+    patience: s of contradiction after which a filter is lost.
     """
 
     arrival: np.ndarray
@@ -89,6 +121,8 @@ class RecordedFlight(Sensed):
     start: PartStart
     restart: Callable[[float], PartStart | None]
     patience: float
+    covariance: np.ndarray
+    effect: np.ndarray
     ranges: Ranges | None = None
 
     @property
@@ -191,16 +225,21 @@ def prepare(
     ranges: Ranges | None = None,
     align: Callable[[float], Alignment | None] = lambda _: None,
     patience: float = np.inf,
+    known: KnownStart | None = None,
 ) -> RecordedFlight:
-    """The flight after an alignment, its fixes `latency` seconds old when they came, or stamped too early by as much
-    where it is negative, so that they come when they are valid; sensed: from the alignment on; ranges: that the fixes
-    are from, of their epochs and of others, if they are known; align: the next alignment at or after a time, s;
-    patience: as of the flight."""
+    """The flight after an alignment, or from a known state on.
+
+    latency: age of the fixes when they came, s; where it is negative they are stamped too early by as much, and come
+    when they are valid. sensed: from the alignment on. ranges: that the fixes are from, of their epochs and of others,
+    if they are known. align: the next alignment at or after a time, s. patience: as of the flight. known: the state
+    that the alignment is of, where it is known.
+    """
     begin = alignment.time
     early = max(0.0, -latency)
     late = fixes.time + early
     valid = fixes.time - latency
-    inside = (valid > begin) & (late <= sensed.imu_time[-1])
+    end = float(sensed.imu_time[-1]) + TIME_TOLERANCE
+    inside = (valid > begin) & (late <= end)
     filled, over = fixes.with_velocity()
 
     def start_at(aligned: Alignment) -> PartStart:
@@ -211,14 +250,20 @@ def prepare(
         return None if again is None or again.time >= sensed.imu_time[-2] else start_at(again)
 
     arrival, llh, own = late[inside], fixes.llh[inside], fixes.velocity[inside]
+    covariance = np.full((fixes.time.size, 6, 6), np.nan) if fixes.covariance is None else fixes.covariance
+    covariance = covariance[inside]
+    effect = np.empty((fixes.time.size, 6, 0)) if fixes.effect is None else fixes.effect
+    effect = effect[inside]
     north, east = filled.velocity[inside, :2].T
     speed, course = np.linalg.norm(filled.velocity[inside, :2], axis=1), np.arctan2(east, north)
     if ranges is not None:
         due = ranges.time - latency
-        ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time + early <= sensed.imu_time[-1])))
+        ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time + early <= end)))
         solved = np.isin(ranges.time + early, arrival)
         arrival = ranges.time + early
-        llh, own, speed, course = (_among(values, solved) for values in (llh, own, speed, course))
+        llh, own, speed, course, covariance, effect = (
+            _among(values, solved) for values in (llh, own, speed, course, covariance, effect)
+        )
     return RecordedFlight(
         **vars(sensed),
         arrival=arrival,
@@ -226,9 +271,11 @@ def prepare(
         velocity=own,
         speed=speed,
         course=course,
-        start=start_at(alignment),
+        start=start_at(alignment) if known is None else PartStart.at(known),
         restart=restart,
         patience=patience,
+        covariance=covariance,
+        effect=effect,
         ranges=ranges,
     )
 
@@ -250,7 +297,10 @@ def _start_at(
     here = earth.llh_from_ecef(
         earth.ecef_from_llh(fixes.llh[at]) + ahead * earth.ned_matrix(fixes.llh[at]).T @ velocity
     )
-    return PartStart(alignment, here, velocity, abs(ahead), np.where(np.isnan(fixes.velocity[at]), over[at], 0.0))
+    derived = np.where(np.isnan(fixes.velocity[at]), over[at], 0.0)
+    own = np.full(6, np.nan) if fixes.covariance is None else np.sqrt(np.diag(fixes.covariance[at]))
+    effect = np.empty((6, 0)) if fixes.effect is None else fixes.effect[at]
+    return PartStart(alignment, here, velocity, abs(ahead), derived, own, effect)
 
 
 def _among(values: np.ndarray, there: np.ndarray) -> np.ndarray:
@@ -416,7 +466,10 @@ def _after_contradiction(
         time, nav[states.NAV_QUAT : states.NAV_HELD], covariance[att, att], nav[states.NAV_GYRO : states.NAV_ACCEL],
         sigma[states.GYRO : states.GYRO + 3], time, time,
     )  # fmt: skip
-    return PartStart(aligned, earth.llh_from_ecef(here), velocity, age, np.zeros(3), (nav, covariance))
+    own = np.sqrt(np.diag(flight.covariance[fix]))
+    return PartStart(
+        aligned, earth.llh_from_ecef(here), velocity, age, np.zeros(3), own, flight.effect[fix], (nav, covariance)
+    )
 
 
 def _cancel(one: np.ndarray, other: np.ndarray) -> bool:
@@ -490,7 +543,7 @@ def _fly_part(given: _Given, begin: PartStart, end: float) -> _Part:
     # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
     gaps = any(within.start <= k < within.stop for k, _ in flight.gaps)
     kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and gaps else beliefs.kind
-    noise = np.tile(np.diag(beliefs.sigma_scale**2 * fix_sigma**2), (count, 1, 1))
+    noise = beliefs.sigma_scale**2 * _own_or_usual(flight.covariance[rows], fix_sigma)
     known = valid if is_smoother(kind) else arrival
     tables: dict[int, FixTable | RangeTable] = {}
     scales: tuple[int, ...] = ()
@@ -501,7 +554,7 @@ def _fly_part(given: _Given, begin: PartStart, end: float) -> _Part:
         heard = np.isfinite(ranges.pseudorange) & ~withheld[:, None]
         noise = _noise_of_fixes(ranges, llh, given.range_sigma, noise)
         tables[RANGE] = _table_of(ranges, heard, scales, given.range_sigma, beliefs.lever_arm)
-    tables[PROBE if beliefs.tight else FIX] = FixTable(llh, velocity, noise, beliefs.lever_arm)
+    tables[PROBE if beliefs.tight else FIX] = FixTable(llh, velocity, noise, beliefs.lever_arm, flight.effect[rows])
     epoch = np.nonzero(heard)[0]
     events = schedule(outputs, (PROBE if beliefs.tight else FIX, valid, known), (RANGE, valid[epoch], known[epoch]))
     densities = _noise(flight, beliefs)
@@ -539,6 +592,12 @@ def _fly_part(given: _Given, begin: PartStart, end: float) -> _Part:
         squared, degrees, status, logs, of_ranges, range_status, rejected, np.full(count, True), (),
     )  # fmt: skip
     return _Part(rows, arrival, seen, history.covariance)
+
+
+def _own_or_usual(covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Covariance of fixes (m, 6, 6): the receiver's own, nan where it gives none, else by 1 sigma (6,)."""
+    unknown = np.isnan(covariance)
+    return np.where(unknown, np.where(unknown.all(axis=2)[..., None], np.diag(sigma**2), 0.0), covariance)
 
 
 def _noise_of_fixes(ranges: Ranges, llh: np.ndarray, sigma: tuple[float, float], otherwise: np.ndarray) -> np.ndarray:
@@ -587,6 +646,9 @@ def _start(
     """Navigation state (NAV,) and covariance (n, n) at the alignment; the start position is the antenna's less the
     lever arm, its accelerometer biases are zero unless they are kept; scales: whose clock the filter follows; ranges:
     those of the part, in order."""
+    if begin.known is not None:
+        nav, matrix = begin.known.navigation, beliefs.sensors.covariance(begin.known.sigma)
+        return _with_clock(nav, matrix, begin, ranges, scales)
     alignment = begin.alignment
     nav = np.zeros(states.NAV_N)
     nav[states.NAV_LLH : states.NAV_VEL] = begin.llh
@@ -596,7 +658,7 @@ def _start(
     if begin.kept is not None:
         nav[states.NAV_ACCEL : states.NAV_N] = begin.kept[0][states.NAV_ACCEL : states.NAV_N]
     error_state.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ beliefs.lever_arm))
-    position_sigma, fix_velocity_sigma = fix_sigma[:3], fix_sigma[3:]
+    position_sigma, fix_velocity_sigma = np.split(np.where(np.isnan(begin.own), fix_sigma, begin.own), 2)
     matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *beliefs.sensors.sigma], 3) ** 2)
     # since the fix the aircraft may have accelerated, and it turns about the antenna
     gained = _ACCELERATION * begin.age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(beliefs.lever_arm)
@@ -615,8 +677,20 @@ def _start(
     att = slice(states.ATT, states.ATT + 3)
     matrix[att, att] = alignment.covariance
     if begin.kept is not None:
-        inertial = slice(states.ATT, matrix.shape[0])
+        inertial = slice(states.ATT, states.N)
         matrix[inertial, inertial] = begin.kept[1][inertial, inertial]
+    # the start is off by what lasts in the errors of its fix
+    moving, lasting = slice(states.POS, states.ATT), slice(states.N, states.N + begin.effect.shape[1])
+    matrix[moving, moving] += begin.effect @ begin.effect.T
+    matrix[moving, lasting] = -begin.effect
+    matrix[lasting, moving] = -begin.effect.T
+    return _with_clock(nav, matrix, begin, ranges, scales)
+
+
+def _with_clock(
+    nav: np.ndarray, matrix: np.ndarray, begin: PartStart, ranges: Ranges | None, scales: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The start of a filter that follows the clock of these time scales, if there are any."""
     if not scales or ranges is None:
         return nav, matrix
     clock = _first_clock(begin, ranges, scales)

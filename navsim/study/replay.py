@@ -19,9 +19,10 @@ from typing import Any, Literal
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.attitude import dcm_from_quaternion
+from navsim.core.arrays.attitude import dcm_from_quaternion, dcm_from_rpy, quaternion_from_dcm
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS, is_smoother
+from navsim.estimation.observations import FIX
 from navsim.estimation.records import NOT_USED, REJECTED, TFG
 from navsim.io import files
 from navsim.io.draft import Draft
@@ -33,8 +34,8 @@ from navsim.io.text import Dropped, FileError
 from navsim.models.imu import Triad
 from navsim.models.recording import Fixes, Ranges, Samples
 from navsim.models.timescales import gps_from_utc
-from navsim.scenario.base import DEG
-from navsim.scenario.replay import Outage, Replay
+from navsim.scenario.base import DEG, DEG_H, MG
+from navsim.scenario.replay import FixError, KnownSection, Outage, Replay
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation import alignment as aligning
 from navsim.simulation import replay
@@ -60,6 +61,8 @@ LARGEST_NIS = 2.0
 """Mean normalised innovation squared of a recorded flight, whose noise is tuned to 1, that is no accident."""
 LEAST_SAMPLES, LEAST_FIXES = 10, 4
 """What there must be of both to look for an alignment."""
+_BEFORE = 1.5
+"""Intervals before the first sample at which a known state may be: it is of the end of its interval."""
 _START = (0.3, 0.3)
 """Velocity noise where the tuning starts, and without tuning, m/s."""
 NEVER = 1_000_000_000
@@ -106,6 +109,7 @@ class Recording:
     ranges: Ranges | None
     recorded: tuple[float, float]
     search: aligning.Search
+    known: replay.KnownStart | None
     not_judged: tuple[str, ...] = ()
     warnings: list[str] = field(default_factory=list)
 
@@ -125,6 +129,10 @@ class Recording:
         section = self.scenario.filter
         gate = section.gate
         sensors = followed(replace(self.gyro, noise_density=gyro), replace(self.accel, noise_density=accel))
+        blocks = _lasting(self.scenario.gnss.errors, self.interval)
+        sensors = replace(
+            sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks))
+        )
         return Beliefs(
             kind=kind,
             sensors=sensors,
@@ -138,6 +146,11 @@ class Recording:
             widest=section.gaussian_sum.heading_deg * DEG,
             clock=self.scenario.gnss.clock.densities() if self.tight else None,
         )
+
+    @cached_property
+    def interval(self) -> float:
+        """Usual interval of the samples, s."""
+        return float(np.median(np.diff(self.samples.time)))
 
     def fix_sigma(self, settings: np.ndarray) -> np.ndarray:
         """1 sigma of the fixes' position and velocity (6,), north, east, down, m, m/s, for values of `tuned` (5,)."""
@@ -157,7 +170,9 @@ class Recording:
         """The increments and fixes after the alignment."""
         ranges = self.ranges if self.tight else None
         patience = self.scenario.filter.gate.restart_s
-        return replay.prepare(self._sensed, self.fixes, self.alignment, latency, ranges, self._realigned, patience)
+        return replay.prepare(
+            self._sensed, self.fixes, self.alignment, latency, ranges, self._realigned, patience, self.known
+        )
 
     def of_rejected(self, settings: np.ndarray) -> float:
         """What a rejected fix, or range, counts in the tuning: as one at the limit of the gate with the noise that the
@@ -237,6 +252,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     log = read(scenario, document)
     scenario, ranges, warnings = log.scenario, log.ranges, log.warnings
     samples, fixes, first = _wanted(scenario, document, log.samples, log.fixes)
+    fixes = _with_effects(fixes, scenario.gnss.errors)
     if ranges is not None:
         apart = _spaced(ranges.time, scenario.gnss.spacing_s)
         apart = apart[ranges.time[apart] <= samples.time[-1]]
@@ -249,7 +265,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     gnss = scenario.gnss
     velocity: tuple[float, ...] = _START if gnss.velocity_sigma_m_s is None else gnss.velocity_sigma_m_s
     latency = 0.0 if gnss.latency_s is None else gnss.latency_s  # untuned, and where the alignment starts
-    open_noise = [gnss.velocity_sigma_m_s is None] * 2
+    open_noise = [gnss.velocity_sigma_m_s is None and not fixes.has_own_noise] * 2
     tight = scenario.filter.coupling == "tight"
     if tight:
         given = (gnss.range_rate_sigma_m_s, gnss.range_sigma_m)
@@ -265,7 +281,8 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     if not tight and gnss.velocity_sigma_m_s is None and not has_vertical:
         free[1] = False  # nothing would show it; `beliefs` ties it to the horizontal one
     search = _search(scenario, gyro, accel)
-    aligned = _align(search, samples, fixes.earlier(settings[LATENCY]), first)
+    known = None if scenario.alignment.known is None else _known_start(scenario.alignment.known)
+    aligned = _align(search, samples, fixes.earlier(settings[LATENCY]), first) if known is None else known.alignment
     # a heading that is known is that of the start
     again = search if search.heading is None else replace(search, heading=None, heading_sigma=USUAL_HEADING)
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
@@ -286,6 +303,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         ranges,
         (float(min(log.samples.time[0], log.fixes.time[0])), float(max(log.samples.time[-1], log.fixes.time[-1]))),
         again,
+        known,
         log.not_judged,
         warnings,
     )
@@ -302,7 +320,7 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
         scenario.imu.convention(),
         scenario.gnss.convention(),
         latency=scenario.gnss.latency_s,
-        first=-np.inf if scenario.start_s is None else scenario.start_s,
+        first=-np.inf if scenario.begin is None else scenario.begin,
         last=np.inf if scenario.end_s is None else scenario.end_s,
         sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.lenient),
     )
@@ -429,6 +447,47 @@ def _search(scenario: Replay, gyro: Triad, accel: Triad) -> aligning.Search:
     )  # fmt: skip
 
 
+def _lasting(errors: Sequence[FixError], step: float) -> list[states.Block]:
+    """The states that stand for lasting errors of fixes, threes of them; step: of the filter, s."""
+    out: list[states.Block] = []
+    for error in errors:
+        for _ in range(0, error.states or 3, 3):
+            name, numbered = f"fix_error_{len(out) + 1}", error.states is not None
+            out.append(states.lasting(name, FIX, error.time_s, step, 3 * len(out), numbered))
+    return out
+
+
+def _with_effects(fixes: Fixes, errors: Sequence[FixError]) -> Fixes:
+    """The fixes with what all lasting errors do to them: those of the table have it, the others have their 1 sigma
+    along each axis of the position."""
+    if not errors:
+        return fixes
+    parts, first = [], 0
+    for error in errors:
+        if error.position_sigma_m is not None:
+            of_sigma = np.zeros((6, 3))
+            of_sigma[:3] = np.diag(np.array(error.position_sigma_m)[[0, 0, 1]])
+            parts.append(np.tile(of_sigma, (fixes.time.size, 1, 1)))
+        elif fixes.effect is not None and error.states is not None:
+            parts.append(fixes.effect[..., first : first + error.states])
+            first += error.states
+    return replace(fixes, effect=np.concatenate(parts, axis=2))
+
+
+def _known_start(section: KnownSection) -> replay.KnownStart:
+    """The state of the navigation that a log gives."""
+    navigation = np.zeros(states.NAV_N)
+    navigation[states.NAV_LLH : states.NAV_VEL] = section.lat_deg * DEG, section.lon_deg * DEG, section.height_m
+    navigation[states.NAV_VEL : states.NAV_QUAT] = section.velocity_m_s
+    attitude = dcm_from_rpy(np.array(section.attitude_deg) * DEG)
+    navigation[states.NAV_QUAT : states.NAV_HELD] = quaternion_from_dcm(attitude)
+    navigation[states.NAV_GYRO : states.NAV_ACCEL] = np.array(section.gyro_bias_deg_h) * DEG_H
+    navigation[states.NAV_ACCEL : states.NAV_N] = np.array(section.accelerometer_bias_mg) * MG
+    attitude_sigma = np.array(section.attitude_sigma_deg) * DEG
+    sigma = np.concatenate([section.position_sigma_m, section.velocity_sigma_m_s, attitude_sigma])
+    return replay.KnownStart(section.time_s, navigation, sigma)
+
+
 def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float) -> aligning.Alignment:
     """The earliest alignment: at the end of a standstill, or under way. Raises ReplayError where there is none."""
     found = aligning.find(samples, fixes, first, search)
@@ -453,6 +512,8 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
     def part(start: float | None, end: float | None) -> tuple[Samples, Fixes, float, str]:
         """The part from `start` to `end`, and of what it has too few."""
         first = float(max(samples.time[0], fixes.time[0], -np.inf if start is None else start))
+        if known is not None and start is not None:
+            first = start  # a sample may end later than its interval begins, and fixes come later
         last = min(samples.time[-1], np.inf if end is None else end)
         of_samples, of_fixes = samples.between(first - 1.0, last), fixes.take(fixes.time <= last)
         common = int(np.sum(of_fixes.time >= first))
@@ -463,6 +524,7 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
     def refused(key: str, message: str) -> Problem:
         return Problem(document.place(tuple(key.split("."))), key, message)
 
+    known = scenario.alignment.known
     (s_begin, s_end), (f_begin, f_end) = samples.time[[0, -1]], fixes.time[[0, -1]]
     spans = f"samples {s_begin:.1f} to {s_end:.1f} s, fixes {f_begin:.1f} to {f_end:.1f} s"
     too_few = part(None, None)[-1]
@@ -471,14 +533,19 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
         overlap = s_begin <= f_end and f_begin <= s_end
         said = f"the recordings have in common only {too_few}" if overlap else "the recordings have no common time"
         raise InputError([refused(key, f"{said} ({spans})")])
-    start, end = scenario.start_s, scenario.end_s
+    start, end = scenario.begin, scenario.end_s
+    begins = "start_s" if known is None else "alignment.known.time_s"
     of_samples, of_fixes, first, too_few = part(start, end)
     if too_few:
-        given = {key: value for key, value in (("start_s", start), ("end_s", end)) if value is not None}
-        alone = {"start_s": part(start, None)[-1], "end_s": part(None, end)[-1]}
+        given = {key: value for key, value in ((begins, start), ("end_s", end)) if value is not None}
+        alone = {begins: part(start, None)[-1], "end_s": part(None, end)[-1]}
         to_blame = [key for key in given if alone[key]] or list(given)
         message = f"leaves {too_few} ({spans})"
         raise InputError([refused(key, f"{given[key]:g} {message}") for key in to_blame])
+    interval = float(np.median(np.diff(samples.time)))
+    if known is not None and first < s_begin - _BEFORE * interval:
+        message = f"{first:g} s is before the first sample ({spans}); give the state at a time from {s_begin:g} s on"
+        raise InputError([refused(begins, message)])
     spaced = of_fixes.take(_spaced(of_fixes.time, scenario.gnss.spacing_s))
     common = int(np.sum(spaced.time >= first))
     if common < LEAST_FIXES:
@@ -506,7 +573,10 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     fix_sigma = recording.fix_sigma(settings)
     begin, end = flight.imu_time[0], flight.imu_time[-1]
     rate = scenario.filter.output_rate_hz
-    times = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
+    if rate == "fixes":
+        times = np.concatenate([[begin], flight.arrival])
+    else:
+        times = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
     withheld = np.zeros(flight.arrival.size, dtype=bool)
     for outage in scenario.outages:
         if outage.withhold:
@@ -519,7 +589,8 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     except ArithmeticError as error:
         raise ReplayError(str(error)) from None
     scales = [] if flight.ranges is None else [flight.ranges.scales[clock] for clock in flight.ranges.clocks]
-    names = states.names(states.biases(), scales), states.units(states.biases(), len(scales))
+    blocks = beliefs.sensors.blocks
+    names = states.names(blocks, scales), states.units(blocks, len(scales))
     draft = Draft(REPLAY, {"mixed": ", ".join(dict.fromkeys(names[1]))})
     _filter(draft, flown, np.isin(flown.time, times), *names)
     _innovations(draft, flight, flown)
@@ -527,7 +598,9 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     _lost(draft, flown)
     _fixes(draft, flight)
     for name, value, was_free in zip(recording.tuned, settings, tuning.tuned, strict=True):
-        draft.put(f"/tuning/{name}", value, {"origin": "tuned to the innovations" if was_free else "given"})
+        of_fixes = name in _TUNED[:2] and recording.fixes.has_own_noise
+        origin = "not used: each fix has its own" if of_fixes else "tuned to the innovations" if was_free else "given"
+        draft.put(f"/tuning/{name}", value, {"origin": origin})
     _summary(draft, flight, flown, recording.moving_speed)
     alignment = recording.alignment
     out = draft.result(
@@ -636,7 +709,7 @@ def _not_flown(scenario: Replay, log: ReadLog, first: float, aligned: aligning.A
     away = f"no {scenario.alignment.longest_s:g} s of motion give the heading to "
     away += f"{scenario.alignment.heading_sigma_deg:g} degrees"
     parts = [(first, aligned.since, away)]
-    if scenario.start_s is None:
+    if scenario.begin is None:
         parts.insert(0, (float(samples[0]), first, "there are samples and no fixes"))
         parts.insert(0, (float(fixes[0]), first, "there are fixes and no samples"))
     if scenario.end_s is None:

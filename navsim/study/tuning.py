@@ -14,7 +14,7 @@ import numpy as np
 
 from navsim.estimation.records import TFG
 from navsim.io.findings import CONSISTENT, Finding
-from navsim.scenario.replay import LATENCIES
+from navsim.scenario.base import FIX_LATENCIES
 from navsim.simulation import replay
 from navsim.study.statistics import gate_limits
 
@@ -36,6 +36,8 @@ STRAYED = 5.0
 GYRO_NOISE, ACCELEROMETER_NOISE, LATENCY, SETTINGS = 2, 3, 4, 5
 """Numbers of the settings that all filters have, after the two of the noise of fixes or ranges, and how many there
 are."""
+SEARCHED = (FIX_LATENCIES[0], 2.0)
+"""Bounds between which the latency is searched, s. A larger one can be given; it is rather an offset of the clocks."""
 AT_BOUND = 0.01
 """A latency this close to one of them, s, stands there."""
 COARSE = 2.5
@@ -98,7 +100,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
     def surprise(x: np.ndarray, judged: bool) -> float:
         values = settings(x)
-        if not LATENCIES[0] <= values[LATENCY] <= LATENCIES[1]:
+        if not SEARCHED[0] <= values[LATENCY] <= SEARCHED[1]:
             return 1e12
         flight, beliefs = recording.flight(values[LATENCY]), recording.beliefs(values, TFG)
         if not judged:
@@ -132,7 +134,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 def _first_latency(cost: Callable[[float], float]) -> float:
     """The latency, tenths of a second, where the simplex starts: 0.1 s, unless another one is more likely. cost: of
     flights without the gate, which rejects all fixes alike where the latency is far off, and shows no way to it."""
-    near, (lowest, highest) = 1.0, (10.0 * bound for bound in LATENCIES)
+    near, (lowest, highest) = 1.0, (10.0 * bound for bound in SEARCHED)
     coarse = np.arange(np.ceil((lowest - near) / COARSE), np.floor((highest - near) / COARSE) + 1.0) * COARSE + near
     coarse = np.unique([lowest, *coarse, highest])
     best = float(min(coarse, key=cost))
@@ -151,12 +153,12 @@ def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int
             f"the tuning had not converged after {flown} flights: its numbers ({names}) may be far from the most "
             "likely ones; give some of them in the log, or fly a longer part"
         )
-    if LATENCY in recording.free and min(abs(best[LATENCY] - bound) for bound in LATENCIES) <= AT_BOUND:
+    if LATENCY in recording.free and min(abs(best[LATENCY] - bound) for bound in SEARCHED) <= AT_BOUND:
         side = "earlie" if best[LATENCY] < 0.0 else "late"
         out.append(
             f"the tuned latency stands at its bound of {best[LATENCY]:.3g} s: the fixes are stamped even {side}r than "
             "that, or something else is wrong with them; set the clocks right with gnss.time_offset_s, or give "
-            "gnss.latency_s"
+            f"gnss.latency_s ({FIX_LATENCIES[0]:g} to {FIX_LATENCIES[1]:g} s)"
         )
     for i, key in (
         (GYRO_NOISE, "imu.gyro.arw_deg_sqrt_h"), (ACCELEROMETER_NOISE, "imu.accelerometer.vrw_m_s_sqrt_h"),

@@ -8,12 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from navsim.kinds import OF_FILES
 from navsim.scenario import shipped
-from navsim.scenario.base import Section, validated
+from navsim.scenario.base import FIX_LATENCIES, Section, validated
+from navsim.scenario.filter import FilterSection
 from navsim.scenario.load import read_any, section
+from navsim.scenario.replay import Gnss
+from navsim.scenario.signals import ReceiverSection
 from navsim.scenario.source import Document, InputError
+from navsim.study.tuning import SEARCHED
 
 FREE = ("set", "values")
 """Keys whose values are those of another file, which has the bounds."""
@@ -83,3 +88,15 @@ def test_no_boolean_and_no_absurd_number_is_accepted(name: str, tmp_path: Path) 
 def test_whole_numbers_to_choose_from_are_still_numbers(count: int, tmp_path: Path) -> None:
     scenario, _ = read_any(shipped.path("landing"), [f"pseudolites.count={count}"])
     assert scenario.model_dump()["pseudolites"]["count"] == count
+
+
+def test_every_latency_of_a_simulated_fix_can_be_that_of_a_recorded_one() -> None:
+    """A simulated run is exported as a recording: one pair of bounds, within which the tuning searches."""
+    for simulated in (ReceiverSection, FilterSection):
+        assert simulated.model_validate({"latency_s": FIX_LATENCIES[1]}).latency_s == FIX_LATENCIES[1]
+    for latency in FIX_LATENCIES:
+        assert Gnss.model_validate({"file": "fixes.csv", "latency_s": latency}).latency_s == latency
+    for one, of_file in ((ReceiverSection, {}), (FilterSection, {}), (Gnss, {"file": "fixes.csv"})):
+        with pytest.raises(ValidationError, match="latency_s"):
+            one.model_validate(of_file | {"latency_s": FIX_LATENCIES[1] + 0.01})
+    assert FIX_LATENCIES[0] <= SEARCHED[0] < SEARCHED[1] <= FIX_LATENCIES[1]

@@ -226,8 +226,8 @@ def test_over_budget_computes_and_warns(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_partial_work_that_is_there_is_not_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments: list[object] = ["run", SCENARIOS / "landing.yaml", "--runs", 1000, "--keep", "all", "--dry-run"]
-    monkeypatch.setattr(having, "machine", lambda _: Machine(4e9, 2.6e9, 2))
-    assert "on disk, where 2.6 GB are free" in command(tmp_path, arguments).output
+    monkeypatch.setattr(having, "machine", lambda _: Machine(4e9, 3.6e9, 2))
+    assert "on disk, where 3.6 GB are free" in command(tmp_path, arguments).output
     folder = tmp_path / "out.h5.partial"
     folder.mkdir()
     with open(folder / "runs", "wb") as file:

@@ -113,7 +113,7 @@ class Extent:
             "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
             "group": (self.states - of_clock - self.single) // 3, "aided": self.aided, "watched": self.watched,
             "settled": self.settled,
-            "ranged": self.ranged,
+            "ranged": self.ranged, "loose": 0 if self.ranged else self.epochs,
             "tried": self.tried,
             "limited": self.limited, "sample": self.samples,
             "deviating": self.epochs + 1 if self.ways else 0, "met": self.epochs if self.ways else 0,
@@ -180,9 +180,13 @@ def landing(
     part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + _blocks(runs) * sums_bytes(here)
     result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
     result += NUMBER * (4 + here.sizes()["group"]) * (here.epochs + 1)
-    variables = {"none": 106, "errors": 115, "all": 128}[keep] + (27 if runs > 1 else 0)
+    variables = {"none": 108, "errors": 117, "all": 141}[keep] + (27 if runs > 1 else 0)
     if here.ways:
         variables += {"none": 16, "errors": 19, "all": 23}[keep]
+    lasting = 0 if scenario.filter.tight else scenario.lasting_states(here.sources)
+    if keep == "all" and lasting:
+        result += NUMBER * MOST * here.epochs * lasting  # their effects on fixes
+        variables += 2
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources + (here.samples if keep == "all" else 0))
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
@@ -296,6 +300,8 @@ def _stored(here: Extent, keep: str) -> float:
         + ranges
         + here.epochs * here.ranged
         + of("fix_llh", "fix_velocity", "aided", "antenna", "gust", "delta_angle", "delta_velocity")
+        + of("start_llh", "start_velocity", "start_rpy")
+        + of("filter_fix_llh", "filter_fix_velocity", "filter_fix_covariance")
         + NUMBER * here.epochs * here.clocks
     )
 

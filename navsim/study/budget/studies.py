@@ -237,7 +237,7 @@ def recorded(recording: replay.Recording) -> Budget:
     samples, fixes = recording.samples.time.size, recording.fixes.time.size
     lasts = float(recording.samples.time[-1]) - recording.alignment.time
     rate = recording.scenario.filter.output_rate_hz
-    outputs = lasts * rate
+    outputs = fixes + 1.0 if rate == "fixes" else lasts * rate
     outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
     once = SAMPLE_TIME * samples + FIX_TIME * fixes
     section = recording.scenario.filter

@@ -74,6 +74,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "watched_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
     "innovation_ratio": ("tried",), "deviation": ("deviating", 3), "attitude": ("deviating", 3),
     "antenna": ("met", 3), "gust": ("deviating", 3), "delta_angle": ("sample", 3), "delta_velocity": ("sample", 3),
+    "start_llh": (3,), "start_velocity": (3,), "start_rpy": (3,),
+    "filter_fix_llh": ("loose", 3), "filter_fix_velocity": ("loose", 3), "filter_fix_covariance": ("loose", MOST, MOST),
     "clipped": ("limited",),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""

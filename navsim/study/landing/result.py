@@ -8,6 +8,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.arrays.earth import llh_from_ecef
+from navsim.estimation.observations import FIX
 from navsim.io.draft import Draft
 from navsim.io.findings import kept
 from navsim.io.results import Result, Stream
@@ -109,9 +110,33 @@ def _filter(draft: Draft, case: Case, ensemble: Ensemble, keep: str) -> None:
     name = "innovation_squared"
     draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": most})
     draft["/filter/fix_status"] = _history(ensemble, "status", lambda block: block.astype(np.int8))
+    if keep == "all":
+        _filter_model(draft, case, ensemble)
     if keep == "all" and case.beliefs.tight:
         draft["/filter/source"] = np.array(world.signals.names, dtype=object)
         draft["/filter/range_status"] = _history(ensemble, "range_status", lambda block: block.astype(np.int8))
+
+
+def _filter_model(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    """What the filter starts from, what it takes its sensors for, and what it takes for fixes."""
+    sensors = case.beliefs.sensors
+    for name, history in (("position_llh", "llh"), ("velocity_ned", "velocity"), ("attitude_rpy", "rpy")):
+        draft[f"/filter/start_{name}"] = _history(ensemble, f"start_{history}")
+    draft["/filter/start_sigma"] = np.sqrt(np.diag(case.flight.covariance))
+    others = len(case.states) - states.SENSORS - sum(block.size for block in sensors.blocks)
+    for name, of_block in (("decay", lambda b: b.decay), ("drive", lambda b: b.drive**0.5)):
+        each = np.repeat([of_block(b) for b in sensors.blocks], [b.size for b in sensors.blocks])
+        draft[f"/filter/state_{name}"] = np.concatenate([np.zeros(states.SENSORS), each, np.zeros(others)])
+    for k, name in enumerate(("gyro", "accelerometer")):
+        draft[f"/filter/noise_{name}"] = float(np.sqrt(sensors.noise[k]))
+    if not case.beliefs.tight:
+        draft["/filter/fix_position_llh"] = _history(ensemble, "filter_fix_llh")
+        draft["/filter/fix_velocity_ned"] = _history(ensemble, "filter_fix_velocity")
+        draft["/filter/fix_covariance"] = _history(ensemble, "filter_fix_covariance")
+        if case.flight.lasting_roots.size:
+            followed = [name for block in sensors.blocks if block.triad == FIX for name in block.states]
+            draft["/filter/fix_error"] = np.array(followed, dtype=object)
+            draft["/filter/fix_effect"] = case.flight.lasting_roots
 
 
 def _aiding(draft: Draft, case: Case, ensemble: Ensemble, measured: bool) -> None:
