@@ -1,4 +1,4 @@
-"""All filter kinds side by side: mean NEES over an ensemble, case by case; writes docs/filter-consistency.md.
+"""All filter kinds side by side: NEES and the verdict on every state, case by case; writes docs/filter-consistency.md.
 
 Run by `make validate`, some minutes on two cores.
 """
@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import measured
 import numpy as np
 from scipy.stats import chi2
 
-from navsim.core.states import A_D
+from navsim.core.states import A_D, display_name
 from navsim.estimation.estimate import FILTER_KINDS
 from navsim.scenario.filter import FilterSection
 from navsim.scenario.load import read
+from navsim.study.consistency import Ratios
 from navsim.study.executor import threads
 from navsim.study.landing import fly_all, prepare
+from navsim.study.landing.consistency import evaluate_states, ratios_of_runs
 from navsim.study.statistics import consistency_band
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -56,41 +59,68 @@ FEWER = ("landing.yaml, 11 components", "landing", ("filter.gaussian_sum.compone
 """What fewer components cost, for the tails alone."""
 
 
-def nees(name: str, settings: Sequence[str], times: Sequence[float] = TIMES) -> tuple[np.ndarray, np.ndarray]:
-    """Mean NEES/15 and NEES/6 of a scenario at some times."""
+def nees(name: str, settings: Sequence[str], times: Sequence[float] = TIMES) -> tuple[np.ndarray, np.ndarray, str]:
+    """Mean NEES/15 and NEES/6 of a scenario at some times, and its largest z at any output."""
     case = prepare(*read(ROOT / "scenarios" / f"{name}.yaml", settings))
     ensemble = fly_all(case, SEED, 0, RUNS, threads(), keep="errors")
     at = [int(np.argmin(np.abs(case.world.filter_time - t))) for t in times]
-    return ensemble["nees"].mean(axis=0)[at] / 15, ensemble["nees_position_velocity"].mean(axis=0)[at] / 6
+    full, part = ensemble["nees"].mean(axis=0)[at] / 15, ensemble["nees_position_velocity"].mean(axis=0)[at] / 6
+    return full, part, largest_z(ratios_of_runs(case, ensemble))
 
 
-def tails(label: str, name: str, settings: Sequence[str]) -> str:
-    """One line of the table of the default."""
+def largest_z(ratios: Ratios) -> str:
+    """The largest z with its state and time."""
+    output, state = np.unravel_index(np.nanargmax(ratios.z), ratios.z.shape)
+    return f"{ratios.z[output, state]:.2f}, {display_name(ratios.names[state])}, {ratios.time[output]:g} s"
+
+
+def pooled(parts: Sequence[Ratios]) -> Ratios:
+    """The ratios of parts of one ensemble with as many runs each."""
+    z = np.sqrt(np.mean([part.z**2 for part in parts], axis=0))
+    correlation = np.mean([part.correlation for part in parts], axis=0)
+    return replace(parts[0], z=z, runs=sum(part.runs for part in parts), correlation=correlation)
+
+
+def tails(label: str, name: str, settings: Sequence[str]) -> tuple[str, list[str]]:
+    """One line of the table of the default, and of each seed one of the table of its states."""
     case = prepare(*read(ROOT / "scenarios" / f"{name}.yaml", (*settings, f"filter.kind={DEFAULT}")))
     at = [int(np.argmin(np.abs(case.world.filter_time - t))) for t in TIMES]
     limits = [chi2.isf(p, 15) for p in (0.05, 0.001)]
     full, part, beyond, heading = [], [], [], []
+    ratios: dict[int, list[Ratios]] = {seed: [] for seed in SEEDS}
+    shares: dict[int, list[np.ndarray]] = {seed: [] for seed in SEEDS}
     for seed, first in itertools.product(SEEDS, range(0, JUDGED, RUNS)):
         ensemble = fly_all(case, seed, first, RUNS, threads(), keep="errors")
         full.append(ensemble["nees"][:, at] / 15)
         part.append(ensemble["nees_position_velocity"][:, at] / 6)
         beyond.append([(ensemble["nees"][:, at] > limit).mean() for limit in limits])
+        ratios[seed].append(ratios_of_runs(case, ensemble))
+        shares[seed].append(ensemble.mean("ratio_beyond"))
         heading.append(np.abs(ensemble["error"][..., A_D] / ensemble["sigma"][..., A_D]).max(axis=1))
     every, motion, largest = np.concatenate(full), np.concatenate(part).mean(axis=0), np.concatenate(heading)
     of_seeds = (np.split(every.max(axis=1), len(SEEDS)), np.split(largest, len(SEEDS)))
     worst, furthest = ([one.max() for one in each] for each in of_seeds)
     mean, share = every.mean(axis=0), np.mean(beyond, axis=0)
-    return measured.row(
+    states = []
+    for seed in SEEDS:
+        whole = pooled(ratios[seed])
+        verdict = evaluate_states(case, whole)[1]
+        assert verdict.at is not None
+        of_worst = np.mean(shares[seed], axis=0)[:, verdict.at[0], verdict.at[1]]
+        cells = (largest_z(whole), f"{100 * of_worst[0]:.1f} %", f"{100 * of_worst[1]:.2f} %", verdict.words)
+        states.append(measured.row(label, seed, *cells))
+    line = measured.row(
         label, f"{mean.min():.2f} - {mean.max():.2f}", f"{motion.min():.2f} - {motion.max():.2f}",
         f"{100 * share[0]:.1f} %", f"{100 * share[1]:.2f} %", f"{np.median(every.max(axis=1)):.1f}",
         ", ".join(f"{x:.0f}" for x in worst), ", ".join(f"{x:.1f}" for x in furthest), int((largest > 6.0).sum()),
     )  # fmt: skip
+    return line, states
 
 
-def row(label: str, kind: str, full: np.ndarray, part: np.ndarray) -> str:
+def row(label: str, kind: str, full: np.ndarray, part: np.ndarray, worst: str) -> str:
     """One line of the table."""
     cells = [f"{full[i]:.2f} ({part[i]:.2f})" for i in (1, 3, 7, 11)]
-    return measured.row(label, kind, *cells, f"{full.max():.2f} ({part.max():.2f})")
+    return measured.row(label, kind, *cells, f"{full.max():.2f} ({part.max():.2f})", worst)
 
 
 PROBED = ("A, nose follows the path", "B, pitch held", "landing_smooth.yaml", "S-turn at 6 °/s, A")
@@ -121,24 +151,24 @@ def main() -> None:
         f"Made by `make validate`: {RUNS} runs of seed {SEED} a cell, every kind with the exact reset. NEES/15 in the",
         "filter's own coordinates and, in brackets, NEES/6 of position and velocity in plain ones: the mean over the",
         "ensemble at 20, 40, 80 and 120 s, and the largest of 10, 20, ... 120 s. One is right; the 95 % band of a",
-        f"single NEES/15 is {low:.3f} to {high:.3f}.",
+        f"single NEES/15 is {low:.3f} to {high:.3f}. Last column: the largest z (RMS of error / sigma) of any state at",
+        "any output, with its state and time.",
         "",
         "A: position fixes at 1 Hz. B: position and velocity at 1 Hz. C: position at 10 Hz. Errors are the paper's",
         "(5°, 10 m, 1 m/s; 700 °/h, 1e-3 g) unless said otherwise. docs/filter.md discusses the table.",
         "map: the batch smoother, every output from all fixes of the flight; map at T: the same with the fixes up to",
         "that time alone, which is the most a filter could know then.",
         "",
-        "| case | kind | 20 s | 40 s | 80 s | 120 s | largest |",
-        "|---|---|---|---|---|---|---|",
+        "| case | kind | 20 s | 40 s | 80 s | 120 s | largest | worst state |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for label, name, settings in CASES:
         for kind in FILTER_KINDS:
-            full, part = nees(name, (*settings, f"filter.kind={kind}"))
-            lines.append(row(label, kind, full, part))
+            lines.append(row(label, kind, *nees(name, (*settings, f"filter.kind={kind}"))))
         if label in UNTIL:
             ends = [nees(name, (*settings, "filter.kind=map", f"duration_s={t:g}"), [t]) for t in TIMES]
             full, part = (np.concatenate([e[k] for e in ends]) for k in range(2))
-            lines.append(row(label, "map at T", full, part))
+            lines.append(row(label, "map at T", full, part, "-"))
     lines += [
         "",
         f"## `{DEFAULT}`: the tails",
@@ -151,8 +181,23 @@ def main() -> None:
         "| case | NEES/15 | NEES/6 | 5 % | 0.1 % | median | worst | heading | beyond 6 |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
+    of_states: list[str] = []
     for label, name, settings in (*CASES, FEWER):
-        lines.append(tails(label, name, settings))
+        line, states = tails(label, name, settings)
+        lines.append(line)
+        of_states += states
+    lines += [
+        "",
+        f"## `{DEFAULT}`: every state",
+        "",
+        f"The same {JUDGED} runs of each seed: the largest z of any state at any output; the share of runs beyond 1.96",
+        "and 3.29 sigma there (5 % and 0.1 % are right); the verdict, whose band is for all states and outputs",
+        "together ([how to read it](filter.md#how-to-read-the-verdict)).",
+        "",
+        "| case | seed | largest z | 5 % | 0.1 % | verdict |",
+        "|---|---|---|---|---|---|",
+        *of_states,
+    ]
     PAGE.write(lines, begun)
 
 

@@ -187,6 +187,11 @@ def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
     return (*(unit for unit, size in groups for _ in range(size)), *(["m"] * scales), *(["m/s"] if scales else []))
 
 
+def display_name(state: str) -> str:
+    """Name of a state in reports: that in the result, in words; the attitude's third axis is the heading."""
+    return "heading" if state == "attitude_down" else state.replace("_", " ")
+
+
 SLICES = slices(biases())
 NAMES = names(biases())
 UNITS = units(biases())

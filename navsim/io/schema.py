@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from types import MappingProxyType
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 """Of the names and meanings on this page; root attribute of every result."""
 LANDING, COVARIANCE, RARE, REPLAY, LIVE = "landing", "covariance", "rare", "replay", "live"
 SWEEP, OPTIMIZE, TABLE2, INTEGRITY_TABLE = "sweep", "optimize", "table2", "integrity-table"
@@ -337,6 +337,24 @@ _FILTER = Chapter(
     ),
 )  # fmt: skip
 
+_CONSISTENCY = Chapter(
+    "Consistency of every state",
+    "Errors of each state in units of the filter's sigma, at every output: `/summary/consistency/verdict` is by these. "
+    "Results of layouts before version 4 do not have them.",
+    (
+        _a("/consistency/time", "time", "s", "times of the filter's outputs", _FLOWN),
+        _a("/consistency/state", "state", "1", "states of the filter", _FLOWN, TEXT),
+        _a("/consistency/z", "time state", "1", "root mean square over runs of error / sigma, in plain coordinates; "
+           "nan where the state has no uncertainty or is not finite; of a covariance analysis the expected one. A "
+           "right filter stays within the band in every state at every output in 999 of 1000 ensembles; runs: 0 for an "
+           "expectation", _FLOWN, attributes=("band_low", "band_high", "runs")),
+        _a("/consistency/beyond_95", "time state", "1", "share of runs with an error beyond 1.960 sigma, 5 % is right",
+           LANDING),
+        _a("/consistency/beyond_99_9", "time state", "1", "share of runs with an error beyond 3.291 sigma, 0.1 % is "
+           "right", LANDING),
+    ),
+)  # fmt: skip
+
 _ANALYSIS = Chapter(
     "Covariance analysis",
     "Errors to first order, and the budget of their sources.",
@@ -431,11 +449,17 @@ _SUMMARY = Chapter(
            "ensemble mean per degree of freedom of each group's normalised squared error; nan without uncertainty",
            LANDING, attributes=_BAND),
         _a("/summary/consistency/mean_group", "group", "1", f"mean of nees_group {_LATE}; one is right", LANDING),
-        _a("/summary/consistency/sigma_error", "group interval", "1",
-           "relative error of the filter's sigma by mean_group, -0.1: 10 % small; interval by the band of a single "
-           "time", LANDING, attributes=("tolerance",)),
-        _a("/summary/consistency/verdict", "group", "1", "what sigma_error says, by its interval and its tolerance",
-           LANDING, TEXT),
+        _a("/summary/consistency/verdict", "", "1", "verdict on all states at all outputs: the worst one by name and "
+           "time, with its z; percent: of z - 1", _FLOWN, TEXT, attributes=("tolerance",)),
+        _a("/summary/consistency/state", "state", "1", "states of the filter", _FLOWN, TEXT),
+        _a("/summary/consistency/looks", "state", "1", "effective number of independent outputs, by which the band of "
+           "`/consistency/z` is as wide as it is", _FLOWN),
+        _a("/summary/consistency/worst_z", "state", "1", "largest `/consistency/z` of each state; nan without "
+           "uncertainty", _FLOWN),
+        _a("/summary/consistency/worst_time", "state", "s", "time of worst_z", _FLOWN),
+        _a("/summary/consistency/least_z", "state", "1", "smallest `/consistency/z` of each state", _FLOWN),
+        _a("/summary/consistency/worst_beyond_95", "state", "1", "`/consistency/beyond_95` at worst_time", LANDING),
+        _a("/summary/consistency/worst_beyond_99_9", "state", "1", "`/consistency/beyond_99_9` at worst_time", LANDING),
         _a("/summary/budget/source", "source", "1", "sources of error", COVARIANCE, TEXT),
         _a("/summary/budget/{part}", "source", "m", "{part} error from each source alone, as in /summary/rms",
            COVARIANCE, part=("horizontal", "vertical")),
@@ -1383,9 +1407,9 @@ _FINDINGS = Chapter(
 )  # fmt: skip
 
 SECTIONS = (
-    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTERFERENCE, _INTEGRITY, _REQUIREMENTS, _NAVIGATION,
-    _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING, _ATC, _AZIMUTH,
-    _PART, _FINDINGS,
+    _AXES, _TRUTH, _RECEIVER, _FILTER, _CONSISTENCY, _ANALYSIS, _SUMMARY, _BOX, _INTERFERENCE, _INTEGRITY,
+    _REQUIREMENTS, _NAVIGATION, _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING,
+    _ATC, _AZIMUTH, _PART, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 

@@ -213,6 +213,15 @@ SOURCES = {
             "2",
             1946,
         ),
+        Source(
+            "worsley1982",
+            ARTICLE,
+            ("Worsley",),
+            "An improved Bonferroni inequality and applications",
+            "Biometrika",
+            "69",
+            1982,
+        ),
         Source("maybeck1979", BOOK, ("Maybeck",), "Stochastic Models, Estimation, and Control, vol. 1", "", "", 1979),
         Source("bryson1975", BOOK, ("Bryson", "Ho"), "Applied Optimal Control", "", "", 1975),
         Source(
@@ -540,9 +549,9 @@ METHODS = (
     Method("smoother", "docs/filter.md", ("rauch1965",), _filter("rts")),
     Method("batch smoother", "docs/filter.md", ("bell1994", "rauch1965"), _filter("map")),
     Method(
-        "consistency: NEES, NIS and their bands",
-        "docs/filter-consistency.md",
-        ("barshalom2001", "satterthwaite1946"),
+        "consistency: each state's sigma, NEES, NIS and their bands",
+        "docs/theory/consistency.md",
+        ("barshalom2001", "satterthwaite1946", "worsley1982"),
         lambda scenario, root: _filtered(scenario, root) or root["kind"] in ("mls-elevation", "azimuth-tracking"),
     ),
     Method(

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from navsim.io.results import Result, ResultError, write_bytes
@@ -39,6 +40,7 @@ from navsim.report.quantities import (
     settled,
     shares,
     some_fix_errors,
+    state_ratios,
     touchdown,
     true_for,
 )
@@ -438,6 +440,43 @@ def nees(result: Result) -> Figure:
     return fig
 
 
+_RATIO_COLUMNS = 600
+"""Most columns of the map of ratios."""
+
+
+def consistency(result: Result) -> Figure:
+    """Map of z of every state over time: white is right, red a sigma that is too small, blue one that is too large."""
+    of = state_ratios(result, _RATIO_COLUMNS)
+    fig = new_figure(COLUMN, 1.1 + 0.16 * len(of.names))
+    ax = fig.subplots()
+    norm = Normalize(0.0, of.limit) if of.alone else LogNorm(1.0 / of.limit, of.limit)
+    picture = ax.pcolormesh(of.edges, np.arange(len(of.names) + 1), of.z, norm=norm,
+                            cmap="Reds" if of.alone else "RdBu_r", rasterized=True)  # fmt: skip
+    ax.set_facecolor("#dddddd")
+    ax.grid(visible=False)
+    ax.invert_yaxis()
+    ax.set_yticks(np.arange(len(of.names)) + 0.5, of.names)
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlabel("time, s")
+    shown = fig.colorbar(picture, ax=ax, label=of.label, extend="max" if of.alone else "both", fraction=0.06)
+    if not of.alone:
+        levels = [1.0 / of.limit, 1.0, of.limit]
+        shown.set_ticks(levels, labels=[f"{each:.2f}" for each in levels])
+        shown.minorticks_off()
+    attributes = result.variables["/consistency/z"].attributes
+    band = [float(attributes[f"band_{end}"]) for end in ("low", "high")]
+    for end in band if band[0] < band[1] else ():
+        shown.ax.axhline(end, color="black", lw=0.8)
+    worst = result["/summary/consistency/worst_z"]
+    if np.isfinite(worst).any():
+        state = int(np.nanargmax(worst))
+        ax.plot(float(result["/summary/consistency/worst_time"][state]), state + 0.5, "kx", ms=5.0, clip_on=False)
+    flown = result.attributes["method"] != "covariance"
+    lines = "; lines: 99.9 % band of all together" if flown and not of.alone else ""
+    fig.suptitle(f"{runs_of(result)}\n×: largest{lines}")
+    return fig
+
+
 _SUMMARY_FIGURES: dict[str, Callable[[Result], Figure]] = {
     "track": track,
     "sky": sky,
@@ -445,6 +484,7 @@ _SUMMARY_FIGURES: dict[str, Callable[[Result], Figure]] = {
     "nees": nees,
 }
 _FIGURES_OF: dict[str, tuple[str, Callable[[Result], Figure]]] = {
+    "consistency": ("/consistency/z", consistency),
     "fixes": ("/receiver/position_llh", fixes),
     "budget": ("/budget/rms", budget),
 }

@@ -14,6 +14,7 @@ import numpy as np
 
 from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
+from navsim.core.states import display_name
 from navsim.io.export import choose_run, true_antenna
 from navsim.io.results import Result, ResultError, Stream
 from navsim.io.simulated_log import FIX_ERROR, RANGE_ERROR
@@ -310,6 +311,48 @@ def _span(result: Result) -> str:
     return "until touchdown" if landed else "of the whole flight, which has no glide"
 
 
+@dataclass(frozen=True)
+class StateRatios:
+    """Ratios of errors to sigma as maps show them.
+
+    z: (n, m) of each state between edges (m + 1,) in time, s, the one furthest from 1. limit: of the colours, which
+    reach from 1 / limit to limit, of one run (alone) from 0.
+    """
+
+    names: list[str]
+    edges: np.ndarray
+    z: np.ndarray
+    limit: float
+    alone: bool
+
+    @property
+    def label(self) -> str:
+        """What is shown, in words."""
+        return "error / σ" if self.alone else "z, RMS of error / σ"
+
+
+def state_ratios(result: Result, most: int) -> StateRatios:
+    """The ratios of a result for a map of no more columns than `most`."""
+    z, time = result["/consistency/z"], result["/consistency/time"]
+    step = max(1, -(-time.size // most))
+    first = np.arange(0, time.size, step)
+    padded = np.pad(z, ((0, first.size * step - time.size), (0, 0)), constant_values=np.nan)
+    blocks = padded.reshape(first.size, step, z.shape[1])
+    alone = result["/run"].size == 1 and result.attributes["method"] != "covariance"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = blocks if alone else np.abs(np.log(blocks))
+    chosen = np.where(np.isnan(off), -1.0, off).argmax(axis=1)
+    shown = np.take_along_axis(blocks, chosen[:, None], axis=1)[:, 0]
+    known = shown[np.isfinite(shown) & (shown > 0.0)]
+    if alone:
+        limit = max(3.0, float(result.variables["/consistency/z"].attributes["band_high"]))
+    else:
+        limit = float(np.clip(np.exp(np.abs(np.log(known)).max(initial=0.0)), 1.25, 2.0))
+    edges = np.append(time[first], 2.0 * time[-1] - time[-2] if time.size > 1 else time[-1] + 1.0)
+    names = [display_name(str(name)) for name in result["/consistency/state"]]
+    return StateRatios(names, edges, shown.T, limit, alone)
+
+
 def one_run(result: Result, number: int) -> Result:
     """The result of one run of an ensemble, with the squares of its own errors and innovations where those of all runs
     together stand. Raises ResultError for a run it does not hold, or where its figures are of one flight."""
@@ -319,6 +362,7 @@ def one_run(result: Result, number: int) -> Result:
         raise ResultError(f"--run {number}: a covariance analysis has no runs")
     chosen, _ = choose_run(result, number)
     variables = dict(chosen.variables)
+    variables.pop("/consistency/z", None)  # of all runs together
     for name, path in (("nees", "nees"), ("nees_position_velocity",) * 2, ("nis", "innovation_squared")):
         mean, own = f"/summary/consistency/{name}", f"/filter/{path}"
         if mean not in chosen or own not in chosen or (name == "nis" and "/filter/range_status" in chosen):

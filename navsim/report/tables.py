@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core.arrays.sampling import LEAST
+from navsim.core.states import display_name
 from navsim.io.results import Result, scenario_of
 from navsim.io.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
@@ -145,19 +146,65 @@ def _place(result: Result, path: str, name: str) -> int | None:
 _RANGE = ("mean", "smallest", "largest")
 _SENSORS = ("altimeter", "radio_altimeter", "barometric_altimeter")
 """Sections of sensors beside the receiver."""
-_GROUPS, _SOURCES = "/summary/consistency/group", "/summary/budget/source"
+_SOURCES = "/summary/budget/source"
+_VERDICT, _STATES, _RATIO = "/summary/consistency/verdict", "/summary/consistency/state", "/consistency/z"
 
 
-def _group(result: Result, name: str) -> Cell | str:
-    i = _place(result, _GROUPS, name)
-    if i is None:
+def _consistency(table: Table, results: Sequence[tuple[str, Result]]) -> None:
+    """The consistency test of every state: the verdict, and of each group of states its worst one."""
+    if not any(_VERDICT in result for _, result in results):
+        return
+    title = "Sigma of every state at every output: z is the RMS of error / σ, 1 is right"
+    table.head(title, *(_band(r) for _, r in results))
+    table.add("  verdict", *(state_verdict(result) for _, result in results))
+    for name in dict.fromkeys(group for _, result in results for group in _state_groups(result)):
+        table.add(f"  {name}, largest z", *(_worst(result, name) for _, result in results))
+
+
+def _band(result: Result) -> str:
+    """The band of z in words."""
+    if _RATIO not in result or single(result):
+        return ""
+    low, high = (float(result.variables[_RATIO].attributes[f"band_{end}"]) for end in ("low", "high"))
+    return "" if low == high or math.isnan(low) else f"99.9 % band of all together {low:.3f} to {high:.3f}"
+
+
+def state_verdict(result: Result) -> str:
+    """The verdict on every state's sigma."""
+    if _VERDICT not in result or np.ndim(result[_VERDICT]):
+        return "none: the file is of a navsim that judged groups of states alone; fly it again"
+    return str(result[_VERDICT])
+
+
+def _state_groups(result: Result) -> dict[str, list[int]]:
+    """The states (numbers) of a result by groups that differ in the axis alone, in words."""
+    out: dict[str, list[int]] = {}
+    for i, name in enumerate(map(str, result[_STATES]) if _STATES in result else ()):
+        stem, _, axis = name.rpartition("_")
+        out.setdefault((stem if axis in _STATE_AXES else name).replace("_", " "), []).append(i)
+    return out
+
+
+_STATE_AXES = {"north", "east", "down", *"xyz", *"123", *(a + b for a in "xyz" for b in "xyz")}
+"""Ends of names of states that are one of three."""
+
+
+def _worst(result: Result, group: str) -> Cell | str:
+    """The largest z of a group of states: which and when, and how many runs are beyond the limits of right ones."""
+    states = _state_groups(result).get(group, [])
+    z = result["/summary/consistency/worst_z"][states] if states else np.empty(0)
+    if not np.isfinite(z).any():
         return ABSENT
-    if not np.isfinite(found := float(result["/summary/consistency/mean_group"][i])):
-        return ABSENT
-    mean = cell("{:.3f}", found, names=("mean",))
-    return mean if single(result) else cell(
-        "{:.3f}  {}", *mean.values, str(result["/summary/consistency/verdict"][i]), names=("mean", "verdict")
-    )
+    i = states[int(np.nanargmax(z))]
+    value, least, time = (float(result[f"/summary/consistency/{n}"][i]) for n in ("worst_z", "least_z", "worst_time"))
+    name = display_name(str(result[_STATES][i]))
+    shares = [f"/summary/consistency/worst_beyond_{limit}" for limit in ("95", "99_9")]
+    if single(result) or shares[0] not in result:
+        return cell("{:.2f}  {}, {:g} s", value, name, time, names=("z", "state", "time"))
+    beyond = [100.0 * float(result[path][i]) for path in shares]
+    names = ("z", "state", "time", "beyond 1.96σ", "beyond 3.29σ", "least z")
+    return cell("{:.3f}  {}, {:g} s; {:.1f} % > 1.96σ, {:.2f} % > 3.29σ; least z {:.3f}",
+                value, name, time, *beyond, least, names=names)  # fmt: skip
 
 
 def _carries(result: Result, sensor: str) -> bool:
@@ -417,17 +464,10 @@ def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
     """A verdict on each requirement, and on the filter's sigmas where there are runs to judge them by."""
     out = Table("", ("", *(name for name, _ in results)), labelled=True, caption="Verdicts on what was asked for")
     requirements(out, results)
-    judged = [result for _, result in results if _GROUPS in result and not single(result)]
-    if judged:
-        out.head("Is sigma right? By groups of states", *("" for _ in results))
-        for name in _named(judged, _GROUPS):
-            out.add(f"  {name.replace('_', ' ')}", *(_sigma_verdict(result, name) for _, result in results))
+    if any(_VERDICT in result for _, result in results):
+        out.head("Is sigma right? Every state at every output", *("" for _ in results))
+        out.add("  filter", *(state_verdict(result) for _, result in results))
     return [out] if out.rows else []
-
-
-def _sigma_verdict(result: Result, group: str) -> str:
-    i = _place(result, _GROUPS, group)
-    return ABSENT if i is None else str(result["/summary/consistency/verdict"][i])
 
 
 def _verdict(result: Result, statement: str) -> Cell | str:
@@ -703,10 +743,9 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     row("  NIS", lambda r: _unit_mean(r, "nis"))
     flown = next((r for _, r in results if "/summary/coverage/level" in r), None)
     if flown is not None:
-        for name in _named([r for _, r in results], _GROUPS):
-            row(f"  NEES of {name.replace('_', ' ')}, last {RMS_WINDOW:g} s", lambda r, n=name: _group(r, n))
         for i, level in enumerate(flown["/summary/coverage/level"]):
             row(f"  share of position within {level:g}σ", lambda r, i=i: _coverage(r, i))
+    _consistency(table, results)
     sources = _named([r for _, r in results], _SOURCES)
     if sources:
         section(f"Error budget, same {RMS_WINDOW:g} s: horizontal, vertical, m (share of mean square)")
@@ -765,6 +804,7 @@ def glance(result: Result) -> list[tuple[str, Cell | str]]:
         ("lateral at touchdown, m", _at(result, "lateral", 0)),
         ("PDOP on the glide", Cell("{:.2f}  ({:.2f} - {:.2f})", dops, names=_RANGE)),
         ("NEES per state", _unit_mean(result, "nees")),
+        ("sigma of each state", state_verdict(result)),
     ]
     if "/summary/box/upper" in result:
         out.append(("outside the box", _box(result, None)))

@@ -105,6 +105,9 @@ class FilterSection(Section):
     their 1 sigma at the start is that of imu. Left out: of each sensor whose misalignments are large for this flight"""
     gate: Gate = Gate()
     """rejection of fixes, or of ranges, that cannot be true"""
+    sigma_tolerance: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.05
+    """share by which the RMS of a state's error may differ from the filter's sigma before the verdict on consistency,
+    and `--require-consistent`, object to it; larger differences still have to be more than chance"""
     gaussian_sum: Components = Components()
     """the components of `kind: gaussian-sum`"""
 

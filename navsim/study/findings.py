@@ -15,6 +15,7 @@ from navsim.core.arrays import chi_square
 from navsim.estimation.records import NOT_USED, REJECTED
 from navsim.io.findings import CONSISTENT, FIX, Finding
 from navsim.io.results import Result
+from navsim.study.consistency import StateVerdict
 from navsim.study.statistics import poisson_exceedance
 
 FALSE_ALARM = 1e-6
@@ -39,6 +40,7 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
     "errors_beyond_sigma": ((CONSISTENT,), f"outputs have a position or velocity error beyond {BEYOND:g} sigma"),
     "sigma_position_velocity": ((CONSISTENT,), "errors of position and velocity are larger than the filter believes"),
     "sigma_all_states": ((CONSISTENT,), "errors of all states are larger than the filter believes"),
+    "sigma_of_state": ((CONSISTENT,), "errors of a state are larger than the filter believes at some output"),
     "innovations": ((CONSISTENT,), "innovations are larger than the filter believes"),
     "aided_innovations": (
         (CONSISTENT,),
@@ -112,6 +114,13 @@ def doubted(name: str, whose: str, mean: float, degrees: float, runs: int = 1) -
     size = f"{math.sqrt(mean):.3g} times what is due (mean square {mean:.3g} where 1 is due)"
     text = f"{whose}, normalised by the filter's covariance, are {size}"
     return [Finding(name, text, LANDING[name][0], runs, runs, runs)]
+
+
+def of_states(verdict: StateVerdict, runs: int) -> list[Finding]:
+    """The finding of a state whose sigma is smaller than its errors, if there is one."""
+    if not verdict.small:
+        return []
+    return [Finding("sigma_of_state", verdict.words, LANDING["sigma_of_state"][0], runs, runs, runs)]
 
 
 def rejections(

@@ -14,9 +14,6 @@ from navsim.core.arrays.sampling import LEAST, TWO_SIDED, relative_error
 
 CONFIDENCE = 0.95
 _TAIL = 0.5 * (1.0 - CONFIDENCE)
-SIGMA_TOLERANCE = 0.05
-"""A sigma that is off by no more than this share serves as well as the right one: an ensemble large enough finds
-smaller errors significant that nobody has to mend."""
 
 
 def poisson_exceedance(count: int, expected: float) -> float:
@@ -142,38 +139,3 @@ def mean_interval(values: np.ndarray) -> np.ndarray:
         return np.array([mean, np.nan, np.nan])
     reach = float(ndtri(0.5 + 0.5 * CONFIDENCE)) * float(np.std(values, ddof=1)) / np.sqrt(values.size)
     return np.array([mean, mean - reach, mean + reach])
-
-
-def sigma_error(mean: float, band: tuple[float, float]) -> np.ndarray:
-    """By what share a sigma differs from the right one, with its two-sided 95 % interval: value, low, high.
-
-    mean: of the normalised square of errors per degree of freedom; one where the sigma is right, its inverse root
-    is the sigma over the right one. band: `consistency_band` of it. -0.1: the sigma is 10 % too small.
-    """
-    if not mean > 0.0:
-        return np.full(3, np.nan)
-    return 1.0 / np.sqrt(mean / np.array([1.0, band[0], band[1]])) - 1.0
-
-
-_NOTHING = 999.0
-"""Share by which a sigma is larger than the right one where an error is believed in that is not there."""
-
-
-def verdict(error: np.ndarray, tolerance: float = SIGMA_TOLERANCE) -> str:
-    """A `sigma_error` (3,) in words: whether it is significant and whether it is large, which are two questions."""
-    value, low, high = (float(x) for x in error)
-    if not np.isfinite(value):
-        return "undefined"
-    if low > 0.0 or high < 0.0:
-        if value >= _NOTHING:
-            return "next to no such error: sigma over 1000 times the right one"
-        if value >= 1.0:
-            return f"sigma {1.0 + value:.1f} times the right one"
-        found = f"sigma {_percent(abs(value))} {'small' if value < 0.0 else 'large'}"
-        return found + ("" if abs(value) > tolerance else f" (significant, within the {_percent(tolerance)} tolerance)")
-    reach = max(-low, high)
-    return f"sigma right within {_percent(reach)}" + ("" if reach <= tolerance else "; more runs would tell")
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.{0 if share >= 0.0095 else 1}f} %"

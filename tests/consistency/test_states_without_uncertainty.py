@@ -57,6 +57,9 @@ def test_nothing_uncertain_has_no_number() -> None:
     found, degrees = nees(case(*BRIEF, PERFECT, START.format(0, 0, 0)))
     assert degrees == 0
     assert np.isnan(found).all()
+    exact = case(*BRIEF, PERFECT, START.format(0, 0, 0))
+    flown = result(exact, fly_all(exact, 1, 0, 2, threads(1), keep="none"), 1, keep="none")
+    assert str(flown["/summary/consistency/verdict"]) == "none: no uncertainty"
 
 
 def test_runs_of_perfect_sensors() -> None:
@@ -69,7 +72,10 @@ def test_runs_of_perfect_sensors() -> None:
     groups = dict(zip(found["/summary/consistency/group"], found["/summary/consistency/mean_group"], strict=True))
     assert np.isnan(groups["gyro_bias"])
     assert np.isfinite(groups["attitude"])
-    assert "none: no uncertainty" in [str(word) for word in found["/summary/consistency/verdict"]]
+    worst = dict(zip(found["/summary/consistency/state"], found["/summary/consistency/worst_z"], strict=True))
+    assert np.isnan(worst["gyro_bias_x"])
+    assert np.isfinite(worst["attitude_down"])
+    assert "no uncertainty" not in str(found["/summary/consistency/verdict"])
     assert not [one for one in of(found) if one.name.startswith("sigma")]
     texts = {row.cells[0].strip(): row.texts()[1] for row in tables.summary_table([("x", found)]).rows if row.cells[1:]}
     assert texts["NEES, 9 states"].startswith(f"{np.nanmean(of_all.data):.3f}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from navsim.io.results import read
 from navsim.study.ensemble import BATCH
@@ -192,12 +192,28 @@ def test_percentiles_coverage_and_verdicts(undisturbed: Path) -> None:
     groups = r["/summary/consistency/nees_group"]
     assert groups.shape == (t.size, 5)
     np.testing.assert_allclose(groups[0], 1.0, atol=0.15)  # the initial errors are drawn from P
-    low, high = (r.variables["/summary/consistency/nees_group"].attributes[f"band_{k}"] for k in ("low", "high"))
-    mean = r["/summary/consistency/mean_group"]
-    value, least, most = r["/summary/consistency/sigma_error"].T
-    np.testing.assert_allclose(value, 1 / np.sqrt(mean) - 1)
-    np.testing.assert_array_equal((least > 0) | (most < 0), (mean > high) | (mean < low))
-    assert r["/summary/consistency/verdict"][0].startswith("sigma right within ")
+    np.testing.assert_allclose(r["/summary/consistency/mean_group"], groups[window].mean(axis=0))
+
+
+def test_every_state_is_judged_at_every_output(undisturbed: Path) -> None:
+    """z, and shares of runs beyond its limits, against the stored histories of all runs."""
+    r = read(undisturbed)
+    ratio = r["/filter/error"] / r["/filter/sigma"]
+    z, names, time = r["/consistency/z"], r["/consistency/state"], r["/consistency/time"]
+    np.testing.assert_allclose(z, np.sqrt(np.mean(ratio**2, axis=0)), rtol=1e-12)
+    for name, limit in (("beyond_95", norm.isf(0.025)), ("beyond_99_9", norm.isf(0.0005))):
+        np.testing.assert_array_equal(r[f"/consistency/{name}"], np.mean(np.abs(ratio) > limit, axis=0))
+    output, state = np.unravel_index(np.argmax(z), z.shape)
+    branch = "/summary/consistency"
+    assert (r[f"{branch}/worst_z"][state], r[f"{branch}/worst_time"][state]) == (z[output, state], time[output])
+    assert r[f"{branch}/worst_beyond_95"][state] == r["/consistency/beyond_95"][output, state]
+    np.testing.assert_array_equal(r[f"{branch}/least_z"], z.min(axis=0))
+    called = str(names[state]).replace("attitude_down", "heading").replace("_", " ")
+    words = str(r[f"{branch}/verdict"])
+    assert f"{called} at {time[output]:g} s" in words
+    assert f"z {z[output, state]:.2f}" in words
+    assert f"{ratio.shape[0]} runs" in words
+    assert r.variables[f"{branch}/verdict"].attributes["tolerance"] == 0.05
 
 
 def test_until_stops_when_the_interval_is_narrow(place: Path, undisturbed: Path) -> None:

@@ -88,7 +88,8 @@ def rows(text: str, word: str) -> list[str]:
 
 
 def test_one_run_has_signed_errors_and_no_statistics(one: Result) -> None:
-    """A sample of one: its error with the sign and the filter's sigma; no interval, no verdict, no percentile."""
+    """A sample of one: its error with the sign and the filter's sigma; no interval, no percentile, a verdict on gross
+    errors alone."""
     text = text_of(one)
     assert "run 0, seed 1" in text
     at = {name: one[f"/summary/at/{name}_run"][0] for name in ("lateral", "along", "vertical")}
@@ -97,9 +98,10 @@ def test_one_run_has_signed_errors_and_no_statistics(one: Result) -> None:
             (row,) = rows(text, f"{height}, {name}")
             assert f"{errors[i]:+.3f}" in row
             assert f"σ {one[f'/summary/at/{name}_sigma'][i]:.3f}" in row
-    for word in ("[95 %]", "[0", "sigma", "of runs below", "true)", "SKO", "epochs without"):
+    for word in ("[95 %]", "[0", "of runs below", "true)", "SKO", "epochs without"):
         assert word not in text.replace("fix epochs without a fix", ""), word
-    assert set(one["/summary/consistency/verdict"]) == {"none: a single run"}
+    assert str(one["/summary/consistency/verdict"]).startswith("no error beyond ")
+    assert "σ in one run: " in str(one["/summary/consistency/verdict"])
     # the same as the stored history, along a runway at 30 degrees
     crossing = one["/truth/event_time"][list(one["/truth/event"]).index("touchdown")]
     north, east = (np.interp(crossing, one["/filter/time"], one["/filter/error"][0, :, i]) for i in (0, 1))
@@ -115,9 +117,12 @@ def test_several_runs_have_intervals_percentiles_and_verdicts(many: Result) -> N
     first, second = rows(text, "touchdown, lateral")
     assert f"{value:.3f}  [{low:.3f}, {high:.3f}]  σ {many['/summary/at/lateral_sigma'][0]:.3f}" in first
     assert f"{half:.3f}  {most:.3f}  {rare:.3f}" in second
-    for group, words in zip(many["/summary/consistency/group"], many["/summary/consistency/verdict"], strict=True):
-        assert words.startswith("sigma ")
-        assert words in rows(text, f"NEES of {str(group).replace('_', ' ')}")[0]
+    words = str(many["/summary/consistency/verdict"])
+    assert words.startswith("sigma ")
+    assert words in rows(text, "verdict")[0]
+    worst, names = many["/summary/consistency/worst_z"], [str(n) for n in many["/summary/consistency/state"]]
+    bias = names.index("gyro_bias_x") + int(np.argmax(worst[names.index("gyro_bias_x") :][:3]))
+    assert f"{worst[bias]:.3f}  {names[bias].replace('_', ' ')}, " in rows(text, "gyro bias, largest z")[0]
 
 
 def test_attitude_is_roll_pitch_heading(many: Result) -> None:
@@ -200,7 +205,7 @@ def test_every_figure_fits_its_page(one: Result, many: Result, linear: Result) -
         for name, figure in drawn(result):
             names.add(name)
             check_page(name, figure)
-    assert names == {"track", "sky", "dop", "nees", "fixes", "errors", "budget"}
+    assert names == {"track", "sky", "dop", "nees", "consistency", "fixes", "errors", "budget"}
 
 
 def test_the_legend_has_terrain_whichever_ridge_is_shown() -> None:

@@ -51,7 +51,7 @@ def test_summary_result_and_figures(landing: tuple[subprocess.CompletedProcess[s
     ):
         assert word in done.stdout
     assert file.is_file()
-    for name in ("track", "sky", "dop", "fixes", "errors", "nees"):
+    for name in ("track", "sky", "dop", "fixes", "errors", "nees", "consistency"):
         with Image.open(file.parent / f"landing_{name}.png") as image:
             assert image.width >= 600
             pixels = np.asarray(image.convert("L"))
@@ -227,7 +227,7 @@ def test_show_and_plot(landing: tuple[subprocess.CompletedProcess[str], Path], p
     table = navsim("show", landing[1], landing[1], cwd=place).stdout
     assert "PDOP" in table
     figures = navsim("plot", landing[1], "--figures", "drawn", cwd=place).stdout.split()
-    assert len(figures) == 6
+    assert len(figures) == 7
     assert all((place / f).is_file() for f in figures)
 
 

@@ -23,12 +23,14 @@ from navsim.report.page.marks import (
     Drawing,
     Key,
     Named,
+    about_one,
     band,
     band_key,
     colour,
     downwards,
     drawn_as,
     from_runway,
+    image,
     keys_of,
     level,
     line,
@@ -36,10 +38,12 @@ from navsim.report.page.marks import (
     names,
     plot,
     reach,
+    shades,
     some,
     source,
     stretch,
     tell,
+    ticks,
     upright,
     view_from_above,
     width,
@@ -57,16 +61,19 @@ from navsim.report.quantities import (
     runway_errors,
     settled,
     some_fix_errors,
+    state_ratios,
     touchdown,
     true_for,
 )
 from navsim.report.quantities import heights as height_of
 from navsim.report.ridges import clipped, flown_over, on_plan, seen_skyline, shown_ridges
 from navsim.report.sky import SourceTrack, masked, source_tracks
-from navsim.report.tables import box_limits, of_total, outside_box, runs_of, setting, single
+from navsim.report.tables import box_limits, of_total, outside_box, runs_of, setting, single, state_verdict
 
 AXES = ("lateral", "along", "vertical")
 _MOST_FIXES = 1500
+_RATIO_COLUMNS = 400
+"""Most columns of the map of ratios."""
 _FEW = 3
 """Fewer runs than this have no distribution."""
 _BINS = (8, 40)
@@ -79,7 +86,7 @@ def drawings(results: Sequence[Named]) -> list[Drawing]:
     out: list[Drawing] = []
     if flights:
         made = (
-            track, sky, dops, heights, scatter, distribution, percentiles, states, fixes, consistency, budget,
+            track, sky, dops, heights, scatter, distribution, percentiles, states, fixes, consistency, ratios, budget,
             integrity.levels, integrity.stanford, integrity.interference,
         )  # fmt: skip
         out = [drawing for make in made if (drawing := make(flights)) is not None]
@@ -650,6 +657,32 @@ def consistency(results: Sequence[Named]) -> Drawing:
         "right. Of a covariance analysis: what is to be expected." + most_thinned(thinned).words("output")
     )
     return Drawing("consistency", "Consistency", panels, caption, keys_of(results), 3)
+
+
+def ratios(results: Sequence[Named]) -> Drawing | None:
+    """Map of z of every state over time, a panel a result."""
+    kept = having(results, "/consistency/z")
+    panels, said = [], []
+    for _, name, result in kept:
+        of = state_ratios(result, _RATIO_COLUMNS)
+        count = len(of.names)
+        on = plot(name if len(results) > 1 else "", "time, s", "", 150 + 18 * count)
+        on.y_range = Range1d(float(count), 0.0)
+        ticks(on, on.yaxis[0], [i + 0.5 for i in range(count)], of.names)
+        mapper = shades(0.0, of.limit) if of.alone else about_one(of.limit)
+        span = (float(of.edges[0]), float(of.edges[-1]))
+        drawn = image(on, of.z, span, (0.0, float(count)), mapper, of.label)
+        tell(on, [drawn], ("time", "$x{0.0} s"), (of.label, "@image{0.000}"))
+        panels.append(on)
+        said.append(f"{f'{name}: ' if len(results) > 1 else ''}{state_verdict(result)}.")
+    if not panels:
+        return None
+    caption = (
+        "Root mean square over runs of each state's error in units of the filter's sigma, at every output. White, 1: "
+        "sigma is right; red: too small; blue: too large. Of one run: the size of its error in sigmas. Nothing is "
+        "drawn where a state has no uncertainty. " + " ".join(said)
+    )
+    return Drawing("ratios", "Consistency of every state", panels, caption, keys_of(results, of=kept), 1)
 
 
 def budget(results: Sequence[Named]) -> Drawing | None:

@@ -22,7 +22,7 @@ from bokeh.models import (
     Range1d,
     Span,
 )
-from bokeh.palettes import Viridis256
+from bokeh.palettes import RdBu11, Viridis256
 from bokeh.plotting import figure
 
 from navsim.io.results import Result
@@ -254,6 +254,11 @@ def shades(low: float, high: float, *, reverse: bool = False, log: bool = False)
     palette = list(Viridis256[::-1] if reverse else Viridis256)[::4]
     kind: Callable[..., Any] = LogColorMapper if log else LinearColorMapper
     return kind(palette=palette, low=low, high=high, nan_color="rgba(0,0,0,0)")
+
+
+def about_one(limit: float) -> Any:
+    """Colours of ratios from 1 / limit, blue, by 1, white, to the limit, red; what is not known is transparent."""
+    return LogColorMapper(palette=list(RdBu11), low=1.0 / limit, high=limit, nan_color="rgba(0,0,0,0)")
 
 
 def ticks(on: figure, axis: Any, at: Sequence[float], said: Sequence[object]) -> None:

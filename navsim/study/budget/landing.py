@@ -179,8 +179,8 @@ def landing(
     streamed = runs * stored
     part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + _blocks(runs) * sums_bytes(here)
     result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
-    result += NUMBER * (4 + here.sizes()["group"]) * (here.epochs + 1)
-    variables = {"none": 108, "errors": 117, "all": 141}[keep] + (27 if runs > 1 else 0)
+    result += NUMBER * (5 + here.sizes()["group"] + 3 * here.states) * (here.epochs + 1)
+    variables = {"none": 119, "errors": 128, "all": 152}[keep] + (27 if runs > 1 else 0)
     if here.ways:
         variables += {"none": 16, "errors": 19, "all": 23}[keep]
     lasting = 0 if scenario.filter.tight else scenario.lasting_states(here.sources)
@@ -271,8 +271,9 @@ def shared_memory(here: Extent) -> float:
 
 
 def sums_bytes(here: Extent) -> int:
-    """Sums over a block of runs at every output of the filter, three and one for each group of states, bytes."""
-    return (3 + here.sizes()["group"]) * NUMBER * (here.epochs + 1)
+    """Sums over a block of runs at every output of the filter, bytes: three, one for each group of states, and for each
+    state the square of its error in sigmas and how many runs are beyond two limits of it."""
+    return (3 + here.sizes()["group"] + 3 * here.states) * NUMBER * (here.epochs + 1)
 
 
 def _stored(here: Extent, keep: str) -> float:
@@ -344,7 +345,7 @@ def _analysed(scenario: Landing, sources: Environment, here: Extent) -> Budget:
     errors = 1 + len(SOURCES) + further(scenario, sources)  # and what is systematic
     # the budget's, the mean, the root mean square of all, and what the filter believes
     of_states = (errors + 3) * here.states
-    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + of_states) + 101 * VARIABLE
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (8 + of_states) + 110 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here) + bank_time(here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,

@@ -13,6 +13,7 @@ from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import COVARIANCE
 from navsim.simulation.landing_covariance import Analysis, analyse, folded_quantile
+from navsim.study.consistency import Ratios
 from navsim.study.findings import (
     BEYOND,
     Flaws,
@@ -24,6 +25,7 @@ from navsim.study.findings import (
 from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, to_first_order
 from navsim.study.landing.case import MOVING, PERCENTILES, Case, crossing_times, rms_window
+from navsim.study.landing.consistency import expected_ratios, put_consistency
 from navsim.study.landing.ensemble import (
     FAR_OFF,
     FOLLOWED,
@@ -217,9 +219,17 @@ def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -
         ("nis", nis, int(analysis.degrees.max(initial=0))),
     ):
         draft.put(f"/summary/consistency/{name}", values, {"degrees_of_freedom": degrees})
+    put_consistency(draft, case, _expected(case, analysis), None)
     lost = int(np.sum(~np.isfinite(case.world.dop[:, 1]) if case.beliefs.tight else analysis.degrees == 0))
     for name, value in (("runs", 0), ("fixes", analysis.degrees.size - lost), ("epochs_without_fix", lost)):
         draft[f"/summary/count/{name}"] = np.int64(value)
+
+
+def _expected(case: Case, analysis: Analysis) -> Ratios:
+    """Errors in units of the filter's sigma, to first order."""
+    second = np.diagonal(analysis.covariance, axis1=1, axis2=2) + analysis.mean**2
+    believed = np.diagonal(analysis.believed, axis1=1, axis2=2)
+    return expected_ratios(case, np.sqrt(second), np.sqrt(believed))
 
 
 def _at_heights(case: Case, analysis: Analysis, times: list[float]) -> tuple[np.ndarray, np.ndarray]:

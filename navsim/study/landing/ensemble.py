@@ -15,6 +15,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.arrays.attitude import rpy_error, rpy_jacobian
+from navsim.core.consistency import sum_ratios
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.states import MOST
 from navsim.estimation.beliefs import Beliefs
@@ -25,15 +26,17 @@ from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import Run
 from navsim.simulation.monitoring import ALARM
 from navsim.study import findings as judging
+from navsim.study.consistency import LIMITS
 from navsim.study.ensemble import Ensemble, Until
 from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
 from navsim.study.landing import integrity
 from navsim.study.landing.case import MOVING, Case, crossing_times, rms_window
+from navsim.study.landing.consistency import evaluate_states, ratios_of_runs
 from navsim.study.partial import Arrays, Store, code_key
 from navsim.study.statistics import rms_interval
-from navsim.study.sums import Sums
+from navsim.study.sums import Sums, blocks
 from navsim.words import option
 
 LEVELS = np.array([1.0, 2.0, 3.0])
@@ -125,7 +128,7 @@ class LandingStudy:
         window, crossings = self.window, self.crossings
         route_rpy, to_rpy = self.attitude
         rows: list[Arrays] = []
-        sums = Sums()
+        sums, ratios = Sums(), Sums()
         every, moving, *of_groups = (
             self.case.degrees(part) or math.nan
             for part in (slice(None), MOVING, *(slice(3 * i, 3 * i + 3) for i in range(len(self.case.groups))))
@@ -170,6 +173,7 @@ class LandingStudy:
                 "rpy_variance": _mean(turned_variances(turn, covariances(runs, "attitude", window))),
                 "at_variance": variances_at_heights(self.case, crossings, covariances(runs, "position")),
             }
+            add_ratios(ratios, first + flown, runs)
             for i in range(runs.nees.shape[0]):
                 nis = runs.innovation_squared[i] / np.maximum(runs.degrees[i], 1)
                 sums.add(
@@ -190,7 +194,20 @@ class LandingStudy:
                 kept[name][flown : flown + history.shape[0]] = history
             flown += runs.nees.shape[0]
         per_run = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
-        return per_run, sums.arrays(), kept
+        return per_run, sums.arrays() | ratios.arrays(), kept
+
+
+def add_ratios(sums: Sums, first: int, runs: Run) -> None:
+    """Add the ratios of errors to sigma of runs from `first` on (`core.consistency`) to sums."""
+    limits = np.array(LIMITS)
+    for start, length in blocks(first, runs.error.shape[0]):
+        part = slice(start - first, start - first + length)
+        error, sigma = runs.error[part], runs.sigma[part]
+        shape = error.shape[1:]
+        squares, beyond = np.empty(shape), np.empty((limits.size, *shape), np.int32)
+        steps = np.empty(shape[1])
+        sum_ratios(error, sigma, limits, squares, beyond, steps)
+        sums.add(start, length, {"ratio_square": squares, "ratio_beyond": beyond, "ratio_step": steps})
 
 
 def fly_all(
@@ -347,6 +364,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         n = case.degrees()
         half = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
         out += judging.doubted("sigma_all_states", f"errors of {n} states in half of the runs", half, n * runs, runs)
+        out += judging.of_states(evaluate_states(case, ratios_of_runs(case, ensemble))[1], runs)
     for k, aid in enumerate(case.world.aids):
         rejected, weighed = (int(ensemble.per_run(f"aided_{name}")[:, k].sum()) for name in ("rejected", "weighed"))
         name = aid.sensor.name

@@ -137,7 +137,7 @@ def merged(parts: Parts, case: Case) -> Result:
 
 def _shared(path: str) -> bool:
     """Whether a variable of a part is the same in all of them."""
-    return path != "/run" and not path.startswith(("/summary/", "/rare/", f"{PART}/", f"{FINDINGS}/"))
+    return path != "/run" and not path.startswith(("/summary/", "/consistency/", "/rare/", f"{PART}/", f"{FINDINGS}/"))
 
 
 def _same(one: Variable, other: Variable) -> bool:

@@ -18,18 +18,16 @@ from navsim.study.ensemble import Ensemble
 from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, counted
 from navsim.study.landing.case import MOVING, PERCENTILES, Case, rms_window
+from navsim.study.landing.consistency import put_consistency, ratios_of_runs
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
 from navsim.study.landing.tree import accuracy, attributes, base, belief
 from navsim.study.parts import pack
 from navsim.study.statistics import (
-    SIGMA_TOLERANCE,
     consistency_band,
     ellipsoid_probability,
     mean_interval,
     rms_interval,
     rms_interval_of_means,
-    sigma_error,
-    verdict,
 )
 
 
@@ -212,9 +210,7 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
         counted(draft, box, ensemble.per_run("at_box")[:, 0])
     inside = ensemble.per_run("inside")
     draft["/summary/coverage/level"] = LEVELS
-    draft["/summary/coverage/position"] = np.clip(
-        [mean_interval(inside[:, k]) for k in range(LEVELS.size)], 0.0, 1.0
-    )
+    draft["/summary/coverage/position"] = np.clip([mean_interval(inside[:, k]) for k in range(LEVELS.size)], 0.0, 1.0)
     draft["/summary/coverage/expected"] = np.array([ellipsoid_probability(k, 3) for k in LEVELS])
     _consistency(draft, case, ensemble)
 
@@ -248,16 +244,8 @@ def _consistency(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft[f"{branch}/group"] = np.array(case.groups, dtype=object)
     draft.put(f"{branch}/nees_group", groups, _of_band(band, 3))
     window = rms_window(case)
-    late = groups[window].mean(axis=0) if window.any() else np.full(len(case.groups), np.nan)
-    draft[f"{branch}/mean_group"] = late
-    off = np.stack([sigma_error(m if runs > 1 else np.nan, band) for m in late])
-    draft.put(f"{branch}/sigma_error", off, {"tolerance": SIGMA_TOLERANCE})
-    known = [case.degrees(slice(3 * i, 3 * i + 3)) == 0 for i in range(len(case.groups))]
-    words = [
-        "none: no uncertainty" if sure else verdict(error) if runs > 1 else "none: a single run"
-        for sure, error in zip(known, off, strict=True)
-    ]
-    draft[f"{branch}/verdict"] = np.array(words, dtype=object)
+    draft[f"{branch}/mean_group"] = groups[window].mean(axis=0) if window.any() else np.full(len(case.groups), np.nan)
+    put_consistency(draft, case, ratios_of_runs(case, ensemble), ensemble.mean("ratio_beyond"))
 
 
 def _nees_degrees(case: Case) -> tuple[tuple[str, int], ...]:

@@ -1,0 +1,146 @@
+"""The verdict on every state: a false belief is found by name and time, a true filter passes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from navsim.core.states import A_D
+from navsim.io.findings import of
+from navsim.io.results import Result
+from navsim.report import tables
+from navsim.report.compare import compared
+from navsim.report.table import Table
+from navsim.study.consistency import Ratios
+from navsim.study.executor import threads
+from navsim.study.landing import covariance_analysis, covariance_result, fly_all, result
+from navsim.study.landing.case import Case
+from navsim.study.landing.consistency import evaluate_states, ratios_of_runs
+from navsim.work.required import Demands, wanting
+from tests.helpers import case
+
+# small errors, in which one Gaussian is true
+BRIEF = ("imu.rate_hz=10", "receiver.rate_hz=1", "duration_s=20", "filter.kind=eskf", "imu.gyro.drift_deg_h=70",
+         "initial_errors.attitude_deg=1")  # fmt: skip
+
+
+def ratios(flown: Case, runs: int, seed: int = 1) -> Ratios:
+    return ratios_of_runs(flown, fly_all(flown, seed, 0, runs, threads(1), keep="none"))
+
+
+def flown(of_case: Case, runs: int, seed: int = 1) -> Result:
+    return result(of_case, fly_all(of_case, seed, 0, runs, threads(1), keep="none"), seed, keep="none")
+
+
+def believing_too_little(share: float, state: int, *settings: str) -> Case:
+    """A case whose filter believes in this share of the true initial sigma of one state alone."""
+    right = case(*BRIEF, *settings)
+    covariance = right.flight.covariance.copy()
+    covariance[state] *= share
+    covariance[:, state] *= share
+    return replace(right, flight=replace(right.flight, covariance=covariance))
+
+
+def rows(found: Result) -> dict[str, str]:
+    table = tables.summary_table([("x", found)])
+    return {str(row.cells[0]).strip(): row.texts()[1] for row in table.rows if row.cells[1:]}
+
+
+@pytest.mark.parametrize("seed", range(100, 120))
+def test_a_true_filter_passes(seed: int) -> None:
+    right = case(*BRIEF)
+    found = ratios(right, 120, seed)
+    band, verdict = evaluate_states(right, found)
+    assert verdict.words.startswith("sigma right as far as 120 runs tell")
+    assert not verdict.small
+    assert band.low < np.nanmin(found.z) < np.nanmax(found.z) < band.high
+
+
+def test_one_false_belief_is_found_by_name_and_time() -> None:
+    """Heading of 0.85 of its sigma: 18 % small from the start. NEES over all states is 3 % too large, as it is by
+    chance in many a run of fewer."""
+    found = flown(believing_too_little(0.85, A_D), 1200)
+    words = str(found["/summary/consistency/verdict"])
+    worst, state = found["/summary/consistency/worst_z"], list(found["/summary/consistency/state"])
+    z = found["/consistency/z"][:, state.index("attitude_down")]
+    output = int(np.argmax(z))
+    time = found["/consistency/time"][output]
+    assert words == f"sigma {100 * (z.max() - 1):.0f} % small: heading at {time:g} s (z {z.max():.2f}, 1200 runs)"
+    assert z[0] == pytest.approx(1.0 / 0.85, abs=0.06)
+    assert state[int(np.argmax(worst))] == "attitude_down"
+    (finding,) = (one for one in of(found) if one.name == "sigma_of_state")
+    assert finding.text == words
+    assert wanting(found, Demands(consistent=True)) == [f"--require-consistent: {words}"]
+    shown = rows(found)
+    assert shown["verdict"] == words
+    beyond = 100 * found["/consistency/beyond_95"][output, state.index("attitude_down")]
+    assert shown["attitude, largest z"].startswith(f"{z.max():.3f}  heading, {time:g} s; {beyond:.1f} % > 1.96σ")
+    assert beyond > 7.0
+
+
+def test_the_tolerance_is_the_scenarios() -> None:
+    found = flown(believing_too_little(0.85, A_D, "filter.sigma_tolerance=0.3"), 1200)
+    words = str(found["/summary/consistency/verdict"])
+    assert " % small (significant, within the 30 % tolerance): heading at " in words
+    assert found.variables["/summary/consistency/verdict"].attributes["tolerance"] == 0.3
+    assert not [one for one in of(found) if one.name == "sigma_of_state"]
+    assert wanting(found, Demands(consistent=True)) == []
+
+
+def test_a_sigma_that_is_too_large_is_reported_and_no_finding() -> None:
+    found = flown(believing_too_little(1.5, A_D), 300)
+    assert str(found["/summary/consistency/verdict"]).startswith("sigma 3")
+    assert " % large: heading at " in str(found["/summary/consistency/verdict"])
+    assert wanting(found, Demands(consistent=True)) == []
+
+
+def test_a_belief_of_nothing_and_an_exact_start() -> None:
+    """Next to no sigma beside errors is the worst of all; an exact start with no error but rounding is not judged."""
+    wrong = case(*BRIEF, "filter.imu.gyro.drift_deg_h=0")
+    found = ratios(wrong, 8)
+    assert (found.z[:, wrong.states.index("gyro_bias_x")] > 1e6).all()
+    assert evaluate_states(wrong, found)[1].words.startswith("sigma too small by a factor of ")
+    exact = case(*BRIEF, "initial_errors.position_m=0")
+    found = ratios(exact, 64)
+    assert np.isnan(found.z[0, :3]).all()
+    assert np.isfinite(found.z[1:]).all()
+    assert "not finite" not in evaluate_states(exact, found)[1].words
+
+
+def test_heading_does_not_wrap() -> None:
+    """An error across the jump of a compass is as large as across none."""
+    first, second = (ratios(case(*BRIEF, f"runway.heading_deg={heading}"), 16).z[0] for heading in (0, 180))
+    np.testing.assert_allclose(first, second, rtol=1e-6)
+
+
+def test_a_covariance_analysis_has_the_expected_ratio() -> None:
+    """An error of attitude that is believed too small by a fifth, to first order."""
+    wrong = case(*BRIEF, "filter.initial.attitude_deg=0.8", "method=covariance")
+    found = covariance_result(wrong, covariance_analysis(wrong), 1)
+    state = list(found["/consistency/state"]).index("attitude_down")
+    assert found["/consistency/z"][0, state] == pytest.approx(1.25)
+    np.testing.assert_allclose(found["/consistency/z"][:, state], found["/covariance/rms"][:, state]
+                               / found["/filter/sigma"][0, :, state])  # fmt: skip
+    assert str(found["/summary/consistency/verdict"]).startswith("sigma 25 % small: ")
+    assert str(found["/summary/consistency/verdict"]).endswith("(z 1.25, to first order)")
+
+
+def test_results_beside_each_other_and_of_an_earlier_version() -> None:
+    """Differences of z have numbers; a file without z says why there is no verdict."""
+    right, wrong = flown(case(*BRIEF), 40, 2), flown(believing_too_little(0.6, A_D), 40)
+    named = [("right", right), ("wrong", wrong)]
+    (table,) = compared(named, [tables.summary_table(named)], [])
+    assert isinstance(table, Table)
+    (row,) = (row for row in table.rows if str(row.cells[0]).strip() == "attitude, largest z")
+    ratio = wrong["/summary/consistency/worst_z"][6:9].max() / right["/summary/consistency/worst_z"][6:9].max()
+    assert row.texts()[-1] == f"{ratio:.3f}"
+    old = Result(right.attributes, {path: v for path, v in right.variables.items()
+                                    if not path.startswith("/consistency/") and path.split("/")[-1] not in
+                                    ("verdict", "state", "looks", "worst_z", "worst_time", "least_z")})  # fmt: skip
+    shown = tables.summary_table([("old", old), ("right", right)])
+    (row,) = (row for row in shown.rows if str(row.cells[0]).strip() == "verdict")
+    assert row.texts()[1] == "none: the file is of a navsim that judged groups of states alone; fly it again"
+    assert row.texts()[2] == str(right["/summary/consistency/verdict"])
+    assert "NEES, 15 states" in rows(old)
