@@ -57,10 +57,10 @@ class Beliefs:
 
     kind: `estimate.FILTER_KINDS`. velocity: whether it uses that of the fixes. latency: age of the fixes when they
     come, s. lever_arm: (3,) IMU -> antenna, body, m. sigma_scale: factor on the 1 sigma that the receiver gives its
-    fixes. gate: limits by the number of measurements; components, widest: of a Gaussian sum; see `FilterModel`.
-    clock: densities of the noises of the receiver's clock, phase (m2/s) and frequency (m2/s3), where ranges are
-    measurements instead of fixes; None where they are not. lasting: what it makes of errors that last, None without.
-    reflections: whether it knows how large errors by reflections are.
+    fixes. gate: limits by the number of measurements; components, widest: of a Gaussian sum; steady_force; of all see
+    `FilterModel`. clock: densities of the noises of the receiver's clock, phase (m2/s) and frequency (m2/s3), where
+    ranges are measurements instead of fixes; None where they are not. lasting: what it makes of errors that last, None
+    without. reflections: whether it knows how large errors by reflections are.
     """
 
     kind: int
@@ -73,6 +73,7 @@ class Beliefs:
     max_rejected: int
     components: int
     widest: float
+    steady_force: bool
     clock: tuple[float, float] | None = None
     lasting: LastingBelief | None = None
     reflections: bool = False
@@ -102,6 +103,8 @@ class Beliefs:
         return FilterModel(
             self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected,
             self.components if self.kind == GAUSSIAN_SUM else 0, self.widest, clock,
+            # without velocities of fixes nothing confirms a line through those of the filter
+            self.steady_force and self.velocity,
         )  # fmt: skip
 
     def covariance(self, position: float, velocity: float, attitude: float, scales: Sequence[int] = ()) -> np.ndarray:

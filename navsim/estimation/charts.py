@@ -2,9 +2,11 @@
 
 A chart says how an estimate is fed back and the covariance carried to the new one, `correct`; how an error is judged,
 `own_error`; and what a turn does to its axes, `turn_axes`: see `error_state`, `invariant`, `tfg`. It is a class to
-kernels, so that only the one in use is compiled. Those of groups turn positions with attitude, unless they are
-`straight`: where a filter follows time-correlated errors of fixes or ranges, it knows the sum of position and error
-better than the position, and a turn of the one without the other would spoil that.
+kernels, so that only the one in use is compiled. Those of groups turn positions and velocities with attitude, unless
+they are `straight`: 1, positions are not, for where a filter follows time-correlated errors of fixes or ranges, it
+knows the sum of position and error better than the position, and a turn of the one without the other would spoil that;
+2, velocities are not either, for a correction of velocity that noise made would count as information about heading
+(`steady_force`). `left-invariant` keeps its chart, for it would be `eskf` otherwise.
 
 Source: `docs/theory/filter.md`, sections 4 to 6.
 """
@@ -60,7 +62,9 @@ PLAIN = CHARTS[ESKF]
 
 def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
     """The chart of a filter."""
-    return CHARTS[model.kind]._replace(straight=int(np.isin(model.declared["triad"], (FIX, RANGE)).any()))
+    plain = model.steady_force and model.kind in (TFG, GAUSSIAN_SUM)
+    straight = 2 if plain else int(np.isin(model.declared["triad"], (FIX, RANGE)).any())
+    return CHARTS[model.kind]._replace(straight=straight)
 
 
 def turn_axes(chart, nav, p, increments, dt):

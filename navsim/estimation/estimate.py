@@ -78,7 +78,7 @@ def fly(
     _check_lasting(measurements, events, model)
     if is_smoother(model.kind):
         for _, _, history in fly_in_pieces(imu, measurements, events, state, model):
-            judge_into(model.kind, history, account)
+            judge_into(model, history, account)
             for name in ("innovation_squared", "degrees", "status"):
                 getattr(account, name)[...] = getattr(history, name)
         return

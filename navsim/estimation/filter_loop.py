@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.covariance import age, felt, gain, gather, is_varying, predict
+from navsim.core.covariance import NOISE_ACCEL, age, felt, gain, gather, is_varying, predict
 from navsim.core.jit import inlined, kernel, within
 from navsim.core.lanes import any_lane, registers, room, select
 from navsim.core.linear import copy, copy_matrix
-from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS, N
+from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, SENSORS, N
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.charts import turn_axes
@@ -40,7 +40,11 @@ from navsim.estimation.ranges import (
     take_range,
 )
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE
+from navsim.estimation.steady_force import begin_interval, couple, end_interval, has_begun, start_line, velocity_of
 from navsim.estimation.weighing import decide, errors_from, numbers_in, update, weighing
+
+_NO_NOISE = 1e-30
+"""Density of noise of accelerometers that have none, m2/s3: no flight is steady by it."""
 
 
 class Workshop(NamedTuple):
@@ -115,6 +119,13 @@ def is_ahead(time, cursor):
     """Whether a time is later than the present of a filter: where not there is nowhere to `advance` to, and a call of
     so many arrays costs as much as an interval."""
     return cursor[1] < time - TIME_TOLERANCE
+
+
+@inlined
+def force_noise(model, cursor):
+    """Density of the accelerometers' noise, m2/s3, at the present of a filter."""
+    k = min(max(int(cursor[0]), 0), model.noise.shape[0] - 1)
+    return max(model.noise[k, NOISE_ACCEL], _NO_NOISE)
 
 
 @kernel
@@ -198,6 +209,12 @@ def run(chart, imu, measurements, events, state, way, model, account):
     # the filter itself, and its copy that runs ahead
     navs, ps = room(state_nav, (2, state_nav.shape[0])), room(state_nav, (2, n, n))
     increments_pair, cursors = room(state_nav, (2, 6)), np.empty((2, 3))
+    line, v, variance, m_force = (
+        registers(state.steady),
+        room(state_nav, (3,)),
+        room(state_nav, (3,)),
+        room(state_nav, (3,)),
+    )
     rejections = room(state_nav, (2, state_rejected.shape[0]))
 
     copy(state_nav, navs[0])
@@ -208,6 +225,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     if way.cursor[0] < 0.0:
         start_axes(navs[0])
         set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
+        start_line(line, navs[0, NAV_VEL:NAV_QUAT], cursors[0, 1])
     before = 0
     for i in range(events.time.shape[0]):
         ahead = 1 if events.ahead[i] else 0
@@ -228,7 +246,14 @@ def run(chart, imu, measurements, events, state, way, model, account):
         what, row = events.kind[i], events.row[i]
         nothing_yet(left, i)
         if is_ahead(events.time[i], cursor):
+            if model.steady_force and not ahead and not has_begun(line):
+                velocity_of(nav, p, v, variance)
+                begin_interval(line, v, variance, force_noise(model, cursor), cursor[1])
             advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
+        if model.steady_force and not ahead and what != OUTPUT and what != PASS and has_begun(line):
+            velocity_of(nav, p, v, variance)
+            end_interval(line, v, variance, force_noise(model, cursor), cursor[1], m_force)
+            couple(p, m_force)
         if what == OUTPUT:
             answer(chart, nav, p, left, row)
         elif what != PASS:

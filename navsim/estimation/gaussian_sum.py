@@ -30,12 +30,12 @@ from navsim.core.elementary import exp_of_negative
 from navsim.core.jit import kernel, within
 from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.linear import cholesky, copy, copy_matrix, invert3
-from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, POS, VEL
+from navsim.core.states import A_D, A_E, A_N, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_VEL, POS
 from navsim.estimation import tfg
 from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.clock import forget_clock, has_jumped
 from navsim.estimation.error_state import between
-from navsim.estimation.filter_loop import advance, is_ahead, set_off, start_axes, workshop
+from navsim.estimation.filter_loop import advance, force_noise, is_ahead, set_off, start_axes, workshop
 from navsim.estimation.invariant import turned
 from navsim.estimation.observations import RANGE, observe, slot
 from navsim.estimation.ranges import (
@@ -49,6 +49,14 @@ from navsim.estimation.ranges import (
     take_range,
 )
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
+from navsim.estimation.steady_force import (
+    begin_interval,
+    couple_sum,
+    end_interval,
+    has_begun,
+    mean_velocity,
+    start_line,
+)
 from navsim.estimation.weighing import decide, errors_from, held, numbers_in, update, weighing, whitened_square
 
 _NARROWED = 0.65
@@ -65,10 +73,16 @@ _CROSSED = 0.5
 _LEVEL_KNOWN = 0.01
 """What will come to be known of level biases at least, in 1 sigma of the vertical one: at first nothing is, and a
 quadratic error made then shows later."""
+_TILT_CROSSED = 0.0015
+"""Largest product of the sigmas of heading and of tilt of a component, rad2: while tilt is being learnt, heading turns
+what each fix says of it."""
 _NARROWEST = 0.5
 """1 sigma of heading that no turn asks to divide, in that of the widest component."""
 _AS_ONE = 0.4
 """1 sigma of heading of two as one, in that of the widest, below which they become one."""
+_ROOMY = 0.7
+"""1 sigma of heading of two as one, in what both may have, below which they become one too: above that of the three
+that one is divided into, which stay apart by their distances."""
 _NEGLIGIBLE = 1e-5
 """Components of less weight go."""
 _SLIGHT = 0.005
@@ -79,7 +93,8 @@ it gives: their own weights, as far as they differ, against its weight."""
 
 
 class Bench(NamedTuple):
-    """Work space: x, error, mean (n,), nav, other (NAV,), p, square (n, n), increments (6,), pair: two components."""
+    """Work space: x, error, mean (n,), nav, other (NAV,), p, square (n, n), increments (6,), pair: two components;
+    allowed (M,): variance of heading that a component may have."""
 
     x: np.ndarray
     error: np.ndarray
@@ -90,6 +105,7 @@ class Bench(NamedTuple):
     square: np.ndarray
     increments: np.ndarray
     pair: Mixture
+    allowed: np.ndarray
 
 
 @within
@@ -111,12 +127,12 @@ def _components(like, most, nav_size, n):
 
 
 @within
-def _bench(nav, n):
-    """Work space for components of n states."""
+def _bench(nav, n, most):
+    """Work space for so many components of n states."""
     size = nav.shape[0]
     return Bench(
         room(nav, (n,)), room(nav, (n,)), room(nav, (n,)), room(nav, (size,)), room(nav, (size,)), room(nav, (n, n)),
-        room(nav, (n, n)), room(nav, (6,)), _components(nav, 2, size, n),
+        room(nav, (n, n)), room(nav, (6,)), _components(nav, 2, size, n), room(nav, (most,)),
     )  # fmt: skip
 
 
@@ -220,7 +236,7 @@ def _unturned(space, x):
     jac, inverse, moved = space.c_nb, small_matrix(x, 3, 3), small_vector(x, 3)
     left_jacobian(x[ATT], x[ATT + 1], x[ATT + 2], jac)
     invert3(jac, inverse)
-    for first in range(VEL if space.straight else POS, ATT, 3):
+    for first in range(3 * space.straight, ATT, 3):
         turned(inverse, x[first : first + 3], moved)
         copy(moved, x[first : first + 3])
 
@@ -303,8 +319,8 @@ def turn_ahead(imu, cursor, until, nav):
 
 
 @kernel
-def _width(nav, p, turn, widest, c_nb):
-    """1 sigma of heading of a component, in what it may be before a turn.
+def _allowed(nav, p, turn, widest, c_nb):
+    """1 sigma of heading (rad) that a component may have before a turn.
 
     A turn takes a part of the vertical bias into a level one, in a direction that is known as well as heading is: sigma
     of heading x the turn x sigma of the vertical bias is the quadratic error of the level one.
@@ -329,9 +345,11 @@ def _width(nav, p, turn, widest, c_nb):
     known = math.sqrt(level / variance[2])
     known = select(known > _LEVEL_KNOWN, _LEVEL_KNOWN, known)
     allowed = _CROSSED * known / turn
+    tilt = select(p[A_N, A_N] > p[A_E, A_E], p[A_N, A_N], p[A_E, A_E])
+    levelled = _TILT_CROSSED / math.sqrt(tilt)
+    allowed = select(levelled < allowed, levelled, allowed)
     allowed = select(allowed < _NARROWEST * widest, _NARROWEST * widest, allowed)
-    allowed = select(allowed > widest, widest, allowed)
-    return math.sqrt(p[A_D, A_D]) / allowed
+    return select(allowed > widest, widest, allowed)
 
 
 @kernel
@@ -408,7 +426,9 @@ def arrange(mixture, turn, widest, space, bench):
         taken, needs, which, size = 0.0 * turn, 0.0 * turn, 0.0 * turn, 0.0 * turn
         for j in range(count):
             taken += select(weight[j] > 0.0, 1.0, 0.0)
-            width = _width(mixture.navigation[j], mixture.covariance[j], turn, widest, space.c_nb)
+            allowed = _allowed(mixture.navigation[j], mixture.covariance[j], turn, widest, space.c_nb)
+            bench.allowed[j] = allowed * allowed
+            width = math.sqrt(mixture.covariance[j, A_D, A_D]) / allowed
             need = weight[j] * width
             first = (width > 1.0) & (weight[j] > _SLIGHT) & (need > needs)
             needs, size = select(first, need, needs), select(first, weight[j], size)
@@ -430,7 +450,9 @@ def arrange(mixture, turn, widest, space, bench):
                 one, two = select(nearer, 1.0 * i, one), select(nearer, 1.0 * j, two)
                 mean = (weight[i] * within_i + weight[j] * within_j) / total
                 joint = mean + weight[i] * weight[j] * apart / (total * total)
-                fits = (weight[j] > 0.0) & (joint < (_AS_ONE * widest) * (_AS_ONE * widest)) & (lost < narrow)
+                room_for = select(bench.allowed[i] < bench.allowed[j], bench.allowed[i], bench.allowed[j])
+                fits = (joint < (_AS_ONE * widest) * (_AS_ONE * widest)) | (joint < _ROOMY * _ROOMY * room_for)
+                fits = fits & (weight[j] > 0.0) & (lost < narrow)
                 narrow = select(fits, lost, narrow)
                 first_narrow, second_narrow = select(fits, 1.0 * i, first_narrow), select(fits, 1.0 * j, second_narrow)
         joins = turning & (narrow < math.inf)
@@ -512,13 +534,15 @@ def run(chart, imu, measurements, events, state, way, model, account):
     zs, ss, ks = room(state_nav, (most, MOST)), room(state_nav, (most, MOST, MOST)), room(state_nav, (most, n, MOST))
     squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
     there = room(state_nav, (MOST,))
-    space, bench = workshop(state_nav, n, chart.straight), _bench(state_nav, n)
+    space, bench = workshop(state_nav, n, chart.straight), _bench(state_nav, n, most)
     epoch, first = range_epoch(state_nav, n, most, events, model.clock.scales.shape[0]), 0
     # the copy that runs ahead
     runs_ahead = False
     for i in range(events.ahead.shape[0]):  # numba's own `any` loads its linear algebra at every start
         runs_ahead |= events.ahead[i]
     late = _components(state_nav, most if runs_ahead else 1, nav_size, n)
+    line, v, variance = registers(state.steady), room(state_nav, (3,)), room(state_nav, (3,))
+    m_force, turns = room(state_nav, (3,)), room(state_nav, (most, 3))
     rejections, cursors, cursor = room(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
     copy(state_rejected, rejections[0])
     copy(way.cursor, cursors[0])
@@ -526,6 +550,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
         for j in range(_count(own.weight)):
             start_axes(own.navigation[j])
             set_off(imu, own.navigation[j], declared, cursors[0], own.increments[j])
+        start_line(line, own.navigation[0, NAV_VEL:NAV_QUAT], cursors[0, 1])
     before = 0
     for i in range(events.time.shape[0]):
         ahead = 1 if events.ahead[i] else 0
@@ -547,6 +572,9 @@ def run(chart, imu, measurements, events, state, way, model, account):
             if any_lane(turn > 0.0):
                 arrange(now, turn, model.widest, space, bench)
                 count = _count(weight)
+            if model.steady_force and not ahead and not has_begun(line):
+                mean_velocity(now, count, v, variance)
+                begin_interval(line, v, variance, force_noise(model, cursor), cursor[1])
             for j in range(count):
                 copy(cursors[ahead], cursor)
                 advance(
@@ -554,6 +582,10 @@ def run(chart, imu, measurements, events, state, way, model, account):
                     space,
                 )  # fmt: skip
             copy(cursor, cursors[ahead])
+        if model.steady_force and not ahead and what != OUTPUT and what != PASS and has_begun(line):
+            mean_velocity(now, count, v, variance)
+            end_interval(line, v, variance, force_noise(model, cursor), cursor[1], m_force)
+            couple_sum(now, count, m_force, turns)
         if what == OUTPUT:
             moments(now, gauge.nav, gauge.p, True, space, bench)
             answer(chart, gauge.nav, gauge.p, left, row)

@@ -28,8 +28,8 @@ def turned(jac, u, out):
 def blocks_of_motion(x, diagonal, column, straight):
     """The parts of the reset matrix that position, velocity and attitude have in both group filters.
 
-    x: (n,) the estimate. diagonal, column: (5, 3, 3) out; those of the sensor states, and where it is `straight`
-    (`charts`) of position, say that they stay as they are.
+    x: (n,) the estimate. diagonal, column: (5, 3, 3) out; those of the sensor states, and as far as it is `straight`
+    (`charts`) of position and velocity, say that they stay as they are.
     """
     a, b, c = x[A_N], x[A_E], x[A_D]
     for block in range(diagonal.shape[0]):
@@ -38,24 +38,25 @@ def blocks_of_motion(x, diagonal, column, straight):
             for j in range(3):
                 column[block, i, j] = 0.0
     left_jacobian(a, b, c, diagonal[2])
-    copy_matrix(diagonal[2], diagonal[1])
-    if not straight:
+    if straight < 1:
         copy_matrix(diagonal[2], diagonal[0])
         left_jacobian_derivative(a, b, c, x[POS:VEL], column[0])
-    left_jacobian_derivative(a, b, c, x[VEL:ATT], column[1])
+    if straight < 2:
+        copy_matrix(diagonal[2], diagonal[1])
+        left_jacobian_derivative(a, b, c, x[VEL:ATT], column[1])
 
 
 @kernel
 def move_rigidly(nav, x, jac, straight):
-    """Move position and velocity by J_l(theta) y, a `straight` position by y, and turn the attitude by theta, in
-    place."""
+    """Move position and velocity by J_l(theta) y, `straight` ones by y, and turn the attitude by theta, in place."""
     u = small_vector(nav, 3)
-    if straight:
-        move(nav, x[POS], x[POS + 1], x[POS + 2])
-    else:
+    copy(x[POS:VEL], u)
+    if straight < 1:
         turned(jac, x[POS:VEL], u)
-        move(nav, u[0], u[1], u[2])
-    turned(jac, x[VEL:ATT], u)
+    move(nav, u[0], u[1], u[2])
+    copy(x[VEL:ATT], u)
+    if straight < 2:
+        turned(jac, x[VEL:ATT], u)
     for i in range(3):
         nav[NAV_VEL + i] += u[i]
     rotate_left(nav[NAV_QUAT:NAV_HELD], x[A_N], x[A_E], x[A_D])
@@ -86,9 +87,8 @@ def own_error(error, out, straight):
     jac, inverse = small_matrix(error, 3, 3), small_matrix(error, 3, 3)
     left_jacobian(error[A_N], error[A_E], error[A_D], jac)
     invert3(jac, inverse)
-    turned(inverse, error[POS:VEL], out[POS:VEL])
-    turned(inverse, error[VEL:ATT], out[VEL:ATT])
-    if straight:
-        copy(error[POS:VEL], out[POS:VEL])
-    for i in range(ATT, error.shape[0]):
-        out[i] = error[i]
+    copy(error, out)
+    if straight < 1:
+        turned(inverse, error[POS:VEL], out[POS:VEL])
+    if straight < 2:
+        turned(inverse, error[VEL:ATT], out[VEL:ATT])

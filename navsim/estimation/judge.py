@@ -4,29 +4,39 @@ from __future__ import annotations
 
 from navsim.core.lanes import in_lanes
 from navsim.estimation.answers import judge_all
-from navsim.estimation.charts import CHARTS
-from navsim.estimation.records import FILTERS, SMOOTHERS, TFG, Account, History, Judgement, Truth, empty_account
+from navsim.estimation.charts import CHARTS, chart_of
+from navsim.estimation.records import (
+    FILTERS,
+    SMOOTHERS,
+    TFG,
+    Account,
+    FilterModel,
+    History,
+    Judgement,
+    Truth,
+    empty_account,
+)
 
 
-def judge(kind: int, history: History, truth: Truth, single: int = 0) -> Judgement:
-    """What a history of an estimator of `kind` is worth, at all its outputs; a smoother's errors are those of `tfg`.
+def judge(model: FilterModel, history: History, truth: Truth, single: int = 0) -> Judgement:
+    """What a history of this model is worth, at all its outputs; a smoother's errors are those of `tfg`.
 
     history, truth: of one run, or of lanes; single: as of `empty_account`. Raises ValueError for a
     kind that is none of `records.FILTERS` or `records.SMOOTHERS`.
     """
     _, n, _, *lanes = history.covariance.shape
     account = empty_account(truth, n, 0, *lanes, single=single)
-    judge_into(kind, history, account)
+    judge_into(model, history, account)
     return account.judgement
 
 
-def judge_into(kind: int, history: History, account: Account) -> None:
+def judge_into(model: FilterModel, history: History, account: Account) -> None:
     """The same into the outputs of an account. Raises ValueError for one of another number of outputs, too."""
     if account.sigma.shape[0] != history.navigation.shape[0]:
         raise ValueError("the truth has not the outputs of the history")
-    if kind not in (*FILTERS, *SMOOTHERS):
-        raise ValueError(f"no kind of estimator: {kind}")
-    chart = CHARTS[TFG if kind in SMOOTHERS else kind]
+    if model.kind not in (*FILTERS, *SMOOTHERS):
+        raise ValueError(f"no kind of estimator: {model.kind}")
+    chart = CHARTS[TFG] if model.kind in SMOOTHERS else chart_of(model)
     navigation, covariance = history.navigation, history.covariance
     if covariance.ndim == 3:
         judge_all(chart, navigation, covariance, account)

@@ -46,6 +46,18 @@ class ImuData(NamedTuple):
     dv: np.ndarray
 
 
+STEADY_LINE, STEADY_SLOPE, STEADY_LAST, STEADY_LEFT = 0, 3, 6, 9
+"""Of `State.steady`: the line through the velocities at its latest time, m/s; its slope, m/s2; the line, and the
+filter's velocity, at the last measurement. NED."""
+STEADY_AGE, STEADY_IS, STEADY_ROUGHNESS, STEADY_COUNT = 12, 13, 14, 15
+STEADY_STEP, STEADY_TIME, STEADY_BEGUN = 16, 17, 18
+"""Age of the line, s; 1 while the flight is steady; mean square of the changes of velocity beside the line, in that of
+the noise, and the number that it is of; length of the last interval between measurements, s; when the next began, s;
+1 where it has."""
+STEADY_N = 19
+"""Size of `State.steady`."""
+
+
 class Events(NamedTuple):
     """What happens, in order (k,): time s; kind; row in the table of that kind, or of the outputs; ahead: on a copy of
     the filter that runs ahead of what may still arrive, thrown away before the next event that is not."""
@@ -73,12 +85,13 @@ class Mixture(NamedTuple):
 
 class State(NamedTuple):
     """A filter at a moment: navigation (NAV,), covariance (n, n), rejected (slots,) measurements that the gate rejected
-    in a row, of each slot (`observations.slot`); components whose moments these are, without room where a filter is no
-    sum."""
+    in a row, of each slot (`observations.slot`); steady (STEADY_N,) the line that tells steady flight
+    (`steady_force`); components whose moments these are, without room where a filter is no sum."""
 
     navigation: np.ndarray
     covariance: np.ndarray
     rejected: np.ndarray
+    steady: np.ndarray
     components: Mixture
 
 
@@ -99,7 +112,8 @@ class FilterModel(NamedTuple):
     densities of the sensors (`core.covariance`), for all intervals of the IMU or each; declared sensor states; gate
     (MOST + 1,) largest normalised innovation squared by the number of measurements; rejections in a row after which one
     is taken nevertheless; of a Gaussian sum the number of its components at most, and 1 sigma of heading (rad) of the
-    widest; clock of the receiver, where it is tightly coupled.
+    widest; clock of the receiver, where it is tightly coupled; steady_force: whether attitude errors turn only the
+    steady part of the specific force (`steady_force`).
     """
 
     kind: int
@@ -110,6 +124,7 @@ class FilterModel(NamedTuple):
     components: int = 0
     widest: float = math.inf
     clock: ReceiverClock = NO_CLOCK
+    steady_force: bool = False
 
     @property
     def states(self) -> int:
@@ -224,7 +239,8 @@ def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0, s
     whole[: navigation.shape[0]] = navigation
     mixture = Mixture(*(np.zeros((components, *shape, *lanes)) for shape in (whole.shape[:1], (n, n), (6,), ())))
     mixture.navigation[:1], mixture.covariance[:1], mixture.weight[:1] = whole, covariance, 1.0
-    return State(whole, covariance.copy(), np.zeros((KIND_COUNT + sources, *lanes)), mixture)
+    rejected, steady = np.zeros((KIND_COUNT + sources, *lanes)), np.zeros((STEADY_N, *lanes))
+    return State(whole, covariance.copy(), rejected, steady, mixture)
 
 
 def lanes_of(record: Any) -> Any:

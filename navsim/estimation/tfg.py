@@ -164,12 +164,11 @@ def own_error(nav, error, out, straight):
     t0, t1, t2 = error[A_N], error[A_E], error[A_D]
     left_jacobian(t0, t1, t2, jac)
     invert3(jac, inverse)
-    turned(inverse, error[POS:VEL], out[POS:VEL])
-    turned(inverse, error[VEL:ATT], out[VEL:ATT])
-    if straight:
-        copy(error[POS:VEL], out[POS:VEL])
-    for i in range(ATT, error.shape[0]):
-        out[i] = error[i]
+    copy(error, out)
+    if straight < 1:
+        turned(inverse, error[POS:VEL], out[POS:VEL])
+    if straight < 2:
+        turned(inverse, error[VEL:ATT], out[VEL:ATT])
     # C_true = exp(theta x) C = (I + [theta x] J_l) C
     for j in range(3):
         y[0] = c_nb[0, j]

@@ -103,6 +103,9 @@ class FilterSection(Section):
     misalignments: bool | None = None
     """follow the gains from one axis of gyros and accelerometers to another, six more states each where they have some;
     their 1 sigma at the start is that of imu. Left out: of each sensor whose misalignments are large for this flight"""
+    steady_force: bool = True
+    """in steady flight, couple attitude errors to velocity errors by the steady part of the specific force alone, so
+    that the accelerometers' noise does not look like information about heading; false: by the measured force"""
     gate: Gate = Gate()
     """rejection of fixes, or of ranges, that cannot be true"""
     sigma_tolerance: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.05

@@ -110,7 +110,7 @@ class LiveFilter:
         truth = self.trajectory.motion(np.array([arrival]))
         # what the sensors' true errors are nobody knows of real ones
         unknown = np.full((1, self.flight.model.declared.size), np.nan)
-        judged = judge(beliefs.kind, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, unknown))
+        judged = judge(self.flight.model, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, unknown))
         self.increments.drop(valid)
         self.left.append((arrival, history, judged))
         return True

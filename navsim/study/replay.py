@@ -144,6 +144,7 @@ class Recording:
             max_rejected=NEVER if gate.max_rejected is None else gate.max_rejected,
             components=section.gaussian_sum.components,
             widest=section.gaussian_sum.heading_deg * DEG,
+        steady_force=section.steady_force,
             clock=self.scenario.gnss.clock.densities() if self.tight else None,
         )
 

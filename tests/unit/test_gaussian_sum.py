@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from navsim.core import states
 from navsim.core.elementary import exp_of_negative
-from navsim.core.states import A_D, NAV_HELD, NAV_N, NAV_SENSORS, N
+from navsim.core.states import A_D, A_E, A_N, NAV_HELD, NAV_N, NAV_SENSORS, N
 from navsim.estimation import estimate, gaussian_sum, tfg
 from navsim.estimation.error_state import inject
 from navsim.estimation.observations import FIX, FixTable, Measurements
@@ -49,7 +49,7 @@ def sum_of(*parts: tuple[np.ndarray, np.ndarray, float], room: int = ROOM) -> Mi
 
 def bench() -> gaussian_sum.Bench:
     vectors = (np.empty(size) for size in (N, N, N, NAV_N, NAV_N))
-    return gaussian_sum.Bench(*vectors, np.empty((N, N)), np.empty((N, N)), np.empty(6), sum_of(room=2))
+    return gaussian_sum.Bench(*vectors, np.empty((N, N)), np.empty((N, N)), np.empty(6), sum_of(room=2), np.empty(ROOM))
 
 
 def moments(mixture: Mixture, flat: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -171,6 +171,14 @@ def arranged(mixture: Mixture, turn: float) -> Mixture:
     return mixture
 
 
+def levelled(p: np.ndarray) -> np.ndarray:
+    """A covariance whose tilt is known to half a milliradian."""
+    scale = np.ones(N)
+    scale[[A_N, A_E]] = 5e-4 / np.sqrt(np.diag(p)[[A_N, A_E]])
+    out: np.ndarray = p * np.outer(scale, scale)
+    return out
+
+
 def headings(mixture: Mixture) -> np.ndarray:
     """1 sigma of heading of the components that are there."""
     out: np.ndarray = np.sqrt(mixture.covariance[:, A_D, A_D])[mixture.weight > 0.0]
@@ -179,7 +187,7 @@ def headings(mixture: Mixture) -> np.ndarray:
 
 def test_components_are_as_narrow_as_a_turn_asks_for() -> None:
     """Down to half of the widest, as far as there is room; the sum keeps its moments."""
-    whole = centre(), covariance(1.4 * WIDEST)
+    whole = centre(), levelled(covariance(1.4 * WIDEST))
     calm, turning = (arranged(sum_of((*whole, 1.0)), turn) for turn in (0.02, 0.5))
     assert headings(calm).size == 3
     assert headings(calm).max() < WIDEST
@@ -191,6 +199,17 @@ def test_components_are_as_narrow_as_a_turn_asks_for() -> None:
     narrow = arranged(sum_of((centre(), covariance(0.4 * WIDEST), 1.0)), 0.5)
     np.testing.assert_array_equal(narrow.weight, np.eye(ROOM)[0])
     np.testing.assert_array_equal(narrow.covariance[0], covariance(0.4 * WIDEST))
+
+
+def test_components_are_narrow_while_tilt_is_being_learnt() -> None:
+    """Down to half of the widest without any turn; once the tilt is known, neighbours become one again."""
+    whole = centre(), covariance(1.4 * WIDEST)
+    tilted = arranged(sum_of((*whole, 1.0)), 0.02)
+    count = headings(tilted).size
+    assert count > 3
+    for j in range(count):
+        tilted.covariance[j] = levelled(tilted.covariance[j])
+    assert headings(arranged(tilted, 0.02)).size < count
 
 
 def test_there_are_never_more_than_there_is_room_for() -> None:

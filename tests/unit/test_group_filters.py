@@ -173,5 +173,7 @@ def test_the_kinds_of_a_scenario_are_those_of_estimators() -> None:
 def test_no_kind_is_judged_or_flown_as_another() -> None:
     history = records.empty_history(1, 0, states.N)
     truth = records.Truth(*(np.zeros((1, m)) for m in (3, 3, 4, 6)))
+    declared = np.empty(0, states.DECLARED)
+    none = records.FilterModel(max(records.SMOOTHERS) + 1, np.zeros((1, 2)), declared, np.ones(states.MOST + 1), 0)
     with pytest.raises(ValueError, match="no kind"):
-        judge.judge(max(records.SMOOTHERS) + 1, history, truth)
+        judge.judge(none, history, truth)

@@ -235,7 +235,7 @@ def _flown(width: int, kind: int, spoil: Spoil) -> dict[str, np.ndarray]:
     imu, measurements, events, state, model, truth = _before(width, kind, spoil)
     out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, *Judgement._fields)}
     for _, rows, piece in estimate.fly_in_pieces(imu, measurements, events, state, model):
-        judged = judge.judge(kind, piece, Truth(*(m[rows] for m in truth)))
+        judged = judge.judge(model, piece, Truth(*(m[rows] for m in truth)))
         for name, kept in out.items():
             kept.append((getattr(piece, name) if name in piece._fields else getattr(judged, name)).copy())
     return {

@@ -240,6 +240,7 @@ def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
         max_rejected=section.gate.max_rejected,
         components=section.gaussian_sum.components,
         widest=section.gaussian_sum.heading_deg * DEG,
+        steady_force=section.steady_force,
         clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
         lasting=lasting,
         reflections=section.fix_errors != "none",

@@ -1,0 +1,238 @@
+"""Steady specific force: keep the accelerometers' noise from looking like information about heading.
+
+A heading error shows in velocity by the horizontal specific force that it turns. A filter knows the measured force
+only, and the noise in it would count as force: in steady flight the filter would learn a heading that nothing shows,
+and believe it. So while the velocity that the fixes confirm follows a straight line, attitude errors are coupled to
+velocity errors by the change of that line, not by the change that the accelerometers measured. In a manoeuvre, which
+the tests here notice, the measured force is used again, and what was left out before is put back.
+
+The line belongs to the filter, not to a component: it follows the mean velocity of a Gaussian sum.
+
+Source: `docs/theory/filter.md`, section 11.
+"""
+
+from __future__ import annotations
+
+import math
+
+from navsim.core.attitude import difference, half_sinc
+from navsim.core.jit import kernel
+from navsim.core.lanes import any_lane, no, select, small_vector
+from navsim.core.states import A_D, A_E, A_N, NAV_HELD, NAV_QUAT, NAV_VEL, VEL
+from navsim.estimation.records import (
+    STEADY_AGE,
+    STEADY_BEGUN,
+    STEADY_COUNT,
+    STEADY_IS,
+    STEADY_LAST,
+    STEADY_LEFT,
+    STEADY_LINE,
+    STEADY_ROUGHNESS,
+    STEADY_SLOPE,
+    STEADY_STEP,
+    STEADY_TIME,
+)
+
+_WINDOW = 40.0
+"""Least memory of the line, s."""
+_WINDOW_MEMORIES = 12.0
+"""Memory of the line, in memories of the filter's velocity."""
+_YOUNG = 2.0
+"""Age that the line needs before it is used, s."""
+_YOUNG_MEMORIES = 1.3
+"""The same in memories of the filter's velocity."""
+_SLOWEST = 8.0
+"""Longest memory of the filter's velocity with which steady flight may begin, s: beyond it the noise tells little."""
+_UNCONFIRMED = 3.0
+"""Steady flight ends where the memory grows to this part more: fixes do not confirm the velocity any more."""
+_OFF_LINE = 4.5
+"""Distance of the velocity from the line that ends steady flight, in its sigma."""
+_JUMP = 6.0
+"""Change of velocity beside that of the line that ends steady flight, in the noise of the interval."""
+_ROUGH = 4.0
+"""Excess of the mean square of these changes that ends steady flight, in its own sigma."""
+_ROUGHNESS_TIME = 20.0
+"""Memory of that mean square, s."""
+
+
+@kernel
+def start_line(line, velocity, time):
+    """Start the line (STEADY_N,) at a velocity (3,) at a time, s, unless it goes on from an earlier flight."""
+    new = line[STEADY_ROUGHNESS] == 0.0
+    for i in range(3):
+        line[STEADY_LINE + i] = select(new, velocity[i], line[STEADY_LINE + i])
+        line[STEADY_LAST + i] = select(new, velocity[i], line[STEADY_LAST + i])
+    line[STEADY_TIME] = select(new, time, line[STEADY_TIME])
+    line[STEADY_ROUGHNESS] = select(new, 1.0, line[STEADY_ROUGHNESS])
+
+
+@kernel
+def has_begun(line):
+    """Whether an interval of the line is under way: the velocity that it began with is known."""
+    return any_lane(line[STEADY_BEGUN] > 0.5)
+
+
+@kernel
+def begin_interval(line, v, variance, q, time):
+    """Fit the line to the velocity v (3,) after a measurement, of this variance (3,), at a time, s.
+
+    q: density of the accelerometers' noise, m2/s3.
+    """
+    dt = line[STEADY_STEP]
+    memory = (variance[0] + variance[1] + variance[2]) / (3.0 * q)
+    longest = _WINDOW_MEMORIES * memory
+    longest = select(longest < _WINDOW, _WINDOW, longest)
+    youngest = _YOUNG_MEMORIES * memory
+    youngest = select(youngest < _YOUNG, _YOUNG, youngest)
+    age = line[STEADY_AGE] + dt
+    # a line by least squares, whose memory grows with its age
+    span = select(age > longest, longest, age)
+    many = select(dt > 0.0, span / select(dt > 0.0, dt, 1.0), 1.0)
+    many = select(many < 1.0, 1.0, many)
+    gain = 2.0 * (2.0 * many - 1.0) / (many * (many + 1.0))
+    gain = select(gain > 1.0, 1.0, gain)
+    slope_gain = select(many < 1.5, 0.0, 6.0 / (many * (many + 1.0)))
+    steady = line[STEADY_IS] > 0.5
+    grown = (age > youngest) & (memory < _SLOWEST)
+    count = select(steady | grown, line[STEADY_COUNT], 0.0)
+    begins = grown & no(steady) & no(_is_rough(line[STEADY_ROUGHNESS], count)) & (count * dt > _YOUNG)
+    for i in range(3):
+        off = v[i] - line[STEADY_LINE + i]
+        line[STEADY_SLOPE + i] += select(dt > 0.0, slope_gain * off / select(dt > 0.0, dt, 1.0), 0.0)
+        s = select(begins, v[i], line[STEADY_LINE + i] + gain * off)
+        line[STEADY_LINE + i] = s
+        line[STEADY_LAST + i] = select(steady, line[STEADY_LAST + i], s)
+        line[STEADY_LEFT + i] = v[i]
+    line[STEADY_AGE], line[STEADY_COUNT] = age, count
+    line[STEADY_IS] = select(begins, 1.0, line[STEADY_IS])
+    line[STEADY_TIME] = time + 0.0 * dt
+    line[STEADY_BEGUN] = 1.0 + 0.0 * dt
+
+
+@kernel
+def _is_rough(roughness, count):
+    """Whether changes of velocity are larger than noise makes them, each by itself unseen."""
+    return (roughness - 1.0) * (roughness - 1.0) * count * 3.0 > 2.0 * _ROUGH * _ROUGH * select(
+        roughness > 1.0, 1.0, math.inf
+    )
+
+
+@kernel
+def end_interval(line, v, variance, q, time, m):
+    """Compare the velocity v (3,) before a measurement, of this variance (3,), with the line.
+
+    m (3,): out, what is to be added to the change of velocity that attitude errors turn: less the noise of the interval
+    in steady flight, what was left out where it ends, else nothing.
+    """
+    dt = time - line[STEADY_TIME]
+    steady = line[STEADY_IS] > 0.5
+    memory = (variance[0] + variance[1] + variance[2]) / (3.0 * q)
+    ends = steady & (memory > _UNCONFIRMED * _SLOWEST)
+    sudden = steady & no(steady)
+    square = 0.0 * dt
+    for i in range(3):
+        off = v[i] - (line[STEADY_LINE + i] + line[STEADY_SLOPE + i] * dt)
+        jump = v[i] - line[STEADY_LEFT + i] - line[STEADY_SLOPE + i] * dt
+        sudden = sudden | (off * off > _OFF_LINE * _OFF_LINE * variance[i])
+        sudden = sudden | (steady & (jump * jump > _JUMP * _JUMP * q * dt))
+        square += jump * jump
+    longest = _ROUGHNESS_TIME / dt
+    count = line[STEADY_COUNT] + 1.0
+    count = select(count > longest, longest, count)
+    count = select(count < 1.0, 1.0, count)
+    roughness = line[STEADY_ROUGHNESS] + (square / (3.0 * q * dt) - line[STEADY_ROUGHNESS]) / count
+    line[STEADY_ROUGHNESS] = roughness
+    ends = ends | sudden | (steady & _is_rough(roughness, count))
+    stays, stops = steady & no(ends), steady & ends
+    for i in range(3):
+        s = line[STEADY_LINE + i] + line[STEADY_SLOPE + i] * dt
+        before, last = line[STEADY_LEFT + i], line[STEADY_LAST + i]
+        m[i] = select(stays, (s - last) - (v[i] - before), select(stops, before - last, 0.0))
+        s = select(ends, v[i], s)
+        line[STEADY_LINE + i] = s
+        line[STEADY_LAST + i] = s
+        line[STEADY_SLOPE + i] = select(ends, (v[i] - before) / dt, line[STEADY_SLOPE + i])
+    line[STEADY_AGE] = select(ends, 0.0, line[STEADY_AGE])
+    line[STEADY_IS] = select(ends, 0.0, line[STEADY_IS])
+    line[STEADY_COUNT] = select(sudden, 0.0, count)
+    line[STEADY_STEP] = dt
+    line[STEADY_BEGUN] = 0.0 * dt
+
+
+@kernel
+def couple(p, m):
+    """Add m (3,) to the change of velocity that attitude errors turn, in P (n, n): v <- v + theta x m, in place."""
+    n = p.shape[0]
+    m0, m1, m2 = m[0], m[1], m[2]
+    for j in range(n):
+        t0, t1, t2 = p[A_N, j], p[A_E, j], p[A_D, j]
+        p[VEL, j] += t1 * m2 - t2 * m1
+        p[VEL + 1, j] += t2 * m0 - t0 * m2
+        p[VEL + 2, j] += t0 * m1 - t1 * m0
+    for i in range(3):
+        row = VEL + i
+        t0, t1, t2 = p[row, A_N], p[row, A_E], p[row, A_D]
+        p[row, VEL] += t1 * m2 - t2 * m1
+        p[row, VEL + 1] += t2 * m0 - t0 * m2
+        p[row, VEL + 2] += t0 * m1 - t1 * m0
+    for i in range(3):
+        for j in range(n):
+            if j < VEL or j >= VEL + 3:
+                p[j, VEL + i] = p[VEL + i, j]
+        for j in range(i):
+            p[VEL + j, VEL + i] = p[VEL + i, VEL + j]
+
+
+@kernel
+def velocity_of(nav, p, v, variance):
+    """Velocity v (3,) of one Gaussian, and its variance (3,)."""
+    for i in range(3):
+        v[i], variance[i] = nav[NAV_VEL + i], p[VEL + i, VEL + i]
+
+
+@kernel
+def mean_velocity(mixture, count, v, variance):
+    """Velocity v (3,) of a sum of `count` components, and its variance (3,)."""
+    weight = mixture.weight
+    for i in range(3):
+        mean, square = 0.0 * weight[0], 0.0 * weight[0]
+        for j in range(count):
+            mean += select(weight[j] > 0.0, weight[j] * mixture.navigation[j, NAV_VEL + i], 0.0)
+        for j in range(count):
+            apart = mixture.navigation[j, NAV_VEL + i] - mean
+            own = apart * apart + mixture.covariance[j, VEL + i, VEL + i]
+            square += select(weight[j] > 0.0, weight[j] * own, 0.0)
+        v[i], variance[i] = mean, square
+
+
+@kernel
+def couple_sum(mixture, count, m, turns):
+    """`couple` every component of a sum, and take from its velocity what its own attitude made of the noise.
+
+    A component whose attitude is turned by phi from the mean has mechanised the noise turned by phi: its velocity and
+    its coupling take m turned likewise, and all components are left with the noise of one attitude. turns (M, 3): work.
+    """
+    weight = mixture.weight
+    mean, own = small_vector(m, 3), small_vector(m, 3)
+    for i in range(3):
+        mean[i] = 0.0
+    first = mixture.navigation[0, NAV_QUAT:NAV_HELD]
+    for j in range(count):
+        difference(mixture.navigation[j, NAV_QUAT:NAV_HELD], first, turns[j])
+        for i in range(3):
+            turns[j, i] = select(weight[j] > 0.0, turns[j, i], 0.0)
+            mean[i] += weight[j] * turns[j, i]
+    for j in range(count):
+        there = weight[j] > 0.0
+        a, b, c = turns[j, 0] - mean[0], turns[j, 1] - mean[1], turns[j, 2] - mean[2]
+        s, w = half_sinc(a * a + b * b + c * c)
+        # (R - I) m = 2 w s phi x m + 2 s^2 phi x (phi x m)
+        x, y, z = b * m[2] - c * m[1], c * m[0] - a * m[2], a * m[1] - b * m[0]
+        one, two = 2.0 * w * s, 2.0 * s * s
+        own[0] = one * x + two * (b * z - c * y)
+        own[1] = one * y + two * (c * x - a * z)
+        own[2] = one * z + two * (a * y - b * x)
+        for i in range(3):
+            mixture.navigation[j, NAV_VEL + i] += select(there, own[i], 0.0)
+            own[i] = select(there, m[i] + own[i], 0.0)
+        couple(mixture.covariance[j], own)

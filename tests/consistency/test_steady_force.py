@@ -1,0 +1,154 @@
+"""Noise of the accelerometers is no information about heading (`estimation.steady_force`)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from navsim.core.states import A_D, ATT, VEL, N
+from navsim.estimation import records, steady_force
+from navsim.study.executor import threads
+from navsim.study.landing import fly_all
+from tests.helpers import case, cross
+
+DEG = np.pi / 180.0
+ATTITUDE, DRIFT = 5.0 * DEG, 700.0 / 3600.0 * DEG
+"""What is known of heading at the start of `landing.yaml`, rad, and of the gyros, rad/s."""
+UNSEEN = 3801
+"""A seed by which nothing was chosen."""
+
+
+class Heading:
+    """Heading in straight flight, where nothing shows it: at times (t,) the 1 sigma of the prior, RMS of the errors
+    over that of the errors drawn, RMS of error / sigma, mean variance believed."""
+
+    def __init__(self, runs: int, *assignments: str, times: tuple[float, ...] = (3.0, 10.0, 20.0, 40.0, 59.0)) -> None:
+        flown = case("duration_s=59.5", *assignments)
+        ensemble = fly_all(flown, UNSEEN, 0, runs, threads(), keep="errors")
+        at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in times]
+        every, elapsed = np.asarray(ensemble["error"]), np.asarray(times)
+        error, sigma = every[:, at, A_D], np.asarray(ensemble["sigma"])[:, at, A_D]
+        # a gyro that measures too much turns the estimate with it; level, its z axis points down
+        drawn = every[:, :1, A_D] - elapsed * every[:, :1, A_D + 3]
+        self.prior = np.hypot(ATTITUDE, DRIFT * elapsed)
+        self.ratio = np.sqrt((error**2).mean(axis=0) / (drawn**2).mean(axis=0))
+        self.z = np.sqrt(((error / sigma) ** 2).mean(axis=0))
+        self.variance = (sigma**2).mean(axis=0)
+
+    @property
+    def information(self) -> np.ndarray:
+        """What is believed to be known beside the prior (t,), 1/rad2."""
+        return 1.0 / self.variance - self.prior**-2
+
+
+def test_straight_flight_tells_nothing_of_heading() -> None:
+    """The default believes next to nothing beside the prior, and errs as the errors drawn."""
+    heading = Heading(160)
+    assert np.all(heading.information < 2.5), heading.information
+    assert heading.ratio[-1] < 1.04
+    assert np.all(np.abs(heading.z - 1.0) < 0.07 + 2.5 * np.sqrt(0.5 / 160)), heading.z
+
+
+def test_without_it_the_filter_is_too_sure() -> None:
+    """The same runs with the measured force: components believe nothing of it, but their weights follow the noise."""
+    heading = Heading(160, "filter.steady_force=false")
+    assert heading.ratio[-1] > 1.08
+
+
+@pytest.mark.parametrize(
+    ("kind", "before", "now"), [("eskf", 8.0, 3.5), ("tfg", 7.0, 3.5), ("left-invariant", 8.0, 6.5)]
+)
+def test_one_gaussian(kind: str, before: float, now: float) -> None:
+    """One Gaussian learns less from noise, too; what is left is of the first seconds and, of `left-invariant`, of its
+    chart."""
+    with_it, without = (Heading(48, f"filter.kind={kind}", f"filter.steady_force={s}") for s in ("true", "false"))
+    assert without.information[-1] > before
+    assert with_it.information[-1] < now
+    assert with_it.ratio[-1] < without.ratio[-1]
+
+
+def test_a_noisy_accelerometer_does_not_push_components_outwards() -> None:
+    """With 30 mg the believed heading is within 3 % of the prior: every component is coupled by its own rotation of the
+    noise. By the mean one, sigma grew to 16 degrees."""
+    heading = Heading(96, "imu.accelerometer.noise_mg=30")
+    assert abs(np.sqrt(heading.variance[-1]) / heading.prior[-1] - 1.0) < 0.03
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("filter.coupling=tight",),
+        ("receiver.latency_s=0.3", "receiver.lever_arm_m=[2,0.5,-1]"),
+        ("receiver.rate_hz=1",),
+    ],
+)
+def test_whatever_the_fixes(settings: tuple[str, ...]) -> None:
+    heading = Heading(48, *settings)
+    assert np.all(heading.information < 2.5), heading.information
+
+
+def test_coupling() -> None:
+    """T P T' with T of the definition."""
+    root = np.random.default_rng(3).standard_normal((N, N))
+    p, m = root @ root.T, np.array([0.3, -0.2, 0.5])
+    t = np.eye(N)
+    t[VEL : VEL + 3, ATT : ATT + 3] = -cross(m)
+    expected = t @ p @ t.T
+    steady_force.couple(p, m)
+    np.testing.assert_allclose(p, expected, atol=1e-12)
+    np.testing.assert_array_equal(p, p.T)
+
+
+Q, VARIANCE, STEP = 1e-4, np.full(3, 4e-4), 0.1
+
+
+def through(velocities: np.ndarray) -> np.ndarray:
+    """What is added to the couplings (k, 3) of intervals that end with velocities (k, 3), which fixes leave."""
+    line, m = np.zeros(records.STEADY_N), np.zeros((len(velocities), 3))
+    steady_force.start_line(line, np.zeros(3), 0.0)
+    before = np.zeros(3)
+    for k, v in enumerate(velocities):
+        steady_force.begin_interval(line, before, VARIANCE, Q, STEP * k)
+        steady_force.end_interval(line, v, VARIANCE, Q, STEP * (k + 1), m[k])
+        before = v
+    return m
+
+
+def noisy_line(count: int, slope: float = 0.2) -> np.ndarray:
+    """Velocities on a line, with a noise that fixes keep small."""
+    rng, out, noise = np.random.default_rng(5), [], np.zeros(3)
+    for k in range(1, count + 1):
+        noise = 0.97 * noise + np.sqrt(Q * STEP) * rng.standard_normal(3)
+        out.append(slope * STEP * k + noise)
+    return np.array(out)
+
+
+def test_noise_is_left_out() -> None:
+    """In steady flight what is coupled is the change of the line: much smoother than that of the velocity."""
+    velocities = noisy_line(600)
+    m = through(velocities)
+    change = np.diff(velocities, axis=0, prepend=0.0)
+    assert not m[:20].any()
+    coupled = change[100:] + m[100:]
+    np.testing.assert_allclose(coupled.mean(axis=0), 0.2 * STEP, atol=2e-3)
+    assert coupled.std() < 0.3 * change[100:].std()
+
+
+def test_a_manoeuvre_gives_back_what_was_left_out() -> None:
+    """At the jump, all of the felt change of velocity is coupled; then each interval as it was felt."""
+    velocities = noisy_line(600)
+    velocities[500:] += 1.0
+    m = through(velocities)
+    assert np.abs(m[499]).max() > 0.0
+    np.testing.assert_allclose(m[:501].sum(axis=0), 0.0, atol=1e-12)
+    assert not m[501:520].any()
+
+
+def test_weak_gusts_end_steady_flight() -> None:
+    """Changes a quarter as large again as noise makes them, none of which is seen by itself."""
+    velocities = noisy_line(600)
+    gusts = 0.8 * np.sqrt(Q * STEP) * np.random.default_rng(7).standard_normal((600, 3))
+    shaken = velocities + np.cumsum(gusts, axis=0)
+    still, moving = (np.abs(through(v)[300:]).max(axis=1) > 0.0 for v in (velocities, shaken))
+    assert still.mean() > 0.9
+    assert moving.mean() < 0.2
