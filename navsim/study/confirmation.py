@@ -1,8 +1,8 @@
-"""Runs of what an analysis recommends: its errors by Monte Carlo beside those by covariance analysis.
+"""Confirmation of the best placements by runs: errors by Monte Carlo beside those of the covariance analysis.
 
-A covariance analysis is right to some order alone, and a search looks for the place where it is smallest: if it is
-wrong anywhere, that is where the search ends. So the best placements are flown before they are printed. One whose runs
-are worse than its analysis says is rejected, and the next best is flown, with other runs.
+A covariance analysis is right to some order alone. A search looks for the position where it is smallest, so it ends
+where the analysis is wrong, if it is wrong anywhere. navsim therefore flies the best placements before it prints them.
+It rejects one whose runs are worse than the analysis, and flies the next best with other runs.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from navsim.study.partial import Arrays
 RUNS = 200
 """Runs of a recommended flight: the interval of an RMS error is 10 % wide to each side."""
 TOLERANCE = 0.1
-"""Runs speak against an analysis where their 95 % interval lies beyond this part of its value."""
+"""Runs contradict an analysis if their 95 % interval lies beyond this share of its value."""
 _PARTS = ("horizontal", "vertical")
-"""Errors that are shown whatever the objective is."""
+"""Errors to report for every objective."""
 
 Errors = Mapping[str, float]
 """Errors of the filter by name, with the ends of their intervals as `NAME_low`, `NAME_high`."""
@@ -37,9 +37,9 @@ Candidate = Callable[[], tuple[np.ndarray, float] | None]
 """A choice, a placement (k, 2) or the number of a combination (1,), and its objective by analysis; None where it is
 none after all."""
 APART = 30.0
-"""How far candidates are from each other, m: runs that speak against one speak against its neighbours too."""
+"""Least distance between candidates, m: runs that contradict one contradict its neighbours too."""
 CANDIDATES = 12
-"""Choices that are flown at most until runs agree with the analysis of one."""
+"""Largest number of choices to fly until runs agree with the analysis of one."""
 
 
 def filter_outputs(tree: Result | Draft) -> dict[str, float]:
@@ -66,12 +66,12 @@ def interval_of(errors: Errors, name: str) -> np.ndarray:
 
 
 def is_worse(analysed: float, interval: np.ndarray) -> bool:
-    """Whether runs exclude that errors are as small as analysed, or up to `TOLERANCE` larger."""
+    """Whether the runs are significantly worse than the analysis, by more than `TOLERANCE`."""
     return bool(interval[1] > (1.0 + TOLERANCE) * analysed)
 
 
 def is_better(analysed: float, interval: np.ndarray) -> bool:
-    """Whether runs exclude that errors are as large as analysed, or up to `TOLERANCE` smaller."""
+    """Whether the runs are significantly better than the analysis, by more than `TOLERANCE`."""
     return bool(interval[2] < (1.0 - TOLERANCE) * analysed)
 
 
@@ -86,21 +86,21 @@ class FlownChoice:
 
     @property
     def is_worse(self) -> bool:
-        """Whether its runs speak against the analysis."""
+        """Whether its runs contradict the analysis."""
         return is_worse(self.analysed, self.errors[0])
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """What runs say of the best choices. best: the one that is recommended, by runs that chose nothing. rejected:
-    others, by the runs that spoke against them. runs: of each."""
+    """Runs of the best choices. best: the recommended one, with runs that chose nothing. rejected: the others, with the
+    runs that contradicted them. runs: number of runs of each."""
 
     best: FlownChoice
     rejected: tuple[FlownChoice, ...]
     runs: int
 
     def arrays(self) -> Arrays:
-        """As arrays, of which `of` makes the same again."""
+        """Arrays for storage; `of` restores the object."""
         every = (self.best, *self.rejected)
         return {
             "choice": np.array([one.choice for one in every]), "analysed": np.array([one.analysed for one in every]),
@@ -109,7 +109,7 @@ class Confirmation:
 
     @staticmethod
     def of(arrays: Arrays) -> Confirmation:
-        """What `arrays` was made of."""
+        """Restore the object from `arrays`."""
         columns = (arrays[name] for name in ("choice", "analysed", "errors"))
         best, *rejected = (
             FlownChoice(choice, float(value), errors) for choice, value, errors in zip(*columns, strict=True)
@@ -117,8 +117,8 @@ class Confirmation:
         return Confirmation(best, tuple(rejected), int(arrays["runs"]))
 
     def findings(self, whose: str, label: Callable[[np.ndarray], str]) -> list[Finding]:
-        """What was rejected and why, and a recommended choice whose runs do not agree. whose: choices these are; label:
-        of a choice, in words."""
+        """Findings about rejected choices, and about a recommended one whose runs do not agree. whose: prefix of the
+        messages; label: makes the text of a choice."""
         out = []
         for one in self.rejected:
             text = f"{whose}: {label(one.choice)} is rejected: {self._both(one)}"
@@ -139,12 +139,11 @@ class Confirmation:
 
 
 def confirm(candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int, runs: int) -> Confirmation:
-    """Fly candidates, the best by analysis first, until runs agree with the analysis of one, or no analysis that is
-    left is better than what was flown.
+    """Fly candidates, the best by analysis first, until runs agree with the analysis of one, or no remaining analysis
+    is better than the runs so far.
 
-    Recommended is the one whose runs agree, unless another one flies better all the same. Each candidate has runs of
-    its own; what is recommended after several were flown is flown anew: the runs that chose it are not those that are
-    printed.
+    The function recommends the candidate whose runs agree, unless another one flies better. Each candidate has its own
+    runs. After several candidates, the recommended one is flown once more: the runs that chose it are biased.
     """
     tried: list[FlownChoice] = []
     of_filter = objective in FILTER_QUANTITIES

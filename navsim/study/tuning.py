@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from navsim.study.replay import Recording
 
 FASTEST_NEEDED = 3.0
-"""Speed over ground, m/s, from which on a fix of any flight is in motion."""
+"""Speed over ground, m/s, above which a fix of any flight counts as in motion."""
 SLOWEST, SLOWEST_DERIVED = 0.5, 1.5
 """Least speed, m/s, of a fix in motion, and where positions alone give the speed: receivers at rest show less."""
 TYPICAL, SHARE = 90.0, 0.5
-"""Of a slow flight the fixes faster than this share of a percentile of its speeds are in motion."""
+"""Share of a percentile of the speeds of a slow flight; faster fixes count as in motion."""
 FEWEST = 20
-"""Fixes in motion that a tuning needs more of: those of a receiver at rest are smoothed, and show no noise."""
+"""Number of fixes in motion that a tuning has to exceed: receivers at rest smooth their fixes and so hide the noise."""
 TRUST = 0.7
 """1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
 STRAYED = 5.0
@@ -39,16 +39,16 @@ are."""
 SEARCHED = (FIX_LATENCIES[0], 2.0)
 """Bounds between which the latency is searched, s. A larger one can be given; it is rather an offset of the clocks."""
 AT_BOUND = 0.01
-"""A latency this close to one of them, s, stands there."""
+"""Distance from a bound of the latency, s, below which the latency is at that bound."""
 COARSE = 2.5
 """Step between the latencies that are tried before the simplex, tenths of a second."""
 EVALUATIONS = 400
-"""Most flights that a tuning makes."""
+"""Largest number of flights of a tuning."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Settings (5,) as of `Recording.tuned`; which of them are tuned (5,) bool; what is not to be relied on."""
+    """Settings (5,) as of `Recording.tuned`; which of them are tuned (5,) bool; warnings about them."""
 
     settings: np.ndarray
     tuned: np.ndarray
@@ -132,8 +132,8 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
 
 def _first_latency(cost: Callable[[float], float]) -> float:
-    """The latency, tenths of a second, where the simplex starts: 0.1 s, unless another one is more likely. cost: of
-    flights without the gate, which rejects all fixes alike where the latency is far off, and shows no way to it."""
+    """The latency, tenths of a second, at which the simplex starts: 0.1 s, unless another one is more likely. cost: of
+    flights without the gate. With it, all fixes are rejected if the latency is far off, and the cost has no slope."""
     near, (lowest, highest) = 1.0, (10.0 * bound for bound in SEARCHED)
     coarse = np.arange(np.ceil((lowest - near) / COARSE), np.floor((highest - near) / COARSE) + 1.0) * COARSE + near
     coarse = np.unique([lowest, *coarse, highest])
@@ -145,7 +145,7 @@ def _first_latency(cost: Callable[[float], float]) -> float:
 
 
 def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int) -> list[str]:
-    """What of a tuning is not to be relied on."""
+    """Warnings about a tuning."""
     out = []
     if not converged:
         names = ", ".join(recording.tuned[i].replace("_", " ") for i in recording.free)

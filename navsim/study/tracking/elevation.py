@@ -6,7 +6,7 @@ Source: `docs/theory/elevation.md`. Degrees throughout, as the paper has it.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -134,29 +134,37 @@ def _initial(
 
 
 @dataclass(frozen=True)
-class NominalRun:
-    """The filter on the nominal approach: bias (q, k) estimate minus truth, noise (q, k) 1 sigma, deg; time (k,) s."""
+class ChannelRun:
+    """A channel's filters on its true angle, a filter for each process noise Q, deg.
+
+    time (k,), s, angle (k,). sigma (q,): 1 sigma in the limit. bias (q, k): estimate minus truth; noise (q, k): 1 sigma
+    of what measurement noise adds.
+    """
 
     time: np.ndarray
-    beta: np.ndarray
+    angle: np.ndarray
+    sigma: np.ndarray
     bias: np.ndarray
     noise: np.ndarray
 
+    @classmethod
+    def of(
+        cls, time: np.ndarray, angle: np.ndarray, filters: Sequence[tuple[Model, np.ndarray, tuple[float, ...]]]
+    ) -> ChannelRun:
+        """Run filters on a true angle (k,): models with the covariance (n, n) and the state (n,) they start with."""
+        bias, noise = np.swapaxes([without_noise(*each, angle) for each in filters], 0, 1)
+        limits_ = [steady_state(m.phi, m.q, m.h, m.r)[0][0, 0] for m, _, _ in filters]
+        return cls(time, angle, np.sqrt(limits_), bias, noise)
 
-def nominal(scenario: Elevation) -> NominalRun:
-    """Without a random number: the bias is a run free of noise, the noise a covariance."""
+
+def nominal(scenario: Elevation) -> ChannelRun:
+    """The elevation filters on the nominal approach, without random numbers."""
     f, section = scenario.filter, scenario.nominal
-    steps = scenario.nominal_steps
-    time = section.from_s + f.period_s * np.arange(1, steps + 1)
-    beta = mls.approach(time)[0]
-    bias, noise = [], []
-    for variance in section.rate_variances_deg2_s2:
-        m = _model(scenario, variance)
-        n = m.phi.shape[0]
-        one = without_noise(m, _initial(scenario, n), (*f.initial_deg, 0.0)[:n], beta)
-        bias.append(one[0])
-        noise.append(one[1])
-    return NominalRun(time, beta, np.array(bias), np.array(noise))
+    time = section.from_s + f.period_s * np.arange(1, scenario.nominal_steps + 1)
+    models = [_model(scenario, q) for q in section.rate_variances_deg2_s2]
+    n = models[0].phi.shape[0]
+    start = _initial(scenario, n), (*f.initial_deg, 0.0)[:n]
+    return ChannelRun.of(time, mls.approach(time)[0], [(m, *start) for m in models])
 
 
 def without_noise(
@@ -204,7 +212,7 @@ def least_error_gain(rate: float, period: float, r: float) -> float:
     return float(k[np.argmin((rate * period * (1.0 - k) / k) ** 2 + r * k / (2.0 - k))])
 
 
-def orders(scenario: Elevation, flown: NominalRun) -> list[OrderRun]:
+def orders(scenario: Elevation, flown: ChannelRun) -> list[OrderRun]:
     """First-order filters beside the second-order one of the scenario, on the nominal approach.
 
     In the limit a first-order filter of the gain K has the process noise K P- = K^2 R/(1 - K).
@@ -231,10 +239,10 @@ def orders(scenario: Elevation, flown: NominalRun) -> list[OrderRun]:
 
 
 def _order(
-    name: str, variance: float, m: Model, p0: np.ndarray, first: tuple[float, ...], flown: NominalRun
+    name: str, variance: float, m: Model, p0: np.ndarray, first: tuple[float, ...], flown: ChannelRun
 ) -> OrderRun:
     p, gain = steady_state(m.phi, m.q, m.h, m.r)
-    bias, noise = without_noise(m, p0, first, flown.beta)
+    bias, noise = without_noise(m, p0, first, flown.angle)
     captured = flown.time >= mls.LEVEL_END
     before, recovery = np.nan, np.nan
     if captured.any() and not captured[0]:
@@ -306,20 +314,8 @@ def limits(scenario: Elevation, correlation_time: float) -> Limits:
 
 
 def judged(scenario: Elevation, time: np.ndarray) -> np.ndarray:
-    """Which times of the nominal run are behind its start."""
+    """Whether times of the nominal run are past its settling."""
     return time >= scenario.nominal.from_s + SETTLING
-
-
-@dataclass(frozen=True)
-class ChannelRun:
-    """A channel's filter on its true angle: time, angle (k,); by Q, its steady sigma (q,), bias and noise (q, k),
-    deg."""
-
-    time: np.ndarray
-    angle: np.ndarray
-    sigma: np.ndarray
-    bias: np.ndarray
-    noise: np.ndarray
 
 
 def azimuth_channel(scenario: Elevation) -> ChannelRun:
@@ -327,13 +323,12 @@ def azimuth_channel(scenario: Elevation) -> ChannelRun:
     c, f = scenario.azimuth, scenario.filter
     time = c.from_s + c.period_s * np.arange(1, scenario.azimuth_steps + 1)
     angle = mls.azimuth(time, c.on_line_s, c.cross_speed_m_s, c.cross_acceleration_m_s2)[0]
-    sigma, runs = [], []
+    filters = []
     for q in c.rate_variances_deg2_s2:
         m = model(f.model, c.period_s, q, f.correlation_time_s, c.measurement_variance_deg2)
         n = m.phi.shape[0]
-        sigma.append(float(np.sqrt(steady_state(m.phi, m.q, m.h, m.r)[0][0, 0])))
-        runs.append(without_noise(m, _initial(scenario, n, q, c.period_s), (*c.initial_deg, 0.0)[:n], angle))
-    return ChannelRun(time, angle, np.array(sigma), *(np.array([run[i] for run in runs]) for i in range(2)))
+        filters.append((m, _initial(scenario, n, q, c.period_s), (*c.initial_deg, 0.0)[:n]))
+    return ChannelRun.of(time, angle, filters)
 
 
 FLARE_SOURCES = ("angle of the station", "range and radio altimeter", "both")
@@ -482,7 +477,7 @@ def compute(scenario: Elevation, seed: int, runs: int | None, done: Callable[[in
 
 
 def _findings(proof: Proof, steps: int, runs: int) -> list[Finding]:
-    """What the Monte Carlo says against the filter's covariance; errors within a run count as one."""
+    """Findings of the Monte Carlo against the filter's covariance; errors within a run count as one."""
     size = proof.covariance.shape[1]
     out = []
     bad = ~positive(proof.covariance) | ~np.isfinite(proof.mean_error).all(axis=1)
@@ -502,24 +497,18 @@ def _approach(draft: Draft) -> None:
     draft["/approach/segment_start"] = np.array([0.0, mls.LEVEL_END, mls.GLIDE_END, mls.GLIDE_END + mls.FLARE])
 
 
-def _nominal(draft: Draft, scenario: Elevation, flown: NominalRun) -> None:
+def _nominal(draft: Draft, scenario: Elevation, flown: ChannelRun) -> None:
     draft["/nominal/rate_variance"] = np.array(scenario.nominal.rate_variances_deg2_s2)
     draft.put("/nominal/time", flown.time, {"settling_s": SETTLING})
-    draft["/nominal/beta"] = flown.beta
+    draft["/nominal/beta"] = flown.angle
     draft["/nominal/bias"] = flown.bias
     draft["/nominal/noise"] = flown.noise
     settled = judged(scenario, flown.time)
-    peak = np.argmax(np.abs(flown.bias[:, settled]), axis=1)
-    draft["/nominal/worst_rmse"] = np.hypot(flown.bias, flown.noise)[:, settled].max(axis=1)
-    draft["/nominal/peak_bias"] = np.take_along_axis(flown.bias[:, settled], peak[:, None], axis=1)[:, 0]
-    draft["/nominal/peak_time"] = flown.time[settled][peak]
-    draft["/nominal/steady_sigma"] = np.array([
-        np.sqrt(steady_state(m.phi, m.q, m.h, m.r)[0][0, 0])
-        for m in (_model(scenario, q) for q in scenario.nominal.rate_variances_deg2_s2)
-    ])  # fmt: skip
+    _worst(draft, "/nominal", flown.time, settled)
+    draft["/nominal/steady_sigma"] = flown.sigma
 
 
-def _orders(draft: Draft, scenario: Elevation, flown: NominalRun) -> None:
+def _orders(draft: Draft, scenario: Elevation, flown: ChannelRun) -> None:
     found, settled = orders(scenario, flown), judged(scenario, flown.time)
     draft["/order/filter"] = np.array([order.name for order in found], dtype=object)
     draft["/order/time"] = flown.time
