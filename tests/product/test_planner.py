@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import http.client
 import json
+import math
 import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -527,3 +530,69 @@ def test_all_may_be_removed_and_come_again(tmp_path: Path) -> None:
     assert proposal.names == ("PL1",)
     np.testing.assert_allclose(proposal.places(), [[100.0, 200.0, 5.0]])
     assert "height_m: 5.0" in proposal.text().text
+
+
+@contextmanager
+def tunnelled(port: int) -> Iterator[int]:
+    """A port whose connections are passed on to another one, as `ssh -L` does, and its number."""
+
+    def pass_on(source: socket.socket, target: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                target.sendall(data)
+            target.shutdown(socket.SHUT_WR)
+
+    def accept() -> None:
+        with suppress(OSError):  # closed at the end
+            while True:
+                here, _ = listening.accept()
+                there = socket.create_connection(("127.0.0.1", port))
+                ends.extend((here, there))
+                for pair in ((here, there), (there, here)):
+                    threading.Thread(target=pass_on, args=pair, daemon=True).start()
+
+    ends: list[socket.socket] = []
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        threading.Thread(target=accept, daemon=True).start()
+        try:
+            yield listening.getsockname()[1]
+        finally:
+            for end in ends:
+                end.close()
+
+
+def orders_are_carried_out_or_refused(looked: Looked) -> None:
+    """Malformed orders, then a pull by the mouse."""
+    send = "order => { planner.figure().tags[0].data = { order: [order] }; }"
+    places = "[...planner.places().data.x, ...planner.places().data.y]"
+    before = looked.page.evaluate(places)
+    for order, said in (
+        ({"do": "place", "kind": "pseudolite", "number": -1, "x": 1, "y": 400}, "number"),
+        ({"do": "place", "kind": "pseudolite", "number": "0", "x": 1, "y": 400}, "number"),
+        ({"do": "place", "kind": "pseudolite", "number": 0, "x": "1", "y": 400}, "x"),
+        ({"do": "place", "kind": "pseudolite", "number": 0, "x": math.nan, "y": 400}, "x"),
+        ({"do": "dance"}, "do"),
+        ("no order", ""),
+    ):
+        text = order if isinstance(order, str) else json.dumps(order)
+        looked.page.evaluate("document.querySelector('#problems').replaceChildren()")
+        looked.page.evaluate(send, text)
+        looked.page.wait_for_selector("#problems li")
+        assert said in looked.problems()[0]
+    looked.rest()
+    assert looked.page.evaluate(places) == before
+    looked.dragged(0, 30.0, -20.0)
+    assert looked.page.evaluate(places) != before
+    assert not looked.said, "every request goes the same way, without a word in the console"
+
+
+def test_the_page_lives_behind_a_tunnel_and_wrong_orders(browser: Any, tmp_path: Path) -> None:
+    """Its websocket connects by the name localhost and another port, and it carries out orders; one that is malformed
+    gets a message, changes nothing, and the page goes on."""
+    (tmp_path / "field.yaml").write_text(FIELD)
+    with served("field.yaml", "-o", "out.yaml", cwd=tmp_path) as (address, process):
+        with tunnelled(int(address.rstrip("/").rpartition(":")[2])) as port:
+            orders_are_carried_out_or_refused(Looked(browser, f"http://localhost:{port}/"))
+        code, last = ended(process)
+        assert code == 130
+        assert "Traceback" not in last
