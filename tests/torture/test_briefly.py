@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.forks import Forks
+from tests.forks import Forks, shared
 from tests.torture import trials
 
 QUICK = ("ensemble", "landing", "sweep", "replay", "elevation")
@@ -15,9 +14,9 @@ QUICK = ("ensemble", "landing", "sweep", "replay", "elevation")
 
 
 @pytest.fixture(scope="module")
-def commands(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
-    with Forks(tmp_path_factory.mktemp("said"), trials.warming(QUICK)) as forks:
-        yield forks
+def commands() -> Forks:
+    shared().prepare(trials.warming(QUICK))
+    return shared()
 
 
 def test_mutants_are_refused_in_words_or_are_in_order(commands: Forks, tmp_path: Path) -> None:
@@ -36,8 +35,10 @@ def test_killed_anywhere_and_resumed(commands: Forks, tmp_path: Path) -> None:
     assert trials.killed(commands, tmp_path, 103, 4, QUICK).wrong == []
 
 
-def test_full_disk_at_each_step_of_a_study(commands: Forks, tmp_path: Path) -> None:
-    whole = trials.filled(commands, tmp_path / "whole", 104, 1000, ("landing",))
+@pytest.mark.parametrize("most", [10, pytest.param(1000, marks=pytest.mark.long)])
+def test_full_disk_at_steps_of_a_study(most: int, commands: Forks, tmp_path: Path) -> None:
+    """At each step, or at some."""
+    whole = trials.filled(commands, tmp_path / "whole", 104, most, ("landing",))
     assert whole.wrong == []
     assert whole.count > 5
     assert trials.filled(commands, tmp_path / "drawn", 104, 4, ("ensemble",)).wrong == []

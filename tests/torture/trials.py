@@ -28,7 +28,8 @@ ALL = tuple(studies.STUDIES)
 
 def warming(names: Sequence[str] = ALL) -> list[tuple[object, ...]]:
     """What the forks are to find loaded for trials of these studies."""
-    checks = [("validate", file) for file in sorted(SCENARIOS.glob("*.yaml"))]
+    of_kinds = {yaml_kind(text): name for name, text in sources().items()}
+    checks = [("validate", SCENARIOS / name) for name in of_kinds.values()]
     return [*checks, *((*studies.STUDIES[name], "--force") for name in names)]
 
 
