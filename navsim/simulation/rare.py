@@ -9,6 +9,8 @@ would without the push.
 Runs are drawn from a mixture of pushes: one for each face, some of them half as far, some not at all. Its weights never
 exceed one over the share of the last, so that errors which no face stands for cost accuracy, never truth.
 
+Equations: `docs/theory/covariance.md`, section 3.
+
 Sources: [1] Owen & Zhou, Safe and effective importance sampling, JASA 95 (2000) (mixtures with a defensive component).
 [2] Veach & Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH (1995) (the balance
 heuristic). [3] Bucklew, Introduction to Rare Event Simulation (2004) (shifts to the likeliest way into a rare set).
