@@ -176,9 +176,10 @@ def test_published_figure_at_56n_37e(shared: Path, within: Within) -> None:
 
 @pytest.mark.validates("row 1 of Table 2 from a real jammed sky", "the landing paper", DOPs="0.005")
 def test_sky_of_row_one(shared: Path, within: Within) -> None:
-    """A real sky, its upper part jammed, has row 1 of Table 2 at touchdown: `docs/landing.md`, "A real sky".
+    """A real sky, its upper part jammed, has row 1 of Table 2 at touchdown.
 
-    R19 stands at 45.87 degrees there and must be lost for the printed figures; with a limit of 46.0 PDOP is 3.41.
+    Source: `docs/landing-measured.md`, "Row 1 of Table 2 under a real sky". R19 stands at 45.87 degrees
+    there and must be lost for the printed figures; with a limit of 46.0 PDOP is 3.41.
     """
     common = (
         ALMANAC.format(shared), "sky.source=almanac", "epoch=2018-09-15T01:05:59.9Z", "pseudolites.count=0",
