@@ -15,7 +15,6 @@ from navsim.scenario.load import read, resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.study.landing import prepare
 from navsim.study.landing.requirements import untold_by_pushed_runs
-from navsim.study.statistics import verdict
 from tests.conftest import SCENARIOS
 
 LANDING = SCENARIOS / "landing.yaml"
@@ -92,11 +91,6 @@ def test_pushed_runs_tell_of_the_box_alone() -> None:
     (said,) = untold_by_pushed_runs(scenario)
     assert said.endswith("; method monte-carlo tells of: lateral error at touchdown below 8 m in 95 % of runs")
     assert untold_by_pushed_runs(read(LANDING, [box, "requirements=[{what: box, at_most: 0.1}]"])[0]) == []
-
-
-def test_an_error_that_is_not_there_has_no_number() -> None:
-    assert verdict(np.array([1907851.0, 1.8e6, 2e6])) == "next to no such error: sigma over 1000 times the right one"
-    assert verdict(np.array([1.5, 1.2, 1.9])) == "sigma 2.5 times the right one"
 
 
 @pytest.mark.parametrize(("s_m", "seen"), [(200, True), (50_000, True), (60_000, False)])
