@@ -341,7 +341,7 @@ class ReplayFilterSection(Section):
     """rejection of fixes, or of ranges, that cannot be true"""
     steady_force: bool = True
     """in steady flight, couple attitude errors to velocity errors by the steady part of the specific force alone, as in
-    landings"""
+    landings; not where no fix has a velocity"""
     gaussian_sum: Components = Components()
     """the components of `kind: gaussian-sum`"""
     output_rate_hz: Annotated[float, Field(ge=1e-3, le=1000.0)] | Literal["fixes"] = 10.0

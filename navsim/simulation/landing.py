@@ -589,16 +589,19 @@ class Flight:
     def lasting_projections(self) -> np.ndarray:
         """What those owe to the errors of each kind and source (e, k, kinds, s), where the filter follows them."""
         assert self.beliefs.lasting is not None
-        return self.world.fix_errors.projections(self.beliefs.lasting.groups)
+        return self.world.fix_errors.projections(self.beliefs.lasting.groups) / self.beliefs.sigma_scale
 
     def lasting_of_states(self, epoch: int) -> np.ndarray:
         """What the time-correlated errors of fixes or ranges that the filter follows owe to those of each kind and
-        source of variance one (n, k, s), at an epoch; of no size where it follows none."""
+        source of variance one (n, k, s), at an epoch; of no size where it follows none. States count in the sigmas that
+        the filter believes in."""
         lasting, signals = self.beliefs.lasting, self.world.signals
         assert signals.lasting is not None
         if lasting is None or not lasting.followed:
             return np.empty((0, *signals.lasting.sigma.shape[::2]))
-        return self.range_errors.projections(epoch) if self.beliefs.tight else self.lasting_projections[epoch]
+        if not self.beliefs.tight:
+            return np.asarray(self.lasting_projections[epoch])
+        return self.range_errors.projections(epoch) / self.beliefs.sigma_scale
 
     @cached_property
     def lasting_noise(self) -> np.ndarray:
@@ -855,7 +858,7 @@ def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
         mine = flight.range_errors
         out = np.empty((outputs, mine.states[0].size, WIDTH))
         for lane in range(errors.shape[-1]):
-            out[..., lane] = mine.true_values(errors[..., lane])[epoch]
+            out[..., lane] = mine.true_values(errors[..., lane])[epoch] / flight.beliefs.sigma_scale
         return out
     effect = flight.lasting_projections
     out = np.empty((outputs, effect.shape[1], WIDTH))

@@ -118,6 +118,13 @@ class Recording:
         """Whether the filter takes ranges."""
         return self.scenario.filter.coupling == "tight"
 
+    @cached_property
+    def has_velocity(self) -> bool:
+        """Whether any fix has a velocity, or of a tightly coupled filter any source a range rate."""
+        if self.tight and self.ranges is not None:
+            return bool(np.isfinite(self.ranges.range_rate).any())
+        return bool(np.isfinite(self.fixes.velocity).any())
+
     @property
     def tuned(self) -> tuple[str, ...]:
         """Names of the settings."""
@@ -144,7 +151,8 @@ class Recording:
             max_rejected=NEVER if gate.max_rejected is None else gate.max_rejected,
             components=section.gaussian_sum.components,
             widest=section.gaussian_sum.heading_deg * DEG,
-        steady_force=section.steady_force,
+            # without velocities nothing confirms those of the filter
+            steady_force=section.steady_force and self.has_velocity,
             clock=self.scenario.gnss.clock.densities() if self.tight else None,
         )
 

@@ -411,3 +411,22 @@ def test_results_name_them(tmp_path: Path) -> None:
         "orbit_clock", "ionosphere", "troposphere", "multipath",
     ]  # fmt: skip
     assert (tmp_path / "c_budget.png").exists()
+
+
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+def test_states_count_in_the_sigmas_that_the_filter_believes_in(coupling: str) -> None:
+    """A filter that takes the errors of its receiver for twice as large is cautious in every state: what a state of
+    lasting errors truly is counts in the sigmas of the filter, in runs and in the covariance analysis."""
+    brief = ("duration_s=20", "imu.rate_hz=10", "receiver.rate_hz=1", f"filter.coupling={coupling}")
+    right, cautious = (case(*brief, f"filter.fix_sigma_scale={k}", name="landing_open_sky") for k in (1, 2))
+    last = [i for i, name in enumerate(right.states) if name.startswith(("fix_error_", "range_error_"))]
+    assert last
+    analysis = covariance_analysis(cautious)
+    second = np.diagonal(analysis.covariance, axis1=1, axis2=2)
+    z = np.sqrt(second[:, last] / np.diagonal(analysis.believed, axis1=1, axis2=2)[:, last])
+    np.testing.assert_allclose(z[0], 0.5, rtol=1e-9)
+    assert z.max() < 1.0
+    # at time 0 an error is the truth
+    one, other = (fly(each.flight, 7, range(2), measured=False).error[:, 0, last] for each in (right, cautious))
+    assert np.abs(one).min() > 0.0
+    np.testing.assert_allclose(other, 0.5 * one, rtol=1e-12)

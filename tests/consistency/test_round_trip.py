@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from navsim.core.arrays.attitude import dcm_from_rpy
+from navsim.estimation.estimate import FILTER_KINDS
 from navsim.io import findings
 from navsim.io.export import export
 from navsim.io.results import Result
@@ -93,6 +94,7 @@ VELOCITIES = "filter.velocity=true"
         ("s_turn", ("filter.kind=rts", VELOCITIES, *LATE)),
         ("s_turn", ("filter.kind=map", VELOCITIES)),
         ("landing", ("receiver.rate_hz=2", "receiver.latency_s=3.5")),
+        ("landing", ("filter.steady_force=false", "receiver.rate_hz=5")),
         ("landing_open_sky", ("receiver.rate_hz=2", "filter.fix_errors=inflate")),
         ("landing_open_sky", ("receiver.rate_hz=2", "filter.kind=tfg")),
         ("landing_open_sky", ("receiver.rate_hz=5", "pseudolites.count=1")),
@@ -108,6 +110,16 @@ def test_a_replay_gives_the_estimates_of_the_run(name: str, assignments: tuple[s
     assert again["/filter/time"][0] == 0.0
     assert_same(run, again)
     assert not findings.of(again)
+
+
+@pytest.mark.parametrize("velocity", ["true", "false"])
+def test_no_flight_is_steady_without_velocities(velocity: str, tmp_path: Path) -> None:
+    """A replay of fixes of position alone keeps the measured force, as the filter of the run does."""
+    run = flown("landing", "duration_s=20", "receiver.rate_hz=2", f"filter.velocity={velocity}")
+    export(run, tmp_path / "r.h5", ["imu"])
+    recording = replay.prepare(*read_replay(tmp_path / "r_replay.yaml", ()))
+    model = recording.beliefs(recording.settings, FILTER_KINDS["tfg"]).model()
+    assert model.steady_force == (velocity == "true")
 
 
 def test_the_noise_of_the_log_is_what_the_filter_believes(tmp_path: Path) -> None:
