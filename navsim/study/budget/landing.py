@@ -177,7 +177,8 @@ def landing(
     if away:  # what a task brings back, twice
         held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
     streamed = runs * stored
-    part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + _blocks(runs) * sums_bytes(here)
+    # beside the sums of each block, once, which entry each of their numbers is
+    part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(here)
     result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
     result += NUMBER * (5 + here.sizes()["group"] + 3 * here.states) * (here.epochs + 1)
     variables = {"none": 119, "errors": 128, "all": 152}[keep] + (27 if runs > 1 else 0)
