@@ -191,10 +191,11 @@ def test_what_does_not_go_together(settings: tuple[str, ...], place: str, words:
 
 
 def test_a_real_aerodrome() -> None:
-    """The shipped plan: direction, aim point and heights of its published data; it passes its pseudolite near."""
+    """The shipped plan: direction, aim point and heights of its published data; its pseudolite is not too near."""
     ready = case(name="odense")
-    (warning,) = ready.warnings
-    assert warning.startswith("PL1 is passed at 261 m")
+    # PL1 is passed at 261 m with a position sigma of 3.9 m across the line of sight. The filter knows errors of ranges
+    # to second order, so a warning is due only from 0.1 of the distance on, 26 m
+    assert not ready.warnings
     runway = ready.scenario.runway
     assert runway.heading_deg == pytest.approx(239.9, abs=0.01)
     assert runway.aim_point_m == pytest.approx(15.24 / math.tan(math.radians(4.5)), abs=1e-9)
