@@ -27,7 +27,7 @@ EVERYTHING = (
     "radio_altimeter={sigma_floor_m: 0.5, sigma_share: 0.02, highest_m: 100}",
     "barometric_altimeter={sigma_m: 1, lag_s: 0.3, drift_m: 2, drift_time_s: 600, qnh_sigma_hpa: 0.3}",
     "box={error: total, lateral_m: 10, vertical_m: 5}",
-    "filter={fix_errors: states, scale_factors: true, barometric_altimeter: {errors: states}}",
+    "filter={fix_errors: states, scale_factors: true, misalignments: false, barometric_altimeter: {errors: states}}",
 )  # fmt: skip
 """What a landing has when all of the world is on: its air, ways, sensors, ranges, terrain and altimeters, and states
 for what a filter can follow of them but for misalignments."""

@@ -83,7 +83,7 @@ WITHOUT_UNIT = {
     "p_pseudolite", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share",
     "band", "duty", "sigma_share", "height_sigma_share", "load_factor", "bearing_year",  # of one
     "exponent", "damping",
-    "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail",  # ratios
+    "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail", "sigma_tolerance",  # ratios
     "max_rejected", "components", "samples", "receivers", "effective_samples",
     "runs", "study_runs", "steps", "experiments",  # counts
     "lift_slope", "side_force_slope", "drag",  # coefficients
