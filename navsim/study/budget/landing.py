@@ -344,8 +344,8 @@ def _analysed(scenario: Landing, sources: Environment, here: Extent) -> Budget:
     """A covariance analysis."""
     outputs = here.epochs + 1
     errors = 1 + len(SOURCES) + further(scenario, sources)  # and what is systematic
-    # the budget's, the mean, the root mean square of all, and what the filter believes
-    of_states = (errors + 3) * here.states
+    # the budget's, the mean, the root mean square of all, what the filter believes, and error over that
+    of_states = (errors + 4) * here.states
     result = _common_bytes(scenario, here) + NUMBER * outputs * (8 + of_states) + 110 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here) + bank_time(here),
