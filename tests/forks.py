@@ -150,6 +150,7 @@ class Forks:
 
     def start(self, *arguments: object, cwd: Path, program: str = NAVSIM, **how: object) -> Running:
         """Start one command and leave it running. how: as of `run`."""
+        # a command that is killed may stop within a letter: that must not hide the rest of its output
         out = [tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") for _ in range(2)]  # noqa: SIM115
         pid: Queue[int] = Queue()
         with open(os.devnull) as nothing:

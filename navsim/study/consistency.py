@@ -100,7 +100,9 @@ def simultaneous_band(ratios: Ratios, chance: float = FALSE_ALARM) -> RatioBand:
 def _effective_looks(correlation: np.ndarray, outputs: np.ndarray, chance: float) -> np.ndarray:
     """Effective number of independent looks (n,) at states with so many outputs (n,), each beyond with this chance."""
     # mean squares of normal variables with correlation r have the correlation r^2
-    again = _exceeds_again(-normal.quantile(chance), np.nan_to_num(correlation, nan=0.0) ** 2)
+    # a state whose correlation is unknown counts every output as independent: the wider band
+    known = np.where(np.isnan(correlation), 0.0, correlation)
+    again = _conditional_exceedance(-normal.quantile(chance), known**2)
     return np.where(outputs > 0, 1.0 + np.maximum(outputs - 1, 0) * (1.0 - again), 0.0)
 
 
@@ -108,7 +110,7 @@ _NODES = np.linspace(0.0, 1.0, 401)[1:] ** 3
 """Nodes of the integral over what lies above a level: dense beside it, where a high correlation makes it steep."""
 
 
-def _exceeds_again(level: float, correlation: np.ndarray) -> np.ndarray:
+def _conditional_exceedance(level: float, correlation: np.ndarray) -> np.ndarray:
     """Chance (n,) that of two standard normal variables of these correlations the second is above a level, if the first
     is."""
     from scipy.special import ndtr

@@ -359,8 +359,8 @@ OFF = r"the fixes lie on average {} m {} the flight, \d+\.\d sigmas of one fix \
         (0.0, 40.0, OFF.format(r"[34]\d\.\d", "above", r"\d{2,3}")),
     ],
 )
-def test_a_receiver_beside_the_flight_is_told(  # type: ignore[no-untyped-def]
-    flown, east: float, up: float, said: str | None, monkeypatch: pytest.MonkeyPatch
+def test_a_receiver_beside_the_flight_is_told(
+    flown: Any, east: float, up: float, said: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Across and in height too, in metres; one whose errors last, of metres, is healthy."""
     monkeypatch.setitem(sys.modules, "egm96", None)  # as where the extra is not installed
@@ -381,8 +381,8 @@ def test_a_receiver_beside_the_flight_is_told(  # type: ignore[no-untyped-def]
     ],
 )
 @pytest.mark.parametrize("known", ["installed", "given"])
-def test_the_geoid_is_named_with_its_metres(  # type: ignore[no-untyped-def]
-    flown, geoid: float, up: float, said: str, known: str, monkeypatch: pytest.MonkeyPatch
+def test_the_geoid_is_named_with_its_metres(
+    flown: Any, geoid: float, up: float, said: str, known: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the package where it is installed, by the scenario where it says so."""
     c, _, table, _ = flown
@@ -397,7 +397,7 @@ def test_the_geoid_is_named_with_its_metres(  # type: ignore[no-untyped-def]
     assert re.search(said, "; ".join(flying.failures(result)))
 
 
-def test_a_receiver_with_slow_errors_of_metres_is_healthy(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_receiver_with_slow_errors_of_metres_is_healthy(flown: Any, tmp_path: Path) -> None:
     """2 m, over minutes, on each axis, as of orbits and atmosphere; the command ends with 0, and with 3 for one that is
     55 m beside the flight."""
     _, _, table, _ = flown
@@ -413,7 +413,7 @@ def test_a_receiver_with_slow_errors_of_metres_is_healthy(flown, tmp_path: Path)
 
 @pytest.mark.parametrize("separator", [";", "\t", "|", " "])
 @pytest.mark.parametrize("headed", [True, False])
-def test_other_separators_are_read(flown, separator: str, headed: bool) -> None:  # type: ignore[no-untyped-def]
+def test_other_separators_are_read(flown: Any, separator: str, headed: bool) -> None:
     """As in files: by the header, or by the first row; semicolons with decimal commas, quotes, units in brackets."""
     c, _, table, _ = flown
     header, *rows = [line.replace(",", separator) for line in table.read_text().splitlines()]

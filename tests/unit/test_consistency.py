@@ -56,7 +56,7 @@ def test_two_looks_beyond_a_level(level: float, correlation: float) -> None:
     """By scipy's bivariate normal distribution."""
     both = multivariate_normal([0, 0], [[1, correlation], [correlation, 1]], allow_singular=True)
     expected = both.cdf([-level, -level]) / multivariate_normal(0, 1).cdf(-level)
-    found = consistency._exceeds_again(level, np.array([correlation]))
+    found = consistency._conditional_exceedance(level, np.array([correlation]))
     assert found[0] == pytest.approx(expected, rel=2e-3)
 
 
