@@ -1,6 +1,6 @@
 """The satellite receiver: one least-squares fix an epoch from pseudoranges and range rates.
 
-Source: `docs/theory/landing.md`, section 5; the solution itself is `navsim.core.least_squares`.
+Source: `docs/theory/landing.md`, section 3; the solution itself is `navsim.core.least_squares`.
 """
 
 from __future__ import annotations

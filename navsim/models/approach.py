@@ -1,6 +1,6 @@
 """The glide approach: the paper's piecewise profile and a smooth one a real aircraft could fly.
 
-Source: `docs/theory/landing.md`, section 1. Speeds are along the path over ground.
+Source: `docs/theory/trajectory.md`, sections 1, 2, 5. Speeds are along the path over ground.
 """
 
 from __future__ import annotations

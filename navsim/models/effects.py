@@ -4,7 +4,7 @@ Delays here are what is left in the pseudorange after the receiver's own correct
 to `Signals.delay`; orbits and clocks of satellites are drawn for each run, so their effect is kept as sensitivities.
 
 Sources: [1] IS-GPS-200 (Klobuchar). [2] Kaplan & Hegarty (2017), chapter 10 (errors and their sizes), 12 (differential
-corrections). [3] `docs/theory/landing.md`, section 4.
+corrections). [3] `docs/theory/signals.md`, sections 2, 4.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A landing that is broken off: a pull-up by a load factor to a climb, the heading held.
 
-Source: `docs/theory/landing.md`, section 1.
+Source: `docs/theory/trajectory.md`, section 6.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The magnetic declination, where the extra `magnetic` is installed.
 
-Source: `docs/theory/landing.md`, section 1.
+Source: `docs/theory/trajectory.md`, section 4.
 """
 
 from __future__ import annotations

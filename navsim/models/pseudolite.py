@@ -1,6 +1,6 @@
 """Where pseudolites stand: the paper's Table 1 frame, the runway frame, geodetic coordinates.
 
-Source: `docs/theory/landing.md`, section 2.
+Source: `docs/theory/landing.md`, section 1.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 
 `Signals.delay` is where the terms that do not change from run to run are added up: clocks of the pseudolites, what
 the receiver's corrections leave of the atmosphere, multipath. Sources: [1] Groves (2013), sections 8.5, 9.2.
-[2] `docs/theory/landing.md`, section 4.
+[2] `docs/theory/signals.md`, sections 1, 4, 5.
 """
 
 from __future__ import annotations

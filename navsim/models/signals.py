@@ -1,6 +1,6 @@
 """The simulator of satellite and pseudolite signals: what there is to receive along a motion, and in what state.
 
-Source: `docs/theory/landing.md`, section 4; the effects are those of `models.effects`.
+Source: `docs/theory/signals.md`; the effects are those of `models.effects`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Every pseudolite has its own. They begin without error some time before the flight, where calibration left them.
 
-Source: `core.arrays.clock`; `docs/theory/landing.md`, section 4.
+Source: `core.arrays.clock`; `docs/theory/signals.md`, section 3.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Paths by waypoints: straight legs joined by fly-by turns, coordinated, level, of a bank angle.
 
-Source: `docs/theory/landing.md`, section 1.
+Source: `docs/theory/trajectory.md`, section 3.
 """
 
 from __future__ import annotations

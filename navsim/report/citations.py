@@ -505,6 +505,7 @@ def _at(scenario: Mapping[str, Any], *keys: str) -> Any:
 
 
 _LANDING, _FILTER, _WATCH = "docs/theory/landing.md", "docs/theory/filter.md", "docs/theory/integrity.md"
+_SIGNALS = "docs/theory/signals.md"
 METHODS = (
     Method("the landing, its sensors and its signals", _LANDING, ("landing_paper", "groves2013"), _landing),
     Method(
@@ -513,8 +514,8 @@ METHODS = (
         ("kaplan2017", "misra2006", "groves2013"),
         _landing,
     ),
-    Method("GLONASS satellites", _LANDING, ("glonass_icd",), _sky("nominal-glonass", "nominal", "navigation")),
-    Method("GPS satellites", _LANDING, ("is_gps_200",), _sky("nominal-gps", "nominal", "navigation")),
+    Method("GLONASS satellites", _SIGNALS, ("glonass_icd",), _sky("nominal-glonass", "nominal", "navigation")),
+    Method("GPS satellites", _SIGNALS, ("is_gps_200",), _sky("nominal-gps", "nominal", "navigation")),
     Method("Galileo satellites", "docs/real-signals.md", ("galileo_icd",), _named("nominal-galileo")),
     Method("BeiDou satellites", "docs/real-signals.md", ("beidou_icd",), _named("nominal-beidou")),
     Method("QZSS satellites", "docs/real-signals.md", ("qzss_is",), _named("nominal-qzss")),
@@ -527,7 +528,7 @@ METHODS = (
     Method("precise orbits", "docs/real-signals.md", ("schenewerk2003",), _sky("orbits")),
     Method(
         "ionosphere and troposphere",
-        _LANDING,
+        _SIGNALS,
         ("is_gps_200", "saastamoinen1972"),
         lambda scenario, root: (
             _landing(scenario, root)

@@ -8,7 +8,7 @@ for Gaussian of zero mean believes in a hundredth of that after a hundred fixes.
 The errors are quadratic forms e' F e of Gaussian errors e of covariance C = L L': sums of products n_i n_j of
 independent ones, whose mean is tr(F C) and whose six coefficients are those of L' F L.
 
-Source: `docs/theory/landing.md`, section 5, eqs. 30a and 30b.
+Source: `docs/theory/landing.md`, section 4, eqs. (10) to (12).
 """
 
 from __future__ import annotations

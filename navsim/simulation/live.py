@@ -3,7 +3,7 @@
 The filter goes forward piece by piece: it lives at the time of its newest fix, and increments wait until a fix for
 their time has come. What comes too late, for a time already passed, is counted and left out.
 
-Source: `docs/theory/landing.md`, section 7.
+Source: `docs/theory/landing.md`.
 """
 
 from __future__ import annotations

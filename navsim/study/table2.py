@@ -1,6 +1,6 @@
 """The paper's Tables 1 and 2, published and computed, and the paper's claims.
 
-Source: `docs/theory/landing.md`, sections 2, 3. A cell of PDOP, HDOP, VDOP, SKO is the mean over the fix epochs
+Source: `docs/theory/landing.md`, sections 1, 2. A cell of PDOP, HDOP, VDOP, SKO is the mean over the fix epochs
 from the start of the glide to touchdown; the horizontal estimation error is the root mean square over runs and over
 20 s to touchdown. The paper says neither, nor under which sky it was computed: `CALIBRATIONS` are skies found for it
 (`scripts/calibrate_table2.py`).
@@ -61,7 +61,7 @@ ROWS = (
     TableCase(2, 200.0, 5000.0, (2.38, 0.86, 2.22), (3.78, 9.69), None),
     TableCase(2, 1000.0, 5000.0, (2.2, 0.8, 2.05), (3.61, 9.27), 0.8573),
 )
-"""Tables 1 and 2 of the paper, as `docs/theory/landing.md`, sections 2, 3 give them."""
+"""Tables 1 and 2 of the paper, as `docs/theory/landing.md`, sections 1, 2 give them."""
 PUBLISHED = tuple(i for i, row in enumerate(ROWS) if row.dops is not None)
 PUBLISHED_DOPS = np.array([ROWS[i].dops for i in PUBLISHED])
 PUBLISHED_SKO = np.array([ROWS[i].sko for i in PUBLISHED])
@@ -242,7 +242,7 @@ def claims(dops: np.ndarray, sko: np.ndarray, error: np.ndarray) -> list[Claim]:
 def coincident_bound(pdop_none: float, pdop_one: float) -> float:
     """The least PDOP with two pseudolites in one place, whatever sky, weights and clocks.
 
-    With I = (PDOP0 / PDOP1)^2 - 1: PDOP2 >= PDOP0 / sqrt(1 + 2 I) (`docs/theory/landing.md`, eq. (13)).
+    With I = (PDOP0 / PDOP1)^2 - 1: PDOP2 >= PDOP0 / sqrt(1 + 2 I) (`docs/theory/landing.md`, eq. (4)).
     """
     gain = (pdop_none / pdop_one) ** 2 - 1.0
     return float(pdop_none / np.sqrt(1.0 + 2.0 * gain))

@@ -1,4 +1,4 @@
-"""Paths: continuity, the numbers of `docs/theory/landing.md`, section 1, derivatives."""
+"""Paths: continuity, the numbers of `docs/theory/trajectory.md`, sections 1 to 3, derivatives."""
 
 from __future__ import annotations
 
