@@ -54,9 +54,10 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 torture: $(STAMP)        ## mutants, kills, full disks, damaged files with ten fresh seeds, for hours: docs/reliability.md
 	$(BIN)/python -m tests.torture
 
-lint: $(STAMP)           ## style and types
+lint: $(STAMP)           ## style, types, and the prose of pages, help and messages
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/python scripts/prose.py
 
 release: $(STAMP)        ## sdist and wheel in dist/, tried under every Python at hand: docs/packaging-measured.md; needs the package index
 	$(BIN)/python scripts/release.py
