@@ -43,7 +43,8 @@ UPDATE = "python scripts/prose.py --update"
 PHRASES = (
     "(?:is|are|was|were|be) told", "stands? (?:in|for|beside|at|under)", "what (?:is|are|it|they|there|of)",
     "of (?:its|their) own", "as (?:it|they) (?:is|are|stands?)", "beside (?:the|it|what)", "where it is not",
-    "the same (?:in|of|as|with|way)", "goes? on", "of (?:one|several|another) (?:run|kind|sort)", "by itself", "as one has", "not one", "nothing of",
+    "the same (?:in|of|as|with|way)", "goes? on", "of (?:one|several|another) (?:run|kind|sort)", "by itself",
+    "as one has", "not one", "nothing of",
 )  # fmt: skip
 """Turns that make a reader look for who does what."""
 WORDS = {
@@ -244,14 +245,18 @@ def compare_total(total: int, allowed: dict[tuple[str, str], int]) -> list[str]:
 
 
 def update(found: Iterable[Finding], total: int) -> None:
-    """Write the list. What it has may only become less; without a list it is made of what there is."""
+    """Write the list. Its sums only fall: text may move between files; without a list it is made of what there is."""
     old, counts = accepted(), Counter((one.rule, one.file) for one in found)
-    new = {key: min(count, old.get(key, 0) if old else count) for key, count in counts.items()}
+    new = {}
+    for rule in {rule for rule, _ in counts}:
+        before, now = ({key: n for key, n in group.items() if key[0] == rule} for group in (old, counts))
+        rose = bool(old) and sum(now.values()) > sum(before.values())
+        new |= {key: min(n, before.get(key, 0)) if rose else n for key, n in now.items()}
     most = max(MOST_DOCS, -(-total // STEP) * STEP)
     new["words", "docs"] = min(most, old.get(("words", "docs"), most))
     entries = sorted((file, rule, count) for (rule, file), count in new.items() if count)
     lines = [f"{count} {rule} {file}" for file, rule, count in entries]
-    head = f"# Findings that are still accepted: count, rule, file. Written by `{UPDATE}`, which only lowers counts.\n"
+    head = f"# Findings that are still accepted: count, rule, file. Written by `{UPDATE}`, which only lowers sums.\n"
     ACCEPTED.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -66,7 +66,7 @@ def test_the_style_is_the_houses_and_proselints() -> None:
 
 
 def test_the_list_fails_for_more_and_for_less(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And only lowers its counts."""
+    """And only lowers its sums."""
     finding = prose.Finding("a.md", 1, "sentence", "40 words")
     assert prose.compare([finding], {}) == [str(finding)]
     assert prose.compare([finding], {("sentence", "a.md"): 1}) == []
@@ -80,5 +80,8 @@ def test_the_list_fails_for_more_and_for_less(tmp_path: Path, monkeypatch: pytes
     assert prose.accepted() == {("sentence", "a.md"): 2, ("words", "docs"): 30_500}
     prose.update([finding] * 3, 31_000)
     assert prose.accepted() == {("sentence", "a.md"): 2, ("words", "docs"): 30_500}
+    moved = prose.Finding("b.md", 1, "sentence", "40 words")
+    prose.update([finding, moved], 30_000)
+    assert prose.accepted() == {("sentence", "a.md"): 1, ("sentence", "b.md"): 1, ("words", "docs"): 30_000}
     prose.update([finding], 29_000)
     assert prose.accepted() == {("sentence", "a.md"): 1, ("words", "docs"): 29_000}
