@@ -6,7 +6,10 @@ import os
 import re
 from pathlib import Path
 
+from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.transforms import SphinxTransform
 
 import navsim
 from navsim.report import citations
@@ -38,6 +41,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"navsim {release}"
 html_static_path = ["_static"]
 html_css_files = ["navsim.css"]
+html_search_scorer = str(HERE / "scorer.js")
 html_show_sourcelink = False
 html_copy_source = False
 html_context = {"default_mode": "auto"}  # without it the theme complains in the console
@@ -73,9 +77,40 @@ def add_tree(_: Sphinx, name: str, source: list[str]) -> None:
         source[0] += "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(pages) + "\n```\n"
 
 
+NOT_SEARCHED = ("changes", "bibliography")
+"""Pages that name everything and explain nothing."""
+
+
+def leave_out_of_search(app: Sphinx, _: nodes.document) -> None:
+    """Mark such a page as Sphinx wants it."""
+    if app.env.docname in NOT_SEARCHED:
+        app.env.metadata[app.env.docname]["nosearch"] = "true"
+
+
+class GlossaryIndex(SphinxTransform):
+    """Put the words of the glossary into the index, which the site's search looks at first; each row has an anchor."""
+
+    default_priority = 700  # before the domains collect index entries
+
+    def apply(self, **_: object) -> None:
+        """Add the entries to the first cells of the rows."""
+        if self.env.docname != "glossary":
+            return
+        for body in self.document.findall(nodes.tbody):
+            for row in body.findall(nodes.row):
+                cell = row[0]
+                terms = [term for term in re.split(r"[,;()]\s*", cell.astext()) if term.strip()]
+                anchor = "term-" + nodes.make_id(terms[0])
+                cell["ids"].append(anchor)
+                entries = [("single", term.strip(), anchor, "main", None) for term in terms]
+                cell.insert(0, addnodes.index(entries=entries))
+
+
 def setup(app: Sphinx) -> None:
     """What Sphinx calls first."""
     app.connect("source-read", add_tree)
+    app.connect("doctree-read", leave_out_of_search)
+    app.add_transform(GlossaryIndex)
 
 
 write_bibliography()

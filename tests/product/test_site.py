@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 
@@ -60,7 +61,8 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
 
 def test_a_page_that_nobody_lists_is_an_error(tmp_path: Path) -> None:
     """And so is a link that leads nowhere: the build can fail."""
-    shutil.copy(DOCS / "conf.py", tmp_path)
+    for name in ("conf.py", "scorer.js"):
+        shutil.copy(DOCS / name, tmp_path)
     shutil.copytree(DOCS / "_static", tmp_path / "_static")
     (tmp_path / "index.md").write_text("# Front\n\n[gone](nowhere.md)\n")
     (tmp_path / "lonely.md").write_text("# Lonely\n")
@@ -70,6 +72,45 @@ def test_a_page_that_nobody_lists_is_an_error(tmp_path: Path) -> None:
     assert "nowhere.md" in done.stderr
     (tmp_path / "index.md").write_text("# Front\n\n```{toctree}\nlonely\n```\n")
     assert build(tmp_path, tmp_path / "out2").returncode == 0
+
+
+QUESTIONS = {
+    "S": "glossary", "L1": "glossary", "sigma": "glossary", "PDOP": "glossary", "VPL": "glossary", "z": "glossary",
+    "C/N0": "glossary", "tfg": "glossary", "Gaussian sum": "filter", "no fix": "troubleshooting", "data sheet": "imu",
+    "error budget": "covariance", "jammer": "how-to/jammer", "protection level": "integrity",
+    "figure for a paper": "how-to/figure", "exit code": "commands",
+}  # fmt: skip
+"""What users look for, and the page that has the answer."""
+
+
+def test_search_finds_what_users_ask(browser: Any, site: Path) -> None:
+    """Among the first three pages, by the site's index as a browser asks it."""
+    page = browser.new_page()
+    missed = {}
+    for question, answer in QUESTIONS.items():
+        page.goto(f"{(site / 'search.html').as_uri()}?q={quote(question)}")
+        page.wait_for_function("/finished|not match/.test(document.querySelector('.search-summary')?.innerText)")
+        links = page.evaluate("[...document.querySelectorAll('ul.search li > a')].map(a => a.getAttribute('href'))")
+        found = list(dict.fromkeys(re.sub(r"\.html.*", "", link) for link in links))
+        if answer not in found[:3]:
+            missed[question] = found[:6]
+    page.close()
+    assert missed == {}
+
+
+def test_answers_are_within_three_clicks(site: Path) -> None:
+    """Along links of the pages' texts, from the front page."""
+    clicks = {"index": 0}
+    for name in (waiting := ["index"]):  # grows
+        text = (site / f"{name}.html").read_text(encoding="utf-8")
+        article = text[text.index("<article") : text.index("</article>")]
+        for link in re.findall(r'href="([^"#]+)\.html', article):
+            target = os.path.normpath(os.path.join(os.path.dirname(name), link))
+            if "//" not in link and target not in clicks:
+                clicks[target] = clicks[name] + 1
+                waiting.append(target)
+    assert {str(page) for page in PAGES} <= clicks.keys()
+    assert {answer: clicks[answer] for answer in QUESTIONS.values() if clicks[answer] > 3} == {}
 
 
 LOOKED_AT = ("index", "tutorial", "reference/landing", "gallery", "contents/how-to")
