@@ -217,9 +217,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     lines = [
         "# Validation",
         "",
-        "Made by `make docs` from the oracle tests; every claim is checked against something that is not navsim's own",
-        "code, each time the tests run, by the tolerances that stand here. Self-checks (unit, product and consistency",
-        "tests, and those oracle tests that compare navsim with itself) are not listed.",
+        "Each row compares navsim with other code, a publication or a closed form. The tests repeat all of it with these",
+        "tolerances. Comparisons of navsim with itself are not listed. `make docs` writes this page.",
         "",
         "| claim | oracle | tolerance | result | test |",
         "|---|---|---|---|---|",
