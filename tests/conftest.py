@@ -217,8 +217,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     lines = [
         "# Validation",
         "",
-        "Each row compares navsim with other code, a publication or a closed form. The tests repeat all of it with these",
-        "tolerances. Comparisons of navsim with itself are not listed. `make docs` writes this page.",
+        "Each row compares navsim with other code, a publication or a closed form. The tests repeat all of it with",
+        "these tolerances. Comparisons of navsim with itself are not listed. `make docs` writes this page.",
         "",
         "| claim | oracle | tolerance | result | test |",
         "|---|---|---|---|---|",
