@@ -22,13 +22,11 @@ coverage: $(VENV)/.coverage ## the test suite, and the lines of each file that i
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
-docs: $(STAMP)           ## docs/result-file.md, docs/reference and the names of keys from the schemas, docs/validation.md from the oracle tests
+docs: $(STAMP)           ## the names of keys from the schemas, docs/validation.md from the oracle tests
 	$(BIN)/python scripts/key_names.py
-	$(BIN)/python scripts/result_file.py
-	$(BIN)/python scripts/reference.py
 	$(BIN)/python -m pytest -n 2 tests/oracle --validation docs/validation.md
 
-site: $(STAMP)           ## the pages of docs/ as a site: docs/_build/html/index.html; a warning is an error
+site: $(STAMP)           ## the pages of docs/, and of the reference from the schemas, as a site: docs/_build/html/index.html; a warning is an error
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
 
 table2: $(STAMP)         ## the paper's Table 2 beside the computed one: results/table2.*
@@ -82,5 +80,5 @@ $(VENV)/.bench: $(STAMP) requirements-bench.lock
 	touch $@
 
 clean:                   ## remove the environment and everything generated
-	rm -rf $(VENV) docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2* results/torture results/bench
+	rm -rf $(VENV) docs/_build docs/reference .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2* results/torture results/bench
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

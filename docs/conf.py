@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 
 from docutils import nodes
@@ -72,8 +73,8 @@ def write_bibliography() -> None:
 
 def add_tree(_: Sphinx, name: str, source: list[str]) -> None:
     """Give a contents page the tree that its list of links is: a page is listed once, readable on a forge."""
-    if name.startswith(CONTENTS):
-        pages = re.findall(r"^- \[[^\]]+\]\(([^)#]+)\.md\)", source[0], re.MULTILINE)
+    if name.startswith((CONTENTS, "result-file")):
+        pages = re.findall(r"^(?:-|\|.*\|) \[[^\]]+\]\(([^)#]+)\.md\)", source[0], re.MULTILINE)
         source[0] += "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(pages) + "\n```\n"
 
 
@@ -113,4 +114,14 @@ def setup(app: Sphinx) -> None:
     app.add_transform(GlossaryIndex)
 
 
+def write_reference() -> None:
+    """The pages that schemas make, where these are the pages of navsim."""
+    if (HERE / CONTENTS / "reference.md").is_file():
+        sys.path.insert(0, str(HERE.parent / "scripts"))
+        import reference
+
+        reference.write()
+
+
 write_bibliography()
+write_reference()

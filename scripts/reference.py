@@ -1,13 +1,15 @@
-"""Write docs/reference/*.md, every key of every kind of file, from the schemas. Run by `make docs`."""
+"""Write docs/reference, every key of every kind of file and every variable of a result, for `make site`."""
 
 from __future__ import annotations
 
 import functools
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import result_file
 import yaml
 
 from navsim.kinds import OF_FILES
@@ -252,21 +254,21 @@ def row_of(kind: str, row: KeyRow) -> str:
     return f"| `{row.key}` | {_cell(meaning)} | {_cell(value)} | {row.unit} | {default} | {shown} |"
 
 
-HEAD = """# Keys of `kind: {kind}`
+HEAD = """# Keys of {name}
 
-Made by `make docs` from the schema (`navsim schema {kind}`, `navsim keys {kind}`). {doc}
+Made from the schema (`navsim schema {kind}`, `navsim keys {kind}`). {doc}
 
 A dotted key is what `--set` takes: `--set key=value`. `{item}` stands for the number of an item of a list, from 0,
-`{name}` for a name of your own. `null`: left out unless it is wanted. A number without a unit is a pure
+`{own}` for a name of your own. `null`: left out unless it is wanted. A number without a unit is a pure
 one, or its meaning says its unit.
 """
 TABLE = "| key | meaning | value | unit | default | example |\n|---|---|---|---|---|---|"
 
 
-PRESETS = """### Presets of inertial sensors
+PRESETS = """## Presets of inertial sensors
 
 What `imu.preset` gives where `imu.gyro` and `imu.accelerometer` do not, where it was seen, and what is missing there
-and has to be given ([docs/imu.md](../imu.md)).
+and has to be given ([inertial sensors](../../imu.md)).
 
 | preset | gyro | accelerometer | to be given | seen in |
 |---|---|---|---|---|"""
@@ -285,28 +287,55 @@ def _presets() -> Iterator[str]:
     yield ""
 
 
-def page(kind: str) -> str:
-    """The page of a kind."""
+def _section(kind: str, top: KeyRow, every: list[KeyRow], depth: int) -> list[str]:
+    """The table of a section, below a heading of this depth."""
+    within = [row for row in every if row.key.startswith(f"{top.key}.")]
+    meaning = f"{top.meaning[:1].upper()}{top.meaning[1:]}.".replace("..", ".")
+    head = f"# Keys of `{top.key}` in {kind} files" if depth == 1 else f"{'#' * depth} `{top.key}`"
+    lines = [head, "", meaning, "", TABLE, *(row_of(kind, row) for row in within), ""]
+    return [*lines, *_presets()] if (kind, top.key) == ("landing", "imu") else lines
+
+
+def pages_of(kind: str) -> dict[str, str]:
+    """The page of a kind; of a landing, which has the most keys, also one for each section."""
     model = section(kind)
     doc = " ".join((model.__doc__ or "").split())
-    lines = [HEAD.format(kind=kind, doc=doc, item=ITEM, name=NAME)]
+    head = HEAD.format(name=f"`kind: {kind}`", kind=kind, doc=doc, item=ITEM, own=NAME)
     every = rows(model.model_json_schema())
+    tops = [row for row in every if "." not in row.key and row.section]
     at_top = [row for row in every if "." not in row.key and not row.section]
-    lines += ["## At the top", "", TABLE, *(row_of(kind, row) for row in at_top), ""]
-    for top in (row for row in every if "." not in row.key and row.section):
-        within = [row for row in every if row.key.startswith(f"{top.key}.")]
-        lines += [f"## `{top.key}`", "", f"{top.meaning[:1].upper()}{top.meaning[1:]}.".replace("..", "."), ""]
-        lines += [TABLE, *(row_of(kind, row) for row in within), ""]
-        lines += _presets() if (kind, top.key) == ("landing", "imu") else ()
-    return "\n".join(lines)
+    lines = [head, "## At the top", "", TABLE, *(row_of(kind, row) for row in at_top), ""]
+    if kind != "landing":
+        return {f"{kind}.md": "\n".join(lines + [line for top in tops for line in _section(kind, top, every, 2)])}
+    lines += ["## Sections", "", "| section | what |", "|---|---|"]
+    lines += [f"| [`{top.key}`]({kind}/{top.key}.md) | {_cell(top.meaning)} |" for top in tops]
+    lines += ["", "```{toctree}", ":hidden:", "", *(f"{kind}/{top.key}" for top in tops), "```", ""]
+    out = {f"{kind}.md": "\n".join(lines)}
+    return out | {f"{kind}/{top.key}.md": "\n".join(_section(kind, top, every, 1)) for top in tops}
 
 
-def path_of(kind: str) -> Path:
-    """Where the page of a kind is."""
-    return FOLDER / f"{kind}.md"
+def pages() -> dict[str, str]:
+    """All generated pages, by their names in docs/reference."""
+    out = result_file.pages()
+    for kind in OF_FILES:
+        out |= pages_of(kind)
+    return out
+
+
+def write(folder: Path = FOLDER) -> None:
+    """Write the pages that differ, and remove those that there are no more."""
+    every = pages()
+    for old in folder.rglob("*.md"):
+        if str(old.relative_to(folder)) not in every:
+            old.unlink()
+    for name, text in every.items():
+        target = folder / name
+        if not target.exists() or target.read_text(encoding="utf-8") != text:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            beside = target.with_suffix(f".{os.getpid()}")
+            beside.write_text(text, encoding="utf-8")
+            beside.replace(target)
 
 
 if __name__ == "__main__":
-    FOLDER.mkdir(exist_ok=True)
-    for each in OF_FILES:
-        path_of(each).write_text(page(each), encoding="utf-8")
+    write()

@@ -1,44 +1,35 @@
-"""Write docs/result-file.md, the page of the result file, from the schema of results. Run by `make docs`."""
+"""Pages of the result file, one for each kind of result, from the schema of results. Written by `reference.py`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
+import itertools
+from collections.abc import Iterator
 
 from navsim.io.schema import FAMILIES, LAYOUTS, ONE_FLIGHT, ROOT, SECTIONS, WORDS, Entry, fields
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "result-file.md"
-HEAD = """# The result file
+HEAD = """# Variables of a result: {layout}
 
-Made by `make docs` from `navsim/io/schema.py`, by which results are written.
+{what}. Made from `navsim/io/schema.py`, by which navsim writes results.
+[The result file](../../result-file.md) explains the format.
+{run}
+## Root attributes
 
-A result is an HDF5 file that is valid netCDF-4: groups, variables with named dimensions, coordinates named like their
-dimension. Every variable has `units` and `long_name`; nan stands for what is not known. In results of flights (landing,
-covariance, replay, live) the same path is the same quantity. [conventions.md](conventions.md) defines frames and signs,
-[landing.md](landing.md) says how damage shows.
-
-| layout | what it is |
+| attribute | what |
 |---|---|
 """
-NOTES = """
-The axis `run` is always there in runs of a landing, also of length 1; {one_flight} are one flight and have none.
-`*axes` are all axes of a sweep. The last column has the attributes beside `units` and `long_name`.
-
-A name in <> stands for each member of a family: {families}.
-
-A word in italics stands for the member, or comes with the data: {words}.
-"""
-TABLE = ["| path | dimensions | unit | holds | what | in (when) | attributes |", "|---|---|---|---|---|---|---|"]
+TABLE = ["| path | dimensions | unit | holds | what | when | attributes |", "|---|---|---|---|---|---|---|"]
 
 
-def path_of(entry: Entry) -> str:
-    """The path of an entry, with the members of its families."""
-    out = entry.path
-    for name in fields(entry.path):
-        members = entry.each.get(name, ())
-        shown = f"<{name}>" if not members else members[0] if len(members) == 1 else "{" + ", ".join(members) + "}"
-        out = out.replace(f"{{{name}}}", shown)
-    return f"`{out}`"
+def paths_of(entry: Entry) -> list[str]:
+    """The paths of an entry, one for each member of its families; a family that the study names is in <>."""
+    named = [name for name in fields(entry.path) if name in entry.each]
+    out = []
+    for members in itertools.product(*(entry.each[name] for name in named)):
+        path = entry.path
+        for name, member in zip(named, members, strict=True):
+            path = path.replace(f"{{{name}}}", member)
+        out.append(path.replace("{", "<").replace("}", ">"))
+    return out
 
 
 def said(entry: Entry, text: str) -> str:
@@ -50,38 +41,43 @@ def said(entry: Entry, text: str) -> str:
     return text
 
 
-def _in(layouts: Mapping[str, str]) -> str:
-    """Layouts of results, and on which condition each."""
-    if len(layouts) == len(LAYOUTS) and not any(layouts.values()):
-        return "all"
-    return ", ".join(f"{name} ({when})" if when else name for name, when in layouts.items())
-
-
-def row(entry: Entry) -> str:
-    """The row of an entry."""
+def row(entry: Entry, layout: str) -> str:
+    """The row of an entry on the page of a layout."""
     dims = ", ".join(dim.replace("{", "<").replace("}", ">") for dim in entry.dims)
     meaning = said(entry, entry.meaning)
     if entry.labels:
         meaning += ": " + ", ".join(entry.labels)
-    cells = (path_of(entry), f"`{dims}`" if dims else "", said(entry, entry.units), entry.of, meaning,
-             _in(entry.layouts), ", ".join(entry.attributes))  # fmt: skip
+    paths = ", ".join(f"`{path}`" for path in paths_of(entry))
+    cells = (paths, f"`{dims}`" if dims else "", said(entry, entry.units), entry.of, meaning, entry.layouts[layout],
+             ", ".join(entry.attributes))  # fmt: skip
     return f"| {' | '.join(cells)} |"
 
 
-def page() -> str:
-    """The whole page."""
-    families = "; ".join(f"<{name}> {what}" for name, what in FAMILIES.items())
-    words = "; ".join(f"*{name}* {what}" for name, what in WORDS.items())
-    lines = [HEAD + "\n".join(f"| {name} | {what} |" for name, what in LAYOUTS.items())]
-    lines.append(NOTES.format(one_flight=" and ".join(ONE_FLIGHT), families=families, words=words))
-    lines += ["## Root attributes", "", "| attribute | what | in |", "|---|---|---|"]
-    lines += [f"| `{name}` | {what} | {_in(dict.fromkeys(layouts, ''))} |" for name, (layouts, what) in ROOT.items()]
+def _explained(title: str, listed: Iterator[tuple[str, str]]) -> list[str]:
+    rows = [f"| {name} | {what} |" for name, what in listed]
+    return [f"## {title}", "", "| name | meaning |", "|---|---|", *rows, ""] if rows else []
+
+
+def page(layout: str) -> str:
+    """The page of a layout."""
+    what = LAYOUTS[layout]
+    run = "\nThe axis `run` is always there, also of length 1.\n" if layout == "landing" else ""
+    run = "\nOne flight, without an axis `run`.\n" if layout in ONE_FLIGHT else run
+    lines = [HEAD.format(layout=layout, what=f"{what[:1].upper()}{what[1:]}", run=run).rstrip("\n")]
+    lines += [f"| `{name}` | {meaning} |" for name, (layouts, meaning) in ROOT.items() if layout in layouts]
     lines.append("")
+    entries = []
     for section in SECTIONS:
-        rows = map(row, section.entries)
-        lines += [f"## {section.title}", "", section.text, "", *TABLE, *rows, ""]
+        if here := [entry for entry in section.entries if layout in entry.layouts]:
+            lines += [f"## {section.title}", "", section.text, "", *TABLE, *(row(e, layout) for e in here), ""]
+            entries += here
+    text = "\n".join(lines)
+    families = ((f"`<{name}>`", what) for name, what in FAMILIES.items() if f"<{name}>" in text)
+    words = ((f"*{name}*", what) for name, what in WORDS.items() if f"*{name}*" in text)
+    lines += _explained("Names in <>", families) + _explained("Words in italics", words)
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
-    PAGE.write_text(page())
+def pages() -> dict[str, str]:
+    """All pages, by their names in docs/reference."""
+    return {f"results/{layout}.md": page(layout) for layout in LAYOUTS}

@@ -1,7 +1,7 @@
 """Every variable that a result may hold: path, dimensions, unit, meaning, in which layouts of results, and when.
 
 Studies hand in data by path (`io.draft`); what stands here is written into the file, published in
-docs/result-file.md, and held against the files that studies make (`tests/layout.py`).
+docs/reference/results, and held against the files that studies make (`tests/layout.py`).
 
 A `{name}` in a path stands for each member of a family: those that the entry lists, or those that a study names (its
 sensors, its axes). In units and meanings it stands for the member, or for a word that comes with the data (`WORDS`).

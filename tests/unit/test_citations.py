@@ -8,6 +8,7 @@ that end with their number.
 from __future__ import annotations
 
 import ast
+import os
 import re
 import tokenize
 from collections.abc import Iterator
@@ -18,11 +19,19 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
+from tests.unit.test_reference import script
 
 FOLDERS = ("navsim", "tests", "scripts", "benchmarks")
 SOURCES = sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py"))
 THEORY = sorted((ROOT / "docs" / "theory").glob("*.md"))
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+REFERENCE = ROOT / "docs" / "reference"
+"""Pages that the schemas make with the site: they are read as they are made, whether there is a site or not."""
+GENERATED = {REFERENCE / name: text for name, text in script("reference").pages().items()}
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md")),
+    *sorted(path for path in (ROOT / "docs").rglob("*.md") if not path.is_relative_to(REFERENCE)),
+    *GENERATED,
+]
 
 _LINK = re.compile(r"!?\[([^\]\n]*)\]\(([^)\s]+)\)")
 _NUMBERS = r"\(?\d+\)?(?:(?:,|\s+to|\s+and)\s+\(?\d+\)?)*"
@@ -44,10 +53,15 @@ class Page:
     equations: tuple[int, ...]
 
 
+def text_of(path: Path) -> str:
+    """The text of a page."""
+    return GENERATED[path] if path in GENERATED else path.read_text(encoding="utf-8")
+
+
 @cache
 def page(path: Path) -> Page:
     """The page at a path."""
-    text = path.read_text(encoding="utf-8")
+    text = text_of(path)
     headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
     return Page(
         frozenset(headings),
@@ -96,7 +110,8 @@ def missing(text: str, folder: Path) -> tuple[int, list[str]]:
         if "*" in found["page"] or "//" in found["page"]:
             continue
         count += 1
-        target = next((p for p in (ROOT / found["page"], folder / found["page"]) if p.is_file()), None)
+        places = [Path(os.path.normpath(base / found["page"])) for base in (ROOT, folder)]
+        target = next((p for p in places if p.is_file() or p in GENERATED), None)
         if target is None:
             out.append(f"{found[0]}: no such page")
             continue
@@ -125,14 +140,14 @@ def test_pages_cited_by_code_are_there() -> None:
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_pages_lead_somewhere(path: Path) -> None:
     """Links of a page, with their anchors, and pages it names."""
-    text = path.read_text(encoding="utf-8")
+    text = text_of(path)
     _, lost = missing(text, path.parent)
     for _, target in _LINK.findall(text):
         if re.match(r"https?:", target):
             continue
         file, _, anchor = target.partition("#")
-        there = path.parent / file if file else path
-        if not there.exists() or (anchor and anchor not in page(there).anchors):
+        there = Path(os.path.normpath(path.parent / file)) if file else path
+        if not (there.exists() or there in GENERATED) or (anchor and anchor not in page(there).anchors):
             lost.append(f"a link to {target}")
     assert not lost, "\n".join(lost)
 
@@ -156,7 +171,7 @@ def lost_modules(text: str) -> list[str]:
 
 def test_modules_named_by_pages_are_there() -> None:
     pages = [page for page in PAGES if page.name != "CHANGELOG.md"]  # of which the former names are history
-    found = {str(page.relative_to(ROOT)): lost_modules(page.read_text(encoding="utf-8")) for page in pages}
+    found = {str(page.relative_to(ROOT)): lost_modules(text_of(page)) for page in pages}
     assert {page: lost for page, lost in found.items() if lost} == {}
     assert lost_modules("`core/nothing.py`, `core/jit.no_such`, `core/jit.kernel`") == [
         "core/nothing",
