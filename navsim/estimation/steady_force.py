@@ -53,6 +53,8 @@ _ROUGH = 4.0
 """Excess of the mean square of these changes that ends steady flight, in its own sigma."""
 _ROUGHNESS_TIME = 20.0
 """Memory of that mean square, s."""
+_SLOWING = 1.5
+"""By this an interval between fixes may be longer than the one before, if it is no hole."""
 
 
 @kernel
@@ -136,7 +138,10 @@ def end_interval(line, v, variance, q, time, m):
         sudden = sudden | (off * off > _OFF_LINE * _OFF_LINE * variance[i])
         sudden = sudden | (steady & (jump * jump > _JUMP * _JUMP * q * dt))
         square += jump * jump
-    longest = _ROUGHNESS_TIME / dt
+    # after a hole the line is no older by fixes that did not come
+    most = _SLOWING * line[STEADY_STEP]
+    step = select((most > 0.0) & (dt > most), most, dt)
+    longest = _ROUGHNESS_TIME / step
     count = line[STEADY_COUNT] + 1.0
     count = select(count > longest, longest, count)
     count = select(count < 1.0, 1.0, count)
@@ -155,7 +160,7 @@ def end_interval(line, v, variance, q, time, m):
     line[STEADY_AGE] = select(ends, 0.0, line[STEADY_AGE])
     line[STEADY_IS] = select(ends, 0.0, line[STEADY_IS])
     line[STEADY_COUNT] = select(sudden, 0.0, count)
-    line[STEADY_STEP] = dt
+    line[STEADY_STEP] = step
     line[STEADY_BEGUN] = 0.0 * dt
 
 

@@ -102,15 +102,17 @@ def test_coupling() -> None:
 Q, VARIANCE, STEP = 1e-4, np.full(3, 4e-4), 0.1
 
 
-def through(velocities: np.ndarray) -> np.ndarray:
-    """What is added to the couplings (k, 3) of intervals that end with velocities (k, 3), which fixes leave."""
+def through(velocities: np.ndarray, times: np.ndarray | None = None) -> np.ndarray:
+    """What is added to the couplings (k, 3) of intervals that end with velocities (k, 3), which fixes leave at times
+    (k,), s, by default every `STEP`."""
+    times = STEP * np.arange(1.0, len(velocities) + 1.0) if times is None else times
     line, m = np.zeros(records.STEADY_N), np.zeros((len(velocities), 3))
     steady_force.start_line(line, np.zeros(3), 0.0)
-    before = np.zeros(3)
-    for k, v in enumerate(velocities):
-        steady_force.begin_interval(line, before, VARIANCE, Q, STEP * k)
-        steady_force.end_interval(line, v, VARIANCE, Q, STEP * (k + 1), m[k])
-        before = v
+    before, then = np.zeros(3), 0.0
+    for k, (v, now) in enumerate(zip(velocities, times, strict=True)):
+        steady_force.begin_interval(line, before, VARIANCE, Q, then)
+        steady_force.end_interval(line, v, VARIANCE, Q, now, m[k])
+        before, then = v, now
     return m
 
 
@@ -142,6 +144,30 @@ def test_a_manoeuvre_gives_back_what_was_left_out() -> None:
     assert np.abs(m[499]).max() > 0.0
     np.testing.assert_allclose(m[:501].sum(axis=0), 0.0, atol=1e-12)
     assert not m[501:520].any()
+
+
+def test_after_a_hole_of_fixes_the_line_is_new() -> None:
+    """A minute without a fix ends steady flight, and does not make the next line a minute old: that one has to age
+    for 1.3 memories of 4 s, and for 2 s more, before it is used."""
+    before = noisy_line(300)
+    after = before[-1] - 0.5 * 60.0 + noisy_line(300, -0.5)
+    times = STEP * np.arange(1.0, 601.0) + np.where(np.arange(600) < 300, 0.0, 60.0)
+    m = through(np.concatenate([before, after]), times)
+    assert m[300].any()
+    begun = 301 + int(np.flatnonzero(m[301:].any(axis=1))[0])
+    assert 0.0 < times[begun] - times[300] - 7.2 < 0.5
+    coupled = np.diff(after, axis=0)[-150:] + m[-150:]
+    np.testing.assert_allclose(coupled.mean(axis=0), -0.5 * STEP, atol=2e-3)
+
+
+def test_another_rate_of_fixes_is_no_hole() -> None:
+    """Steady flight goes on, and so does the line, by the spacing that fixes have now."""
+    first, spaced = noisy_line(300), noisy_line(3000)[300::10]
+    times = np.concatenate([STEP * np.arange(1.0, 301.0), 30.0 + 10.0 * STEP * np.arange(1.0, 271.0)])
+    m = through(np.concatenate([first, spaced + (first[-1] - spaced[0]) + 0.2]), times)
+    assert (m[300:] != 0.0).any(axis=1).mean() > 0.9
+    coupled = np.diff(spaced, axis=0)[-100:] + m[-100:]
+    np.testing.assert_allclose(coupled.mean(axis=0), 10.0 * 0.2 * STEP, atol=2e-2)
 
 
 def test_weak_gusts_end_steady_flight() -> None:
