@@ -193,9 +193,9 @@ def page(costs: dict[str, Costs], size: int) -> str:
     lines += [
         "",
         "More workers are idle from there on. Parts of a job array keep their own results and have no such limit: for",
-        "more, or for `--keep all`, use `--first-run` and `navsim merge` ([cluster.md](cluster.md)). The simulation",
-        "leaves out: the start of workers and the loading of kernels (seconds each, at the same time), the way of the",
-        "study to each worker, a network slower than memory, a shared disk slower than this one, unlike workers.",
+        "more, or for `--keep all`, use `--first-run` and `navsim merge` ([beyond one machine](cluster.md)).",
+        "The simulation leaves out the start of workers and the loading of kernels (seconds each, at the same time),",
+        "sending the study to each worker, a network slower than memory, a slower shared disk, and unlike workers.",
         "",
     ]
     return "\n".join(lines)

@@ -124,7 +124,7 @@ def main() -> None:
         "# Errors that last, measured",
         "",
         f"Made by `make validate` (`scripts/lasting_errors.py`), seed {SEED}, default filter (`gaussian-sum`).",
-        "What stands behind it: [theory/lasting-errors.md](theory/lasting-errors.md).",
+        "Equations: [errors that last](theory/lasting-errors.md).",
         "",
         *consistency(),
         "",

@@ -186,7 +186,7 @@ def main() -> None:
         "# Tight and loose coupling, measured",
         "",
         f"Made by `make validate` (`scripts/outages.py`), seed {SEED}, default filter (`gaussian-sum`). What coupling",
-        "means: [filter.md](filter.md#tight-coupling).",
+        "means: [the filter](filter.md#tight-coupling).",
         "",
     ]
     lines, kept = outages()

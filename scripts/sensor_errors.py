@@ -143,9 +143,8 @@ def main() -> None:
     lines = [
         "# Errors of inertial sensors, measured",
         "",
-        f"Made by `make validate` (`scripts/sensor_errors.py`), s_turn.yaml to 60 s with fixes at 1 Hz, seed {SEED}. "
-        "What",
-        "stands behind it: [theory/sensors.md](theory/sensors.md), [filter.md](filter.md#misalignments).",
+        f"Made by `make validate` (`scripts/sensor_errors.py`), s_turn.yaml to 60 s with fixes at 1 Hz, seed {SEED}.",
+        "Theory: [equations](theory/sensors.md), [misalignments](filter.md#misalignments).",
         "",
         *one_by_one(),
         "",

@@ -1,0 +1,162 @@
+"""Make the pictures of the gallery, and docs/gallery.md: some minutes; needs Chromium for the report and the planner.
+
+Each picture is drawn by navsim from the result of the command beside it. Palettes keep the files small.
+"""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+ROOT = Path(__file__).resolve().parent.parent
+IMAGES = ROOT / "docs" / "images"
+PAGE = ROOT / "docs" / "gallery.md"
+COLOURS = 200
+HEAD = """# Gallery
+
+Each section has a command and pictures of its result; `navsim plot RESULT.h5` draws all figures of a result.
+[Figures for print](figures.md) lists them. Made by `scripts/gallery.py`.
+"""
+START = "navsim init -o my.yaml"
+PLANNER = "navsim plan my.yaml"
+REPORT = "navsim report results/landing.h5"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, commands, the result that they make, and of its figures the names with captions."""
+
+    title: str
+    commands: tuple[str, ...]
+    result: str
+    figures: dict[str, str]
+
+
+SECTIONS = (
+    Section("One landing", ("navsim run scenarios/landing.yaml",), "landing", {
+        "track": "Plan and side view of the approach, with the pseudolites",
+        "sky": "Satellites and pseudolites seen from the aircraft",
+        "dop": "Dilutions of precision over time",
+        "fixes": "Fixes about the antenna",
+        "errors": "Errors of all states, with ±3σ of the filter",
+        "nees": "NEES and NIS, with the bands of a right filter",
+    }),
+    Section("Many landings", ("navsim run scenarios/landing.yaml --runs 20 -q -o results/many.h5",), "many", {
+        "touchdown": "Position errors of all runs at touchdown, with ellipses",
+        "spread_time": "Spread of the errors over time: half of the runs, 95 % of them, RMS, σ of the filter",
+        "histogram": "Distribution of the errors",
+        "consistency": "z of every state over time",
+    }),
+    Section("Error budget", ("navsim run scenarios/landing.yaml --method covariance",), "landing_covariance", {
+        "budget": "Share of each source of error",
+    }),
+    Section("Placement maps", ("navsim sweep scenarios/placement_sweep.yaml",), "placement_sweep", {
+        "pdop": "PDOP by the position of the pseudolites; the star is the best position",
+        "fix_vertical": "Vertical error of a fix on the same plan",
+    }),
+    Section("Best placements", ("navsim optimize scenarios/placement_optimum.yaml",), "placement_optimum", {
+        "plan": "Best positions for each number of pseudolites",
+        "front": "Accuracy against the number of pseudolites",
+    }),
+    Section("Integrity", (
+        "navsim run scenarios/landing.yaml --runs 100 --set "
+        "'integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}'",
+    ), "landing_runs100", {
+        "integrity": "Protection levels, errors and alert limits",
+        "stanford": "Stanford diagram: errors against protection levels",
+    }),
+    Section("Rare events", (
+        "navsim run scenarios/landing.yaml --method rare --set 'box={lateral_m: 0.8, vertical_m: 1.2}'",
+    ), "landing_rare", {"exceedance": "Probability of each size of error, down to 1e-7"}),
+    Section("A recorded flight", ("navsim init recorded_flight -o log.yaml", "navsim replay log.yaml"), "log", {
+        "innovations": "Innovations with 3σ",
+        "attitude": "Attitude with its uncertainty, and biases",
+        "outages": "Drift in simulated outages",
+    }),
+    Section("A companion system", ("navsim run scenarios/azimuth_tracking.yaml",), "azimuth_tracking", {
+        "map": "Where load factors help a tracking radar",
+    }),
+)  # fmt: skip
+
+
+def navsim(command: str, folder: Path) -> None:
+    """Run a command as the page has it, with this Python's navsim."""
+    words = command.replace("navsim", f"{sys.executable} -m navsim", 1)
+    subprocess.run(["bash", "-c", words], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+
+
+def keep(picture: Path, name: str) -> None:
+    """Store a picture with few colours."""
+    with Image.open(picture) as image:
+        small = image.convert("RGB").quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        small.save(IMAGES / name, optimize=True)
+
+
+def photograph(page: Page, address: str, height: int, name: str, folder: Path) -> None:
+    """Store the top of a page as a browser shows it."""
+    page.set_viewport_size({"width": 1280, "height": height})
+    page.goto(address)
+    page.wait_for_timeout(4000)
+    page.screenshot(path=folder / name)
+    keep(folder / name, name)
+
+
+def photograph_pages(folder: Path) -> None:
+    """The report of the landing, and the planner."""
+    navsim(REPORT, folder)
+    navsim(START, folder)
+    with sync_playwright() as tools:
+        browser = tools.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(color_scheme="light")
+        page.set_default_timeout(120_000)
+        photograph(page, (folder / "results" / "landing.html").as_uri(), 1400, "report.png", folder)
+        words = [sys.executable, "-m", *PLANNER.split(), "--port", "0", "--no-browser"]
+        with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True) as planner:
+            assert planner.stdout is not None
+            photograph(page, planner.stdout.readline().split()[0], 885, "planner.png", folder)
+            planner.send_signal(signal.SIGINT)
+        browser.close()
+
+
+def text() -> str:
+    """The page."""
+    lines = [HEAD]
+    for section in SECTIONS:
+        lines += [f"## {section.title}", "", *(f"    {command}" for command in section.commands), ""]
+        for name, caption in section.figures.items():
+            lines += [f"![{caption}](images/{section.result}_{name}.png)", "", f"{caption}.", ""]
+    for title, commands, picture, caption in (
+        ("The report", (REPORT,), "report", "[The report](report.md): one page for any browser, figures with numbers"),
+        ("The planner", (START, PLANNER), "planner", "[The planner](planner.md): what a move of a pseudolite changes"),
+        ("Outages", (), "outages", "[Tight and loose coupling in outages](outages-measured.md): drift of the position"),
+    ):
+        typed = [*(f"    {command}" for command in commands), ""] if commands else []
+        lines += [f"## {title}", "", *typed, f"![{title}](images/{picture}.png)", "", f"{caption}.", ""]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        shutil.copytree(ROOT / "scenarios", folder / "scenarios")
+        for section in SECTIONS:
+            for command in section.commands:
+                navsim(command, folder)
+            only = ",".join(section.figures)
+            navsim(f"navsim plot results/{section.result}.h5 --only {only} --width 170mm --dpi 80 -o drawn", folder)
+            for name in section.figures:
+                keep(folder / "drawn" / f"{section.result}_{name}.png", f"{section.result}_{name}.png")
+        photograph_pages(folder)
+    PAGE.write_text(text(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
