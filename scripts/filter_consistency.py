@@ -21,7 +21,7 @@ from navsim.scenario.load import read
 from navsim.study.consistency import Ratios
 from navsim.study.executor import threads
 from navsim.study.landing import fly_all, prepare
-from navsim.study.landing.consistency import evaluate_states, ratios_of_runs
+from navsim.study.landing.consistency import evaluate_states, ratios_of_runs, shares_beyond
 from navsim.study.statistics import consistency_band
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -95,7 +95,7 @@ def tails(label: str, name: str, settings: Sequence[str]) -> tuple[str, list[str
         part.append(ensemble["nees_position_velocity"][:, at] / 6)
         beyond.append([(ensemble["nees"][:, at] > limit).mean() for limit in limits])
         ratios[seed].append(ratios_of_runs(case, ensemble))
-        shares[seed].append(ensemble.mean("ratio_beyond"))
+        shares[seed].append(shares_beyond(ensemble))
         heading.append(np.abs(ensemble["error"][..., A_D] / ensemble["sigma"][..., A_D]).max(axis=1))
     every, motion, largest = np.concatenate(full), np.concatenate(part).mean(axis=0), np.concatenate(heading)
     of_seeds = (np.split(every.max(axis=1), len(SEEDS)), np.split(largest, len(SEEDS)))

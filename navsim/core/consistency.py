@@ -13,17 +13,18 @@ ROUNDING = 1e-8
 
 
 @kernel
-def sum_ratios(error, sigma, limits, squares, beyond, steps):
+def sum_ratios(error, sigma, limits, squares, known, beyond, steps):
     """Sum what consistency tests need of z = error / sigma over runs.
 
-    The sums are pairwise, those of `study.sums` for a block of so many runs. A ratio is nan where sigma is 0 and the
-    error rounding, inf where sigma is 0 and the error is larger.
+    The sums are pairwise, those of `study.sums` for a block of so many runs. There is no ratio where error or sigma is
+    not finite, nor where sigma is 0 and the error rounding; it is inf where sigma is 0 and the error is larger.
 
     Parameters
     ----------
     error, sigma : arrays (r, o, n) of runs, outputs and states; r is a power of two.
     limits : array (k,), sigmas.
-    squares : array (o, n), out: sums of z^2.
+    squares : array (o, n), out: sums of z^2 over the runs that have a ratio.
+    known : array (o, n), out: how many they are.
     beyond : array (k, o, n), out: runs with |z| above each limit.
     steps : array (n,), out: sums over runs and outputs of the squared change of z since the output before, where both
         are finite.
@@ -36,10 +37,12 @@ def sum_ratios(error, sigma, limits, squares, beyond, steps):
         for i in range(n):
             for k in range(limits.shape[0]):
                 beyond[k, o, i] = 0
+            known[o, i] = 0
             for r in range(runs):
                 e, s = error[r, o, i], sigma[r, o, i]
                 z = (math.nan if abs(e) <= ROUNDING else math.inf) if s == 0.0 else e / s
-                pairs[r] = z * z
+                pairs[r] = 0.0 if math.isnan(z) else z * z
+                known[o, i] += not math.isnan(z)
                 for k in range(limits.shape[0]):
                     beyond[k, o, i] += abs(z) > limits[k]
                 change = z - before[r, i]

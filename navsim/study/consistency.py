@@ -40,8 +40,9 @@ _NONE = 1e-3
 class Ratios:
     """z (t, n) of states with these names at times (t,), s, nan where a state has no uncertainty or is not finite.
 
-    runs: that it is the root mean square of; 0: expected by a covariance analysis. correlation: (n,) of error / sigma
-    at neighbouring outputs.
+    runs: that it is the root mean square of, of outputs with different numbers the least; 0: expected by a covariance
+    analysis. correlation: (n,) of error / sigma at neighbouring outputs. flown: runs, also those that are not finite at
+    some output; 0: the same.
     """
 
     time: np.ndarray
@@ -49,6 +50,7 @@ class Ratios:
     z: np.ndarray
     runs: int
     correlation: np.ndarray
+    flown: int = 0
 
     @property
     def looks(self) -> np.ndarray:
@@ -169,10 +171,14 @@ def evaluate(ratios: Ratios, band: RatioBand, tolerance: float) -> StateVerdict:
 
 
 def _unknown(ratios: Ratios) -> str:
-    """Outputs behind the first that are not finite, in words."""
+    """Runs, and outputs behind the first, that are not judged, in words."""
     known = ~np.isnan(ratios.z)
     count = int((~known[1:, known.any(axis=0)]).any(axis=1).sum())
-    return f"; {count} of {known.shape[0]} outputs are not finite and not judged" if count else ""
+    lost = max(ratios.flown - ratios.runs, 0)
+    runs = (
+        f"; {several(lost, 'run')} of {ratios.flown} not finite at some outputs, and not judged there" if lost else ""
+    )
+    return runs + (f"; {count} of {known.shape[0]} outputs are not finite and not judged" if count else "")
 
 
 def _place(flat: np.intp, z: np.ndarray) -> tuple[int, int]:

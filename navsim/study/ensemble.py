@@ -71,9 +71,13 @@ class Ensemble:
         """A per-run statistic (runs, ...), not to be changed."""
         return self._columns[name][: self.runs]
 
+    def total(self, name: str) -> np.ndarray:
+        """A sum over runs."""
+        return self._sums.total(name)
+
     def mean(self, name: str) -> np.ndarray:
         """A sum over runs, divided by their number."""
-        return self._sums.total(name) / self.runs
+        return self.total(name) / self.runs
 
     def columns(self) -> Arrays:
         """All per-run statistics by name, not to be changed."""

@@ -116,7 +116,7 @@ def doubted(name: str, whose: str, mean: float, degrees: float, runs: int = 1) -
     return [Finding(name, text, LANDING[name][0], runs, runs, runs)]
 
 
-def of_states(verdict: StateVerdict, runs: int) -> list[Finding]:
+def of_states(verdict: StateVerdict, runs: int = 1) -> list[Finding]:
     """The finding of a state whose sigma is smaller than its errors, if there is one."""
     if not verdict.small:
         return []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from navsim.io.results import Result
 from navsim.report import tables
 from navsim.report.compare import compared
 from navsim.report.table import Table
+from navsim.simulation.landing import Run
 from navsim.study.consistency import Ratios
 from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, covariance_result, fly_all, result
@@ -125,6 +127,38 @@ def test_a_covariance_analysis_has_the_expected_ratio() -> None:
                                / found["/filter/sigma"][0, :, state])  # fmt: skip
     assert str(found["/summary/consistency/verdict"]).startswith("sigma 25 % small: ")
     assert str(found["/summary/consistency/verdict"]).endswith("(z 1.25, to first order)")
+    (finding,) = (one for one in of(found) if one.name == "sigma_of_state")
+    assert finding.text == str(found["/summary/consistency/verdict"])
+    assert wanting(found, Demands(consistent=True)) == [f"--require-consistent: {finding.text}"]
+
+
+def test_a_run_that_is_not_finite_leaves_the_others_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of forty, from 5 s on: the verdict is of 39, and says so; with more than half lost there is none."""
+    flown_all, lost = Case.fly_runs, [7]
+
+    def fly_runs(self: Case, seed: int, first: int, count: int, measured: bool = True) -> Iterator[Run]:
+        for runs in flown_all(self, seed, first, count, measured):
+            for run in set(lost) & set(range(first, first + len(runs.error))):
+                runs.error[run - first, 5:] = runs.sigma[run - first, 5:] = np.nan
+            first += len(runs.error)
+            yield runs
+
+    right = case(*BRIEF)
+    whole = ratios(right, 40)
+    monkeypatch.setattr(Case, "fly_runs", fly_runs)
+    found = flown(right, 40)
+    words = str(found["/summary/consistency/verdict"])
+    assert "as far as 39 runs tell" in words
+    assert words.endswith("; 1 run of 40 not finite at some outputs, and not judged there")
+    z = found["/consistency/z"]
+    np.testing.assert_array_equal(z[:5], whole.z[:5])
+    assert np.isfinite(z).all()
+    assert found.variables["/consistency/z"].attributes["runs"] == 39
+    assert 0.0 < np.nanmean(found["/consistency/beyond_95"]) < 0.15
+    lost.extend(range(19, 40))
+    assert str(flown(right, 40)["/summary/consistency/verdict"]).endswith(
+        "; 16 of 21 outputs are not finite and not judged"
+    )
 
 
 def test_results_beside_each_other_and_of_an_earlier_version() -> None:

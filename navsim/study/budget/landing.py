@@ -273,8 +273,8 @@ def shared_memory(here: Extent) -> float:
 
 def sums_bytes(here: Extent) -> int:
     """Sums over a block of runs at every output of the filter, bytes: three, one for each group of states, and for each
-    state the square of its error in sigmas and how many runs are beyond two limits of it."""
-    return (3 + here.sizes()["group"] + 3 * here.states) * NUMBER * (here.epochs + 1)
+    state the square of its error in sigmas, of how many runs, and how many are beyond two limits of it."""
+    return (3 + here.sizes()["group"] + 4 * here.states) * NUMBER * (here.epochs + 1)
 
 
 def _stored(here: Extent, keep: str) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from navsim.core.consistency import ROUNDING
@@ -17,10 +19,22 @@ BEYOND = ("beyond_95", "beyond_99_9")
 
 
 def ratios_of_runs(case: Case, ensemble: Ensemble) -> Ratios:
-    """The ratios of errors to sigma of an ensemble."""
-    squares = ensemble.mean("ratio_square")
-    correlation = correlation_of(squares, ensemble.mean("ratio_step"))
-    return _ratios(case, np.sqrt(squares), ensemble.runs, correlation)
+    """The ratios of errors to sigma of an ensemble: of the runs that have one, where they are half of all at least."""
+    squares, known = ensemble.total("ratio_square"), ensemble.total("ratio_known")
+    correlation = correlation_of(squares, ensemble.total("ratio_step"))
+    found = _ratios(case, np.sqrt(_of_known(squares, known, ensemble.runs)), ensemble.runs, correlation)
+    fewest = int(known[~np.isnan(found.z)].min(initial=ensemble.runs))
+    return replace(found, runs=fewest, flown=ensemble.runs)
+
+
+def shares_beyond(ensemble: Ensemble) -> np.ndarray:
+    """Shares of those runs (k, t, n) whose error is beyond each of `study.consistency.LIMITS`."""
+    return _of_known(ensemble.total("ratio_beyond"), ensemble.total("ratio_known"), ensemble.runs)
+
+
+def _of_known(total: np.ndarray, known: np.ndarray, runs: int) -> np.ndarray:
+    """Means of sums over known (t, n) runs; nan where they are less than half of all."""
+    return np.asarray(np.where(2 * known >= runs, total / np.maximum(known, 1), np.nan))
 
 
 def expected_ratios(case: Case, rms: np.ndarray, sigma: np.ndarray) -> Ratios:

@@ -19,13 +19,14 @@ from navsim.study.findings import (
     Flaws,
     doubted,
     notes,
+    of_states,
     positive,
     tally,
 )
 from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, to_first_order
 from navsim.study.landing.case import MOVING, PERCENTILES, Case, crossing_times, rms_window
-from navsim.study.landing.consistency import expected_ratios, put_consistency
+from navsim.study.landing.consistency import evaluate_states, expected_ratios, put_consistency
 from navsim.study.landing.ensemble import (
     FAR_OFF,
     FOLLOWED,
@@ -123,6 +124,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     ):
         mean = float(analysis.expected_square(states_)[1:].mean()) if e else math.nan
         found += doubted(name, words, mean, math.inf)
+    found += of_states(evaluate_states(case, _expected(case, analysis))[1])
     for sensor, (squares, count) in analysis.aided.items():
         if count:
             found += doubted("aided_innovations", f"innovations of the {sensor}", float(squares / count), math.inf)

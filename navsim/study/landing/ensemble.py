@@ -204,10 +204,11 @@ def add_ratios(sums: Sums, first: int, runs: Run) -> None:
         part = slice(start - first, start - first + length)
         error, sigma = runs.error[part], runs.sigma[part]
         shape = error.shape[1:]
-        squares, beyond = np.empty(shape), np.empty((limits.size, *shape), np.int32)
-        steps = np.empty(shape[1])
-        sum_ratios(error, sigma, limits, squares, beyond, steps)
-        sums.add(start, length, {"ratio_square": squares, "ratio_beyond": beyond, "ratio_step": steps})
+        squares, known = np.empty(shape), np.empty(shape, np.int32)
+        beyond, steps = np.empty((limits.size, *shape), np.int32), np.empty(shape[1])
+        sum_ratios(error, sigma, limits, squares, known, beyond, steps)
+        added: Arrays = {"ratio_square": squares, "ratio_known": known, "ratio_beyond": beyond, "ratio_step": steps}
+        sums.add(start, length, added)
 
 
 def fly_all(

@@ -18,7 +18,7 @@ from navsim.study.ensemble import Ensemble
 from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, counted
 from navsim.study.landing.case import MOVING, PERCENTILES, Case, rms_window
-from navsim.study.landing.consistency import put_consistency, ratios_of_runs
+from navsim.study.landing.consistency import put_consistency, ratios_of_runs, shares_beyond
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
 from navsim.study.landing.tree import accuracy, attributes, base, belief
 from navsim.study.parts import pack
@@ -245,7 +245,7 @@ def _consistency(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft.put(f"{branch}/nees_group", groups, _of_band(band, 3))
     window = rms_window(case)
     draft[f"{branch}/mean_group"] = groups[window].mean(axis=0) if window.any() else np.full(len(case.groups), np.nan)
-    put_consistency(draft, case, ratios_of_runs(case, ensemble), ensemble.mean("ratio_beyond"))
+    put_consistency(draft, case, ratios_of_runs(case, ensemble), shares_beyond(ensemble))
 
 
 def _nees_degrees(case: Case) -> tuple[tuple[str, int], ...]:
