@@ -155,9 +155,9 @@ def page(costs: dict[str, Costs], size: int) -> str:
     lines = [
         "# How far a cluster reaches",
         "",
-        "Made by `python scripts/cluster_scaling.py`. The first table is measured on the machine that wrote this page,",
-        "with a scheduler and two workers on it, the quickest of several tries; the second is a simulation from it",
-        "alone, event by event. No cluster of a hundred or a thousand workers was used.",
+        "Made by `python scripts/cluster_scaling.py`. The first table is measured on one machine, with a scheduler",
+        "and two workers, the quickest of several tries. The second is a simulation from it, event by event.",
+        "No cluster of a hundred or a thousand workers was used.",
         "",
         f"The shipped landing (`scenarios/landing.yaml`), batches of {BATCH} runs. The study that every worker is sent",
         f"once has {size / 1e6:.1f} MB. A task that does nothing takes {1e3 * some.task_s:.1f} ms of client and",
@@ -194,8 +194,8 @@ def page(costs: dict[str, Costs], size: int) -> str:
         "",
         "More workers are idle from there on. Parts of a job array keep their own results and have no such limit: for",
         "more, or for `--keep all`, use `--first-run` and `navsim merge` ([beyond one machine](cluster.md)).",
-        "The simulation leaves out the start of workers and the loading of kernels (seconds each, at the same time),",
-        "sending the study to each worker, a network slower than memory, a slower shared disk, and unlike workers.",
+        "The simulation leaves out the start of workers and the loading of kernels (seconds each, at the same time).",
+        "Also missing: sending the study to each worker, a slow network, a slower shared disk, unlike workers.",
         "",
     ]
     return "\n".join(lines)

@@ -126,9 +126,9 @@ def main() -> None:
     reach = 100.0 * TWO_SIDED / math.sqrt(2.0 * RUNS)
     text = f"""# Passing pseudolites at 20 to 300 m
 
-Made by `make validate`. RMS position errors of {RUNS} runs of seed {SEED}, north, east and down over 20 s to
-touchdown, divided by those of the covariance analysis and by the filter's sigma:
-smallest and largest of the three. landing_open_sky.yaml with 5 fixes and 50 inertial samples a second. {RUNS} runs
+Made by `make validate`: {RUNS} runs of seed {SEED}. The columns have RMS position errors over 20 s to touchdown,
+divided by those of the covariance analysis and by the filter's sigma: smallest and largest of north, east, down.
+The scenario is landing_open_sky.yaml with 5 fixes and 50 inertial samples a second. {RUNS} runs
 leave {reach:.0f} % (95 %). Without a warning all is within 1 ± {WITHIN:g} as far as so many runs tell, but for
 {open_} of {len(rows)} settings.
 

@@ -116,9 +116,10 @@ def page(seeds: list[int]) -> None:
         "",
         f"Made by `make torture` on {datetime.date.today()} with navsim {navsim.__version__} (commit "
         f"{', '.join(commits)}), seeds {seeds[0]} to {seeds[-1]}; the",
-        "tests do a little of it every time (`tests/torture/`). Wrong is: a traceback, no end within 10 s, more than",
-        "1 GB, success with input that the published schema refuses or with a result that cannot be read, another",
-        "study's work adopted, a number that differs from the undisturbed study's, a file left behind.",
+        "tests do a little of it every time (`tests/torture/`). Wrong is any of these: a traceback, no end within",
+        "10 s, more than 1 GB, a file left behind, another study's work adopted, a number that differs from the",
+        "undisturbed study's. So is success with input that the published schema refuses, or with a result that",
+        "cannot be read.",
         "",
         "| trial | number | how they ended | slowest | most memory | wrong |",
         "|---|---|---|---|---|---|",

@@ -143,3 +143,11 @@ def test_documented_defaults_are_those_of_the_sections(kind: str) -> None:
         if value not in ({}, None) and (documented[key].default != value or documented[key].required)
     }
     assert wrong == {}
+
+
+def test_the_gallery_is_what_its_script_writes() -> None:
+    gallery = script("gallery")
+    assert gallery.text() == gallery.PAGE.read_text(encoding="utf-8")
+    pictures = re.findall(r"\((images/[^)]+)\)", gallery.text())
+    assert len(pictures) >= 20
+    assert [name for name in pictures if not (gallery.PAGE.parent / name).is_file()] == []
