@@ -685,6 +685,21 @@ class Flight:
             sigma = np.sqrt(signals.noise_sigma**2 + of_kinds)
         return sigma if self.reflection_sigma is None else np.hypot(sigma, self.reflection_sigma)
 
+    @cached_property
+    def _without(self) -> dict[int, Flight]:
+        """What `without` has made."""
+        return {}
+
+    def without(self, candidate: int) -> Flight:
+        """The same where the sources of one of `candidates` are not received, for what a filter knows of fixes made
+        without them."""
+        if candidate not in self._without:
+            signals = self.world.signals
+            kept = ~np.isin(signals.names, self.candidates[candidate].sources)
+            world = replace(self.world, signals=replace(signals, used=signals.used & kept))
+            self._without[candidate] = replace(self, world=world)
+        return self._without[candidate]
+
     def over(self, world: World) -> Flight:
         """The same in another world."""
         return prepare(world, self.initial, self.gyro, self.accel, self.beliefs, self.start, self.watching)
@@ -937,7 +952,13 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
     else:
         given = np.where((watched.status == monitoring.ALARM)[:, None], np.nan, llh) if flight.drops else llh
-        tables = measurements(flight, table_of_all_fixes(flight, given, velocity, cov), inputs.aided)
+        table = table_of_all_fixes(flight, given, velocity, cov)
+        for candidate in np.unique(watched.excluded[watched.excluded != NOTHING]).astype(int):
+            mine = watched.excluded == candidate
+            made = table_of_all_fixes(flight.without(candidate), given, velocity, cov)
+            for all_fixes, without in zip(table[:3], made[:3], strict=True):
+                np.copyto(all_fixes, without, where=mine.reshape(len(mine), *[1] * (all_fixes.ndim - 2), -1))
+        tables = measurements(flight, table, inputs.aided)
 
     account = empty_account(
         _truth(world, inputs), n, flight.events.time.size, WIDTH,

@@ -238,3 +238,23 @@ def test_the_result_says_what_was_excluded(tmp_path: Path, keep: str) -> None:
         assert float(result[f"{branch}/exclusions_available"][0]) == pytest.approx(low[status == EXCLUDED].mean())
         available = float((low & (status != ALARM)).mean())
         assert float(result[f"{branch}/availability"][0]) == pytest.approx(available)
+
+
+def test_a_fix_without_a_pseudolite_has_none_of_its_reflections() -> None:
+    """A loosely coupled filter takes the mean error by reflections off, and adds their spread to R, where the
+    pseudolite is in the fix, and leaves the others as the receiver made them."""
+    step = [{"what": "step", "sources": ["PL1"], "error_m": 80, "at_s": 8, "until_s": 14}]
+    reflected = ("pseudolites.count=1", "pseudolites.height_m=5", "pseudolites.multipath={}")
+    watched = faulty("exclusion: residual", step, *reflected)
+    run = simulation.fly(watched.flight, 3, range(4))
+    position, velocity = run.filter_fix_llh - run.fix_llh, run.filter_fix_velocity - run.fix_velocity
+    shifted = np.abs(np.concatenate([position, velocity], axis=2)).max(axis=2) > 0.0
+    number = [one.sources for one in watched.flight.candidates].index(("PL1",))
+    without = run.monitor_excluded == number
+    assert without.sum() > 20
+    np.testing.assert_array_equal(shifted, ~without)
+    _, _, _, cov = simulation.receiver_fixes(
+        watched.world, np.where(np.array(watched.world.signals.names) == "PL1", np.nan, run.pseudorange[0]),
+        run.range_rate[0],
+    )  # fmt: skip
+    np.testing.assert_allclose(run.filter_fix_covariance[0][without[0]], cov[without[0]], rtol=1e-9)
