@@ -920,6 +920,8 @@ _SWEEP = Chapter(
                    when=_CONFIRMED),
                 _a(f"/flown/{name}_combination", "", "1", "number of that combination, the last axis fastest", SWEEP,
                    WHOLE, when=_CONFIRMED),
+                _a(f"/flown/{name}_verdict", "", "1", "verdict of its runs on all states at all outputs", SWEEP, TEXT,
+                   when=_CONFIRMED),
             )
         ),
         *(
@@ -983,6 +985,8 @@ _OPTIMIZE = Chapter(
             for name, (units, meaning) in DOP_QUANTITIES.items()
         ),
         _a("/flown/runs", "pseudolites", "1", "runs that the best placement was flown with; 0: none", OPTIMIZE, WHOLE),
+        _a("/flown/verdict", "pseudolites", "1", "verdict of the runs on all states at all outputs; empty where "
+           "none was flown", OPTIMIZE, TEXT),
         _a("/flown/objective", "pseudolites interval", "{unit}",
            "{quantity}, of the best placement by runs; nan where none was flown, or the objective is no error of the "
            "filter", OPTIMIZE),

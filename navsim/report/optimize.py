@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from navsim.io.findings import several
 from navsim.io.results import Result
 from navsim.io.schema import FILTER_QUANTITIES, LARGE
 from navsim.report.ridges import shown_ridges
@@ -84,6 +85,9 @@ def flown(result: Result) -> list[Table | str]:
             [number(result["/front/objective"][i], 4), interval(result["/flown/objective"][i], 4)] if of_filter else []
         )
         out.add(cell("{}", int(count)), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
+    if "/flown/verdict" in result:  # results of before have none
+        said = {several(int(count), "pseudolite"): str(result["/flown/verdict"][i]) for i, count in enumerate(counts)}
+        out.notes = "\n".join(f"States with {whose}: {verdict}" for whose, verdict in said.items() if verdict)
     if "/rejected/rejected" not in result:
         return [out]
     against = Table(
@@ -183,7 +187,9 @@ def _flown_plain(result: Result, i: int) -> dict[str, Any] | None:
     if not runs:
         return None
     names = ("objective", "horizontal", "vertical")
-    return {"runs": runs} | {name: [_plain(float(x)) for x in result[f"/flown/{name}"][i]] for name in names}
+    errors = {name: [_plain(float(x)) for x in result[f"/flown/{name}"][i]] for name in names}
+    verdict = {"verdict": str(result["/flown/verdict"][i])} if "/flown/verdict" in result else {}
+    return {"runs": runs} | errors | verdict
 
 
 def _plain(value: float) -> float | None:

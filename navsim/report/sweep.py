@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PANELS = 4
+
+
 def csv_text(result: Result) -> str:
     """One row a combination: the varied keys, then the outputs."""
     return table.csv_text(heads(result), (row for _, row in rows(result)))
@@ -131,6 +133,8 @@ def flown(result: Result) -> list[Table | str]:
     for name in names:
         analysed = result[f"/sweep/{name}"].flat[int(result[f"/flown/{name}_combination"])]
         out.add(label(result, name), table.number(analysed, 4), table.interval(result[f"/flown/{name}"], 4))
+    said = [(label(result, name), f"/flown/{name}_verdict") for name in names]
+    out.notes = "\n".join(f"States, {whose}: {result[path]}" for whose, path in said if path in result)
     if "/rejected/rejected" not in result:
         return [out]
     keyed = list(keys(result))
@@ -189,6 +193,8 @@ def best_plain(result: Result) -> dict[str, object]:
             by_runs: dict[str, object] = {}
             if (path := f"/flown/{name}") in result:
                 by_runs = {"flown": [float(x) for x in result[path]], "runs": int(result["/flown/runs"])}
+                if (verdict := f"{path}_verdict") in result:
+                    by_runs["verdict"] = str(result[verdict])
             value = float(cube[index])
             out[name] = {"value": value, **by_runs, **place, "alike": int(tied.sum()), "at_end_of_range": ends}
     return out

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from navsim.io.draft import Draft
-from navsim.io.findings import CONSISTENT, Finding, several
+from navsim.io.findings import CONSISTENT, Finding, of, several
 from navsim.io.results import Result
 from navsim.io.schema import FILTER_QUANTITIES, HEIGHTS
 from navsim.study.executor import Executor
@@ -31,8 +32,19 @@ _PARTS = ("horizontal", "vertical")
 
 Errors = Mapping[str, float]
 """Errors of the filter by name, with the ends of their intervals as `NAME_low`, `NAME_high`."""
-Fly = Callable[[np.ndarray, int, int, int], Errors]
-"""Errors by runs of a choice: of what, seed, number of the first run, number of runs."""
+
+
+class OfRuns(NamedTuple):
+    """What runs of a choice say: the filter's errors; the verdict on the sigma of its states, and whether one is too
+    small."""
+
+    errors: Errors
+    verdict: str
+    small: bool
+
+
+Fly = Callable[[np.ndarray, int, int, int], OfRuns]
+"""What runs of a choice say: of what, seed, number of the first run, number of runs."""
 Candidate = Callable[[], tuple[np.ndarray, float] | None]
 """A choice, a placement (k, 2) or the number of a combination (1,), and its objective by analysis; None where it is
 none after all."""
@@ -60,6 +72,12 @@ def fly_case(case: Case, seed: int, first: int, runs: int, executor: Executor) -
     return result(case, fly_landing(case, seed, first, runs, executor, keep="none"), seed, keep="none")
 
 
+def of_runs(found: Result) -> OfRuns:
+    """What the result of a landing's runs says."""
+    small = any(one.name == "sigma_of_state" for one in of(found))
+    return OfRuns(filter_outputs(found), str(found["/summary/consistency/verdict"]), small)
+
+
 def interval_of(errors: Errors, name: str) -> np.ndarray:
     """An error by runs with its 95 % interval: value, low, high (3,)."""
     return np.array([errors[name], errors[f"{name}_low"], errors[f"{name}_high"]])
@@ -78,11 +96,14 @@ def is_better(analysed: float, interval: np.ndarray) -> bool:
 @dataclass(frozen=True)
 class FlownChoice:
     """A choice, see `Candidate`, with its objective by analysis, nan where that is no error of the filter, and the
-    errors by runs: rows objective, horizontal, vertical; columns value, low, high (3, 3)."""
+    errors by runs: rows objective, horizontal, vertical; columns value, low, high (3, 3). verdict, small: as of
+    `OfRuns`."""
 
     choice: np.ndarray
     analysed: float
     errors: np.ndarray
+    verdict: str
+    small: bool
 
     @property
     def is_worse(self) -> bool:
@@ -105,14 +126,16 @@ class Confirmation:
         return {
             "choice": np.array([one.choice for one in every]), "analysed": np.array([one.analysed for one in every]),
             "errors": np.array([one.errors for one in every]), "runs": np.array(self.runs),
+            "verdict": np.array([one.verdict for one in every]), "small": np.array([one.small for one in every]),
         }  # fmt: skip
 
     @staticmethod
     def of(arrays: Arrays) -> Confirmation:
         """Restore the object from `arrays`."""
-        columns = (arrays[name] for name in ("choice", "analysed", "errors"))
+        columns = (arrays[name] for name in ("choice", "analysed", "errors", "verdict", "small"))
         best, *rejected = (
-            FlownChoice(choice, float(value), errors) for choice, value, errors in zip(*columns, strict=True)
+            FlownChoice(choice, float(value), errors, str(verdict), bool(small))
+            for choice, value, errors, verdict, small in zip(*columns, strict=True)
         )
         return Confirmation(best, tuple(rejected), int(arrays["runs"]))
 
@@ -130,6 +153,8 @@ class Confirmation:
         elif is_better(self.best.analysed, self.best.errors[0]):
             text = f"{whose}: runs are better than the covariance analysis says: {self._both(self.best)}"
             out.append(Finding("choice_better_than_analysed", text))
+        if self.best.small:
+            out.append(Finding("sigma_of_state", f"{whose}: {self.best.verdict}", (CONSISTENT,)))
         return out
 
     def _both(self, one: FlownChoice) -> str:
@@ -149,10 +174,10 @@ def confirm(candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int
     of_filter = objective in FILTER_QUANTITIES
 
     def flown(choice: np.ndarray, analysed: float, number: int) -> FlownChoice:
-        errors = fly(choice, seed, number * runs, runs)
+        errors, verdict, small = fly(choice, seed, number * runs, runs)
         first = interval_of(errors, objective) if of_filter else np.full(3, np.nan)
         rows = [first, *(interval_of(errors, name) for name in _PARTS)]
-        return FlownChoice(choice, analysed if of_filter else math.nan, np.array(rows))
+        return FlownChoice(choice, analysed if of_filter else math.nan, np.array(rows), verdict, small)
 
     for candidate in candidates:
         if (found := candidate()) is None:

@@ -43,7 +43,7 @@ from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotte
 from navsim.scenario.sweep import FILTER_OUTPUTS
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
-from navsim.study.confirmation import Errors, Fly, filter_outputs, fly_case
+from navsim.study.confirmation import Fly, OfRuns, fly_case, of_runs
 from navsim.study.executor import threads
 from navsim.study.foreseen import FOLLOW, lone_pseudolite_warning
 from navsim.study.landing import Case, prepare
@@ -357,15 +357,15 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
 
 def _fly(
     study: Optimize, bare: Document, document: Document, places: np.ndarray, seed: int, first: int, runs: int
-) -> Errors:
-    """Errors by runs of the base scenario with pseudolites at `places` (k, 2)."""
+) -> OfRuns:
+    """What runs say of the base scenario with pseudolites at `places` (k, 2)."""
     own = bare.copy()
     own.data["pseudolites"].pop("count")
     sites = [{"s_m": float(s), "l1_m": float(l1), "height_m": study.height_m} for s, l1 in places]
     for key, value in (("method", "monte-carlo"), ("pseudolites.frame", "runway"), ("pseudolites.sites", sites)):
         set_value(own, key, value, document.place(("base",)), document.folder)
     case = prepare(validated(Landing, own), own)
-    return filter_outputs(fly_case(case, seed, first, runs, threads()))
+    return of_runs(fly_case(case, seed, first, runs, threads()))
 
 
 def _refused(document: Document, key: KeyPath, text: str) -> InputError:

@@ -441,6 +441,8 @@ def _flown(draft: Draft, outcome: SearchOutcome, unit: str, quantity: str) -> No
         if count in known:
             errors[i], runs[i] = known[count].best.errors, known[count].runs
     draft["/flown/runs"] = runs
+    verdicts = [known[count].best.verdict if count in known else "" for count in counts]
+    draft["/flown/verdict"] = np.array(verdicts, dtype=object)
     draft.put("/flown/objective", errors[:, 0], unit=unit, quantity=quantity)
     for i, name in enumerate(("horizontal", "vertical"), 1):
         draft[f"/flown/{name}"] = errors[:, i]

@@ -49,10 +49,11 @@ from navsim.study.confirmation import (
     CANDIDATES,
     Candidate,
     Confirmation,
-    Errors,
+    OfRuns,
     confirm,
     filter_outputs,
     fly_case,
+    of_runs,
 )
 from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.executor import Executor, threads
@@ -572,7 +573,7 @@ def confirm_best(
     planned: Plan, found: Ensemble, runs: int, store: Store | None, tell: Callable[[str], None]
 ) -> dict[str, Confirmation]:
     """What runs say of the best combination for each error of the filter, after a covariance analysis of all."""
-    known: dict[tuple[int, int], Errors] = {}
+    known: dict[tuple[int, int], OfRuns] = {}
     out = {}
     for name in columns(planned):
         values = found.per_run(name) if name in FILTER_OUTPUTS else np.empty(0)
@@ -580,12 +581,12 @@ def confirm_best(
             continue
         tell(f"flying the best by {name}")
 
-        def fly(choice: np.ndarray, seed: int, first: int, count: int) -> Errors:
+        def fly(choice: np.ndarray, seed: int, first: int, count: int) -> OfRuns:
             index = int(choice[0])
             if (index, first) not in known:
                 scenario, document = _as_runs(planned, index)
                 flown = fly_case(prepare(scenario, document), seed, first, count, threads())
-                known[index, first] = filter_outputs(flown)
+                known[index, first] = of_runs(flown)
             return known[index, first]
 
         kept = None if store is None else store.read(f"flown-{name}-{runs}")
@@ -693,6 +694,7 @@ def _flown(draft: Draft, confirmed: Mapping[str, Confirmation]) -> None:
         draft["/flown/runs"] = np.int64(one.runs)
         draft[f"/flown/{name}"] = one.best.errors[0]
         draft[f"/flown/{name}_combination"] = np.int64(one.best.choice[0])
+        draft[f"/flown/{name}_verdict"] = one.best.verdict
     rejected = [(name, one) for name, confirmation in confirmed.items() for one in confirmation.rejected]
     if rejected:
         draft["/rejected/rejected"] = np.arange(1, len(rejected) + 1)

@@ -74,6 +74,9 @@ def test_json(place: Path) -> None:
     value, low, high = flown["vertical"]
     assert 0.0 < low < value < high
     assert flown["objective"] == [None] * 3, "runs have no VDOP"
+    assert flown["verdict"].startswith("sigma ")
+    shown = navsim("show", "json.h5", cwd=place).stdout
+    assert f"States with 1 pseudolite: {flown['verdict']}" in " ".join(shown.split())
 
 
 def test_none_is_flown_where_that_is_asked_for(place: Path) -> None:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from navsim.io.findings import CONSISTENT
 from navsim.io.schema import FILTER_QUANTITIES
-from navsim.study.confirmation import Candidate, Confirmation, Errors, confirm
+from navsim.study.confirmation import Candidate, Confirmation, Errors, OfRuns, confirm
 
 
 def errors(value: float) -> Errors:
@@ -17,13 +18,15 @@ def errors(value: float) -> Errors:
             for end, by in (("", 1.0), ("_low", 0.91), ("_high", 1.11))}  # fmt: skip
 
 
-def confirmed(analysed: list[float], flown: list[float]) -> tuple[Confirmation, list[tuple[int, int]]]:
-    """What comes of candidates, and which of them was flown from which run on."""
+def confirmed(
+    analysed: list[float], flown: list[float], small: bool = False
+) -> tuple[Confirmation, list[tuple[int, int]]]:
+    """What comes of candidates, and which of them was flown from which run on. small: whether runs object to sigma."""
     calls = []
 
-    def fly(choice: np.ndarray, seed: int, first: int, runs: int) -> Errors:
+    def fly(choice: np.ndarray, seed: int, first: int, runs: int) -> OfRuns:
         calls.append((int(choice[0]), first))
-        return errors(flown[int(choice[0])])
+        return OfRuns(errors(flown[int(choice[0])]), f"sigma of {int(choice[0])}", small)
 
     def candidate(i: int) -> Callable[[], tuple[np.ndarray, float] | None]:
         return lambda: (np.array([i]), analysed[i])
@@ -36,6 +39,16 @@ def test_one_that_agrees_is_flown_once() -> None:
     found, calls = confirmed([1.0, 1.1], [1.1, 1.1])
     assert (found.best.choice[0], found.rejected, calls) == (0, (), [(0, 0)])
     assert not found.findings("vertical", str)
+
+
+def test_the_verdict_is_of_the_runs_of_the_recommended_one() -> None:
+    """And comes back from storage; a sigma that is too small is a finding."""
+    found, _ = confirmed([0.112, 0.20, 0.21], [0.258, 0.215, 0.21], small=True)
+    again = Confirmation.of(found.arrays())
+    assert again.best.verdict == "sigma of 1"
+    (one,) = (one for one in again.findings("2 pseudolites", str) if one.name == "sigma_of_state")
+    assert (one.text, one.against) == ("2 pseudolites: sigma of 1", (CONSISTENT,))
+    assert not [one for one in confirmed([1.0], [1.1])[0].findings("x", str) if one.name == "sigma_of_state"]
 
 
 def test_one_that_runs_speak_against_gives_way_to_one_that_agrees() -> None:
