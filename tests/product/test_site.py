@@ -92,6 +92,7 @@ QUESTIONS = {
 def test_search_finds_what_users_ask(browser: Any, site: Path) -> None:
     """Among the first three pages, by the site's index as a browser asks it."""
     page = browser.new_page()
+    page.set_default_timeout(120_000)  # on a busy machine
     missed = {}
     for question, answer in QUESTIONS.items():
         page.goto(f"{(site / 'search.html').as_uri()}?q={quote(question)}")
