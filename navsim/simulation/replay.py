@@ -179,16 +179,16 @@ class Replayed:
         """Roll, pitch, yaw (t, 3), rad."""
         return roll_pitch_yaw(dcm_from_quaternion(self.navigation[:, states.NAV_QUAT : states.NAV_HELD]))
 
-    def surprise(self, counted: np.ndarray, of_rejected: float) -> float:
+    def surprise(self, counted: np.ndarray, of_rejected: np.ndarray) -> float:
         """Minus the logarithm of the likelihood of the counted fixes' innovations, up to a constant.
 
         The determinant of an innovation covariance is taken as the product of its diagonal: the noise of the fixes is
         uncorrelated, and what the filter's own uncertainty adds is small beside it. A rejected measurement counts
-        `of_rejected`, however far off it is: as one of another, wide distribution.
+        `of_rejected`, () of all or (m,) of each fix, however far off it is: as one of another, wide distribution.
         """
         seen = counted & (self.degrees > 0) & (self.status != REJECTED)
         told = 0.5 * np.sum(self.innovation_squared[seen]) + np.sum(self.log_sigma[seen])
-        return float(told + of_rejected * np.sum(self.rejected[counted]))
+        return float(told + np.sum((of_rejected * self.rejected)[counted]))
 
 
 def increments(samples: Samples, begin: float, longest_gap: float, averaged: bool) -> Sensed:
@@ -543,7 +543,7 @@ def _fly_part(given: _Given, begin: PartStart, end: float) -> _Part:
     # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
     gaps = any(within.start <= k < within.stop for k, _ in flight.gaps)
     kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and gaps else beliefs.kind
-    noise = beliefs.sigma_scale**2 * _own_or_usual(flight.covariance[rows], fix_sigma)
+    noise = beliefs.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma)
     known = valid if is_smoother(kind) else arrival
     tables: dict[int, FixTable | RangeTable] = {}
     scales: tuple[int, ...] = ()
@@ -594,7 +594,7 @@ def _fly_part(given: _Given, begin: PartStart, end: float) -> _Part:
     return _Part(rows, arrival, seen, history.covariance)
 
 
-def _own_or_usual(covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def own_or_usual(covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Covariance of fixes (m, 6, 6): the receiver's own, nan where it gives none, else by 1 sigma (6,)."""
     unknown = np.isnan(covariance)
     return np.where(unknown, np.where(unknown.all(axis=2)[..., None], np.diag(sigma**2), 0.0), covariance)

@@ -183,13 +183,19 @@ class Recording:
             self._sensed, self.fixes, self.alignment, latency, ranges, self._realigned, patience, self.known
         )
 
-    def of_rejected(self, settings: np.ndarray) -> float:
-        """What a rejected fix, or range, counts in the tuning: as one at the limit of the gate with the noise that the
-        tuning starts from. A noise that has fixes rejected wins nothing."""
+    def of_rejected(self, settings: np.ndarray, flight: replay.RecordedFlight) -> np.ndarray:
+        """What each fix of a flight (m,), or any range (), counts in the tuning if it is rejected: as one at the limit
+        of the gate with its own noise, or else that which the tuning starts from. A noise that has fixes rejected wins
+        nothing."""
         limits = gate_limits(self.scenario.filter.gate.probability)
-        sigma = settings[:2] if self.tight else self.fix_sigma(settings)
-        limit = float(limits[sigma.size])
-        return 0.5 * limit + float(np.sum(np.log(sigma))) if np.isfinite(limit) else 0.0
+        if self.tight:
+            sigma = settings[:2]
+        else:
+            own = replay.own_or_usual(flight.covariance, self.fix_sigma(settings))
+            sigma = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+        limit = float(limits[sigma.shape[-1]])
+        counts = 0.5 * limit + np.sum(np.log(sigma), axis=-1)
+        return np.asarray(counts if np.isfinite(limit) else np.zeros_like(counts))
 
     def _realigned(self, time: float) -> aligning.Alignment | None:
         """The next alignment at or after `time`, s, under way or at a standstill; no setting changes it."""

@@ -85,7 +85,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
     scale = np.where(np.arange(SETTINGS) == LATENCY, 0.1, 1.0)  # the latency itself, in tenths of a second
     start = np.where(np.arange(SETTINGS) == LATENCY, given / scale, np.log(np.maximum(given, 1e-9)))
     start[LATENCY] = 1.0 if LATENCY in free else start[LATENCY]
-    flown, of_rejected = 0, recording.of_rejected(given)
+    flown = 0
 
     def settings(x: np.ndarray) -> np.ndarray:
         whole = start.copy()
@@ -109,7 +109,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
             flight, beliefs, recording.fix_sigma(values), np.empty(0),
             range_sigma=recording.range_sigma(values),
         )  # fmt: skip
-        total = seen.surprise(flight.speed > threshold, of_rejected)
+        total = seen.surprise(flight.speed > threshold, recording.of_rejected(given, flight))
         total += 0.5 * float(np.sum((np.log(values[GYRO_NOISE:LATENCY] / given[GYRO_NOISE:LATENCY]) / TRUST) ** 2))
         return total if np.isfinite(total) else 1e12
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,15 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.estimation.records import REJECTED, TFG
 from navsim.io import findings
 from navsim.io.results import Result
+from navsim.models.conventions import FIX_SIGMAS
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
+from navsim.simulation import replay as simulated
 from navsim.study import replay
+from navsim.study.statistics import gate_limits
 from tests.recordings import LATENCY, parked_before, quadrotor, record, sentences_of, write_flight, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -449,3 +454,32 @@ def test_levelling_at_rest_with_a_known_heading(tmp_path: Path) -> None:
     assert np.all(np.abs(first - np.degrees([roll, pitch, heading])) < [0.1, 0.1, 1.0])
     with pytest.raises(replay.ReplayError, match="heading"):
         replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none",)))
+
+
+def test_a_rejected_fix_counts_by_its_own_noise(tmp_path: Path) -> None:
+    """In the tuning, where some fixes have a covariance and others not: settings that have a fix rejected never win,
+    however much wider its own noise is than the usual."""
+    write_flight(tmp_path)
+    head, *rows = (tmp_path / "gnss.csv").read_text().splitlines()
+    own = [60.0, 60.0, 90.0, 6.0, 6.0, 9.0]
+    spread = [",".join(map(str, own)) if i % 2 else ",,,,," for i in range(len(rows))]
+    lines = [f"{head},{','.join(FIX_SIGMAS)}", *(f"{row},{more}" for row, more in zip(rows, spread, strict=True))]
+    (tmp_path / "gnss.csv").write_text("\n".join(lines) + "\n")
+    recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=likelihood",)))
+    settings = recording.settings
+    flight = recording.flight(LATENCY)
+    counts, limit = recording.of_rejected(settings, flight), gate_limits(recording.scenario.filter.gate.probability)[6]
+    has_own = np.isfinite(flight.covariance[:, 0, 0])
+    assert 10 < has_own.sum() < flight.arrival.size - 10
+    np.testing.assert_allclose(counts[has_own], 0.5 * limit + np.sum(np.log(own)))
+    usual = np.sum(np.log(recording.fix_sigma(settings)))
+    np.testing.assert_allclose(counts[~has_own], 0.5 * limit + usual)
+    assert np.sum(np.log(own)) > usual + 10.0
+    # the same flight, one of whose fixes of its own noise is rejected
+    seen = simulated.fly(flight, recording.beliefs(settings, TFG), recording.fix_sigma(settings), np.empty(0))
+    one = int(np.flatnonzero(has_own & (seen.degrees == 6))[10])
+    status, rejected = seen.status.copy(), seen.rejected.copy()
+    status[one], rejected[one] = REJECTED, 1
+    every = np.ones(flight.arrival.size, bool)
+    without = replace(seen, status=status, rejected=rejected)
+    assert without.surprise(every, counts) > seen.surprise(every, counts)
