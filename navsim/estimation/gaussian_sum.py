@@ -86,7 +86,13 @@ that one is divided into, which stay apart by their distances."""
 _NEGLIGIBLE = 1e-5
 """Components of less weight go."""
 _SLIGHT = 0.005
-"""Those of less weight are not divided."""
+"""Those of less weight are not divided in straight flight; in a turn those of as much less as it is larger."""
+_QUICK = 0.1
+"""A turn that may take all the room there is, rad."""
+_CALM = 0.625
+"""What a slower one may take of it."""
+_FEWEST = 3
+"""Room that a slow turn has at least."""
 _GAIN = 0.3
 """Where there is no more room, two become one for another to be divided if that takes away less than this part of what
 it gives: their own weights, as far as they differ, against its weight."""
@@ -421,6 +427,9 @@ def arrange(mixture, turn, widest, space, bench):
     weight = mixture.weight
     most = weight.shape[0]
     turning = turn > 0.0
+    # what is in the tails is right or wrong with the probability of its weight: a turn finds room for them
+    slight = _SLIGHT * _TURN / select(turn > _TURN, turn, _TURN)
+    places = select(turn > _QUICK, 1.0 * most, 1.0 * max(_FEWEST, int(_CALM * most)))
     for _ in range(4 * most):
         count = _count(weight)
         taken, needs, which, size = 0.0 * turn, 0.0 * turn, 0.0 * turn, 0.0 * turn
@@ -429,8 +438,8 @@ def arrange(mixture, turn, widest, space, bench):
             allowed = _allowed(mixture.navigation[j], mixture.covariance[j], turn, widest, space.c_nb)
             bench.allowed[j] = allowed * allowed
             width = math.sqrt(mixture.covariance[j, A_D, A_D]) / allowed
-            need = weight[j] * width
-            first = (width > 1.0) & (weight[j] > _SLIGHT) & (need > needs)
+            need = weight[j] * width * width * width
+            first = (width > 1.0) & (weight[j] > slight) & (need > needs)
             needs, size = select(first, need, needs), select(first, weight[j], size)
             which = select(first, 1.0 * j, which)
         # the two that differ least in heading, as much as they weigh: of all, and of those that as one are narrow
@@ -457,7 +466,7 @@ def arrange(mixture, turn, widest, space, bench):
                 first_narrow, second_narrow = select(fits, 1.0 * i, first_narrow), select(fits, 1.0 * j, second_narrow)
         joins = turning & (narrow < math.inf)
         divides = turning & no(joins) & (needs > 0.0)
-        full = taken > most - 2.0
+        full = taken > places - 2.0
         merges = joins | (divides & full & (least < _GAIN * size))
         divides = divides & no(full)
         one, two = select(joins, first_narrow, one), select(joins, second_narrow, two)

@@ -48,8 +48,9 @@ class Gate(Section):
 class Components(Section):
     """Components of `kind: gaussian-sum`."""
 
-    components: Annotated[int, Field(ge=3, le=99)] = 20
-    """most components at once; a run's time grows with those it has"""
+    components: Annotated[int, Field(ge=3, le=99)] = 32
+    """most components at once; straight flight leaves three eighths of the room to turns. A run's time grows with those
+    it has"""
     heading_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 5.0
     """1 sigma of heading above which a component is divided; in turns down to half of it"""
 

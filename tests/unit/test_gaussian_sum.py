@@ -20,7 +20,7 @@ from tests.unit.test_group_filters import retract, workshop
 from tests.unit.test_group_filters import start as some_state
 
 WIDEST = np.radians(4.5)
-ROOM = 9
+ROOM = 12
 
 
 def centre() -> np.ndarray:
@@ -217,6 +217,25 @@ def test_there_are_never_more_than_there_is_room_for() -> None:
     assert headings(mixture).size in (ROOM - 1, ROOM)
     assert mixture.weight.sum() == pytest.approx(1.0)
     same(moments(mixture), (centre(), covariance(6.0 * WIDEST)), 1e-3)
+
+
+def test_straight_flight_leaves_room_for_a_turn() -> None:
+    wide = centre(), levelled(covariance(6.0 * WIDEST))
+    calm = arranged(sum_of((*wide, 1.0)), 0.02)
+    assert headings(calm).size in (6, 7)
+    assert headings(arranged(calm, 0.5)).size in (ROOM - 1, ROOM)
+
+
+def test_a_turn_divides_what_is_in_the_tails() -> None:
+    """Of a component whose weight doesn't matter in straight flight: runs whose heading lies there turn, too."""
+    far = np.zeros(N)
+    far[A_D] = 12.0 * WIDEST
+    narrow, wide = levelled(covariance(0.4 * WIDEST)), levelled(covariance(1.4 * WIDEST))
+    parts = (centre(), narrow, 0.996), (retract("tfg", centre(), far), wide, 0.004)
+    calm, turning = (arranged(sum_of(*parts), turn) for turn in (0.02, 0.5))
+    assert headings(calm).size == 2
+    assert headings(turning).size > 2
+    assert headings(turning).max() < 1.4 * WIDEST
 
 
 def test_components_with_one_heading_become_one() -> None:

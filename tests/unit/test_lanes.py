@@ -211,7 +211,7 @@ def _without_ahead(events: Events) -> Events:
 
 def _model(kind: int, model: FilterModel) -> FilterModel:
     """The model of another kind; a Gaussian sum has little room, and divides and merges all the time."""
-    return model._replace(kind=kind, components=7 if kind == GAUSSIAN_SUM else 0, widest=0.03)
+    return model._replace(kind=kind, components=9 if kind == GAUSSIAN_SUM else 0, widest=0.03)
 
 
 Spoil = Callable[[State, dict[str, np.ndarray]], None]
