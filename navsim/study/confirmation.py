@@ -95,9 +95,8 @@ def is_better(analysed: float, interval: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class FlownChoice:
-    """A choice, see `Candidate`, with its objective by analysis, nan where that is no error of the filter, and the
-    errors by runs: rows objective, horizontal, vertical; columns value, low, high (3, 3). verdict, small: as of
-    `OfRuns`."""
+    """A choice, see `Candidate`. analysed: its objective by analysis, nan where that is no error of the filter. errors:
+    by runs, rows objective, horizontal, vertical; columns value, low, high (3, 3). verdict, small: as of `OfRuns`."""
 
     choice: np.ndarray
     analysed: float
