@@ -15,7 +15,7 @@ from navsim.core import states
 from navsim.core.states import Block
 from navsim.estimation.clock import UNKNOWN_BIAS, UNKNOWN_DRIFT, ReceiverClock
 from navsim.estimation.observations import RANGE
-from navsim.estimation.records import GAUSSIAN_SUM, FilterModel
+from navsim.estimation.records import CONSTRAINED, GAUSSIAN_SUM, FilterModel
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
 """Smallest initial sigma a filter is given, by the unit of the state: with zeros P would be singular, and a perfect
@@ -103,8 +103,9 @@ class Beliefs:
         return FilterModel(
             self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected,
             self.components if self.kind == GAUSSIAN_SUM else 0, self.widest, clock,
-            # without velocities of fixes nothing confirms a line through those of the filter
-            self.steady_force and self.velocity,
+            # without velocities of fixes nothing confirms a line through those of the filter; filters that keep their
+            # linearisation already take the corrections of velocity for part of the force
+            self.steady_force and self.velocity and self.kind not in CONSTRAINED,
         )  # fmt: skip
 
     def covariance(self, position: float, velocity: float, attitude: float, scales: Sequence[int] = ()) -> np.ndarray:

@@ -21,11 +21,11 @@ from navsim.core.jit import in_kernels
 from navsim.core.linear import copy
 from navsim.estimation import error_state, invariant, tfg
 from navsim.estimation.observations import FIX, RANGE
-from navsim.estimation.records import ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel
+from navsim.estimation.records import CONSTRAINED, ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel
 
 
 class Eskf(NamedTuple):
-    """The chart of `kind: eskf`."""
+    """The chart of `kind: eskf`, and of those that differ from it in the transition alone (`first_estimates`)."""
 
     kind: int = ESKF
     straight: int = 0
@@ -53,7 +53,11 @@ class GaussianSum(NamedTuple):
 
 
 CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
-    chart.kind: chart for chart in (Eskf(), LeftInvariant(), Tfg(), GaussianSum())
+    ESKF: Eskf(),
+    **{kind: Eskf(kind) for kind in CONSTRAINED},
+    LEFT_INVARIANT: LeftInvariant(),
+    TFG: Tfg(),
+    GAUSSIAN_SUM: GaussianSum(),
 }
 """The charts of `records.FILTERS`."""
 PLAIN = CHARTS[ESKF]

@@ -34,6 +34,8 @@ from navsim.estimation.records import (
 
 FILTER_KINDS = {
     "eskf": records.ESKF,
+    "first-estimates": records.FIRST_ESTIMATES,
+    "observability-constrained": records.OBSERVABILITY_CONSTRAINED,
     "left-invariant": records.LEFT_INVARIANT,
     "tfg": records.TFG,
     "gaussian-sum": records.GAUSSIAN_SUM,

@@ -23,11 +23,12 @@ from navsim.core.covariance import NOISE_ACCEL, age, felt, gain, gather, is_vary
 from navsim.core.jit import inlined, kernel, within
 from navsim.core.lanes import any_lane, registers, room, select
 from navsim.core.linear import copy, copy_matrix
-from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, SENSORS, N
+from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, SENSORS, VEL, N
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.charts import turn_axes
 from navsim.estimation.clock import forget_clock, has_jumped, run_clock_on
+from navsim.estimation.first_estimates import note_shift, start_transition
 from navsim.estimation.observations import RANGE, observe, slot
 from navsim.estimation.ranges import (
     begin_epoch,
@@ -39,7 +40,7 @@ from navsim.estimation.ranges import (
     range_epoch,
     take_range,
 )
-from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE
+from navsim.estimation.records import CONSTRAINED, OUTPUT, PASS, SHIFT_N, TIME_TOLERANCE
 from navsim.estimation.steady_force import begin_interval, couple, end_interval, has_begun, start_line, velocity_of
 from navsim.estimation.weighing import decide, errors_from, numbers_in, update, weighing
 
@@ -216,10 +217,13 @@ def run(chart, imu, measurements, events, state, way, model, account):
         room(state_nav, (3,)),
     )
     rejections = room(state_nav, (2, state_rejected.shape[0]))
+    constrained, shift = chart.kind in CONSTRAINED, registers(state.shift)
+    shifts, predicted = room(state_nav, (2, SHIFT_N)), room(state_nav, (state_nav.shape[0],))
 
     copy(state_nav, navs[0])
     copy_matrix(state_p, ps[0])
     copy(state_rejected, rejections[0])
+    copy(shift, shifts[0])
     copy(way_increments, increments_pair[0])
     copy(way.cursor, cursors[0])
     if way.cursor[0] < 0.0:
@@ -235,6 +239,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
             copy(increments_pair[0], increments_pair[1])
             copy(cursors[0], cursors[1])
             copy(rejections[0], rejections[1])
+            copy(shifts[0], shifts[1])
         before = ahead
         nav, p, increments, cursor, rejected = (
             navs[ahead],
@@ -249,14 +254,18 @@ def run(chart, imu, measurements, events, state, way, model, account):
             if model.steady_force and not ahead and not has_begun(line):
                 velocity_of(nav, p, v, variance)
                 begin_interval(line, v, variance, force_noise(model, cursor), cursor[1])
+            if constrained:
+                start_transition(chart.kind, shifts[ahead], p)
             advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
         if model.steady_force and not ahead and what != OUTPUT and what != PASS and has_begun(line):
             velocity_of(nav, p, v, variance)
             end_interval(line, v, variance, force_noise(model, cursor), cursor[1], m_force)
-            couple(p, m_force)
+            couple(p, VEL, m_force, 1.0)
         if what == OUTPUT:
             answer(chart, nav, p, left, row)
         elif what != PASS:
+            if constrained:
+                copy(nav, predicted)
             if what == RANGE:
                 if is_alone(events, i, 1):
                     first = i
@@ -292,8 +301,11 @@ def run(chart, imu, measurements, events, state, way, model, account):
                     )  # fmt: skip
                     if has_jumped(epoch.heard, epoch.kept, epoch.jumped):
                         forget_clock(epoch.jumped, p)
+            if constrained:
+                note_shift(nav, predicted, gauge.x, shifts[ahead])
     copy(navs[0], state_nav)
     copy_matrix(ps[0], state_p)
     copy(rejections[0], state_rejected)
+    copy(shifts[0], shift)
     copy(increments_pair[0], way_increments)
     copy(cursors[0], way.cursor)

@@ -30,8 +30,11 @@ TIME_TOLERANCE = 1e-9
 PASS, OUTPUT = 0, 1
 """Kinds of events that are no measurements (`observations`): nothing but a time to get to; an output of the history."""
 
-ESKF, LEFT_INVARIANT, TFG, GAUSSIAN_SUM, RTS, MAP = range(6)
-FILTERS, SMOOTHERS = (ESKF, LEFT_INVARIANT, TFG, GAUSSIAN_SUM), (RTS, MAP)
+ESKF, FIRST_ESTIMATES, OBSERVABILITY_CONSTRAINED, LEFT_INVARIANT, TFG, GAUSSIAN_SUM = range(6)
+RTS, MAP = GAUSSIAN_SUM + 1, GAUSSIAN_SUM + 2
+CONSTRAINED = (FIRST_ESTIMATES, OBSERVABILITY_CONSTRAINED)
+"""Filters whose corrections do not move their linearisation (`first_estimates`)."""
+FILTERS, SMOOTHERS = (ESKF, *CONSTRAINED, LEFT_INVARIANT, TFG, GAUSSIAN_SUM), (RTS, MAP)
 """Kinds of estimators: those that go forward, and those that know what comes later."""
 
 NOT_USED, USED, REJECTED = 0, 1, 2
@@ -56,6 +59,8 @@ the noise, and the number that it is of; length of the last interval between mea
 1 where it has."""
 STEADY_N = 19
 """Size of `State.steady`."""
+SHIFT_N = 6
+"""Size of `State.shift`: position, m, and velocity, m/s."""
 
 
 class Events(NamedTuple):
@@ -86,12 +91,14 @@ class Mixture(NamedTuple):
 class State(NamedTuple):
     """A filter at a moment: navigation (NAV,), covariance (n, n), rejected (slots,) measurements that the gate rejected
     in a row, of each slot (`observations.slot`); steady (STEADY_N,) the line that tells steady flight
-    (`steady_force`); components whose moments these are, without room where a filter is no sum."""
+    (`steady_force`); shift (SHIFT_N,) corrections of position and velocity that the next transition does not start from
+    (`first_estimates`); components whose moments these are, without room where a filter is no sum."""
 
     navigation: np.ndarray
     covariance: np.ndarray
     rejected: np.ndarray
     steady: np.ndarray
+    shift: np.ndarray
     components: Mixture
 
 
@@ -239,8 +246,8 @@ def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0, s
     whole[: navigation.shape[0]] = navigation
     mixture = Mixture(*(np.zeros((components, *shape, *lanes)) for shape in (whole.shape[:1], (n, n), (6,), ())))
     mixture.navigation[:1], mixture.covariance[:1], mixture.weight[:1] = whole, covariance, 1.0
-    rejected, steady = np.zeros((KIND_COUNT + sources, *lanes)), np.zeros((STEADY_N, *lanes))
-    return State(whole, covariance.copy(), rejected, steady, mixture)
+    rejected, steady, shift = (np.zeros((size, *lanes)) for size in (KIND_COUNT + sources, STEADY_N, SHIFT_N))
+    return State(whole, covariance.copy(), rejected, steady, shift, mixture)
 
 
 def lanes_of(record: Any) -> Any:

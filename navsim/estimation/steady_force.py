@@ -165,27 +165,30 @@ def end_interval(line, v, variance, q, time, m):
 
 
 @kernel
-def couple(p, m):
-    """Add m (3,) to the change of velocity that attitude errors turn, in P (n, n): v <- v + theta x m, in place."""
+def couple(p, block, m, tilts):
+    """Add m (3,) to the change of velocity that attitude errors turn, in P (n, n): v <- v + theta x m, in place.
+
+    block: `VEL`, or `POS` for the same of positions. tilts: 1.0, or 0.0 where errors of heading alone are coupled.
+    """
     n = p.shape[0]
     m0, m1, m2 = m[0], m[1], m[2]
     for j in range(n):
-        t0, t1, t2 = p[A_N, j], p[A_E, j], p[A_D, j]
-        p[VEL, j] += t1 * m2 - t2 * m1
-        p[VEL + 1, j] += t2 * m0 - t0 * m2
-        p[VEL + 2, j] += t0 * m1 - t1 * m0
+        t0, t1, t2 = tilts * p[A_N, j], tilts * p[A_E, j], p[A_D, j]
+        p[block, j] += t1 * m2 - t2 * m1
+        p[block + 1, j] += t2 * m0 - t0 * m2
+        p[block + 2, j] += t0 * m1 - t1 * m0
     for i in range(3):
-        row = VEL + i
-        t0, t1, t2 = p[row, A_N], p[row, A_E], p[row, A_D]
-        p[row, VEL] += t1 * m2 - t2 * m1
-        p[row, VEL + 1] += t2 * m0 - t0 * m2
-        p[row, VEL + 2] += t0 * m1 - t1 * m0
+        row = block + i
+        t0, t1, t2 = tilts * p[row, A_N], tilts * p[row, A_E], p[row, A_D]
+        p[row, block] += t1 * m2 - t2 * m1
+        p[row, block + 1] += t2 * m0 - t0 * m2
+        p[row, block + 2] += t0 * m1 - t1 * m0
     for i in range(3):
         for j in range(n):
-            if j < VEL or j >= VEL + 3:
-                p[j, VEL + i] = p[VEL + i, j]
+            if j < block or j >= block + 3:
+                p[j, block + i] = p[block + i, j]
         for j in range(i):
-            p[VEL + j, VEL + i] = p[VEL + i, VEL + j]
+            p[block + j, block + i] = p[block + i, block + j]
 
 
 @kernel
@@ -240,4 +243,4 @@ def couple_sum(mixture, count, m, turns):
         for i in range(3):
             mixture.navigation[j, NAV_VEL + i] += select(there, own[i], 0.0)
             own[i] = select(there, m[i] + own[i], 0.0)
-        couple(mixture.covariance[j], own)
+        couple(mixture.covariance[j], VEL, own, 1.0)

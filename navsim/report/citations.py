@@ -62,6 +62,7 @@ class Source:
 
 _JGCD = "Journal of Guidance, Control, and Dynamics"
 _TAES = "IEEE Transactions on Aerospace and Electronic Systems"
+_IJRR = "The International Journal of Robotics Research"
 _TAC = "IEEE Transactions on Automatic Control"
 
 SOURCES = {
@@ -150,6 +151,33 @@ SOURCES = {
             _TAC,
             "62",
             2017,
+        ),
+        Source(
+            "huang2010",
+            ARTICLE,
+            ("Huang", "Mourikis", "Roumeliotis"),
+            "Observability-based rules for designing consistent EKF SLAM estimators",
+            _IJRR,
+            "29",
+            2010,
+        ),
+        Source(
+            "li2013",
+            ARTICLE,
+            ("Li", "Mourikis"),
+            "High-precision, consistent EKF-based visual-inertial odometry",
+            _IJRR,
+            "32",
+            2013,
+        ),
+        Source(
+            "hesch2014",
+            ARTICLE,
+            ("Hesch", "Kottas", "Bowman", "Roumeliotis"),
+            "Consistency analysis and improvement of vision-aided inertial navigation",
+            "IEEE Transactions on Robotics",
+            "30",
+            2014,
         ),
         Source("barrau2023", ARTICLE, ("Barrau", "Bonnabel"), "The geometry of navigation problems", _TAC, "68", 2023),
         Source(
@@ -544,7 +572,24 @@ METHODS = (
     Method("strapdown mechanisation", _FILTER, ("savage1998", "groves2013"), _filtered),
     Method("error model and update of the navigation filter", _FILTER, ("groves2013", "barfoot2017"), _filtered),
     Method("filter on the two-frames group", _FILTER, ("barrau2023", "fornasier2023"), _filter("tfg", "gaussian-sum")),
-    Method("error-state filter with reset of its covariance", _FILTER, ("mueller2017",), _filter("eskf")),
+    Method(
+        "error-state filter with reset of its covariance",
+        _FILTER,
+        ("mueller2017",),
+        _filter("eskf", "first-estimates", "observability-constrained"),
+    ),
+    Method(
+        "error-state filter with first-estimates Jacobians",
+        _FILTER,
+        ("huang2010", "li2013"),
+        _filter("first-estimates"),
+    ),
+    Method(
+        "observability-constrained error-state filter",
+        _FILTER,
+        ("huang2010", "hesch2014"),
+        _filter("observability-constrained"),
+    ),
     Method("left-invariant filter", _FILTER, ("barrau2017",), _filter("left-invariant")),
     Method("Gaussian sum", _FILTER, ("alspach1972", "runnalls2007"), _filter("gaussian-sum")),
     Method("smoother", "docs/filter.md", ("rauch1965",), _filter("rts")),

@@ -55,7 +55,9 @@ class Components(Section):
     """1 sigma of heading above which a component is divided; in turns down to half of it"""
 
 
-Kind = Literal["gaussian-sum", "tfg", "eskf", "left-invariant", "rts", "map"]
+Kind = Literal[
+    "gaussian-sum", "tfg", "eskf", "first-estimates", "observability-constrained", "left-invariant", "rts", "map"
+]
 Coupling = Literal["loose", "tight"]
 """How a filter and a satellite receiver work together."""
 SUM = "gaussian-sum"
@@ -69,8 +71,9 @@ class FilterSection(Section):
 
     kind: Kind = "gaussian-sum"
     """gaussian-sum: several tfg filters side by side while heading is uncertain; tfg: two-frames group; eskf:
-    error-state; left-invariant: SE2(3); all with exact covariance reset. rts and map: smoothers, each output from all
-    fixes: one backward pass, or iterated to the maximum a posteriori"""
+    error-state; first-estimates, observability-constrained: eskf with constrained linearisation points, for comparison;
+    left-invariant: SE2(3); all with exact covariance reset. rts and map: smoothers, each output from all fixes: one
+    backward pass, or iterated to the maximum a posteriori"""
     coupling: Coupling = "loose"
     """loose: the receiver's fixes are measurements; tight: pseudoranges and range rates of each source are, with the
     receiver's clock as states, and fewer sources than a fix needs are used as they are"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.core.states import A_D, ATT, VEL, N
+from navsim.core.states import A_D, ATT, POS, VEL, N
 from navsim.estimation import records, steady_force
 from navsim.study.executor import threads
 from navsim.study.landing import fly_all
@@ -87,14 +87,15 @@ def test_whatever_the_fixes(settings: tuple[str, ...]) -> None:
     assert np.all(heading.information < 2.5), heading.information
 
 
-def test_coupling() -> None:
+@pytest.mark.parametrize(("block", "tilts"), [(VEL, 1.0), (POS, 1.0), (VEL, 0.0)])
+def test_coupling(block: int, tilts: float) -> None:
     """T P T' with T of the definition."""
     root = np.random.default_rng(3).standard_normal((N, N))
     p, m = root @ root.T, np.array([0.3, -0.2, 0.5])
     t = np.eye(N)
-    t[VEL : VEL + 3, ATT : ATT + 3] = -cross(m)
+    t[block : block + 3, ATT : ATT + 3] = -cross(m) @ np.diag([tilts, tilts, 1.0])
     expected = t @ p @ t.T
-    steady_force.couple(p, m)
+    steady_force.couple(p, block, m, tilts)
     np.testing.assert_allclose(p, expected, atol=1e-12)
     np.testing.assert_array_equal(p, p.T)
 

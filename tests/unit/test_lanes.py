@@ -273,6 +273,7 @@ def _bad_company(lane: int) -> Callable[[State, dict[str, np.ndarray]], None]:
     ("kind", "widths"),
     [
         ("eskf", [lanes.WIDTH]),
+        ("observability-constrained", [lanes.WIDTH]),
         ("left-invariant", [lanes.WIDTH]),
         ("tfg", [lanes.WIDTH]),
         ("gaussian-sum", [lanes.WIDTH]),
@@ -338,7 +339,7 @@ def test_an_account_is_what_the_history_is_worth(kind: str) -> None:
     np.testing.assert_array_equal(state.navigation, history["state"])
 
 
-@pytest.mark.parametrize("kind", ["eskf", "gaussian-sum", "rts", "map"])
+@pytest.mark.parametrize("kind", ["eskf", "first-estimates", "gaussian-sum", "rts", "map"])
 def test_one_run_alone_has_the_bits_of_a_lane(kind: str) -> None:
     """`estimate` of a single flight, with plain numbers where it is a smoother, against `fly` of lanes."""
     number = estimate.FILTER_KINDS[kind]
