@@ -31,6 +31,7 @@ from navsim.estimation.records import (
     STEADY_SLOPE,
     STEADY_STEP,
     STEADY_TIME,
+    TIME_TOLERANCE,
 )
 
 _WINDOW = 40.0
@@ -95,9 +96,9 @@ def begin_interval(line, v, variance, q, time):
     gain = select(gain > 1.0, 1.0, gain)
     slope_gain = select(many < 1.5, 0.0, 6.0 / (many * (many + 1.0)))
     steady = line[STEADY_IS] > 0.5
-    grown = (age > youngest) & (memory < _SLOWEST)
+    grown = (age > youngest + TIME_TOLERANCE) & (memory < _SLOWEST)
     count = select(steady | grown, line[STEADY_COUNT], 0.0)
-    begins = grown & no(steady) & no(_is_rough(line[STEADY_ROUGHNESS], count)) & (count * dt > _YOUNG)
+    begins = grown & no(steady) & no(_is_rough(line[STEADY_ROUGHNESS], count)) & (count * dt > _YOUNG + TIME_TOLERANCE)
     for i in range(3):
         off = v[i] - line[STEADY_LINE + i]
         line[STEADY_SLOPE + i] += select(dt > 0.0, slope_gain * off / select(dt > 0.0, dt, 1.0), 0.0)

@@ -108,8 +108,8 @@ def through(velocities: np.ndarray, times: np.ndarray | None = None) -> np.ndarr
     (k,), s, by default every `STEP`."""
     times = STEP * np.arange(1.0, len(velocities) + 1.0) if times is None else times
     line, m = np.zeros(records.STEADY_N), np.zeros((len(velocities), 3))
-    steady_force.start_line(line, np.zeros(3), 0.0)
-    before, then = np.zeros(3), 0.0
+    before, then = np.zeros(3), times[0] - STEP
+    steady_force.start_line(line, before, then)
     for k, (v, now) in enumerate(zip(velocities, times, strict=True)):
         steady_force.begin_interval(line, before, VARIANCE, Q, then)
         steady_force.end_interval(line, v, VARIANCE, Q, now, m[k])
@@ -135,6 +135,15 @@ def test_noise_is_left_out() -> None:
     coupled = change[100:] + m[100:]
     np.testing.assert_allclose(coupled.mean(axis=0), 0.2 * STEP, atol=2e-3)
     assert coupled.std() < 0.3 * change[100:].std()
+
+
+def test_rounding_of_times_does_not_decide_when_it_begins() -> None:
+    """More than two seconds are twenty-one fixes, whatever the hour: not twenty or twenty-one."""
+    velocities, times = noisy_line(200), STEP * np.arange(1.0, 201.0)
+    begun = {
+        int(np.flatnonzero(through(velocities, times + late).any(axis=1))[0]) for late in np.arange(0.0, 40.0, 0.7)
+    }
+    assert len(begun) == 1, begun
 
 
 def test_a_manoeuvre_gives_back_what_was_left_out() -> None:
