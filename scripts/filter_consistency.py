@@ -534,7 +534,7 @@ def page() -> list[str]:
         ),
         "",
         "`first-estimates` and `observability-constrained` come from visual-inertial navigation. Beside fixes of",
-        "position and velocity they are too sure ([theory](theory/filter.md), section 12).",
+        "position and velocity they are too sure ([theory](theory/first-estimates.md)).",
         "",
     ]
     for section in dict.fromkeys(row.study.section for row in rows):

@@ -14,7 +14,7 @@ rest have the weight 0.
 
 Sources: [1] Alspach & Sorenson, Nonlinear Bayesian estimation using Gaussian sum approximations, IEEE TAC 17 (1972).
 [2] Runnalls, Kullback-Leibler approach to Gaussian mixture reduction, IEEE TAES 43 (2007). [3]
-`docs/theory/filter.md`, section 9.
+`docs/theory/gaussian-sum.md`.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 A new kind is a number (counted in `KIND_COUNT`), a table and a function here, with a line in `Measurements` and one in
 `observe`.
 Sources: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled
-update, section 14.3.2). [2] `docs/theory/filter.md`, section 10. [3] `docs/theory/altimeters.md`, sections 1, 2. [4]
+update, section 14.3.2). [2] `docs/theory/tight-coupling.md`. [3] `docs/theory/altimeters.md`, sections 1, 2. [4]
 `docs/theory/lasting-errors.md`, sections 3 and 4.
 """
 

@@ -8,7 +8,7 @@ ranges would correct attitude by what they say of position.
 Where a source is near, one linearisation will not do: ranges are foreseen from where those before them lead, and all of
 them are weighed again from where they have led.
 
-Source: [1] `docs/theory/filter.md`, section 10.
+Source: [1] `docs/theory/tight-coupling.md`.
 """
 
 from __future__ import annotations

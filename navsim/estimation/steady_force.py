@@ -8,7 +8,7 @@ the tests here notice, the measured force is used again, and what was left out b
 
 The line belongs to the filter, not to a component: it follows the mean velocity of a Gaussian sum.
 
-Source: `docs/theory/filter.md`, section 11.
+Source: `docs/theory/steady-force.md`.
 """
 
 from __future__ import annotations

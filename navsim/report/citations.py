@@ -580,18 +580,18 @@ METHODS = (
     ),
     Method(
         "error-state filter with first-estimates Jacobians",
-        _FILTER,
+        "docs/theory/first-estimates.md",
         ("huang2010", "li2013"),
         _filter("first-estimates"),
     ),
     Method(
         "observability-constrained error-state filter",
-        _FILTER,
+        "docs/theory/first-estimates.md",
         ("huang2010", "hesch2014"),
         _filter("observability-constrained"),
     ),
     Method("left-invariant filter", _FILTER, ("barrau2017",), _filter("left-invariant")),
-    Method("Gaussian sum", _FILTER, ("alspach1972", "runnalls2007"), _filter("gaussian-sum")),
+    Method("Gaussian sum", "docs/theory/gaussian-sum.md", ("alspach1972", "runnalls2007"), _filter("gaussian-sum")),
     Method("smoother", "docs/filter.md", ("rauch1965",), _filter("rts")),
     Method("batch smoother", "docs/filter.md", ("bell1994", "rauch1965"), _filter("map")),
     Method(

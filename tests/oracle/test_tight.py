@@ -207,7 +207,7 @@ def of_all_unknowns(ready: Case, epoch: int, k: int) -> tuple[np.ndarray, np.nda
 @pytest.mark.parametrize("sky", SKIES)
 @pytest.mark.parametrize("kind", FILTERS)
 def test_with_an_unknown_clock_it_is_the_loose_one(sky: str, kind: int, velocity: str) -> None:
-    """The weighted least squares of an epoch are all that it says: `docs/theory/filter.md`, section 10."""
+    """The weighted least squares of an epoch are all that it says: `docs/theory/tight-coupling.md`, section 3."""
     moved = 1e-5  # a fix is linearised where the receiver is, an epoch of ranges where the filter is
     tight, loose = one_epoch(kind, moved, None, f"filter.velocity={velocity}", *SKIES[sky])
     n = loose.covariance.shape[0]

@@ -7,7 +7,7 @@ Sources: [1] Groves, Principles of GNSS, Inertial, and Multisensor Integrated Na
 sections 2.4 (Earth), 5.3 (ECEF mechanisation), 14.2.3 (ECEF error model), 14.3 (measurements). [2] Titterton & Weston,
 Strapdown Inertial Navigation Technology, 2nd ed. (2004), section 3.6 (rotation vectors). [3] Mueller, Hehn & D'Andrea,
 JGCD 40 (2017): the covariance after a correction of attitude. [4] Sola, arXiv 1711.02508: left Jacobians.
-The steady specific force is by the description of it in docs/theory/filter.md, section 11.
+The steady specific force is by the description of it in docs/theory/steady-force.md.
 
 Errors are truth minus estimate: position, velocity and attitude in ECEF axes, biases of gyros and accelerometers in
 body axes, then those of the receiver's clock.
@@ -311,7 +311,7 @@ class TextbookFilter:
 
 @dataclass
 class SteadyForce:
-    """What is left out of the change of velocity in steady flight: docs/theory/filter.md, section 11.
+    """What is left out of the change of velocity in steady flight: docs/theory/steady-force.md.
 
     density: of the accelerometers' noise, m2/s3. Everything else is of R runs, velocities along north, east, down.
     """

@@ -262,7 +262,7 @@ def test_epochs_without_a_fix(place: Path) -> None:
     assert np.all(np.isnan(r["/geometry/pdop"]))
     assert np.all(np.isnan(r["/receiver/position_llh"]))
     assert int(r["/summary/count/epochs_without_fix"]) == 650
-    # a division of the sum's components takes some 3e-5 of it (docs/theory/filter.md, 9): J_l shrinks what it turns
+    # a division of the sum's components takes some 3e-5 of it (docs/theory/gaussian-sum.md): J_l shrinks what it turns
     sigma = r["/filter/sigma"][0, :, 0]
     assert np.all(np.diff(sigma) > -1e-4 * sigma[:-1])
     assert np.all(sigma[10::10] > sigma[:-10:10])
