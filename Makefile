@@ -47,7 +47,7 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/rare_events.py
 	$(BIN)/python scripts/recorded_approach.py
 	$(BIN)/python -m pytest -n 2 --long
-	$(BIN)/python -m pytest tests/product/test_documented_commands.py tests/product/test_console_blocks.py --as-written
+	$(BIN)/python -m pytest tests/product/test_documented_commands.py tests/product/test_console_blocks.py tests/product/test_notebooks.py --as-written
 
 torture: $(STAMP)        ## mutants, kills, full disks, damaged files with ten fresh seeds, for hours: docs/reliability.md
 	$(BIN)/python -m tests.torture

@@ -161,8 +161,8 @@ class Plan:
 
     @property
     def batch(self) -> int:
-        """Combinations a batch: tenths of a second to seconds of work."""
-        return 1000 if self.geometry_alone else 50 if self.study.method == "dop" else 1
+        """Combinations a batch: tenths of a second to seconds of work. With jammers one alone takes a quarter."""
+        return 1000 if self.geometry_alone else 5 if self.study.method == "dop" else 1
 
     def settings(self, index: int) -> dict[str, Any]:
         """Keys and values of one combination, the last axis fastest."""

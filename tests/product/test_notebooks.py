@@ -1,35 +1,62 @@
-"""The notebooks of docs/notebooks, executed cell by cell: none fails, and what they print is so."""
+"""The notebooks of docs/notebooks, executed cell by cell: none fails, and what they print is so.
+
+A notebook whose cells have run at length since they, the parameters of what they call or their scenarios changed runs
+in brief (`BRIEF`), any other as it is written; with `--as-written` all do: see `tests/at_length.py`.
+"""
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests import at_length
 from tests.conftest import ROOT
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.md"))
+TABLE = ROOT / "tests" / "notebooks_at_length.txt"
+BRIEF = (
+    ("runs=100", "runs=30"),
+    ('"count": 40', '"count": 8'),
+    ('"count": 51', '"count": 11'),
+    ('"pseudolites": [1, 2]', '"pseudolites": [1]'),
+)
+"""What is written in notebooks, and what is run instead in brief."""
 
 
-def executed(file: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, str, int]:
-    """A notebook after its cells were run in its folder, all it has printed, and the number of its figures."""
+def cells(file: Path) -> str:
+    """The cells of a notebook, one after the other."""
+    return "\n".join(re.findall(r"^```\{code-cell\}.*\n([^`]*)^```$", file.read_text(encoding="utf-8"), re.MULTILINE))
+
+
+def in_brief(text: str) -> str:
+    for written, instead in BRIEF:
+        text = text.replace(written, instead)
+    return text
+
+
+def executed(file: Path, monkeypatch: pytest.MonkeyPatch, form: Callable[[str], str] = str) -> tuple[Any, str, int]:
+    """A notebook after its cells, in some form, were run in its folder, all it has printed, and the number of its
+    figures."""
     client = pytest.importorskip("nbclient", reason="nbclient belongs to the group docs")
     read = pytest.importorskip("myst_nb.core.read", reason="myst-nb belongs to the group docs")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))))
     monkeypatch.setenv("PYTHONSAFEPATH", "1")
     from myst_parser.config.main import MdParserConfig
 
-    notebook = read.read_myst_markdown_notebook(file.read_text(encoding="utf-8"), MdParserConfig())
+    notebook = read.read_myst_markdown_notebook(form(file.read_text(encoding="utf-8")), MdParserConfig())
     folder = {"metadata": {"path": str(file.parent)}}
     before = {path.name for path in file.parent.iterdir()}
     client.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=folder).execute()  # raises
     assert {path.name for path in file.parent.iterdir()} == before
-    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    assert len(cells) == file.read_text().count("```{code-cell}")
-    outputs = [output for cell in cells for output in cell.outputs]
+    run = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert len(run) == file.read_text().count("```{code-cell}")
+    outputs = [output for cell in run for output in cell.outputs]
     printed = "".join(output.text for output in outputs if output.output_type == "stream")
     return notebook, printed, sum("image/png" in output.get("data", {}) for output in outputs)
 
@@ -43,40 +70,61 @@ def numbers(pattern: str, printed: str) -> list[float]:
 
 def test_there_are_two() -> None:
     assert [file.stem for file in NOTEBOOKS] == ["first_landing", "placement_study"]
+    every = "".join(map(cells, NOTEBOOKS))
+    assert all(written in every for written, _ in BRIEF)
 
 
-def test_a_first_landing(monkeypatch: pytest.MonkeyPatch) -> None:
-    notebook, printed, figures = executed(NOTEBOOKS[0], monkeypatch)
-    assert figures == 3
-    pages = [
-        o.data["text/html"] for c in notebook.cells for o in c.get("outputs", ()) if "text/html" in o.get("data", {})
-    ]
-    assert "<table>" in pages[0]
-    (inside,) = numbers(r"within 3 sigma: ([\d.]+) %", printed)
-    assert inside > 95.0
-    assert "100 of 100 flown" in printed
-    rms, low, high = numbers(r"horizontal RMS ([\d.]+) m, 95 % interval ([\d.]+) to ([\d.]+) m", printed)
-    assert 0.05 < low < rms < high < 1.0
-    mean, share = numbers(r"mean ([\d.]+), within the 95 % band at (\d+) %", printed)
-    assert 0.9 < mean < 1.1
-    assert share > 60
-    near, far = (numbers(rf"\b{name}: horizontal ([\d.]+) m", printed)[0] for name in ("200 m", "1000 m"))
-    assert near != far
-    assert "pseudolites.s_mm - unknown key; did you mean 's_m', in m?" in printed
-    assert "imu.rate_hz - " in printed
+@contextmanager
+def in_form(file: Path, config: pytest.Config) -> Iterator[Callable[[str], str]]:
+    """The form in which a notebook runs; that it has run at length is kept where what is done within passes."""
+    digest, known = at_length.digest(cells(file)), at_length.stored(TABLE)
+    if not config.getoption("--as-written"):
+        yield in_brief if digest in known else str
+        return
+    every = [*map(cells, NOTEBOOKS)]
+    at_length.store(known - {digest}, every, TABLE)
+    yield str
+    at_length.store(known | {digest}, every, TABLE)
 
 
-def test_a_placement_study(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, printed, figures = executed(NOTEBOOKS[1], monkeypatch)
-    assert figures == 1
-    pdop, s, l1 = numbers(r"least PDOP ([\d.]+) at S (\d+) m, L1 (-?\d+) m", printed)
-    assert 0.5 < pdop < 2.0
-    assert 25 <= s <= 2000
-    assert -1000 <= l1 <= 4000
-    vertical = [
-        numbers(rf"{name}: horizontal [\d.]+ m, vertical ([\d.]+) m", printed)[0] for name in ("none", "least PDOP")
-    ]
-    assert vertical[1] < 0.8 * vertical[0]
+def test_a_first_landing(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.Config) -> None:
+    with in_form(NOTEBOOKS[0], pytestconfig) as form:
+        notebook, printed, figures = executed(NOTEBOOKS[0], monkeypatch, form)
+        assert figures == 3
+        pages = [
+            o.data["text/html"]
+            for c in notebook.cells
+            for o in c.get("outputs", ())
+            if "text/html" in o.get("data", {})
+        ]
+        assert "<table>" in pages[0]
+        (inside,) = numbers(r"within 3 sigma: ([\d.]+) %", printed)
+        assert inside > 95.0
+        runs = form("runs=100").partition("=")[2]
+        assert f"{runs} of {runs} flown" in printed
+        rms, low, high = numbers(r"horizontal RMS ([\d.]+) m, 95 % interval ([\d.]+) to ([\d.]+) m", printed)
+        assert 0.05 < low < rms < high < 1.0
+        mean, share = numbers(r"mean ([\d.]+), within the 95 % band at (\d+) %", printed)
+        assert 0.9 < mean < 1.1
+        assert share > 60
+        near, far = (numbers(rf"\b{name}: horizontal ([\d.]+) m", printed)[0] for name in ("200 m", "1000 m"))
+        assert near != far
+        assert "pseudolites.s_mm - unknown key; did you mean 's_m', in m?" in printed
+        assert "imu.rate_hz - " in printed
+
+
+def test_a_placement_study(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.Config) -> None:
+    with in_form(NOTEBOOKS[1], pytestconfig) as form:
+        _, printed, figures = executed(NOTEBOOKS[1], monkeypatch, form)
+        assert figures == 1
+        pdop, s, l1 = numbers(r"least PDOP ([\d.]+) at S (\d+) m, L1 (-?\d+) m", printed)
+        assert 0.5 < pdop < 2.0
+        assert 25 <= s <= 2000
+        assert -1000 <= l1 <= 4000
+        vertical = [
+            numbers(rf"{name}: horizontal [\d.]+ m, vertical ([\d.]+) m", printed)[0] for name in ("none", "least PDOP")
+        ]
+        assert vertical[1] < 0.8 * vertical[0]
 
 
 def test_a_cell_that_fails_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -155,11 +155,13 @@ def judged(place: Path, text: str = JUDGED) -> Path:
 
 
 NUMBERS = "pseudolites={first: 1, last: 3}"
+FEW = ("--runs", 8)
+"""Runs of the best placements, where a test says nothing of them."""
 
 
 def test_requirements_are_told_with_every_number(place: Path) -> None:
     """In the result, the table, the figures, as JSON; what levels do not decide is said."""
-    done = navsim("optimize", judged(place), "--set", NUMBERS, "-o", "judged.h5", cwd=place)
+    done = navsim("optimize", judged(place), "--set", NUMBERS, *FEW, "-o", "judged.h5", cwd=place)
     result = read(place / "judged.h5")
     as_declared(result)
     met, used = result["/front/met"], result["/requirements/utilisation"][:, 0]
@@ -192,7 +194,7 @@ def test_requirements_are_told_with_every_number(place: Path) -> None:
 def test_what_cannot_be_met_fails_with_the_nearest(place: Path) -> None:
     """The result is whole and has the placement that misses by least; the exit code says that it is no answer."""
     limit = "set.requirements=[{what: level, of: vpl, below_m: 5}]"
-    done = navsim("optimize", judged(place), "--set", NUMBERS, "--set", limit, "-o", "no.h5", cwd=place, code=3)
+    done = navsim("optimize", judged(place), "--set", NUMBERS, "--set", limit, *FEW, "-o", "no.h5", cwd=place, code=3)
     assert "no placement found meets the requirements (no.h5 is complete)" in done.stderr
     assert "met by no placement found, whatever the number of pseudolites" in done.stdout
     result = read(place / "no.h5")
@@ -207,7 +209,8 @@ def test_what_cannot_be_met_fails_with_the_nearest(place: Path) -> None:
 
 def test_requirements_that_need_no_pseudolites(place: Path) -> None:
     limit = "set.requirements=[{what: level, of: vpl, below_m: 80}]"
-    done = navsim("optimize", judged(place), "--set", "pseudolites=[1]", "--set", limit, "-o", "n.h5", cwd=place)
+    one = ("--set", "pseudolites=[1]", *FEW)
+    done = navsim("optimize", judged(place), *one, "--set", limit, "-o", "n.h5", cwd=place)
     assert "the fewest pseudolites with which the requirements are met: 0" in done.stdout
 
 
@@ -244,7 +247,7 @@ def test_a_search_under_requirements_goes_on_after_its_time(place: Path) -> None
                   .replace("none: [{s_m: 400, l1_m: 200}, {s_m: -900, l1_m: 2500}, {s_m: 1500, l1_m: 3000}, "
                            "{s_m: -1500, l1_m: -500}]\n", ""))  # fmt: skip
     common = ("--set", "pseudolites=[1]", "--set", "set.requirements=[{what: level, of: hpl, below_m: 30}]", "-q",
-              "--figures", "none")  # fmt: skip
+              "--figures", "none", *FEW)  # fmt: skip
     navsim("optimize", file, *common, "-o", "whole.h5", cwd=place)
     navsim("optimize", file, *common, "-o", "cut.h5", "--time-limit", 1.5, cwd=place, code=None)
     navsim("optimize", file, *common, "-o", "cut.h5", "--force", cwd=place)

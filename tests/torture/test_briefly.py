@@ -35,7 +35,7 @@ def test_killed_anywhere_and_resumed(commands: Forks, tmp_path: Path) -> None:
     assert trials.killed(commands, tmp_path, 103, 4, QUICK).wrong == []
 
 
-@pytest.mark.parametrize("most", [10, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("most", [6, pytest.param(1000, marks=pytest.mark.long)])
 def test_full_disk_at_steps_of_a_study(most: int, commands: Forks, tmp_path: Path) -> None:
     """At each step, or at some."""
     whole = trials.filled(commands, tmp_path / "whole", 104, most, ("landing",))

@@ -14,6 +14,8 @@ _STEP_TIME, _ATC_TIME, _AZIMUTH_TIME, _MAP_TIME = 0.1e-6, 7e-6, 9e-6, 0.6e-6
 """Seconds a step of the elevation filter; a scan of all filters of a tracking case; a scan of a filter of the map."""
 _COVARIANCE_TIME = 60e-6
 """Seconds a step of a filter's covariance takes, with that of its true errors."""
+_FEW_S = 5.0
+"""So long the rest of a study may take, s, that is timed by a block of what it counts."""
 _AZIMUTH_MEMORY = 850
 """A scan of a run of the azimuth scenario: draws, reports, ten filters' histories, bytes."""
 
@@ -35,11 +37,23 @@ def mls_elevation(scenario: Elevation, runs: int | None = None) -> Budget:
     result = NUMBER * (steps + kept + 4300) + 84 * VARIABLE
     # covariances are made one filter after the other
     memory = flown * (n + 3) + section.steps * 8 * n * n + kept + max(nominal, azimuth_, flare) * (4 * n * n + 8)
-    experiments = section.experiments
-    time = experiments * (flown * _STEP_TIME + (runs or section.runs) * _RUN_TIME) + _COVARIANCE_TIME * covariances
+    time = _experiments_time(scenario, runs) + _COVARIANCE_TIME * covariances
     return Budget(
         BASE_TIME + 1.0 + time + 1e-5 * section.steps, BASE_MEMORY + NUMBER * memory + WRITING * result, result
     )
+
+
+def _experiments_time(scenario: Elevation, runs: int | None) -> float:
+    section = scenario.montecarlo
+    of_each = runs or section.runs
+    return section.experiments * of_each * (section.steps * _STEP_TIME + _RUN_TIME)
+
+
+def mostly_experiments(scenario: Elevation, runs: int | None = None) -> bool:
+    """Whether a block of the experiments tells how long all of the elevation filter takes: what comes after them takes
+    seconds, or a third of their time at most."""
+    rest = mls_elevation(scenario, runs).time_s - _experiments_time(scenario, runs)
+    return rest < max(BASE_TIME + _FEW_S, _experiments_time(scenario, runs) / 3.0)
 
 
 def atc_tracking(scenario: Atc, runs: int | None = None) -> Budget:

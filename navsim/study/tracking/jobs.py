@@ -61,8 +61,9 @@ class CompanionJob:
 def mls_elevation(section: Elevation, document: Document, options: Options) -> CompanionJob:
     """The elevation filter and its proof."""
     count = section.montecarlo.experiments
+    even = budgets.mostly_experiments(section, options.runs)
     return CompanionJob(
-        section, document, options, "experiments", count, elevation.compute, budgets.mls_elevation, even=True
+        section, document, options, "experiments", count, elevation.compute, budgets.mls_elevation, even
     )
 
 
