@@ -24,6 +24,18 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+LOADING_MS = 300_000
+"""Most time that a page has to be there: no test is of its speed, and others want the machine."""
+
+
+def opened(browser: Any, **how: Any) -> Any:
+    """A page of its own, with time to load."""
+    context = browser.new_context(**how)
+    context.set_default_timeout(LOADING_MS)
+    context.set_default_navigation_timeout(LOADING_MS)
+    return context.new_page()
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """Chromium, as it is installed. No longer than a module: while it is there, this thread has a running event loop,
@@ -35,6 +47,7 @@ def browser() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as tools:
-        here = tools.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        # a drawing by software through the layer of a card costs a fifth more
+        here = tools.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
         yield here
         here.close()

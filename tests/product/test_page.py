@@ -38,6 +38,7 @@ from tests import steps
 from tests.conftest import ROOT
 from tests.forks import navsim, shared
 from tests.made import EVERY, EVIL
+from tests.product.conftest import opened
 
 MOST_BYTES = 5_000_000
 """Of a page with three results."""
@@ -495,8 +496,7 @@ def test_cite_names_what_a_result_rests_on(place: Path) -> None:
 
 def looked_at(browser: Any, file: Path, **how: Any) -> tuple[Any, list[str]]:
     """A page offline, drawn to its end, and all it asked for or had to say."""
-    context = browser.new_context(offline=True, **how)
-    shown = context.new_page()
+    shown = opened(browser, offline=True, **how)
     said: list[str] = []
     shown.on("console", lambda message: said.append(f"console: {message.text}"))
     shown.on("pageerror", lambda error: said.append(f"error: {error}"))
@@ -553,11 +553,17 @@ def test_a_browser_finds_no_fault(browser: Any, place: Path, tmp_path: Path) -> 
     shown.context.close()
 
 
-@pytest.mark.parametrize("name", [name for name in EVERY if name not in ("runs", "evil")])
-def test_every_kind_is_drawn(name: str, browser: Any, place: Path, tmp_path: Path) -> None:
-    """Each alone; ensembles with histories stand in the tests before and after this one."""
-    file = tmp_path / f"{name}.html"
-    file.write_text(made(place, name))
+IN_OTHER_PAGES = ("runs", "evil", "covariance", "none", "rare")
+"""Landings that stand beside others in a browser."""
+
+
+@pytest.mark.parametrize(
+    "names", [*((name,) for name in EVERY if name not in IN_OTHER_PAGES), ("one", "none", "rare")], ids="+".join
+)
+def test_every_kind_is_drawn(names: tuple[str, ...], browser: Any, place: Path, tmp_path: Path) -> None:
+    """Each alone; of landings some together, ensembles with histories in the tests before and after this one."""
+    file = tmp_path / "page.html"
+    file.write_text(made(place, *names))
     shown, said = looked_at(browser, file, viewport={"width": 800, "height": 600})
     assert said == [f"request: {file.as_uri()}"]
     shown.context.close()

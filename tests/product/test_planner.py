@@ -35,9 +35,12 @@ from navsim.study.analyses import glimpsed, screened
 from navsim.study.landing import prepare
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim
+from tests.product.conftest import opened
 
 EVIL = "<script>alert('title')</script>"
 LANDING = SCENARIOS / "landing.yaml"
+DRAG_S = 2.0
+"""How long the mouse is drawn: twenty maps at least."""
 MOST_BUSY = 2.5
 """Processes for each core beyond which the limits of a drag say more of the others than of the planner: server and
 browser want a core each."""
@@ -100,7 +103,7 @@ class Looked:
 
     def __init__(self, browser: Any, address: str) -> None:
         self.said: list[str] = []
-        self.page = browser.new_context(viewport={"width": 1300, "height": 800}).new_page()
+        self.page = opened(browser, viewport={"width": 1300, "height": 800})
         self.page.on("console", lambda message: self.said.append(f"console: {message.text}"))
         self.page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
         self.page.on("request", lambda r: None if r.url.startswith(address) else self.said.append(f"asks: {r.url}"))
@@ -111,7 +114,7 @@ class Looked:
 
     def rest(self) -> None:
         """Wait until all that was asked for is shown."""
-        self.page.wait_for_function("document.body.dataset.resting === 'true'", timeout=60_000)
+        self.page.wait_for_function("document.body.dataset.resting === 'true'")
         assert self.page.locator("#exact").get_attribute("data-exact") == "true"
 
     def text(self, path: str) -> str:
@@ -253,7 +256,7 @@ def test_a_mouse_is_followed(browser: Any, tmp_path: Path) -> None:
             shown.page.mouse.move(x, y)
             shown.page.mouse.down()
             began, step = time.monotonic(), 0
-            while time.monotonic() - began < 4.0:
+            while time.monotonic() - began < DRAG_S:
                 step += 1
                 shown.page.mouse.move(x + step % 80, y - 2 * (step % 80))
             trips = shown.page.evaluate("planner.trips")

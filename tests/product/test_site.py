@@ -14,6 +14,7 @@ from urllib.parse import quote
 import pytest
 
 from tests.conftest import ROOT
+from tests.product.conftest import opened
 from tests.unit.test_reference import script
 
 DOCS = ROOT / "docs"
@@ -131,8 +132,7 @@ THEME_SAYS = "console: [PST]: Changed to auto mode"
 @pytest.mark.parametrize("name", LOOKED_AT)
 def test_a_browser_finds_no_fault(name: str, browser: Any, site: Path) -> None:
     """Offline: no console line, no request outside; the paper follows the scheme; nothing is wider than a phone."""
-    context = browser.new_context(offline=True, viewport={"width": 1280, "height": 900})
-    page = context.new_page()
+    page = opened(browser, offline=True, viewport={"width": 1280, "height": 900})
     said: list[str] = []
     page.on("console", lambda message: said.append(f"console: {message.text}"))
     page.on("pageerror", lambda error: said.append(f"error: {error}"))
@@ -150,4 +150,4 @@ def test_a_browser_finds_no_fault(name: str, browser: Any, site: Path) -> None:
     assert [line for line in said if not line.startswith((site.as_uri(), THEME_SAYS))] == []
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    context.close()
+    page.context.close()

@@ -235,7 +235,7 @@ outputs: [pdop, horizontal, vertical_200ft]
 def test_latin_hypercube(place: Path) -> None:
     text = """
 samples: 10
-set: {pseudolites.frame: runway, pseudolites.count: 1, receiver.rate_hz: 1}
+set: {pseudolites.frame: runway, pseudolites.count: 1, receiver.rate_hz: 1, imu.rate_hz: 10, duration_s: 61}
 vary:
   - {key: pseudolites.s_m, lhs: {first: 100, last: 500}}
   - {key: pseudolites.l1_m, lhs: {first: 0, last: 4000}}
