@@ -82,7 +82,7 @@ AVAILABLE = [{"what": "availability", "at_least": 0.95}, {"what": "emt", "below_
         (EVENING, "pdop", CHI2, LEVEL, 1, {1: 500.0}),
         (EVENING, "pdop", CHI2, [{"what": "accuracy", "below_m": 8.5, "share": 0.9}], 1, BOTH),
         pytest.param(EVENING, "hpl_max", MHSS, AVAILABLE, 2, BOTH, marks=pytest.mark.long),
-        (EVENING, "hpl_max", MHSS, AVAILABLE, 2, {1: 1000.0, 2: 2000.0}),
+        (EVENING, "hpl_max", MHSS, AVAILABLE, -1, {1: 1000.0}),
     ],
 )
 def test_the_fewest_that_meet_requirements_are_those_of_brute_force(
