@@ -17,7 +17,10 @@ GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.
 """1 degree and 70 deg/h instead of the paper's 5 degrees and 700 deg/h, fixes at 1 Hz."""
 
 
-KINDS = list(itertools.product((1, 2, 3), ("eskf", "tfg", "left-invariant"), ("true", "false")))
+KINDS = [
+    *itertools.product((1, 2, 3), ("eskf", "tfg", "left-invariant"), ("true", "false")),
+    *itertools.product((1,), ("first-estimates", "observability-constrained"), ("false",)),
+]
 SHORTER = 3.5
 """Sigma of the sampling of fewer runs by which their limits are wider."""
 
@@ -39,7 +42,9 @@ def consistency(seed: int, kind: str, velocity: str, runs: int) -> tuple[np.ndar
     return full, part, float(ensemble["innovation_squared"].sum() / ensemble["degrees"].sum())
 
 
-@pytest.mark.parametrize(("seed", "kind", "velocity"), [(1, "eskf", "true"), (2, "tfg", "false")])
+@pytest.mark.parametrize(
+    ("seed", "kind", "velocity"), [(1, "eskf", "true"), (2, "tfg", "false"), (1, "first-estimates", "false")]
+)
 def test_consistency(seed: int, kind: str, velocity: str) -> None:
     """As the next test, of 240 runs; limits are wider by what fewer runs leave to chance."""
     full, part, nis = consistency(seed, kind, velocity, 240)
