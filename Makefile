@@ -39,7 +39,7 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/covariance_against_runs.py
 	$(BIN)/python scripts/covariance_matrix.py
 	$(BIN)/python scripts/near_passes.py
-	$(BIN)/python scripts/filter_consistency.py
+	$(BIN)/python scripts/filter_consistency.py --runs 200
 	$(BIN)/python scripts/outages.py
 	$(BIN)/python scripts/lasting_errors.py
 	$(BIN)/python scripts/sensor_errors.py
