@@ -463,7 +463,7 @@ def results(rows: Sequence[Row]) -> list[str]:
         "",
         *(f"- {line}" for line in outside or ["none"]),
         "",
-        f"**Against no fixes.** In straight flight fixes show nothing of heading. RMS and σ of heading at {CORNER:g} s in",
+        f"**Against no fixes.** Straight flight shows nothing of heading. RMS and σ of heading at {CORNER:g} s in",
         "`landing`:",
         "",
         *(f"- {line}" for line in against),
