@@ -244,7 +244,7 @@ def test_commands_run(document: Path, tmp_path: Path, pytestconfig: pytest.Confi
         at_length.store(at_length.stored() - (digests - _run_at_length), every_command())
     for written in page:
         command = form(written, done_at_length)
-        done = run_once(command, command != written, tree, tmp_path, environment, ends)
+        done = run_once(command, at_length.digest(written) in done_at_length, tree, tmp_path, environment, ends)
         if NO_DEVICE in command:
             assert done.returncode == 2, command
             assert f"{NO_DEVICE}?baud=921600" in done.stderr
@@ -262,16 +262,17 @@ def test_commands_run(document: Path, tmp_path: Path, pytestconfig: pytest.Confi
 
 
 SHIPPED_ALONE = re.compile(
-    r"navsim (?:table2|(?:run|sweep|optimize)\b.*? scenarios/\w+\.yaml)\b(?!.*(?:--scheduler|--dry-run))"
+    r"navsim (?:table2|integrity-table|(?:run|sweep|optimize)\b.*? scenarios/\w+\.yaml)\b"
+    r"(?!.*(?:--scheduler|--dry-run))"
 )
 """Commands that take nothing of what earlier ones of their page have written."""
 
 
 def run_once(
-    command: str, brief_form: bool, tree: Path, place: Path, environment: dict[str, str], ends: ExitStack
+    command: str, again: bool, tree: Path, place: Path, environment: dict[str, str], ends: ExitStack
 ) -> subprocess.CompletedProcess[str]:
-    """One line by the shell. Of a brief form that takes shipped files alone: what it did on an earlier page, and the
-    files it wrote there, where none of them is here."""
+    """One line by the shell. Of one that takes shipped files alone, and has run at length (again): what it did on an
+    earlier page, and the files it wrote there, where none of them is here."""
     key = re.sub(r" +# .*", "", command)
     if key in _wrote:
         done, files = _wrote[key]
@@ -284,7 +285,7 @@ def run_once(
     done = run(command, tree, place, environment, ends)
     after = _files(tree)
     new = after.keys() - before.keys()
-    if brief_form and done.returncode == 0 and SHIPPED_ALONE.match(key) and new and before.items() <= after.items():
+    if again and done.returncode == 0 and SHIPPED_ALONE.match(key) and new and before.items() <= after.items():
         _wrote[key] = done, {path.relative_to(tree): path.read_bytes() for path in new}
     return done
 
@@ -295,7 +296,7 @@ def _files(tree: Path) -> dict[Path, int]:
 
 
 _wrote: dict[str, tuple[subprocess.CompletedProcess[str], dict[Path, bytes]]] = {}
-"""What brief forms have said, and the files they wrote, by their names."""
+"""What commands have said, and the files they wrote, by their names."""
 _run_at_length: set[str] = set()
 """Digests of commands that this process has run as they are written, on pages that passed."""
 
