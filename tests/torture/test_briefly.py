@@ -20,7 +20,7 @@ def commands() -> Forks:
 
 
 def test_mutants_are_refused_in_words_or_are_in_order(commands: Forks, tmp_path: Path) -> None:
-    tally = trials.mutated(commands, trials.scenario_folder(tmp_path / "at"), 101, 50)
+    tally = trials.mutated(commands, trials.scenario_folder(tmp_path / "at"), 101, 30)
     assert tally.wrong == []
     assert min(tally.ended["accepted"], tally.ended["refused"]) > 3
 
