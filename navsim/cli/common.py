@@ -86,7 +86,8 @@ class _Standing:
             return
         self._said = now
         used, done = now - self._begun, finished - self._first[0]
-        left = (now - self._first[1]) * (self._extent - finished) / done if done > 0 else None
+        going_on = done > 0 and finished < self._extent  # what comes after all pieces has no estimate
+        left = (now - self._first[1]) * (self._extent - finished) / done if going_on else None
         if self._spoken:
             say(self._line(finished, words, used, left) if self._extent else words, logged=False)
         if log.is_open():

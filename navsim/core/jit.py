@@ -165,7 +165,10 @@ def compiling() -> str:
     """What is said before kernels are compiled: how long it takes, and where the machine code goes."""
     if _FOLDERS is None or _NOT_KEPT:
         return f"compiling the kernels, about a minute at every start: {_NOT_KEPT}"
-    return f"compiling the kernels, once, about a minute; kept in {_FOLDERS.version}"
+    return (
+        "compiling the kernels of this kind of computation, about a minute; they are kept for the next time in "
+        f"{_FOLDERS.version}"
+    )
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -471,9 +471,14 @@ def consistency(result: Result) -> Figure:
     if np.isfinite(worst).any():
         state = int(np.nanargmax(worst))
         ax.plot(float(result["/summary/consistency/worst_time"][state]), state + 0.5, "kx", ms=5.0, clip_on=False)
+    landed = touchdown(result)
+    dashed = ""
+    if np.isfinite(landed):
+        ax.axvline(landed, color="black", lw=0.8, ls="--")
+        dashed = "; dashed: touchdown"
     flown = result.attributes["method"] != "covariance"
     lines = "; lines: 99.9 % band of all together" if flown and not of.alone else ""
-    fig.suptitle(f"{runs_of(result)}\n×: largest{lines}")
+    fig.suptitle(f"{runs_of(result)}\n×: largest{lines}{dashed}")
     return fig
 
 

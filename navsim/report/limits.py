@@ -95,7 +95,8 @@ def rms_lines(ax: Axes, result: Result, axis: str) -> float:
 
 def _line(ax: Axes, begin: float, end: float, size: float, text: str) -> None:
     ax.plot([begin, end], [size, size], color=REQUIRED, ls=DOTTED, lw=1.4)
-    word(ax, text, (end, size), (-4.0, 2.5), ha="right", va="bottom")
+    behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.6}  # curves may pass under it
+    word(ax, text, (end, size), (-4.0, 2.5), ha="right", va="bottom", bbox=behind)
 
 
 def rectangle(ax: Axes, across: tuple[float, float] | None, up: tuple[float, float] | None, label: str) -> None:

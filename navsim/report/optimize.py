@@ -305,9 +305,12 @@ def plan(result: Result) -> Figure:
         ridge_lines(ax, shown_ridges(result), ax.get_xlim(), ax.get_ylim())
         view_from_above(ax)
         label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
-    legend_above(fig, axes[0], 3, "colours: PL1 moved" + (", the others kept" if counts.max() > 1 else ""))
+    mapped = np.isfinite(maps).any()
+    others = ", the others kept" if counts.max() > 1 else ""
+    legend_above(fig, axes[0], 3, f"colours: PL1 moved{others}" if mapped else "maps not computed")
     unmet = ", or requirements not met" if "/front/met" in result else ""
-    axes[-1].set_xlabel(f"along the runway from the threshold, m; grey: not allowed{unmet}")
+    grey = f"; grey: not allowed{unmet}" if mapped else ""
+    axes[-1].set_xlabel(f"along the runway from the threshold, m{grey}")
     return fig
 
 

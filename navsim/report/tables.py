@@ -171,6 +171,8 @@ def _band(result: Result) -> str:
 
 def state_verdict(result: Result) -> str:
     """The verdict on every state's sigma."""
+    if "/rare/error" in result:
+        return "not judged by method rare, whose runs are pushed off on purpose"
     if _VERDICT not in result or np.ndim(result[_VERDICT]):
         return "none: the file is of a navsim that judged groups of states alone; fly it again"
     return str(result[_VERDICT])

@@ -15,6 +15,8 @@ from navsim.scenario.base import DEG, reject
 
 STEEPEST = 5.0
 """Of runways, percent."""
+LONGEST_RUNWAY = 20e3
+"""Distance between thresholds, m, that no runway comes near."""
 _SAME = 1e-6
 """Numbers that agree so are one, deg or m."""
 
@@ -46,6 +48,7 @@ def with_published(data: Any) -> Any:
                 runway["declination_deg"] = round(found, 3)
         except NoDeclination as error:
             raise reject(str(error), "runway", "declination_deg") from None
+    _check_thresholds(runway)
     _write_heading(runway)
     _write_length(runway)
     _write_slope(runway)
@@ -60,6 +63,21 @@ def with_published(data: Any) -> Any:
                 raise reject("the glide does not meet a runway that falls so steeply", "runway", "tch_m")
             _write(runway, "aim_point_m", runway["tch_m"] / below, "tch_m")
     return {**data, "runway": runway}
+
+
+def _check_thresholds(runway: dict[str, Any]) -> None:
+    """Raise where the thresholds are farther apart than any runway is long."""
+    first, end = _point(runway.get("threshold")), _point(runway.get("end"))
+    if first is None or end is None or (apart := distance(first, end)) <= LONGEST_RUNWAY:
+        return
+    swapped = distance(first[::-1], end) <= LONGEST_RUNWAY or distance(first, end[::-1]) <= LONGEST_RUNWAY
+    hint = "swap lat_deg and lon_deg of one of them" if swapped else "check lat_deg and lon_deg of both"
+    raise reject(
+        f"is {apart / 1000.0:.4g} km from runway.threshold, and no runway is longer than "
+        f"{LONGEST_RUNWAY / 1000.0:g} km: {hint}",
+        "runway",
+        "end",
+    )
 
 
 def _write_heading(runway: dict[str, Any]) -> None:

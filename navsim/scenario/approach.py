@@ -310,7 +310,7 @@ class GoAroundSection(Section):
     at_s: FlightTime | None = None
     """when it begins; null: height_m says where"""
     load_factor: Annotated[float, Field(ge=1.01, le=5.0)] = 1.2
-    """lift by weight in the pull-up; where coming on and off makes the climb already, less is reached"""
+    """lift by weight in the pull-up; less where easing on and off turns it to the climb already"""
     climb_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 5.0
     """angle of the climb above the horizontal"""
     ease_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0

@@ -14,7 +14,7 @@ import types
 import typing
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
 
 from navsim.io.units import unit_of, without_unit
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted
@@ -124,12 +124,23 @@ Pair = Annotated[tuple[Signed, Signed], BeforeValidator(as_tuple)]
 
 
 T = typing.TypeVar("T")
+
+
+def _distinct(values: tuple[T, ...]) -> tuple[T, ...]:
+    for i, value in enumerate(values):
+        if value in values[:i]:
+            raise ValueError(f"{value} is given twice; write it once")
+    return values
+
+
 PairOf = Annotated[tuple[T, T], BeforeValidator(as_tuple)]
 """A YAML list of two of a type, kept as a tuple."""
 TripleOf = Annotated[tuple[T, T, T], BeforeValidator(as_tuple)]
 """A YAML list of three of a type, kept as a tuple."""
 ListOf = Annotated[tuple[T, ...], BeforeValidator(as_tuple)]
 """A YAML list of a type, kept as a tuple."""
+DistinctListOf = Annotated[tuple[T, ...], BeforeValidator(as_tuple), AfterValidator(_distinct)]
+"""The same of values of which none is given twice."""
 
 
 def _whole(value: Any) -> Any:
@@ -290,8 +301,27 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         return Problem(place, key, said)
     if kind == "value_error" and isinstance(given, (dict, list, tuple)):
         return Problem(place, key, message)  # what a validator of a whole section found says itself what was given
-    shown = repr(given) if isinstance(given, (int, float, str, bool, type(None))) else "a " + _noun(given)
-    return Problem(place, key, f"{message}, not {shown[:60]}")
+    shown = _as_written(given) if isinstance(given, (int, float, str, bool, type(None))) else "a " + _noun(given)
+    unit = ""
+    if kind in _BOUNDS:
+        leaf = error["loc"][-1]
+        absent = isinstance(leaf, str) and path[-1:] != (leaf,)
+        if absent and leaf in _keys_at(model, error["loc"][:-1]):  # no key of the file: it follows from others
+            key = dotted((*path, leaf))
+            message = f"follows from the other keys; {message}"
+        unit = f" {found}" if (found := unit_of(key)) else ""
+    return Problem(place, key, f"{message}{unit}, not {shown[:60]}{unit}")
+
+
+_BOUNDS = ("less_than", "less_than_equal", "greater_than", "greater_than_equal")
+"""Kinds of errors of numbers that are beyond a bound."""
+
+
+def _as_written(value: Any) -> str:
+    """A value as YAML has it."""
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else repr(value)
 
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -395,8 +425,8 @@ def _models_in(annotation: Any) -> list[Any]:
 
 
 __all__ = [
-    "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Checksum", "CorrelationTime", "Decay", "Elevation",
-    "Latitude", "ListOf", "LogTime", "Longitude", "NonNegative", "Pair", "PairOf", "ScanPeriod", "Section", "Sigma",
-    "Signed", "Size", "Stretch", "Triple", "Utc", "Variance", "Version", "as_tuple", "hint", "one_or_list",
+    "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Checksum", "CorrelationTime", "Decay", "DistinctListOf",
+    "Elevation", "Latitude", "ListOf", "LogTime", "Longitude", "NonNegative", "Pair", "PairOf", "ScanPeriod", "Section",
+    "Sigma", "Signed", "Size", "Stretch", "Triple", "Utc", "Variance", "Version", "as_tuple", "hint", "one_or_list",
     "one_or_more", "reject", "validated", "whole",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.approach import Point
-from navsim.scenario.base import FlightTime, ListOf, Section, Triple, reject
+from navsim.scenario.base import DistinctListOf, FlightTime, Section, Triple, reject
 
 if TYPE_CHECKING:
     from navsim.models.events import Event, Happening
@@ -25,7 +25,7 @@ class EventSection(Section):
 
     what: str
     """what happens"""
-    sources: Annotated[ListOf[str], Field(min_length=1)]
+    sources: Annotated[DistinctListOf[str], Field(min_length=1)]
     """names of satellites and pseudolites, of satellite systems, `pseudolites`, `all`"""
     at_s: FlightTime = 0.0
     """when it begins, after time 0"""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import FlightTime, ListOf, NonNegative, Section, reject
+from navsim.scenario.base import DistinctListOf, FlightTime, ListOf, NonNegative, Section, reject
 from navsim.scenario.priors import PSEUDOLITES
 from navsim.scenario.sky import Name
 
@@ -66,7 +66,7 @@ class LimitsSection(Section):
 class GroundGroup(Section):
     """Pseudolites that can fail together, since they share clock, survey, power or correction link."""
 
-    members: Annotated[ListOf[str], Field(min_length=1)]
+    members: Annotated[DistinctListOf[str], Field(min_length=1)]
     """names of the pseudolites of the group"""
     prior: Prior = 1e-5
     """probability that the whole group is faulty"""

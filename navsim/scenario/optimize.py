@@ -123,8 +123,8 @@ class Constraints(Section):
     near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
     requirements: bool = False
-    """whether those `requirements` of the base scenario have to be met that levels and covariance analysis decide;
-    where no placement meets them, the one that misses the worst of them by least is given, and the command fails"""
+    """whether placements have to meet those `requirements` of the base scenario that levels and covariance analysis
+    decide. If none does, navsim gives the placement that comes closest to its worst requirement, and fails"""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:

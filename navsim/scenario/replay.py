@@ -14,6 +14,7 @@ from navsim.models.systems import SYSTEMS, USUAL, System
 from navsim.scenario.base import (
     Checksum,
     CorrelationTime,
+    DistinctListOf,
     Latitude,
     ListOf,
     LogTime,
@@ -176,7 +177,7 @@ class Gnss(Section):
     takes as they are"""
     navigation_sha256: Checksums | None = None
     """checksums of the navigation files, in order; when given, others are refused"""
-    systems: ListOf[Name] = ()
+    systems: DistinctListOf[Name] = ()
     """take the ranges of these systems, each with a clock of its own; left out: GPS and GLONASS"""
     mask_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 10.0
     """satellites lower than this are left out, of RINEX observations"""

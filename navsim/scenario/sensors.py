@@ -436,8 +436,8 @@ NEEDED = {
 class _Sensors(Section):
     preset: ImuPreset = "paper"
     """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample; perfect: no errors; none: what gyro and
-    accelerometer say and nothing else, with constant errors and white noise, 0 or not; all others: what was seen of the
-    data sheet of that sensor, and what is missing there is asked for. Left out: none where gyro or accelerometer say
+    accelerometer say and nothing else, with constant errors and white noise, 0 or not; all others: the values that the
+    sensor's data sheet prints; you must give those that it lacks. Left out: none where gyro or accelerometer say
     something, else paper"""
     gyro: TrueGyro = TrueGyro()
     """errors of the gyros, in place of the preset's"""
@@ -481,7 +481,7 @@ class _Sensors(Section):
                 text = f"is taken away from what preset {self.preset} has; give it or {other}, 0 or more, 0 for none"
                 raise reject(text, sensor, taken[0])
             also = "".join(f", imu.{name}.{keys[0]} (or {keys[1]})" for name, keys in others)
-            whose = f"is not in what was seen of the data sheet of {self.preset}" if sheet else "is needed"
+            whose = f"is not printed in the data sheet of {self.preset}" if sheet else "is needed"
             rest = "" if sheet else "; `imu.preset: paper` takes what is left out from the paper, perfect leaves it out"
             raise reject(
                 f"{whose}: give it or {other}, 0 or more, 0 for none"

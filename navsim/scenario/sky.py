@@ -12,6 +12,7 @@ from navsim.scenario.base import (
     DEG,
     Azimuth,
     Checksum,
+    DistinctListOf,
     Elevation,
     ListOf,
     PairOf,
@@ -94,7 +95,7 @@ class Sky(Section):
     """checksum of the file, or a list in their order; when given, another file is refused"""
     lenient: bool = False
     """for `source: navigation` and `orbits`: take what is whole of damaged files, and warn of what was left out"""
-    systems: ListOf[Name] = ()
+    systems: DistinctListOf[Name] = ()
     """use these alone, each with a clock unknown of its own; left out: GPS and GLONASS, or that of `nominal-...`"""
     galileo_message: Literal["inav", "fnav"] = "inav"
     """for `source: navigation`: what Galileo satellites fly by, I/NAV (of E1, E5b) or F/NAV (of E5a)"""
@@ -114,7 +115,7 @@ class Sky(Section):
     """checksum of that file; when given, another file is refused"""
     interference: ListOf[Interference] = ()
     """sectors of the sky in which nothing is received"""
-    exclude: ListOf[str] = ()
+    exclude: DistinctListOf[str] = ()
     """names of satellites not to use, such as R05"""
     use_unhealthy: bool = False
     """use satellites that the almanac marks as unhealthy"""

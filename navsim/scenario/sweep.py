@@ -14,7 +14,7 @@ from navsim.io.schema import (
     SWEEP_QUANTITIES,
     WATCHED_QUANTITIES,
 )
-from navsim.scenario.base import Dotted, ListOf, Section, Version, reject
+from navsim.scenario.base import DistinctListOf, Dotted, ListOf, Section, Version, reject
 
 DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(SWEEP_QUANTITIES)
 """Outputs of every method; of those that fly a filter besides; all that there are."""
@@ -153,7 +153,7 @@ class Sweep(Section):
     method: Literal["dop", "covariance", "monte-carlo"] = "dop"
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
     # mypy knows no choice of names that are computed
-    outputs: ListOf[Literal[(*OUTPUTS, REQUIREMENTS)]] = ()  # type: ignore[valid-type]
+    outputs: DistinctListOf[Literal[(*OUTPUTS, REQUIREMENTS)]] = ()  # type: ignore[valid-type]
     """what is stored; default: all that the method tells of geometry and filter. What is told of watched fixes,
     hpl_p95 to hmi, and verdicts on the base scenario's requirements are asked for by name"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100

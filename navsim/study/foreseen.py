@@ -30,6 +30,7 @@ from navsim.scenario.presets import IMU_SHEETS
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
+from navsim.study.implausible import implausible, one_direction
 
 if TYPE_CHECKING:
     from navsim.models.pseudorange import Signals
@@ -266,6 +267,7 @@ def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
             f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
             "there are not defined, and those of the last seconds before it are of the end of the simulation"
         )
+    out += implausible(scenario, trajectory) + one_direction(scenario, trajectory)
     return out + on_pavement(scenario, trajectory) + through_ridges(scenario, trajectory)
 
 

@@ -46,6 +46,7 @@ from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, 
 from navsim.study.confirmation import Fly, OfRuns, fly_case, of_runs
 from navsim.study.executor import threads
 from navsim.study.foreseen import FOLLOW, lone_pseudolite_warning
+from navsim.study.implausible import implausible
 from navsim.study.landing import Case, prepare
 from navsim.study.landing.case import Ask, crossing_times
 from navsim.study.landing.requirements import MET, Fulfilment
@@ -267,6 +268,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""
         clock, when = CLOCKS[sources.pseudolites.clock], f"at {lone} of {len(geometry.receiver)} epochs"
         warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
+    warnings += implausible(scenario, trajectory)
     if doubted := scenario.runway.doubted_height("height_m", study.height_m):
         warnings.append(doubted)
     if study.objective in FILTER_OUTPUTS and study.constraints.distance_m is None:

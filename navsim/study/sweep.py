@@ -23,7 +23,7 @@ from navsim.io.draft import Draft
 from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result
 from navsim.io.schema import OUTCOMES, SWEEP, VERDICTS
-from navsim.models.kinematics import Frame
+from navsim.models.kinematics import Frame, Trajectory
 from navsim.models.pseudolite import Track
 from navsim.models.signals import Environment
 from navsim.models.systems import CLOCKS
@@ -59,6 +59,7 @@ from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.executor import Executor, threads
 from navsim.study.findings import LANDING, among, marks, notes, without_fix
 from navsim.study.foreseen import FOLLOW, lone_pseudolite_warning
+from navsim.study.implausible import implausible, one_direction
 from navsim.study.landing import (
     Case,
     covariance_analysis,
@@ -224,14 +225,19 @@ class Plan:
         return statements(self.first[0]) if REQUIREMENTS in self.study.wanted() else []
 
     @cached_property
+    def trajectory(self) -> Trajectory:
+        """The aircraft's motion in the first combination."""
+        return self.first[0].trajectory()
+
+    @property
     def frame(self) -> Frame:
         """The frame of the first combination's touchdown point."""
-        return self.first[0].trajectory().frame
+        return self.trajectory.frame
 
     @cached_property
     def track(self) -> Track:
         """The aircraft during the first combination's simulation, see `Landing.track`."""
-        return self.first[0].track(self.first[0].trajectory())
+        return self.first[0].track(self.trajectory)
 
     def plane(self, ecef: np.ndarray) -> np.ndarray:
         """Positions (..., 3) ECEF in the plane of the runway: along it from the threshold, right of it (..., 2), m."""
@@ -285,16 +291,22 @@ class Plan:
         """The scenario of the first combination with the checksums of its files. Raises InputError."""
         return self._environment[1]
 
-    @property
+    @cached_property
     def warnings(self) -> list[str]:
-        """Warnings about the sky of the first combination."""
-        return self._environment[2]
+        """Warnings about the sky, the flight and the sensors of the first combination."""
+        _, scenario, warnings = self._environment
+        moves = any(key.startswith("pseudolites.") for axis in self.axes for key in axis.keys)
+        fixed = [] if moves else one_direction(scenario, self.trajectory)  # what is moved, its DOPs judge
+        return [*warnings, *implausible(scenario, self.trajectory), *fixed]
 
     def warnings_of(self, case: Case) -> list[str]:
         """Warnings about the input of a combination that are not the study's."""
-        # what is not defined without a touchdown, geometry alone does not give
-        mine = case.sky_warnings if self.study.method == "dop" else case.warnings
-        told = {*self.warnings, *case.foreseen.lone_pseudolite}  # which is a finding by itself
+        scenario, flown = case.scenario, case.trajectory
+        mine = case.warnings
+        if self.study.method == "dop":  # what is not defined without a touchdown, geometry alone does not give
+            mine = [*case.sky_warnings, *implausible(scenario, flown)]
+        # a lone pseudolite is a finding by itself
+        told = {*self.warnings, *case.foreseen.lone_pseudolite, *one_direction(scenario, flown)}
         return [text for text in mine if text not in told]
 
     @cached_property

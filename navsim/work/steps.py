@@ -130,7 +130,8 @@ def _told(name: object, job: Job, target: Path, order: Order, listener: Listener
         budget = replace(budget, time_s=SHELL_TIME + prepared + seconds)
     tell(asked, budget, listener.speech, timed=seconds is not None)
     if not jit.is_warm(job.kernels):
-        listener.speech.say("compiling the kernels, once, takes about a minute more")
+        first = "compiling the kernels of this kind of computation, the first time, takes about a minute more"
+        listener.speech.say(first)
     listener.speech.say(f"{name}: {job.described()}; would write {target}")
     if kept := _begun_before(job, target, budget.time_s, order.options.fresh):
         listener.speech.say(kept)

@@ -182,3 +182,14 @@ def test_time_left_is_told_by_what_comes_after_the_first_piece(capsys: pytest.Ca
     assert capsys.readouterr().err.splitlines() == [
         "1 of 20 cells, 10 s used", "2 of 20 cells, 20 s used, about 3 min left"
     ]  # fmt: skip
+
+
+def test_no_time_is_left_for_what_comes_after_all_pieces(capsys: pytest.CaptureFixture[str]) -> None:
+    """A sweep flies its best combinations then: all pieces stay finished, and nobody says that 0 s are left."""
+    times = iter([0.0, 10.0, 20.0])
+    with common.progress(12, "combinations", True, lambda: next(times)) as tell:
+        tell(11)
+        tell(12, "flying the best by pdop")
+    assert capsys.readouterr().err.splitlines() == [
+        "11 of 12 combinations, 10 s used", "12 of 12 combinations, 20 s used; flying the best by pdop"
+    ]  # fmt: skip

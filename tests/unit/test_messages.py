@@ -11,6 +11,7 @@ import typer
 from navsim.cli.results import shown_as_stored
 from navsim.io.results import Result, Variable
 from navsim.io.schema import SCHEMA_VERSION
+from navsim.report.tables import state_verdict
 from navsim.scenario.load import read, resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.study.landing import prepare
@@ -139,3 +140,10 @@ def test_a_drift_of_none_may_have_a_time(tmp_path: Path) -> None:
     stored = tmp_path / "stored.yaml"
     stored.write_text(resolved_yaml(scenario))
     assert read(stored)[0] == scenario
+
+
+def test_sigma_that_no_run_could_judge_is_not_called_old() -> None:
+    """Pushed runs of method rare are off on purpose; results of earlier versions judged groups of states alone."""
+    pushed = Result({}, {"/rare/error": Variable(("run", "axis"), np.zeros((2, 3)), "m", "errors")})
+    assert state_verdict(pushed).startswith("not judged by method rare")
+    assert state_verdict(Result({}, {})).startswith("none: the file is of a navsim that judged groups")

@@ -244,10 +244,12 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
         _runway(on, result, [(np.append(along, sites[0]), np.append(s, sites[1][0]).repeat(1))])
         panels.append(on)
     unmet = ", or requirements are not met" if "/front/met" in result else ""
-    caption = (
-        f"Colours: {optimize.label(result)}, with PL1 moved there and the others kept; grey where that is not allowed"
-        f"{unmet}. Stars: the placement found."
-    )
+    caption = "Stars: the placement found."
+    if np.isfinite(result["/map/objective"]).any():
+        shown = f"{optimize.label(result)}, with PL1 moved there and the others kept"
+        caption = f"Colours: {shown}; grey where that is not allowed{unmet}. {caption}"
+    else:
+        caption += " The maps were not computed."
     title = f"Placement map{f' ({name})' if several else ''}"
     keys = [_RUNWAY, Key("pseudolites", ORANGE, "star"), Key(f"not allowed{unmet}", GREY, "band"), *_terrain(result)]
     return Drawing(f"plan-{k}", title, panels, caption, keys, min(2, len(panels)))

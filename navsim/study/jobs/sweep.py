@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from navsim.io.results import Sort
 from navsim.scenario.load import base_of
 from navsim.scenario.source import Document
@@ -62,5 +64,5 @@ class SweepJob:
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         found, confirmed = sweep.compute(self.plan, executor, store, tell), {}
         if self.confirming:
-            confirmed = sweep.confirm_best(self.plan, found, self.confirming, store, lambda words: tell(0, words))
+            confirmed = sweep.confirm_best(self.plan, found, self.confirming, store, partial(tell, self.plan.size))
         return Outcome(sweep.sweep_result(self.plan, found, confirmed))

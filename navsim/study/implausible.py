@@ -1,0 +1,174 @@
+"""Input within its bounds that no aircraft, sensor or site has: warnings of a landing before it is flown.
+
+Likely causes are a wrong unit, a wrong sign, swapped keys, or a copied line. A flight can be computed all the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from navsim.core.arrays.earth import ecef_from_llh
+from navsim.models.approach import ROLL_OUT, TOUCHDOWN
+from navsim.models.kinematics import Moving, Trajectory
+from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
+from navsim.scenario.landing import Landing
+
+LONGEST_ARM = 50.0
+"""Length of a lever arm, m, that the largest airliners reach."""
+STRONG_WIND = 0.6
+"""Wind over airspeed beyond which it is doubted: in a crosswind, a crab of 37 deg."""
+REVOLUTION = 360.0
+"""Turn of the computed attitude by a gyro's constant drift within a flight, deg, beyond which the drift is doubted."""
+GRAVITY_MG = 1000.0
+"""Bias of an accelerometer, mg, as large as gravity."""
+LEAST_ANGLE = 2.0
+"""Angle between two pseudolites as the antenna sees them, deg, below which the second adds no geometry."""
+UNDULATION_ERROR = 5.0
+"""Difference of a geoid undulation from that of EGM96, m, beyond which it is doubted: other models are closer."""
+_STEP = 0.5
+"""Between times of the flight that are looked at, s."""
+
+
+def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
+    """Warnings of values that no aircraft, sensor, wind or runway has."""
+    return [
+        *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),
+        *_undulation(scenario, trajectory),
+    ]  # fmt: skip
+
+
+def one_direction(scenario: Landing, trajectory: Moving) -> list[str]:
+    """Warnings of pseudolites that the antenna sees in the direction of another one throughout the flight."""
+    if len(names := scenario.pseudolites.names()) < 2:
+        return []
+    from navsim.models.signals import antenna_ecef
+
+    motion = trajectory.motion(_times(scenario, trajectory, TOUCHDOWN))
+    sites = ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
+    towards = sites - antenna_ecef(motion, np.array(scenario.receiver.lever_arm_m))[:, None]
+    towards /= np.linalg.norm(towards, axis=2, keepdims=True)
+    out = []
+    for j in range(1, len(sites)):
+        across = np.linalg.norm(np.cross(towards[:, :j], towards[:, j, None]), axis=2)
+        along = np.einsum("epk,ek->ep", towards[:, :j], towards[:, j])
+        apart = np.degrees(np.arctan2(across, along)).max(axis=0)
+        i = int(np.argmin(apart))
+        if apart[i] < LEAST_ANGLE:
+            far = float(np.linalg.norm(sites[j] - sites[i]))
+            out.append(
+                f"pseudolites: {names[j]} stands {far:.1f} m from {names[i]}, and the antenna sees both within "
+                f"{apart[i]:.1f} deg of each other throughout the flight: the second one adds no geometry, only "
+                f"another range from the same direction; give {names[j]} a position on another side of the approach"
+            )
+    return out
+
+
+def _times(scenario: Landing, trajectory: Moving, until: str) -> np.ndarray:
+    """Times from 0 to an event, or to the end of the flight, s."""
+    end = min(scenario.duration_s, trajectory.path.events.get(until, math.inf))
+    return np.linspace(0.0, end, max(2, math.ceil(end / _STEP)))
+
+
+def _lever_arms(scenario: Landing) -> Iterator[str]:
+    """Antennas farther from the IMU than an aircraft is long."""
+    radio, its = scenario.radio_altimeter, scenario.filter.radio_altimeter
+    arms = {
+        "receiver.lever_arm_m": scenario.receiver.lever_arm_m, "filter.lever_arm_m": scenario.filter.lever_arm_m,
+        "radio_altimeter.lever_arm_m": None if radio is None else radio.lever_arm_m,
+        "filter.radio_altimeter.lever_arm_m": None if radio is None else its.lever_arm_m,
+    }  # fmt: skip
+    for key, arm in arms.items():
+        if arm is not None and (length := math.hypot(*arm)) > LONGEST_ARM:
+            yield (
+                f"{key}: the antenna is {length:g} m from the IMU, farther than any aircraft is long; give metres "
+                "along the body axes (forward, right, down) from the IMU to the antenna"
+            )
+
+
+def _drifts(scenario: Landing) -> Iterator[str]:
+    """Constant errors of inertial sensors that are as large as what they measure."""
+    hours = scenario.duration_s / 3600.0
+    for where, imu in (("imu", scenario.imu), ("filter.imu", scenario.filter.imu)):
+        if (gyro := imu.gyro) is not None:
+            for name, drift in (("drift_deg_h", gyro.drift_deg_h), ("drift_fixed_deg_h", gyro.drift_fixed_deg_h)):
+                if (worst := _largest(drift)) * hours > REVOLUTION:
+                    yield (
+                        f"{where}.gyro.{name}: {worst:g} deg/h turns the computed attitude by {worst * hours:.0f} deg "
+                        f"in the {scenario.duration_s:g} s of the flight, more than a revolution, which no filter "
+                        "follows; give deg/h (deg/s times 3600)"
+                    )
+        if (accelerometer := imu.accelerometer) is not None:
+            for name, bias in (("bias_mg", accelerometer.bias_mg), ("bias_fixed_mg", accelerometer.bias_fixed_mg)):
+                if (worst := _largest(bias)) > GRAVITY_MG:
+                    yield (
+                        f"{where}.accelerometer.{name}: {worst:g} mg is more than gravity, 1000 mg; give mg "
+                        "(m/s2 times 102)"
+                    )
+
+
+def _largest(value: float | Sequence[float] | None) -> float:
+    """Largest size of a number or of a list of numbers; 0 for none."""
+    return float(np.abs(() if value is None else value).max(initial=0.0))
+
+
+def _speeds(scenario: Landing) -> Iterator[str]:
+    """An approach that speeds up towards touchdown."""
+    approach = scenario.approach
+    if not isinstance(approach, PaperApproach | SmoothApproach | WaypointApproach):
+        return
+    key, first = "speed_start_kmh", approach.speed_start_kmh
+    if isinstance(approach, WaypointApproach):
+        if approach.ending == "none":
+            return
+        if approach.points and (given := approach.points[-1].speed_kmh) is not None:
+            key, first = f"points[{len(approach.points) - 1}].speed_kmh", given
+    if (last := approach.speed_touchdown_kmh) > first:
+        yield (
+            f"approach.speed_touchdown_kmh: {last:g} km/h is faster than approach.{key}, {first:g} km/h: the aircraft "
+            "speeds up all the way down the glide; swap the two if that was not meant"
+        )
+
+
+def _wind(scenario: Landing, trajectory: Moving) -> Iterator[str]:
+    """Wind that comes near the airspeed."""
+    if not scenario.wind.blows or not isinstance(trajectory, Trajectory):
+        return
+    from navsim.models.air import triangle_along
+
+    times = _times(scenario, trajectory, ROLL_OUT)[:-1]
+    flown = triangle_along(trajectory, times)
+    speed = np.linalg.norm(trajectory.wind.mean(times), axis=1)
+    worst = int(np.argmax(speed / flown.airspeed))
+    share = speed[worst] / flown.airspeed[worst]
+    if share > STRONG_WIND:
+        key = "levels" if scenario.wind.profile == "table" else "speed_m_s"
+        crab = math.degrees(float(np.nanmax(np.abs(flown.crab))))
+        yield (
+            f"wind.{key}: at {times[worst]:.1f} s the wind of {speed[worst]:.1f} m/s is {100.0 * share:.0f} % of the "
+            f"airspeed of {flown.airspeed[worst]:.1f} m/s, in which no aircraft lands; a mean wind only turns the "
+            f"nose, here by up to {crab:.0f} deg, so accuracies hardly change; check the unit (1 kt is 0.514 m/s), and "
+            "give wind.turbulence or wind.gusts for what strong wind does to the flight"
+        )
+
+
+def _undulation(scenario: Landing, trajectory: Moving) -> Iterator[str]:
+    """A geoid undulation that EGM96 does not have there, where the extra `geoid` is installed."""
+    from navsim.models.geoid import NoGeoid, undulation
+
+    given = scenario.runway.geoid_undulation_m
+    if not isinstance(given, float):
+        return
+    lat, lon = np.degrees(scenario.threshold(trajectory.frame)[:2]).tolist()
+    try:
+        model = undulation(lat, lon)
+    except NoGeoid:
+        return
+    if abs(given - model) > UNDULATION_ERROR:
+        sign = ", with the other sign" if abs(given + model) <= UNDULATION_ERROR else ""
+        yield (
+            f"runway.geoid_undulation_m: {given:g} m, and EGM96 has {model:.1f} m at the threshold{sign}; give the "
+            "height of the geoid above the ellipsoid, positive where the geoid is above it, or `auto`"
+        )

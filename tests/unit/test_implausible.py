@@ -1,0 +1,116 @@
+"""Values within their bounds that no aircraft, sensor, wind or site has: warnings with key, value and what to write."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from navsim.scenario.load import resolved_yaml
+from navsim.scenario.source import InputError
+from navsim.work.errors import BadInput
+from navsim.work.opening import checked
+from tests.conftest import SCENARIOS
+from tests.helpers import case, scenario
+
+SITES = "pseudolites={{frame: runway, sites: [{{name: A, s_m: 300, l1_m: 400}}, {{name: B, s_m: {}, l1_m: {}}}]}}"
+CASES = [
+    (SITES.format(300, 400), ["B stands 0.0 m from A", "no geometry"]),
+    (SITES.format(300.5, 400.5), ["B stands 0.7 m from A", "no geometry"]),
+    ("receiver.lever_arm_m=[1000,0,0]", ["receiver.lever_arm_m: the antenna is 1000 m", "give metres"]),
+    ("filter.lever_arm_m=[0,60,0]", ["filter.lever_arm_m: the antenna is 60 m"]),
+    ("wind={speed_m_s: 49, from_deg: 355}", ["wind.speed_m_s:", "wind of 49.0 m/s", "% of the airspeed", "unit"]),
+    ("approach={speed_start_kmh: 80, speed_touchdown_kmh: 130}",
+     ["approach.speed_touchdown_kmh: 130 km/h is faster than approach.speed_start_kmh, 80 km/h", "swap the two"]),
+    ("imu.gyro={drift_deg_h: 1e6}", ["imu.gyro.drift_deg_h: 1e+06 deg/h", "more than a revolution", "give deg/h"]),
+    ("imu.gyro={drift_deg_h: null, drift_fixed_deg_h: [0, 0, -2e5]}", ["imu.gyro.drift_fixed_deg_h: 200000 deg/h"]),
+    ("imu.accelerometer={bias_mg: 2e3}", ["imu.accelerometer.bias_mg: 2000 mg is more than gravity", "give mg"]),
+]  # fmt: skip
+
+
+def spread(setting: str) -> list[str]:
+    """Settings of single keys, of one of a section that leaves the others as they are."""
+    section, _, value = setting.partition("=")
+    if not value.startswith("{") or section == "pseudolites":
+        return [setting]
+    pairs = value[1:-1].split(", ") if "[" not in value else ["drift_fixed_deg_h: [0, 0, -2e5]"]
+    return [f"{section}.{key}={what}" for key, what in (pair.split(": ", 1) for pair in pairs)]
+
+
+@pytest.mark.parametrize(("setting", "said"), CASES, ids=[given.partition("=")[0] for given, _ in CASES])
+def test_values_that_no_landing_has(setting: str, said: list[str]) -> None:
+    _, _, warnings = checked(SCENARIOS / "landing_smooth.yaml", spread(setting))
+    (found,) = [text for text in warnings if said[0] in text]
+    assert [part for part in said if part not in found] == []
+
+
+def test_covariance_analysis_and_runs_warn_of_them_too() -> None:
+    """`Case.warnings` is what runs, covariance analysis, rare events and the planner print."""
+    found = case(*spread(CASES[2][0]), name="landing_smooth").warnings
+    assert [text for text in found if text.startswith(CASES[2][1][0])]
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        SITES.format(300, -400),
+        "receiver.lever_arm_m=[-30,0,10]",
+        "wind={speed_m_s: 12, from_deg: 40}",
+        "approach={speed_start_kmh: 80, speed_touchdown_kmh: 80}",
+        "imu.gyro={drift_deg_h: 2000}",
+    ],
+)
+def test_values_that_some_have(setting: str) -> None:
+    assert checked(SCENARIOS / "landing_smooth.yaml", spread(setting))[2] == []
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_studies_warn_of_them_once(tmp_path: Path, moved: bool) -> None:
+    """A sweep by geometry alone says it of its base; where it moves pseudolites itself, DOPs judge their directions."""
+    key, values = ("pseudolites.sites.1.s_m", [299, 300]) if moved else ("sky.mask_deg", [5, 10])
+    given = [SITES.format(300, 400), "receiver.lever_arm_m=[1000,0,0]"]
+    (tmp_path / "base.yaml").write_text(resolved_yaml(scenario(*given, name="landing_smooth")))
+    (tmp_path / "sweep.yaml").write_text(
+        f"kind: sweep\nversion: 1\nbase: base.yaml\nvary: [{{key: {key}, values: {values}}}]\nmethod: dop\n"
+    )
+    warnings = checked(tmp_path / "sweep.yaml", [])[2]
+    assert sum("receiver.lever_arm_m: the antenna is 1000 m" in text for text in warnings) == 1
+    assert sum("B stands 0.0 m from A" in text for text in warnings) == (0 if moved else 1)
+
+
+def test_an_optimization_warns_of_its_base(tmp_path: Path) -> None:
+    given = ["pseudolites.count=0", "receiver.lever_arm_m=[1000,0,0]"]
+    (tmp_path / "base.yaml").write_text(resolved_yaml(scenario(*given)))
+    warnings = checked(SCENARIOS / "placement_optimum.yaml", [f"base={tmp_path / 'base.yaml'}"])[2]
+    assert any("receiver.lever_arm_m: the antenna is 1000 m" in text for text in warnings)
+
+
+def test_a_geoid_of_another_sign(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against EGM96, where it is installed."""
+    monkeypatch.setitem(sys.modules, "egm96", SimpleNamespace(undulation=lambda lat, lon: 46.6))
+    wrong, right = (
+        checked(SCENARIOS / "landing_smooth.yaml", [f"runway.geoid_undulation_m={value}"])[2] for value in (-46.6, 46.0)
+    )
+    assert right == []
+    assert "runway.geoid_undulation_m: -46.6 m, and EGM96 has 46.6 m at the threshold, with the other sign" in wrong[0]
+
+
+def test_names_stand_once() -> None:
+    with pytest.raises(InputError, match=r"sky\.systems: gps is given twice; write it once"):
+        scenario("sky.systems=[gps,gps]", "sky.source=nominal")
+
+
+def test_thresholds_are_no_further_apart_than_a_runway_is_long() -> None:
+    """Of swapped coordinates the message says so, with the distance in km."""
+    runway = "runway={{threshold: {{lat_deg: {}, lon_deg: {}}}, end: {{lat_deg: 48.42361, lon_deg: 10.9225}}}}"
+    with pytest.raises((InputError, BadInput), match=r"runway\.end: is 4787 km from runway\.threshold.*: swap lat_deg"):
+        scenario(runway.format(10.94333, 48.42639), "approach.start=null")
+
+
+def test_bounds_have_units_and_values_that_follow_their_key() -> None:
+    with pytest.raises(InputError, match=r"duration_s: input should be .* or equal to 1000000 s, not 10000000\.0 s"):
+        scenario("duration_s=1e7")
+    with pytest.raises(InputError, match=r"runway\.aim_point_m: follows from .* or equal to 3000 m, not 5\d+\.\d+ m"):
+        scenario("runway.tch_m=99", "approach.glide_slope_deg=1.1")
