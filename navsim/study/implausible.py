@@ -60,8 +60,8 @@ def one_direction(scenario: Landing, trajectory: Moving) -> list[str]:
             far = float(np.linalg.norm(sites[j] - sites[i]))
             out.append(
                 f"pseudolites: {names[j]} stands {far:.1f} m from {names[i]}, and the antenna sees both within "
-                f"{apart[i]:.1f} deg of each other throughout the flight: the second one adds no geometry, only "
-                f"another range from the same direction; give {names[j]} a position on another side of the approach"
+                f"{apart[i]:.1f} deg of each other throughout the flight. The second one adds no geometry; give "
+                f"{names[j]} a position on another side of the approach"
             )
     return out
 
@@ -148,9 +148,9 @@ def _wind(scenario: Landing, trajectory: Moving) -> Iterator[str]:
         crab = math.degrees(float(np.nanmax(np.abs(flown.crab))))
         yield (
             f"wind.{key}: at {times[worst]:.1f} s the wind of {speed[worst]:.1f} m/s is {100.0 * share:.0f} % of the "
-            f"airspeed of {flown.airspeed[worst]:.1f} m/s, in which no aircraft lands; a mean wind only turns the "
-            f"nose, here by up to {crab:.0f} deg, so accuracies hardly change; check the unit (1 kt is 0.514 m/s), and "
-            "give wind.turbulence or wind.gusts for what strong wind does to the flight"
+            f"airspeed of {flown.airspeed[worst]:.1f} m/s; no aircraft lands in that. A mean wind only turns the nose, "
+            f"here by up to {crab:.0f} deg, so accuracies hardly change. Check the unit (1 kt is 0.514 m/s); "
+            "wind.turbulence and wind.gusts are what disturbs a flight"
         )
 
 
