@@ -430,7 +430,8 @@ def results(rows: Sequence[Row]) -> list[str]:
     headings = []
     for kind in KINDS:
         z = [row.heading[0] for row in shipped if row.kind == kind]
-        headings += [f"`{kind}` {min(z):.2f} to {max(z):.2f}"] if z else []
+        each = sorted({f"{value:.2f}" for value in z})
+        headings += [f"`{kind}` {' to '.join(dict.fromkeys((each[0], each[-1])))} ({len(z)} scenarios)"] if z else []
     noises = [f"`{kind}` {', '.join(at_corner(rows, label, kind) for label in NOISY_LANDINGS)}" for kind in KINDS]
     outside = [f"{row.study.label}: {', '.join(row.outside())}" for row in own if row.outside()]
     above = [
@@ -490,12 +491,13 @@ def results(rows: Sequence[Row]) -> list[str]:
 
 def page() -> list[str]:
     """The page of all rows that are finished."""
-    rows, missing = [], []
+    rows: list[Row] = []
+    missing: dict[str, list[str]] = {}
     for study in studies().values():
         for kind in study.kinds:
             found = finished(study.label, kind)
             if found is None:
-                missing.append(f"{study.label} (`{kind}`)")
+                missing.setdefault(study.label, []).append(f"`{kind}`")
             else:
                 rows.append(Row(study, kind, found))
     figure([row for row in rows if row.study.label == "landing"], ROOT / "docs" / IMAGE)
@@ -550,7 +552,11 @@ def page() -> list[str]:
             lines += ["A: positions at 1 Hz. B: positions and velocities at 1 Hz. C: positions at 10 Hz.", ""]
         lines += [*table([row for row in rows if row.study.section == section]), ""]
     if missing:
-        lines += ["## Not measured yet", "", *(f"- {row}" for row in missing), ""]
+        lines += ["## Not measured yet", "", "| case | kinds |", "|---|---|"]
+        for label, kinds in missing.items():
+            every = len(kinds) == len(studies()[label].kinds)
+            lines.append(measured.row(label, "all" if every else ", ".join(kinds)))
+        lines.append("")
     return lines[:-1]
 
 
