@@ -112,6 +112,18 @@ MISTAKES = [
     ),
     Made("vn and ve", _velocity(lambda v: v[:, XY]), {"gnss.velocity_axes": "END"}, needs("velocities")),
     Made("vertical sign", _velocity(lambda v: v * Z), {"gnss.velocity_axes": "NEU"}, needs("climbs", "vertical")),
+    Made(
+        "vertical velocity in km/h", _velocity(lambda v: v * [1.0, 1.0, 3.6]), {"gnss.vertical_speed_unit": "km/h"},
+        needs("climbs", "vertical"),
+    ),
+    Made(
+        "vertical velocity in ft/min", _velocity(lambda v: v * [1.0, 1.0, 60.0 / FEET]),
+        {"gnss.vertical_speed_unit": "ft/min"}, needs("climbs", "vertical"),
+    ),
+    Made(
+        "climb in ft/min", _velocity(lambda v: v * [1.0, 1.0, -60.0 / FEET]),
+        {"gnss.velocity_axes": "NEU", "gnss.vertical_speed_unit": "ft/min"}, needs("climbs", "vertical"),
+    ),
     Made("speed in km/h", _velocity(lambda v: 3.6 * v), {"gnss.speed_unit": "km/h"}, needs("velocities")),
     Made("speed in knots", _velocity(lambda v: v * 3600.0 / 1852.0), {"gnss.speed_unit": "kn"}, needs("velocities")),
     Made("speed in cm/s", _velocity(lambda v: 100.0 * v), {"gnss.speed_unit": "cm/s"}, needs("velocities")),

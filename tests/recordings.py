@@ -147,6 +147,16 @@ def straight(duration: float = 60.0) -> RecordedTrajectory:
     return ride(duration, lambda t: np.full_like(t, 25.0), np.zeros_like, np.zeros_like, heading=2.0)
 
 
+def hills(duration: float = 400.0) -> RecordedTrajectory:
+    """Circles at 20 m/s, up and down by 8 m."""
+    return ride(
+        duration,
+        lambda t: np.full_like(t, 20.0),
+        lambda t: 0.2 * np.sin(t / 17.0),
+        lambda t: 0.6 * np.sin(2.0 * np.pi * t / 42.0),
+    )
+
+
 def drive() -> RecordedTrajectory:
     """A car: it brakes, turns corners to both sides, waits."""
     return ride(

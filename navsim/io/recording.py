@@ -116,7 +116,9 @@ def read_fixes(
         axes = conventions.axes_matrix(convention.velocity_axes, conventions.LEVEL_AXES)
         # by columns, since a matrix product would spread an unknown component over all
         source, sign = np.argmax(np.abs(axes), axis=1), axes.sum(axis=1)
-        table[:, 4:7] = conventions.SPEED_UNITS[convention.speed_unit] * sign * table[:, 4 + source]
+        vertical = convention.vertical_speed_unit or convention.speed_unit
+        units = [*[conventions.SPEED_UNITS[convention.speed_unit]] * 2, conventions.VERTICAL_SPEED_UNITS[vertical]]
+        table[:, 4:7] = units * sign * table[:, 4 + source]
         names, limits = (*GNSS_COLUMNS, *GNSS_OPTIONAL, *effects), (*_GNSS_LIMITS, *((-1e6, 1e6),) * len(effects))
         table, numbers = _limited(path, table, numbers, names, limits, dropped, limited)
         table = table[_agreeing(path, table[:, _SPREAD], numbers, dropped)]

@@ -49,6 +49,8 @@ SPEED_UNITS = {
     "m/s": 1.0, "km/h": 1.0 / 3.6, "kn": KNOT, "mph": 0.44704, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 1e-3,
 }  # fmt: skip
 """Each in m/s."""
+VERTICAL_SPEED_UNITS = {**SPEED_UNITS, "ft/min": 0.3048 / 60.0}
+"""Of the vertical velocity alone, each in m/s."""
 BODY_AXES, LEVEL_AXES = ("FB", "RL", "DU"), ("NS", "EW", "DU")
 """Positive and negative direction of each axis: forward, right, down; north, east, down."""
 
@@ -89,7 +91,8 @@ class ImuConvention:
 
 @dataclass(frozen=True)
 class GnssConvention:
-    """How fixes are written. velocity_axes: where the columns vn, ve, vd point. time_offset: s, to be added to their
+    """How fixes are written. velocity_axes: where the columns vn, ve, vd point. vertical_speed_unit: None where it is
+    speed_unit. time_offset: s, to be added to their
     times. columns: names in the file of those of `docs/replay.md`. errors: number of lasting errors with columns of
     their effects on each fix (`effects_of`)."""
 
@@ -98,6 +101,7 @@ class GnssConvention:
     angle_unit: str = "deg"
     height_unit: str = "m"
     speed_unit: str = "m/s"
+    vertical_speed_unit: str | None = None
     velocity_axes: str = "NED"
     columns: Mapping[str, str] = field(default_factory=dict)
     errors: int = 0

@@ -203,6 +203,8 @@ class Gnss(Section):
     """unit of the column of height"""
     speed_unit: _unit(conventions.SPEED_UNITS) = "m/s"  # type: ignore[valid-type]
     """unit of the velocity columns"""
+    vertical_speed_unit: _unit(conventions.VERTICAL_SPEED_UNITS) | None = None  # type: ignore[valid-type]
+    """unit of the vertical velocity where it is another one, such as ft/min"""
     velocity_axes: LevelAxes = "NED"  # type: ignore[valid-type]
     """where the columns vn, ve, vd point: N or S, E or W, D or U. ENU: east, north, up"""
     latency_s: RecordedLatency | None = None
@@ -265,6 +267,7 @@ class Gnss(Section):
             angle_unit=self.angle_unit,
             height_unit=self.height_unit,
             speed_unit=self.speed_unit,
+            vertical_speed_unit=self.vertical_speed_unit,
             velocity_axes=self.velocity_axes,
             columns=self.columns,
             errors=self.of_table,

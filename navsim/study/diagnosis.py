@@ -6,7 +6,8 @@ correction that makes them agree:
 
 - sample intervals and spans of both files: units of time;
 - mean specific force against gravity: unit of the accelerometers, gyros and accelerometers exchanged;
-- changes of position against velocity [1]: angles, heights, speeds, axes of the velocity;
+- changes of position against velocity [1]: angles, heights, speeds, axes of the velocity. Of units that differ by
+  a factor alone, and of the sign of the vertical velocity, the slope of one over the other decides, with its noise;
 - specific force carried along by the gyros against changes of velocity, in pieces and windows in which one unknown
   rotation is free [2], with the biases profiled out: signs and columns of either triad, unit of the gyros, time offset;
 - where gravity and the velocity point in the axes found so: body axes.
@@ -17,7 +18,8 @@ What the motion does not show is not judged: a correction is named only where th
 clearly worse than the best one, and equally good ones are named together. Each stage goes on with what the one before
 has corrected, so several mistakes are found.
 
-Sources: [1] Groves (2013), section 17.4 (consistency tests). [2] Wu & Pan (2013), as `simulation.alignment`.
+Sources: [1] Groves (2013), section 17.4 (consistency tests). [2] Wu & Pan (2013), as `simulation.alignment`. [3] White
+(1980), Econometrica 48(4): 817-838 (variance of a regression whose errors differ).
 """
 
 from __future__ import annotations
@@ -58,6 +60,8 @@ FITS, MISFITS = 0.35, 0.5
 """Difference of two ways over their mean, median of all pieces: a fit up to the one, none from the other on."""
 ACCEPTED = 0.15
 """What a correction must reach."""
+LEAST_SCATTER = 0.02
+"""Scatter of a way about its velocities' over its length that is always allowed for: accelerations between fixes."""
 MOST_SECONDS = 600.0
 """Longest part of a flight, from its first motion on, that sensors are compared over."""
 STEP = 0.1
@@ -66,9 +70,13 @@ PIECE, PIECES = 1.0, 15
 """Length of a piece, s, and pieces in a window with one rotation."""
 OFFSETS = 40.0
 """Largest offset between the clocks that is looked for, s: GPS time is 18 s from UTC, TAI 37 s."""
+USUAL_OFFSET = (-2.1, 0.4)
+"""Times of samples less those of fixes, s, that the latency of a receiver explains."""
 LEAST_WINDOWS, LARGEST_SHARE = 2, 0.7
 """An offset of the clocks is judged where it has so many windows of those as written, half of them at least, and is no
 larger than this share of their length: a flight that repeats itself fits a few windows anywhere."""
+LIKELY = 9.0
+"""A factor is as likely as another whose chi-square is less by no more than this: three sigma."""
 APART = 2.0
 """Offsets of the clocks farther apart than this, s, are different ones."""
 WORSE, CERTAIN = 1.25, 20.0
@@ -155,7 +163,7 @@ def diagnose(log: Log) -> list[Mistake]:
 
 def examine(log: Log) -> Diagnosis:
     """The mistakes of a recording, and what of it cannot be judged."""
-    unseen: list[str] = []
+    unseen: list[str] = [NEVER_JUDGED]
     found, log = times(replace(log, fixes=log.fixes.take(plausible(log.fixes))))
     more, log = scales(log)
     found += more
@@ -168,6 +176,10 @@ def examine(log: Log) -> Diagnosis:
     return Diagnosis(found + more, unseen)
 
 
+NEVER_JUDGED = (
+    "lever arm, scale factors of the sensors, datum of the heights (ellipsoid or mean sea level): no check covers them"
+)
+_OF_HEIGHTS = "sign of the vertical velocity, unit of the height"
 _OF_SENSORS = "signs, columns and axes of the sensors, unit of the gyros, clocks"
 
 
@@ -325,7 +337,7 @@ def ways(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     way, summed = _moved(log.fixes)
     for what, axes, shortest in (
         ("unit and axes of the horizontal velocity, unit of the angles", slice(0, 2), SHORTEST_WAYS),
-        ("sign of the vertical velocity, unit of the height", slice(2, 3), SHORTEST_CLIMBS),
+        (_OF_HEIGHTS, slice(2, 3), SHORTEST_CLIMBS),
     ):
         if not np.isfinite(log.fixes.velocity[:, axes]).all(axis=1).any():
             unseen.append(f"{what}: the fixes have no such velocity")
@@ -338,7 +350,7 @@ def ways(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         other = axes[:2] + ("U" if axes[2] == "D" else "D")
         found[-1] = replace(more[-1], remedies=({"gnss.velocity_axes": axes}, {"gnss.velocity_axes": other}))
     if known:
-        more, log = _vertical(log)
+        more, log = _vertical(log, unseen)
         found += more
         if len(found) > 1 and _both_turn(found[-2], found[-1]):
             level, vertical = found[-2:]
@@ -432,8 +444,10 @@ _LEVEL = [m for m in (axes_matrix(name, LEVEL_AXES) for name in conventions.all_
 def _level(log: Log) -> tuple[list[Mistake], Log]:
     way, summed = _moved(log.fixes)
     as_written, count, certain = _relative_residual(way[:, :2], summed[:, :2], SHORTEST_WAYS)
-    if np.isnan(as_written) or as_written <= MISFITS:
+    if np.isnan(as_written):
         return [], log
+    if as_written <= MISFITS:
+        return _speed(log, way[:, :2], summed[:, :2])
     written = "kn" if log.sentences else log.gnss.speed_unit
     speeds = {written: 1.0, **_relative(conventions.SPEED_UNITS, written)}
     options: list[tuple[int, float, Log, dict[str, Any], str]] = []
@@ -486,6 +500,32 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
     return [Mistake(evidence, told, remedies, "gnss")], options[chosen[0]][2]
 
 
+def _speed(log: Log, way: np.ndarray, summed: np.ndarray) -> tuple[list[Mistake], Log]:
+    """Units of the speed that are near the one written, as miles an hour are to knots, of velocities that point along
+    their ways (w, 2)."""
+    slope = _Slope.of(way, summed)
+    if slope is None or slope.misfit(1.0) <= CERTAIN:
+        return [], log
+    written = "kn" if log.sentences else log.gnss.speed_unit
+    units = list(_relative(conventions.SPEED_UNITS, written).items())
+    chosen = [units[i] for i in slope.explained([(1, factor) for _, factor in units])]
+    evidence = (
+        f"over {len(way)} pieces of {WINDOW:g} s the velocities add up to {_ratio(1.0 / slope.slope[0])} times the "
+        "change of position"
+    )
+    if not chosen:
+        return [], log
+    remedies: tuple[Mapping[str, Any], ...] = tuple({"gnss.speed_unit": unit} for unit, _ in chosen)
+    seems = " or ".join(f"speeds seem to be in {unit}" for unit, _ in chosen)
+    if log.sentences:
+        remedies, units_said = (), " or ".join(unit for unit, _ in chosen)
+        seems = f"the sentences seem to give speeds as if {units_said} were due, not {written}"
+    unit, factor = chosen[0]
+    fixes = replace(log.fixes, velocity=factor * log.fixes.velocity)
+    cured = replace(log, fixes=fixes, gnss=replace(log.gnss, speed_unit=unit))
+    return [Mistake(evidence, seems, remedies, "gnss")], cured
+
+
 def _ratio(value: float) -> str:
     return f"{value:.3g}"
 
@@ -501,38 +541,97 @@ def _simplest(options: list[tuple[int, float]], as_written: float) -> list[int]:
     return sorted((i for i in fits if options[i][0] == fewest), key=lambda i: options[i][1])[:3]
 
 
-def _vertical(log: Log) -> tuple[list[Mistake], Log]:
+@dataclass(frozen=True)
+class _Slope:
+    """Changes of position over what the velocities add up to, by one factor. Either side may have all the noise, so it
+    is between a regression and the inverse of the other's: both slopes, and 1 sigma of each."""
+
+    slope: tuple[float, float]
+    sigma: tuple[float, float]
+
+    @classmethod
+    def of(cls, way: np.ndarray, summed: np.ndarray) -> _Slope | None:
+        """The slope of ways (w, d) against velocities' (w, d); None where they scatter too much to have one."""
+        slope, sigma = zip(_regressed(way, summed), _regressed(summed, way), strict=True)
+        certain = all(abs(value) > CERTAIN**0.5 * error for value, error in zip(slope, sigma, strict=True))
+        return cls(slope, sigma) if certain and slope[0] * slope[1] > 0.0 else None
+
+    def misfit(self, slope: float) -> float:
+        """Chi-square of a slope, of one degree of freedom."""
+        first, other = self.slope
+        if slope / first < 1.0:
+            return ((slope - first) / self.sigma[0]) ** 2
+        if slope * other > 1.0:
+            return ((1.0 / slope - other) / self.sigma[1]) ** 2
+        return 0.0
+
+    def explained(self, options: list[tuple[int, float]]) -> list[int]:
+        """Which of (changes, slope) explain the data: those of the fewest changes, best first, at most three."""
+        fits = [i for i, (_, slope) in enumerate(options) if self.misfit(slope) <= CERTAIN]
+        fewest = min((options[i][0] for i in fits), default=0)
+        return sorted((i for i in fits if options[i][0] == fewest), key=lambda i: self.misfit(options[i][1]))[:3]
+
+
+def _regressed(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
+    """Slope of y (w, d) over x (w, d) through nought and its 1 sigma, each piece having a scatter of its own [3]."""
+    xx = np.sum(x * x, axis=1)
+    pieces = float(xx.sum()) ** 2 / max(float(np.sum(xx**2)), 1e-12)
+    if pieces <= 1.5:
+        return 0.0, np.inf
+    slope = float(np.sum(x * y) / xx.sum())
+    scatter = np.sum(x * (y - slope * x), axis=1) ** 2 + (LEAST_SCATTER * slope * xx) ** 2
+    return slope, float(np.sqrt(scatter.sum() * pieces / (pieces - 1.0)) / xx.sum())
+
+
+def _vertical(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
+    """Sign and unit of the vertical velocity, unit of the height. unseen: is told what cannot be judged."""
     way, summed = _moved(log.fixes)
     down, added = way[:, 2:], summed[:, 2:]
-    as_written, count, _ = _relative_residual(down, added, SHORTEST_CLIMBS)
-    if np.isnan(as_written) or as_written <= MISFITS:
+    if np.isnan(_relative_residual(down, added, SHORTEST_CLIMBS)[0]):
         return [], log
-    heights = {log.gnss.height_unit: 1.0, **_relative(conventions.HEIGHT_UNITS, log.gnss.height_unit)}
+    slope = _Slope.of(down, added)
+    if slope is None:
+        unseen.append(f"{_OF_HEIGHTS}: heights and vertical velocities scatter by more than the flight climbs")
+        return [], log
+    speed = log.gnss.vertical_speed_unit or log.gnss.speed_unit
+    units: list[tuple[str, str, float, float]] = [("", "", 1.0, 1.0)]
+    units += [("height_unit", u, f, 1.0) for u, f in _relative(conventions.HEIGHT_UNITS, log.gnss.height_unit).items()]
+    units += [
+        ("vertical_speed_unit", u, 1.0, f) for u, f in _relative(conventions.VERTICAL_SPEED_UNITS, speed).items()
+    ]
     options = []
-    for sign, (unit, factor) in itertools.product((1.0, -1.0), heights.items()):
-        residual, _, _ = _relative_residual(factor * down, sign * added, SHORTEST_CLIMBS)
-        if np.isnan(residual):
-            continue
+    for sign, (key, unit, longer, faster) in itertools.product((1.0, -1.0), units):
         axes = axes_letters(np.diag([1.0, 1.0, sign]) @ axes_matrix(log.gnss.velocity_axes, LEVEL_AXES), LEVEL_AXES)
-        keys, said = {}, []
+        gnss, keys, said = log.gnss, {}, []
         if sign < 0.0:
             keys["gnss.velocity_axes"] = axes
+            gnss = replace(gnss, velocity_axes=axes)
             said.append("the vertical velocity seems to have the other sign")
-        if factor != 1.0:
-            keys["gnss.height_unit"] = unit
-            said.append(f"heights seem to be in {unit}")
+        if key:
+            keys[f"gnss.{key}"] = unit
+            height = key == "height_unit"
+            gnss = replace(gnss, height_unit=unit) if height else replace(gnss, vertical_speed_unit=unit)
+            said.append(f"{'heights seem' if height else 'vertical velocities seem'} to be in {unit}")
         fixes = replace(
-            log.fixes, llh=log.fixes.llh * [1.0, 1.0, factor], velocity=log.fixes.velocity * [1.0, 1.0, sign]
+            log.fixes,
+            llh=log.fixes.llh * [1.0, 1.0, longer],
+            velocity=log.fixes.velocity * [1.0, 1.0, sign * faster],
         )
-        cured = replace(log, fixes=fixes, gnss=replace(log.gnss, velocity_axes=axes, height_unit=unit))
-        options.append(((sign < 0.0) + (factor != 1.0), residual, cured, keys, " and ".join(said)))
-    ratio = float(np.sum(down * added) / np.sum(down * down))
-    evidence = (
-        f"over {count} pieces of {WINDOW:g} s the vertical velocities add up to {_ratio(ratio)} times the descent"
-    )
-    chosen = _simplest([(changes, residual) for changes, residual, *_ in options], as_written)
+        cured = replace(log, fixes=fixes, gnss=gnss)
+        options.append(((sign < 0.0) + bool(key), sign * faster / longer, cured, keys, " and ".join(said)))
+    if slope.misfit(1.0) <= CERTAIN:
+        least = slope.misfit(1.0) + LIKELY
+        as_well = [said for changes, due, *_, said in options if changes == 1 and slope.misfit(due) <= least]
+        if as_well:
+            noun = ", ".join(_without_seem(said) for said in as_well)
+            unseen.append(f"{_OF_HEIGHTS}: with such a mistake ({noun}) they would fit about as well")
+        return [], log
+    chosen = slope.explained([(changes, due) for changes, due, *_ in options])
+    ratio = _ratio(1.0 / slope.slope[0])
+    evidence = f"over {len(down)} pieces of {WINDOW:g} s the vertical velocities add up to {ratio} times the descent"
     if not chosen:
-        # heights of a poor receiver wander by as much: that is no mistake of the log
+        # heights of a poor receiver, or of a barometer, drift by as much: that is no mistake of the log
+        unseen.append(f"{_OF_HEIGHTS}: {evidence}, which no unit explains")
         return [], log
     return [
         Mistake(evidence, " or ".join(options[i][4] for i in chosen), tuple(options[i][3] for i in chosen))
@@ -804,7 +903,7 @@ def _usual_offset(log: Log) -> tuple[float, tuple[float, float]]:
     """What the times of samples less those of fixes usually are, s, and between which bounds it is no mistake."""
     if log.latency is not None:
         return -log.latency, (-log.latency - 0.5, -log.latency + 0.5)
-    return -0.1, (-2.1, 0.4)
+    return -0.1, USUAL_OFFSET
 
 
 def _compared(log: Log) -> np.ndarray:
@@ -1025,7 +1124,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     options.sort(key=lambda e: (e.changes, not e.usual, e.square))
     first = options[0]
     if first.changes == 0:
-        seen = (e for e in options if e.changes == 1 and e.usual and "gnss.time_offset_s" not in e.remedy)
+        seen = (e for e in options if e.changes == 1 and e.usual and not _OF_TIMES & set(e.remedy))
         hidden = {"another horizontal axis forward" if _turns_forward(e) else _without_seem(e.seems) for e in seen}
         if hidden:
             unseen.append(f"{', '.join(sorted(hidden))}: with such a mistake the flight would fit as well")
@@ -1041,6 +1140,9 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     remedies = tuple(e.remedy for e in unique if not (log.sentences and e.fit.hypothesis.reading))
     mistake = Mistake(evidence, " or ".join(e.seems for e in unique), remedies, "gnss")
     return [mistake], log
+
+
+_OF_TIMES = {"gnss.time_offset_s", "gnss.latency_s"}
 
 
 def _without_seem(words: str) -> str:
@@ -1093,11 +1195,9 @@ def _explained(
     reading = readings[hypothesis.reading]
     remedy, seems, changes = dict(reading.remedy), [reading.seems] if reading.seems else [], int(bool(reading.seems))
     if not tolerated[0] - 1e-9 <= hypothesis.offset <= tolerated[1] + 1e-9:
-        whole = round(hypothesis.offset)
-        shift = float(whole) if abs(hypothesis.offset - whole) < 0.35 else round(hypothesis.offset, 1)
-        remedy["gnss.time_offset_s"] = log.gnss.time_offset + shift
-        leap = ": GPS time is 18 s from UTC" if abs(shift) == 18.0 else ""
-        seems.append(f"the times of the fixes seem to be {-shift:+g} s off those of the samples{leap}")
+        key, value, clocks = _of_clocks(log, hypothesis.offset)
+        remedy[key] = value
+        seems.append(clocks)
         changes += 1
     if abs(hypothesis.factor) != 1.0:
         units = _relative(conventions.GYRO_UNITS, log.imu.gyro_unit)
@@ -1111,6 +1211,22 @@ def _explained(
         axes, said, more, usual = _axes_said(log, gyro, accel)
         out.append(_Explanation({**remedy, **axes}, " and ".join([*seems, *said]), changes + more, usual, square, fit))
     return out
+
+
+def _of_clocks(log: Log, offset: float) -> tuple[str, float, str]:
+    """The key that cures an offset of the times of samples less those of fixes, s, its value, and what is the case: a
+    latency that is given, where one as receivers have it explains the offset, or else the clocks."""
+    low, high = USUAL_OFFSET
+    if log.latency is not None and low <= offset <= high:
+        found = round(-offset, 1) + 0.0
+        said = f"the fixes seem to have a latency of {found:g} s, not of {log.latency:g} s"
+        return "gnss.latency_s", found, said
+    apart = offset + (log.latency or 0.0)
+    whole = round(apart)
+    shift = float(whole) if abs(apart - whole) < 0.35 else round(apart, 1)
+    leap = ": GPS time is 18 s from UTC" if abs(shift) == 18.0 else ""
+    said = f"the times of the fixes seem to be {-shift:+g} s off those of the samples{leap}"
+    return "gnss.time_offset_s", log.gnss.time_offset + shift, said
 
 
 def _pointed(fit: _Fit) -> list[np.ndarray]:

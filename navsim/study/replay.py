@@ -711,7 +711,10 @@ def _outliers(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Fin
     rows = np.flatnonzero(rejected)
     runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     spans = [f"{when[r[0]]:.1f} s" if r.size == 1 else f"{when[r[0]]:.1f} to {when[r[-1]]:.1f} s" for r in runs]
+    lost = int(flown.rejected.sum()) - count
     text = f"{count} of {of} {'ranges' if tight else 'fixes'} were rejected by the innovation gate, at {_few(spans)}"
+    if lost:
+        text += f"; {lost} more were rejected while the filter was lost"
     against = (CONSISTENT,) if count > MANY_REJECTED * of else ()
     name = "rejected_ranges" if tight else "rejected_fixes"
     return [Finding(name, text, against, count, of, 1, float(when[rows[0]]))]

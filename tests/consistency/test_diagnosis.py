@@ -22,10 +22,10 @@ from navsim.models.recording import Fixes, Samples
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay
-from navsim.study.diagnosis import Log, diagnose, examine
+from navsim.study.diagnosis import NEVER_JUDGED, Log, diagnose, examine, ways
 from navsim.study.wild_fixes import plausible
 from tests.mistakes import MISTAKES, Made, needs
-from tests.recordings import circuit, drive, quadrotor, record, straight
+from tests.recordings import circuit, drive, hills, quadrotor, record, straight
 from tests.recordings import write_recording as table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -128,6 +128,42 @@ def test_recordings_in_order_raise_no_alarm(seed: int, ride: str, grade: str) ->
     assert diagnose(Log(*record(path, seed, **sensors))) == []
 
 
+@cache
+def hilly() -> tuple[Samples, Fixes]:
+    """Climbs of 8 m, heights that wander by 2 m: single pieces tell little, all of them enough."""
+    return record(hills(), 3, rate=20.0, position_noise=1.4)
+
+
+def of_fixes(fixes: Fixes, gnss: GnssConvention = conventions.GNSS_AS_DUE) -> list[Any]:
+    """The remedies of what positions and velocities show."""
+    return [mistake.remedies for mistake in ways(Log(hilly()[0], fixes, gnss=gnss), [])[0]]
+
+
+def test_noisy_heights_show_their_unit_and_the_sign_of_the_vertical_velocity() -> None:
+    fixes = hilly()[1]
+    assert of_fixes(fixes) == []
+    feet = replace(fixes, llh=fixes.llh / [1.0, 1.0, 0.3048])
+    assert of_fixes(feet) == [({"gnss.height_unit": "ft"},)]
+    climb = replace(fixes, velocity=fixes.velocity * [1.0, 1.0, -1.0])
+    assert of_fixes(climb) == [({"gnss.velocity_axes": "NEU"},)]
+
+
+def test_units_of_speed_that_are_near_each_other() -> None:
+    """Knots in a log that says miles an hour, and the other way."""
+    fixes = hilly()[1]
+    ratio = conventions.KNOT / conventions.SPEED_UNITS["mph"]
+    for written, due, factor in (("mph", "kn", 1.0 / ratio), ("kn", "mph", ratio)):
+        wrong = replace(fixes, velocity=factor * fixes.velocity * [1.0, 1.0, np.nan])
+        assert of_fixes(wrong, GnssConvention(speed_unit=written)) == [({"gnss.speed_unit": due},)]
+
+
+def test_a_latency_that_is_wrong_is_named_itself() -> None:
+    """Its remedy is not the time offset, which is as due."""
+    (found,) = diagnose(Log(*aircraft(), latency=5.0))
+    assert found.remedies == ({"gnss.latency_s": 0.1},)
+    assert "a latency of 0.1 s, not of 5 s" in str(found)
+
+
 def test_clocks_that_do_not_meet() -> None:
     samples, fixes = aircraft()
     (found,) = diagnose(Log(samples, replace(fixes, time=fixes.time + 1.4e9)))
@@ -140,7 +176,7 @@ def test_an_offset_within_the_latency_is_no_mistake_unless_the_latency_is_given(
     late = replace(fixes, time=fixes.time + 1.4)
     assert diagnose(Log(samples, late)) == []
     (found,) = diagnose(Log(samples, late, latency=0.1))
-    assert "gnss.time_offset_s" in found.remedies[0]
+    assert found.remedies == ({"gnss.latency_s": 1.5},)
 
 
 @cache
@@ -214,14 +250,14 @@ def test_a_slow_flight_in_order_raises_no_alarm(seed: int, velocities: Any) -> N
 
 
 def test_what_cannot_be_judged_is_listed() -> None:
-    assert examine(Log(*aircraft())).not_judged == []
-    (nose,) = examine(Log(*drone())).not_judged
+    assert examine(Log(*aircraft())).not_judged == [NEVER_JUDGED]
+    _, nose = examine(Log(*drone())).not_judged
     assert nose.startswith("another horizontal axis forward: ")
     samples, fixes = drone()
-    vertical, motion = examine(Log(samples, replace(fixes, velocity=fixes.velocity * [1.0, 1.0, np.nan]))).not_judged
+    _, vertical, motion = examine(Log(samples, replace(fixes, velocity=fixes.velocity * [1.0, 1.0, np.nan]))).not_judged
     assert vertical == "sign of the vertical velocity, unit of the height: the fixes have no such velocity"
     assert motion == nose
-    horizontal, _, sensors = examine(Log(samples.between(0.0, 15.0), fixes.take(fixes.time < 15.0))).not_judged
+    _, horizontal, _, sensors = examine(Log(samples.between(0.0, 15.0), fixes.take(fixes.time < 15.0))).not_judged
     assert horizontal.startswith("unit and axes of the horizontal velocity, unit of the angles: fewer than three")
     assert sensors.startswith("signs, columns and axes of the sensors, unit of the gyros, clocks: fewer than two")
     straight_on = "; ".join(examine(Log(*level())).not_judged)
@@ -454,7 +490,10 @@ def test_real_flights_raise_no_alarm(
 
 @pytest.mark.parametrize("name", BY_NAME)
 def test_each_mistake_of_a_real_flight_is_named(name: str, thor: tuple[Samples, Fixes]) -> None:
-    assert named(BY_NAME[name], thor) == [(BY_NAME[name].remedy,)]
+    (found,) = named(BY_NAME[name], thor)
+    # heights that wander do not tell km/h from ft/s, which are 9 % apart
+    several = name == "vertical velocity in km/h"
+    assert found == (BY_NAME[name].remedy,) or (several and BY_NAME[name].remedy in found)
 
 
 SHOWN_BY_A_MOTORWAY = {

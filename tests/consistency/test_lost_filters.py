@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from navsim.models.recording import Samples
 from navsim.report.page.flights import replays
 from navsim.report.replay import figures, lost_spans, tables
 from navsim.simulation import replay as simulated
+from navsim.study import replay
 from tests.consistency.test_replay import GIVEN, errors, flown, without
 from tests.recordings import circuit, drive, quadrotor, record, ride, smooth_steps, write_flight, write_recording
 
@@ -327,3 +329,14 @@ def test_a_sound_flight_needs_no_gate(tmp_path: Path) -> None:
     for name in ("position_llh", "velocity_ned", "attitude_rpy", "sigma"):
         np.testing.assert_array_equal(gated[f"/filter/{name}"], free[f"/filter/{name}"])
     assert not [f for f in findings.of(gated) if f.name in ("lost", "rejected_fixes", "pauses")]
+
+
+def test_fixes_rejected_while_lost_are_counted_apart() -> None:
+    """The warning's count and that of the table differ by those: it says so."""
+    flight = SimpleNamespace(arrival=np.arange(10.0))
+    lost = SimpleNamespace(begin=4.0, end=7.0)
+    states = {"status": np.zeros(10), "range_status": np.empty((0, 0))}
+    flown = SimpleNamespace(rejected=np.array([0, 1, 0, 0, 1, 1, 1, 1, 0, 0]), lost=[lost], **states)
+    (found,) = replay._outliers(flight, flown)  # type: ignore[arg-type]
+    assert found.text.startswith("1 of ")
+    assert found.text.endswith("; 4 more were rejected while the filter was lost")
