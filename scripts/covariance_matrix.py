@@ -1,7 +1,7 @@
 """Linear covariance analysis against Monte Carlo over skies x effects x receivers x fixes x kinds of filter.
 
 Every pair of levels of two factors is flown at least once (a pairwise covering, so a defect that needs two settings to
-show is met). Writes docs/covariance-matrix.md. Run by `make validate`, about half an hour on two cores.
+show is met). Writes docs/covariance-matrix.md. Run by `make validate`, some five minutes of processor time.
 """
 
 from __future__ import annotations
