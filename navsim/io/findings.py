@@ -35,8 +35,8 @@ class Finding:
 
 
 def several(count: int, noun: str) -> str:
-    """`1 run`, `2 runs`."""
-    return f"{count} {noun}" + ("" if count == 1 else "s")
+    """`1 run`, `2 runs`, `2 fixes`."""
+    return f"{count} {noun}" + ("" if count == 1 else "es" if noun.endswith("x") else "s")
 
 
 def kept(found: list[Finding]) -> dict[str, Variable]:

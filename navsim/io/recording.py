@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from navsim.core.arrays import earth
+from navsim.io.findings import several
 from navsim.io.nmea import has_sentences, read_nmea
 from navsim.io.tables import TextTable
 from navsim.io.text import Dropped, FileError, read_lines, within
@@ -66,7 +67,7 @@ def read_imu(
     dropped.add("samples of zeros alone (a sensor not yet awake)", silent.sum())
     table = _in_order(table[~silent], dropped, "samples")
     if table.shape[0] < 10:
-        raise _too_few(path, table, "samples", dropped)
+        raise _too_few(path, table, "sample", dropped)
     if convention.increments:
         table[:, 1:] = increments_as_rates(table[:, 0], table[:, 1:])
     return Samples(table[:, 0], table[:, 1:4].copy(), table[:, 4:7].copy()), dropped
@@ -137,7 +138,7 @@ def read_fixes(
         dropped.add("repeated fixes", stale.sum())
         table = table[~stale]
     if table.shape[0] < 2:
-        raise _too_few(path, table, "fixes", dropped)
+        raise _too_few(path, table, "fix", dropped)
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
     spread = table[:, _SPREAD]
     covariance = _covariances(spread) if np.isfinite(spread).any() else None
@@ -257,7 +258,7 @@ def _limited(
 
 def _too_few(path: Path, table: np.ndarray, what: str, dropped: Dropped) -> FileError:
     """The error for a file that leaves too few rows, and where the others went."""
-    return FileError(0, "; ".join([f"only {table.shape[0]} usable {what}", *dropped.said()]), path)
+    return FileError(0, "; ".join([f"only {several(table.shape[0], f'usable {what}')}", *dropped.said()]), path)
 
 
 def _in_order(table: np.ndarray, dropped: Dropped, what: str) -> np.ndarray:

@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from navsim.core import states
+from navsim.io.findings import several
 from navsim.io.results import Result, scenario_of
 from navsim.models.conventions import (
     ACCELEROMETER_UNITS,
@@ -60,7 +61,9 @@ def differences(result: Result) -> list[str]:
     scenario = scenario_of(result)
     early = int(np.sum(_arrival(result) - _believed(scenario, "latency_s") <= 0.0))
     if early:
-        out.append(f"takes {early} fixes, by filter.latency_s valid before time 0, that the replay leaves out")
+        out.append(
+            f"takes {several(early, 'fix')}, by filter.latency_s valid before time 0, that the replay leaves out"
+        )
     return out
 
 

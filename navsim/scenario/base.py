@@ -281,13 +281,15 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
             return Problem(place, key, f"a number is needed, not the text {given!r}; allowed: {', '.join(choices)}")
         # no number is nearest to another by its digits
         said = hint(given, choices) if isinstance(given, str) else f"allowed: {', '.join(choices)}"
-        return Problem(place, key, f"{given!r} is not allowed; {said}")
+        return Problem(place, key, f"{_as_written(given)} is not allowed; {said}")
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         message = "expected a section, a mapping of keys to values"
         if error.get("input") is None and isinstance(path[-1], str):
             return Problem(place, key, f"{message}, not null; without the key it has its defaults")
     elif kind == "tuple_type":
         message = "expected a list"
+    elif kind in ("bool_type", "bool_parsing"):
+        message = "expected true or false"
     elif kind == "too_short":
         return Problem(place, key, f"expected a list of at least {error['ctx']['min_length']}, not an empty one")
     elif kind == "too_long":
@@ -369,9 +371,17 @@ def _noun(value: Any) -> str:
     return "list" if isinstance(value, (list, tuple)) else type(value).__name__
 
 
+_OTHER_WORDS = {"msl": "geoid", "amsl": "geoid", "sea level": "geoid", "wgs84": "ellipsoid", "wgs-84": "ellipsoid",
+                "hae": "ellipsoid"}  # fmt: skip
+"""Words of other tools, and navsim's own for them."""
+
+
 def hint(given: str, allowed: list[str]) -> str:
-    near = difflib.get_close_matches(given, allowed, n=1, cutoff=0.6)
-    ask = f"did you mean '{near[0]}'? " if near else ""
+    """List the allowed words; before them the one that was meant, in capitals or small letters, or by another name."""
+    spelt = {one.lower(): one for one in allowed}
+    meant = _OTHER_WORDS.get(given.lower(), given.lower())
+    near = difflib.get_close_matches(meant, list(spelt), n=1, cutoff=0.6)
+    ask = f"did you mean '{spelt[near[0]]}'? " if near else ""
     return f"{ask}allowed: {', '.join(allowed)}"
 
 

@@ -380,6 +380,8 @@ def _misread(error: yaml.MarkedYAMLError) -> tuple[yaml.Mark | None, str]:
     """Where a text is no YAML, and why: of what is opened and not closed, where it was opened, since the parser only
     notices further down."""
     begun, noticed = error.context_mark, error.problem_mark
+    if "\\t" in str(error.problem):
+        return noticed, "a tab begins this value; YAML takes no tabs there: write spaces instead"
     opened = _OPENED.get(error.context or "")
     if opened is None or begun is None or noticed is None:
         return noticed or begun, str(error.problem or error.context)

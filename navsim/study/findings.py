@@ -13,7 +13,7 @@ import numpy as np
 
 from navsim.core.arrays import chi_square
 from navsim.estimation.records import NOT_USED, REJECTED
-from navsim.io.findings import CONSISTENT, FIX, Finding
+from navsim.io.findings import CONSISTENT, FIX, Finding, several
 from navsim.io.results import Result
 from navsim.study.consistency import StateVerdict
 from navsim.study.statistics import poisson_exceedance
@@ -150,8 +150,8 @@ def clipped(count: np.ndarray, of: int) -> list[Finding]:
     for name, each in zip(("gyros", "accelerometers"), count.T, strict=True):
         if total := int(each.sum()):
             runs = int(np.count_nonzero(each))
-            where = f"in {runs} of {each.size} runs"
-            text = f"{total} of {of} samples of the {name} are beyond their range and cut off, {where}"
+            where = f"in {runs} of {several(each.size, 'run')}"
+            text = f"{total} of {several(of, 'sample')} of the {name} are beyond their range and cut off, {where}"
             out.append(Finding("clipped_samples", text, against, total, of, runs))
     return out
 

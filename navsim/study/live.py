@@ -22,7 +22,7 @@ from navsim.core.streams import generator
 from navsim.estimation.estimate import in_all_lanes
 from navsim.estimation.records import REJECTED
 from navsim.io.draft import Draft
-from navsim.io.findings import Finding
+from navsim.io.findings import Finding, several
 from navsim.io.nmea import Assembler, has_sentences
 from navsim.io.results import Result
 from navsim.io.schema import COUNTS, LIVE, RMS_WINDOW
@@ -453,7 +453,7 @@ def failures(result: Result) -> list[str]:
         return [f"not one message could be used: {', '.join(why) or without_cause}"]
     out = []
     if not np.isfinite(result["/innovations/normalized_squared"]).any():
-        out.append(f"none of the {used} fixes could be weighed")
+        out.append(f"none of the {several(used, 'fix')} could be weighed")
     misplaced = count["late"] + count["contradicting"]
     whole = count["used"] + misplaced
     if misplaced > MOST_MISPLACED * whole:
@@ -477,7 +477,7 @@ def failures(result: Result) -> list[str]:
     out += _aside_failures(result)
     rejected = int(np.sum(result["/innovations/status"] == REJECTED))
     if rejected > MOST_REJECTED * used:
-        out.append(f"the gate rejected {rejected} of {used} fixes")
+        out.append(f"the gate rejected {rejected} of {several(used, 'fix')}")
     degrees = result["/innovations/degrees"]
     judged = degrees > 0
     if judged.any():

@@ -26,7 +26,7 @@ from navsim.estimation.observations import FIX
 from navsim.estimation.records import NOT_USED, REJECTED, TFG
 from navsim.io import files
 from navsim.io.draft import Draft
-from navsim.io.findings import CONSISTENT, Finding, kept
+from navsim.io.findings import CONSISTENT, Finding, kept, several
 from navsim.io.recording import is_nmea, read_fixes, read_imu
 from navsim.io.results import Result
 from navsim.io.schema import REPLAY
@@ -533,7 +533,7 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
         of_samples, of_fixes = samples.between(first - 1.0, last), fixes.take(fixes.time <= last)
         common = int(np.sum(of_fixes.time >= first))
         enough = of_samples.time.size >= LEAST_SAMPLES and common >= LEAST_FIXES
-        counted = f"{of_samples.time.size} samples and {common} fixes"
+        counted = f"{several(of_samples.time.size, 'sample')} and {several(common, 'fix')}"
         return of_samples, of_fixes, first, "" if enough else f"{counted}; needed are {LEAST_SAMPLES} and {LEAST_FIXES}"
 
     def refused(key: str, message: str) -> Problem:
@@ -564,7 +564,7 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
     spaced = of_fixes.take(_spaced(of_fixes.time, scenario.gnss.spacing_s))
     common = int(np.sum(spaced.time >= first))
     if common < LEAST_FIXES:
-        message = f"{scenario.gnss.spacing_s:g} leaves {common} fixes; needed are {LEAST_FIXES} ({spans})"
+        message = f"{scenario.gnss.spacing_s:g} leaves {several(common, 'fix')}; needed are {LEAST_FIXES} ({spans})"
         raise InputError([refused("gnss.spacing_s", message)])
     return of_samples, spaced, first
 

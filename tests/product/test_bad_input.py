@@ -54,7 +54,7 @@ CASES: list[tuple[str, tuple[str, str], list[str]]] = [
     ("not a number", ("  start_height_m: 153 ", "  start_height_m: .nan "), ["approach.start_height_m", "finite"]),
     ("infinite", ("duration_s: 120", "duration_s: .inf"), ["duration_s", "finite"]),
     ("text for a number", ("duration_s: 120", "duration_s: two minutes"), ["duration_s", "number", "two minutes"]),
-    ("YAML 1.1 boolean", ("  velocity: true", "  velocity: yes"), ["filter.velocity", "boolean", "yes"]),
+    ("YAML 1.1 boolean", ("  velocity: true", "  velocity: yes"), ["filter.velocity", "expected true or false", "yes"]),
     ("boolean for a number", ("  mask_deg: 5", "  mask_deg: true"), ["sky.mask_deg", "number"]),
     ("zero duration", ("duration_s: 120", "duration_s: 0"), ["duration_s", "greater than 0"]),
     ("shorter than two samples", ("duration_s: 120", "duration_s: 0.011"), ["duration_s", "samples"]),
@@ -139,7 +139,7 @@ WHOLE_FILES: list[tuple[str, bytes, list[str]]] = [
     ("a list", b"- kind: landing\n", ["s.yaml:1:1", "mapping"]),
     ("binary", bytes(range(128, 256)), ["s.yaml", "not a text file"]),
     ("two documents", b"kind: landing\n---\nkind: landing\n", ["s.yaml:2:", "not YAML"]),
-    ("tabs", b"kind: landing\nrunway:\n\theading_deg: 0\n", ["s.yaml:3:", "not YAML"]),
+    ("tabs", b"kind: landing\nrunway:\n\theading_deg: 0\n", ["s.yaml:3:", "not YAML", "write spaces"]),
 ]
 
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import typer
 
+from navsim.cli.options import number_option
 from navsim.cli.results import shown_as_stored
+from navsim.io.findings import several
 from navsim.io.results import Result, Variable
 from navsim.io.schema import SCHEMA_VERSION
 from navsim.report.tables import state_verdict
@@ -58,12 +60,35 @@ LANDING = SCENARIOS / "landing.yaml"
         ("integrity={p_constellations: {glonas: 1e-4}}",
          "integrity.p_constellations.glonas: unknown key; did you mean 'glonass'? "
          "allowed: glonass, gps, galileo, beidou, qzss"),
+        ("sky.systems=[GPS]",
+         "sky.systems.0: 'GPS' is not allowed; did you mean 'gps'? allowed: glonass, gps, galileo, beidou, qzss"),
+        ("runway.height_above=msl",
+         "runway.height_above: 'msl' is not allowed; did you mean 'geoid'? allowed: ellipsoid, geoid"),
+        ("filter.velocity=maybe", "filter.velocity: expected true or false, not 'maybe'"),
+        ("filter.velocity=null", "filter.velocity: expected true or false, not null"),
+        ("sky.mask_deg=null", "sky.mask_deg: input should be a valid number, not null"),
+        ("pseudolites.count=null", "pseudolites.count: null is not allowed; allowed: 0, 1, 2"),
     ],
 )  # fmt: skip
 def test_what_is_wrong(setting: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         read(LANDING, [setting])
     assert [f"{problem.key}: {problem.message}" for problem in caught.value.problems] == [said]
+
+
+@pytest.mark.parametrize(
+    ("given", "instead"), [("1e4", ": write 10000"), ("2.0", ": write 2"), ("1e-4", ""), ("1.5", ""), ("1e400", "")]
+)
+def test_a_whole_number_with_an_exponent(given: str, instead: str) -> None:
+    with pytest.raises(typer.BadParameter) as caught:
+        number_option(int, 1, "runs").parser(given)
+    assert str(caught.value).endswith(f"not '{given}'{instead}")
+
+
+def test_one_is_singular() -> None:
+    assert [several(n, noun) for noun in ("sample", "fix") for n in (0, 1, 2)] == [
+        "0 samples", "1 sample", "2 samples", "0 fixes", "1 fix", "2 fixes"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from navsim.io.findings import several
 from navsim.io.results import Sort
 from navsim.scenario.replay import Replay
 from navsim.scenario.source import Document
@@ -41,8 +42,8 @@ class ReplayJob:
     def described(self) -> str:
         here = self.recording
         return (
-            f"{here.samples.time.size} samples, {here.fixes.time.size} fixes, aligned at {here.alignment.time:.2f} s "
-            f"with data up to {here.alignment.until:.2f} s"
+            f"{several(here.samples.time.size, 'sample')}, {several(here.fixes.time.size, 'fix')}, "
+            f"aligned at {here.alignment.time:.2f} s with data up to {here.alignment.until:.2f} s"
         )
 
     def key(self) -> dict[str, object]:

@@ -9,7 +9,7 @@ import numpy as np
 from navsim.core import states
 from navsim.core.arrays.attitude import rpy_jacobian
 from navsim.io.draft import Draft
-from navsim.io.findings import Finding, kept
+from navsim.io.findings import Finding, kept, several
 from navsim.io.results import Result
 from navsim.io.schema import COVARIANCE
 from navsim.simulation.landing_covariance import Analysis, analyse, folded_quantile
@@ -91,7 +91,9 @@ def _beyond_range(case: Case) -> list[str]:
     ):
         over = int((np.abs(exact) > triad.further.largest * interval).any(axis=1).sum())
         if over:
-            out.append(f"{over} samples of the route are beyond {key}, which the covariance analysis leaves out")
+            out.append(
+                f"{several(over, 'sample')} of the route beyond {key}: the covariance analysis leaves the limit out"
+            )
     return out
 
 
