@@ -151,6 +151,10 @@ class Shown:
     rows: str | None = None
 
 
+_WIDEST_COMPARISON = 120
+"""Columns of text that a comparison is printed in where there is no terminal to ask for its own."""
+
+
 def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) -> None:
     """Print the tables of results of one kind, each with its name."""
     from navsim.report.view import view
@@ -170,7 +174,8 @@ def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) ->
             settings.title = "Settings that differ"
             parts = [settings, *parts] if settings.rows else ["the settings are the same", *parts]
     more = 2 if how.compare else 1
-    print_parts(parts, how, here.width + more * max(here.width_more, 60 * how.compare) * (len(results) - 1))
+    width = here.width + more * max(here.width_more, 60 * how.compare) * (len(results) - 1)
+    print_parts(parts, how, min(width, _WIDEST_COMPARISON) if how.compare else width)
 
 
 def print_parts(parts: Sequence[Table | str], how: Shown, width: int) -> None:

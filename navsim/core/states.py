@@ -9,6 +9,7 @@ that its sources keep and the one drift. Navigation state (strapdown): one flat 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -187,8 +188,16 @@ def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
     return (*(unit for unit, size in groups for _ in range(size)), *(["m"] * scales), *(["m/s"] if scales else []))
 
 
+_LASTING = re.compile("(?:fix_error_(slow|fast)|range_error_(slow|fast))(_more)?(?:_(.+))?")
+"""States of time-correlated errors of fixes, and of ranges."""
+
+
 def display_name(state: str) -> str:
-    """Name of a state in reports: that in the result, in words; the attitude's third axis is the heading."""
+    """Name of a state, or of a group of three, in reports: in words, errors of satellites by what they are."""
+    if found := _LASTING.fullmatch(state):
+        fix, range_, more, which = found.groups()
+        name = f"{'further ' if more else ''}{fix} satellite errors" if fix else f"{range_} ranging error"
+        return f"{name}, {which}" if which else name
     return "heading" if state == "attitude_down" else state.replace("_", " ")
 
 

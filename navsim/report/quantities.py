@@ -210,11 +210,11 @@ def followed(names: list[str]) -> list[Followed]:
     for first in further[::3]:
         # errors of fixes begin with a variance of 1
         scale = ("prior σ", 1.0) if first.startswith(FIX_ERROR) else ("ppm", 1e6)
-        rows.append((first.rpartition("_")[0].replace("accelerometer", "accel.").replace("_", " "), *scale))
+        rows.append((display_name(first.rpartition("_")[0]).replace("accelerometer", "accel."), *scale))
     axes = [*(3 * ("north", "east", "down")), *(2 * "xyz"), *(name.rpartition("_")[2] for name in further)]
     out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]
     units = ("m/s" if n == "clock_drift" else "prior σ" if n.startswith(RANGE_ERROR) else "m" for n in alone)
-    return out + [Followed(n.replace("_", " "), unit, 1.0, "") for n, unit in zip(alone, units, strict=True)]
+    return out + [Followed(display_name(n), unit, 1.0, "") for n, unit in zip(alone, units, strict=True)]
 
 
 def shares(result: Result, states: list[int]) -> np.ndarray:

@@ -183,7 +183,7 @@ def _state_groups(result: Result) -> dict[str, list[int]]:
     out: dict[str, list[int]] = {}
     for i, name in enumerate(map(str, result[_STATES]) if _STATES in result else ()):
         stem, _, axis = name.rpartition("_")
-        out.setdefault((stem if axis in _STATE_AXES else name).replace("_", " "), []).append(i)
+        out.setdefault(display_name(stem if axis in _STATE_AXES else name), []).append(i)
     return out
 
 
@@ -266,14 +266,37 @@ def _lost(result: Result, count: np.ndarray | None, name: str, word: str) -> Cel
     return cell("{} of {}", int(count[i]), result["/geometry/time"].size, names=(word, "of"))
 
 
-def _budget(result: Result, name: str) -> Cell | str:
+_SMALL_SHARE = 0.005
+"""Share of the mean square error below which sources are summed."""
+
+
+def _shares(result: Result, name: str) -> tuple[float, float]:
+    """The shares of a source in the horizontal and vertical mean square error; 0 for one that a result lacks."""
     i = _place(result, _SOURCES, name)
     if i is None:
+        return 0.0, 0.0
+    horizontal, vertical = (float(result[f"/summary/budget/{axis}_share"][i]) for axis in ("horizontal", "vertical"))
+    return horizontal, vertical
+
+
+def _budget_rows(results: Sequence[Result]) -> dict[str, list[str]]:
+    """The sources of the error budget by the names of their rows: the largest of any result first, small ones last."""
+    largest = {name: max(max(_shares(r, name)) for r in results) for name in _named(results, _SOURCES)}
+    order = sorted(largest, key=lambda name: -largest[name])
+    out = {name.replace("_", " "): [name] for name in order if largest[name] >= _SMALL_SHARE}
+    rest = [name for name in order if largest[name] < _SMALL_SHARE]
+    return out | ({f"{len(rest)} others, below {100 * _SMALL_SHARE:g} % each": rest} if rest else {})
+
+
+def _budget(result: Result, names: Sequence[str]) -> Cell | str:
+    """What sources add together, horizontal and vertical, m, and their share of the mean square, %."""
+    found = [i for name in names if (i := _place(result, _SOURCES, name)) is not None]
+    if not found:
         return ABSENT
     values = []
     for axis in ("horizontal", "vertical"):
-        share = 100.0 * float(result[f"/summary/budget/{axis}_share"][i])
-        values += [float(result[f"/summary/budget/{axis}"][i]), share]
+        share = 100.0 * float(np.sum(result[f"/summary/budget/{axis}_share"][found]))
+        values += [math.sqrt(float(np.sum(result[f"/summary/budget/{axis}"][found] ** 2))), share]
     names = tuple(f"{axis}{what}" for axis in ("horizontal", "vertical") for what in ("", ", share"))
     return Cell("{:.3f} ({:.1f} %), {:.3f} ({:.1f} %)", tuple(values), names=names)
 
@@ -716,9 +739,10 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             for name in ("lateral", "along", "vertical"):
                 row(f"  {label}, {name}", lambda r, n=name, i=i: _total(r, n, i))
     if any("/summary/at/headwind" in r for _, r in results):
-        section("Mean wind at height", lambda r: "against, from the left; airspeed, m/s; crab, deg")
+        section("Mean wind at height, airspeed and crab angle")
         for i, label in enumerate(labels):
-            row(f"  {label}", lambda r, i=i: _wind(r, i))
+            for words, name, scale in _WIND:
+                row(f"  {label}, {words}", lambda r, i=i, n=name, s=scale: _wind(r, n, i, s))
     if any("/summary/track/rms_smoothed" in r for _, r in results):
         section("Trajectory of the table, smoothed")
         for path, label, scale, digits in (
@@ -748,11 +772,10 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         for i, level in enumerate(flown["/summary/coverage/level"]):
             row(f"  share of position within {level:g}σ", lambda r, i=i: _coverage(r, i))
     _consistency(table, results)
-    sources = _named([r for _, r in results], _SOURCES)
-    if sources:
+    if sources := _budget_rows([r for _, r in results]):
         section(f"Error budget, same {RMS_WINDOW:g} s: horizontal, vertical, m (share of mean square)")
-        for name in sources:
-            row(f"  {name.replace('_', ' ')}", lambda r, n=name: _budget(r, n))
+        for label, names in sources.items():
+            row(f"  {label}", lambda r, n=names: _budget(r, n))
     requirements(table, results)
     return table
 
@@ -776,18 +799,18 @@ def _total(result: Result, axis: str, height: int) -> Cell | str:
     return Cell("{:.3f}  {:.3f}  {:.3f}", tuple(found), names=("nse", "fte", "tse"))
 
 
-def _wind(result: Result, height: int) -> Cell | str:
-    """The wind triangle at a height."""
-    branch = "/summary/at"
-    if f"{branch}/headwind" not in result:
-        return ABSENT
-    against, across, airspeed, crab = (
-        float(result[f"{branch}/{name}"][height]) for name in ("headwind", "crosswind", "airspeed", "crab")
-    )
-    if not np.isfinite(against):
-        return ABSENT
-    return Cell("{:.2f}, {:.2f}; {:.2f}; {:.2f}", (against, across, airspeed, math.degrees(crab)),
-                names=("headwind", "crosswind", "airspeed", "crab"), units=("m/s", "m/s", "m/s", "deg"))  # fmt: skip
+_WIND = (
+    ("headwind, m/s", "headwind", 1.0), ("wind from the left, m/s", "crosswind", 1.0),
+    ("airspeed, m/s", "airspeed", 1.0), ("crab, deg", "crab", _DEGREE),
+)  # fmt: skip
+"""Rows of the wind triangle: what they are called, the variable, and the factor to its unit."""
+
+
+def _wind(result: Result, name: str, height: int, scale: float) -> Cell | str:
+    """A number of the wind triangle at a height."""
+    path = f"/summary/at/{name}"
+    value = scale * float(result[path][height]) if path in result else math.nan
+    return number(value, 2) if math.isfinite(value) else ABSENT
 
 
 def glance(result: Result) -> list[tuple[str, Cell | str]]:

@@ -21,6 +21,7 @@ from rich.console import Console, RenderableType
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from navsim.cli.common import Shown, print_tables
 from navsim.cli.main import app
 from navsim.core import states
 from navsim.io.export import choose_run, export
@@ -234,10 +235,16 @@ def test_states_are_shown_in_their_units() -> None:
     shown = quantities.followed(names + more)
     assert [(one.label, one.axis) for one in shown[17:20]] == [
         ("f, ppm", "z"),
-        ("fix error slow, prior σ", "north"),
-        ("fix error slow, prior σ", "east"),
+        ("slow satellite errors, prior σ", "north"),
+        ("slow satellite errors, prior σ", "east"),
     ]
-    assert (shown[21].label, shown[21].axis, shown[21].scale) == ("fix error slow more, prior σ", "1", 1.0)
+    assert (shown[21].label, shown[21].axis, shown[21].scale) == ("further slow satellite errors, prior σ", "1", 1.0)
+
+
+def test_a_comparison_fits_120_columns(one: Result, many: Result, capsys: pytest.CaptureFixture[str]) -> None:
+    print_tables([("one", one), ("many", many)], Shown(compare=True))
+    lines = capsys.readouterr().out.splitlines()
+    assert 80 < max(map(len, lines)) <= 120
 
 
 def test_figures_of_an_ensemble_show_the_ensemble(one: Result, many: Result) -> None:

@@ -10,9 +10,11 @@ import typer
 
 from navsim.cli.options import number_option
 from navsim.cli.results import shown_as_stored
+from navsim.core.states import display_name
 from navsim.io.findings import several
 from navsim.io.results import Result, Variable
 from navsim.io.schema import SCHEMA_VERSION
+from navsim.report import tables
 from navsim.report.tables import state_verdict
 from navsim.scenario.load import read, resolved_yaml
 from navsim.scenario.source import InputError
@@ -172,3 +174,27 @@ def test_sigma_that_no_run_could_judge_is_not_called_old() -> None:
     pushed = Result({}, {"/rare/error": Variable(("run", "axis"), np.zeros((2, 3)), "m", "errors")})
     assert state_verdict(pushed).startswith("not judged by method rare")
     assert state_verdict(Result({}, {})).startswith("none: the file is of a navsim that judged groups")
+
+
+@pytest.mark.parametrize(
+    ("state", "name"),
+    [("fix_error_slow_north", "slow satellite errors, north"), ("fix_error_fast", "fast satellite errors"),
+     ("fix_error_slow_more_1", "further slow satellite errors, 1"), ("range_error_slow_R01", "slow ranging error, R01"),
+     ("attitude_down", "heading"), ("gyro_bias_x", "gyro bias x")],
+)  # fmt: skip
+def test_names_of_states(state: str, name: str) -> None:
+    assert display_name(state) == name
+
+
+def test_the_budget_begins_with_its_largest_source() -> None:
+    shares = {"horizontal": np.array([0.002, 0.2, 0.795, 0.003]), "vertical": np.array([0.001, 0.9, 0.095, 0.004])}
+    found = {"/summary/budget/source": Variable(("source",), np.array(["a", "b", "c", "d"]), "1", "")}
+    for axis, share in shares.items():
+        found[f"/summary/budget/{axis}"] = Variable(("source",), 2.0 * np.sqrt(share), "m", "")
+        found[f"/summary/budget/{axis}_share"] = Variable(("source",), share, "1", "")
+    result = Result({}, found)
+    rows = tables._budget_rows([result])
+    assert rows == {"b": ["b"], "c": ["c"], "2 others, below 0.5 % each": ["d", "a"]}
+    cells = [str(tables._budget(result, names)) for names in rows.values()]
+    assert cells[0] == "0.894 (20.0 %), 1.897 (90.0 %)"
+    assert cells[2] == "0.141 (0.5 %), 0.141 (0.5 %)"
