@@ -576,8 +576,8 @@ _INTEGRITY = Chapter(
     "of epochs have the interval that runs give them, since epochs of a run go together.",
     (
         _a("/integrity/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_WATCHED),
-        _a("/integrity/hpl", "time", "m", "horizontal protection level of a fix from all that is used, with method "
-           "filter of the filter at its answer to it, as all that follows; inf where a "
+        _a("/integrity/hpl", "time", "m", "horizontal protection level of a fix from all sources used. With method "
+           "filter it is the filter's after this fix, as all that follows. Inf where a "
            "range is not checked, nan where there is none", _FLOWN, when=_WATCHED),
         _a("/integrity/vpl", "time", "m", "vertical protection level, the same", _FLOWN, when=_WATCHED),
         _a("/integrity/level_{axis}", "time", "m", "protection level of the {axis} error, in axes of the runway",
@@ -1377,8 +1377,8 @@ PART = "/part"
 """The group of what `navsim merge` makes the whole of an ensemble from."""
 _PART = Chapter(
     "Part of an ensemble",
-    "What `navsim merge` needs of a part, whatever `--keep` left out: statistics of every run, and sums over runs by "
-    "blocks, each of a power of two of runs that begins at a multiple of its length.",
+    "Data that `navsim merge` needs, whatever `--keep` left out: statistics of every run, and sums over runs by "
+    "blocks. Each block has a power of two of runs and begins at a multiple of its length.",
     (
         _a(f"{PART}/column", "column", "1", "names of the statistics of a run, some with several columns",
            (LANDING, RARE), TEXT),

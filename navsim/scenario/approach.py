@@ -584,9 +584,9 @@ class FileApproach(Section):
     """A motion that a file has."""
 
     file: str
-    """the file: with `profile: recorded` a result of a replay, smoothed (filter.kind: rts) the smoothest; with
-    `profile: track` a table with the columns t_s, lat_deg, lon_deg, h_m (above the ellipsoid or the geoid, as
-    runway.height_above says), or also roll_deg, pitch_deg, yaw_deg"""
+    """the file. With `profile: recorded`: a result of a replay, best with smoothing (filter.kind: rts). With `profile:
+    track`: a table with the columns t_s, lat_deg, lon_deg, h_m, and optionally roll_deg, pitch_deg, yaw_deg.
+    `runway.height_above` says what h_m is above"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
     start_s: LogTime | None = None

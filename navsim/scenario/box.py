@@ -29,15 +29,15 @@ class BoxSection(Section):
     """true height above the runway at which the error is judged, when the aircraft last comes down through it; 0:
     touchdown"""
     error: Literal["navigation", "total"] = "navigation"
-    """what is to stay inside: the position error of the filter, or with it how far the way of the run is off its route,
-    which is where an aircraft that steers its estimate ends; total is counted, of runs with ways of their own"""
+    """error that must stay inside: the filter's position error, or with total also the run's distance from its route.
+    An aircraft that steers by its estimate ends there. `total` needs runs with flight-technical errors"""
     lateral_m: Limit = None
     """largest size of the error across the runway, or its limits to the left (below 0) and to the right"""
     along_m: Limit = None
     """largest size of the error along the runway, or its limits backward (below 0) and forward"""
     from_threshold_m: Pair | None = None
-    """in place of along_m: from where to where along the runway, counted from the threshold, the place of the route
-    may come to be by the error: with `error: total` the zone to touch down in"""
+    """limits along the runway, counted from the threshold, in place of along_m. They bound the route's place plus the
+    error: with `error: total` this is the touchdown zone"""
     vertical_m: Limit = None
     """largest size of the error in height, or its limits downward (below 0) and upward"""
 

@@ -71,9 +71,9 @@ class FilterSection(Section):
 
     kind: Kind = "gaussian-sum"
     """gaussian-sum: several tfg filters side by side while heading is uncertain; tfg: two-frames group; eskf:
-    error-state; first-estimates, observability-constrained: eskf with constrained linearisation points, for comparison;
-    left-invariant: SE2(3); all with exact covariance reset. rts and map: smoothers, each output from all fixes: one
-    backward pass, or iterated to the maximum a posteriori"""
+    error-state. For comparison, first-estimates and observability-constrained: eskf with constrained linearisation
+    points; left-invariant: SE2(3). All have exact covariance reset. Smoothers, which use all fixes for each output:
+    rts with one backward pass, map iterated to the maximum a posteriori"""
     coupling: Coupling = "loose"
     """loose: the receiver's fixes are measurements; tight: pseudoranges and range rates of each source are, with the
     receiver's clock as states, and fewer sources than a fix needs are used as they are"""
@@ -86,11 +86,11 @@ class FilterSection(Section):
     lever_arm_m: Triple | None = None
     """lever arm that the filter believes in; default: receiver.lever_arm_m"""
     fix_errors: Literal["states", "inflate", "none"] | None = None
-    """time-correlated errors (`signals.errors`). states: the filter follows those of the fixes, six for all satellites
-    and each group of kinds; with `coupling: tight` those of each satellite. inflate: it takes fixes or ranges for
-    noisier than they are. none: it takes them for noise of their size. Left out: states; inflate where the filter is
-    tightly coupled and watched (`integrity.method: filter`). Reflections (`pseudolites.multipath`) are taken for noise
-    of their size and memory, with none: they are not known"""
+    """how the filter handles time-correlated errors (`signals.errors`). With states it estimates them: six for each
+    group of kinds, or with `coupling: tight` those of each satellite. With inflate it takes fixes or ranges for noisier
+    than they are. With none it takes the errors for noise of their size. Left out: inflate if the filter is tightly
+    coupled and watched (`integrity.method: filter`), else states. Reflections (`pseudolites.multipath`) are
+    unknown: the filter takes them for noise of their size and memory, with none"""
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()

@@ -146,9 +146,9 @@ class IntegritySection(Section):
     """What watches the fixes, which faults it expects, and what is asked of it."""
 
     method: Literal["mhss", "chi2", "filter"] = "mhss"
-    """mhss: solution separation, the fix without each fault against the whole one; chi2: the residuals' square, one
-    fault at a time; filter: solution separation of the filter, which without each fault goes on by its inertial sensors
-    and the other sources; levels, errors and alarms are then the filter's"""
+    """mhss: solution separation, the fix without each fault against the whole one. `chi2`: sum of squared residuals,
+    one fault at a time. `filter`: solution separation between the filter and filters without each fault; levels, errors
+    and alarms are then the filter's"""
     limits: LimitsSection | None = None
     """null: levels and alarms are computed, and nothing is asked"""
     tails: TailsSection | None = None
@@ -161,9 +161,9 @@ class IntegritySection(Section):
     """height above the runway from which to touchdown an approach has to be available throughout; null: all of the
     glide"""
     exclusion: Literal["none", "residual", "rms"] = "none"
-    """after an alarm. residual: the source (chi2) or fault (mhss) without which alone the rest passes its own test,
-    the one of the largest normalised residual; rms: of the sources without which the rest passes, the one that leaves
-    the smallest RMS of residuals, as RTKLIB does; none: nothing"""
+    """source (chi2) or fault (mhss) that is excluded after an alarm, if the rest then passes its own test. `residual`:
+    the one with the largest normalised residual. `rms`, as RTKLIB does: the source whose exclusion leaves the smallest
+    RMS of residuals. `none`: nothing is excluded"""
     alarmed_fixes: Literal["use", "drop"] = "use"
     """whether the filter takes fixes whose alarm no exclusion has ended"""
     p_fa: Chance = 6.666667e-5

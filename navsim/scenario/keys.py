@@ -154,7 +154,7 @@ def _below(schema: Schema, written: Schema, forms: Sequence[Schema], key: str) -
     chosen = tuple(value for values in tags for value in values)
     said = {str(value): row.meaning for (_, _, found_rows), values in zip(variants, tags, strict=True)
             for row in found_rows if row.key == first.key for value in values}  # fmt: skip
-    meaning = first.meaning if len(set(said.values())) == 1 else "; ".join(f"{v}: {text}" for v, text in said.items())
+    meaning = first.meaning if len(set(said.values())) == 1 else ". ".join(f"`{v}`: {text}" for v, text in said.items())
     yield replace(first, choices=chosen, kind="choice", meaning=meaning)
     for row, named in merged:
         always = len(named) == len(chosen)

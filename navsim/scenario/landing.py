@@ -456,8 +456,8 @@ class Landing(Section):
         slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
         if slowest < SLOWEST:
             raise reject(
-                f"the aircraft falls to {slowest:.1f} m/s within duration_s, {self.duration_s:g} s; its attitude "
-                "follows from its path, so it must keep 2 m/s; give a shorter duration_s, or `speed_is: ground`, with "
+                f"the aircraft falls to {slowest:.1f} m/s within duration_s, {self.duration_s:g} s. Its attitude "
+                "follows from its path, so it must keep 2 m/s. Give a shorter duration_s, or `speed_is: ground`, with "
                 "which an aircraft stops and stands",
                 "approach",
                 "profile",
@@ -482,7 +482,7 @@ class Landing(Section):
             over_ground = ahead[worst] - flown.headwind[worst]
             raise reject(
                 f"at {times[worst]:.1f} s the wind blows with {-flown.headwind[worst]:.1f} m/s along the course, the "
-                f"aircraft moves at {over_ground:.1f} m/s over ground: its airspeed ahead would be "
+                f"aircraft moves at {over_ground:.1f} m/s over ground. Its airspeed ahead would be "
                 f"{ahead[worst]:.1f} m/s, {SLOWEST:g} m/s are needed; give less wind from behind"
                 + ("" if isinstance(self.approach, FileApproach) else ", or `approach.speed_is: air`"),
                 "wind",

@@ -118,8 +118,8 @@ class Constraints(Section):
     spacing_m: NonNegative = 0.0
     """least distance between pseudolites"""
     distance_m: Pair | None = None
-    """least and largest distance from the aircraft during the glide; left out: with an error of the filter as objective
-    100 m to 100 km, since covariance analyses of nearer passes are not to be relied on, with others none"""
+    """least and largest distance from the aircraft during the glide. Left out: 100 m to 100 km if the objective is an
+    error of the filter, because covariance analysis is unreliable for nearer passes, else no limits"""
     near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
     requirements: bool = False
@@ -163,8 +163,8 @@ class Optimize(Section):
     ]
     """numbers of pseudolites to place, a list or first and last; several give the front of accuracy against number"""
     objective: Literal[OBJECTIVES]  # type: ignore[valid-type]
-    """what is made small: a mean or (…_max) worst DOP or SKO of the glide, an error of the filter, a protection level
-    where all of the glide has it; or large, the share of its epochs that have levels (level_share)"""
+    """quantity that navsim minimises: a mean or (…_max) worst DOP or SKO of the glide, an error of the filter, or a
+    protection level, if all of the glide has it. It maximises level_share, the share of epochs that have levels"""
     area: Area | None = None
     """where pseudolites may stand; give this or sites"""
     sites: ListOf[SiteChoice] = ()

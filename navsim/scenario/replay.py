@@ -154,9 +154,8 @@ class FixError(Section):
     position_sigma_m: PairOf[Sigma] | None = None
     """1 sigma of the positions by this error: horizontal per axis, vertical; three states"""
     states: Literal[3, 6, 9, 12] | None = None
-    """how many states it has, where the table tells what an error of 1 of each does to each fix: columns error1_n,
-    error1_e, error1_d, error1_vn, error1_ve, error1_vd, error2_n, ..., m and m/s, numbered on from one error to the
-    next"""
+    """number of states. The table then has the effect of an error of 1 of each state on each fix, in m and m/s. Its
+    columns are error1_n, error1_e, error1_d, error1_vn, error1_ve, error1_vd, error2_n, ..."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -169,9 +168,9 @@ class Gnss(Section):
     """The fixes. What is left out is tuned (`tuning: likelihood`), or as written below without tuning."""
 
     file: str
-    """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty) and where it has them
-    nsat and the covariance of each fix (sigma_n_m ... corr_ve_vd); or NMEA sentences, also with a logger's text around
-    them; with `navigation`, RINEX observations"""
+    """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty). It may have nsat and the
+    covariance of each fix (sigma_n_m ... corr_ve_vd). Or NMEA sentences, also with a logger's text around them; with
+    `navigation`, RINEX observations"""
     navigation: Files | None = None
     """RINEX navigation files, one or a list: fixes are solved from the ranges of `file`, which `filter.coupling: tight`
     takes as they are"""

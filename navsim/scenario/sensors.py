@@ -62,8 +62,8 @@ class Gyro(Section):
     markov_deg_h: NonNegative | None = None
     """1 sigma of the exponentially correlated drift; or give bias_instability_deg_h"""
     bias_instability_deg_h: NonNegative | None = None
-    """in-run bias stability as data sheets print it, the lowest point of the Allan deviation: flicker noise, by up to
-    four exponentially correlated terms, that keeps it there from where white noise ends to 1.89 markov_time_s"""
+    """in-run bias stability of the data sheet: the lowest point of the Allan deviation. Up to four exponentially
+    correlated terms make flicker noise, which keeps it there from where white noise ends to 1.89 markov_time_s"""
     markov_time_s: CorrelationTime | None = None
     """correlation time of the exponentially correlated drift; with bias_instability_deg_h: default 100 s, which no
     data sheet says"""
@@ -180,8 +180,8 @@ class Accelerometer(Section):
     markov_mg: NonNegative | None = None
     """1 sigma of the exponentially correlated bias; or give bias_instability_mg"""
     bias_instability_mg: NonNegative | None = None
-    """in-run bias stability as data sheets print it, the lowest point of the Allan deviation: flicker noise, by up to
-    four exponentially correlated terms, that keeps it there from where white noise ends to 1.89 markov_time_s"""
+    """in-run bias stability of the data sheet: the lowest point of the Allan deviation. Up to four exponentially
+    correlated terms make flicker noise, which keeps it there from where white noise ends to 1.89 markov_time_s"""
     markov_time_s: CorrelationTime | None = None
     """correlation time of the exponentially correlated bias; with bias_instability_mg: default 100 s, which no data
     sheet says"""
@@ -435,10 +435,10 @@ NEEDED = {
 
 class _Sensors(Section):
     preset: ImuPreset = "paper"
-    """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample; perfect: no errors; none: what gyro and
-    accelerometer say and nothing else, with constant errors and white noise, 0 or not; all others: the values that the
-    sensor's data sheet prints; you must give those that it lacks. Left out: none where gyro or accelerometer say
-    something, else paper"""
+    """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample. `perfect`: no errors. `none`: only the
+    errors under gyro and accelerometer, which must give constant errors and white noise, even if 0. All others: the
+    values of the sensor's data sheet; you must give those that it lacks. Left out: none if gyro or
+    accelerometer has keys, else paper"""
     gyro: TrueGyro = TrueGyro()
     """errors of the gyros, in place of the preset's"""
     accelerometer: TrueAccelerometer = TrueAccelerometer()
@@ -617,9 +617,9 @@ class RadioAltimeterSection(Section):
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """IMU to its antenna: forward, right, down"""
     ground: Annotated[ListOf[PairOf[Signed]], Field(max_length=200)] = ()
-    """profile of the ground along the approach, pairs of a distance beyond the threshold in the direction of landing
-    (before it: negative) and a height above it, straight between them, level beyond; none: the runway's own, and level
-    before and beyond"""
+    """profile of the ground along the approach: pairs of distance and height from the threshold, with straight lines
+    between them and level ground beyond. Distances before the threshold are negative. Left out: the runway's own slope,
+    and level ground before and beyond it"""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

@@ -475,8 +475,8 @@ class SignalsSection(Section):
     """Errors of the ranging signals of satellites."""
 
     preset: Literal["white", "open-sky", "sbas", "differential"] = "white"
-    """sizes of range_sigma_m, range_law and errors where they are left out: the paper's white noise; a receiver by
-    itself; one with the corrections of a satellite-based augmentation; one with those of a station at the aerodrome"""
+    """sizes of range_sigma_m, range_law and errors where they are left out. In order: the paper's white noise; a
+    receiver alone; one with satellite-based augmentation; one with corrections of a station at the aerodrome"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of pseudoranges at the zenith (the paper's variance of 5 m2)"""
     range_law: Literal["constant", "inverse-sine", "exponential", "cn0"] = "inverse-sine"
@@ -502,9 +502,9 @@ class SignalsSection(Section):
     system_offsets_ns: dict[Name, Annotated[float, Field(ge=-1e9, le=1e9)] | Literal["broadcast"]] = Field(
         default_factory=dict
     )
-    """time of other systems less GLONASS time, by name; the receiver's own bias between their signals is in it;
-    broadcast: gps_offset_ns and what the header of sky.navigation says of galileo or qzss, without such a bias; the
-    stored scenario has the number"""
+    """time of other systems less GLONASS time, by name, with the receiver's own bias between their signals. The word
+    broadcast, without such a bias: gps_offset_ns, and for galileo or qzss the header of sky.navigation. The stored
+    scenario has the number"""
     system_offset_sigma_ns: NonNegative = 0.0
     """1 sigma of what is drawn for each run of the offset of each system to the first of the sky; for `one_clock`"""
 

@@ -234,7 +234,7 @@ class Foreseen:
 def lone_pseudolite_warning(clock: str, when: str, instead: str) -> str:
     """Warning that one pseudolite is the only source on its time scale. when: how often. instead: what to write."""
     return (
-        f"pseudolites.clock: one pseudolite is the only source on the time scale `{clock}` {when}; its range "
+        f"pseudolites.clock: one pseudolite is the only source on the time scale `{clock}` {when}. Its range "
         "determines that clock and nothing else, so positions of fixes and DOPs are those without it; "
         f"{instead} if it is synchronised to the satellites, or add a second pseudolite"
     )

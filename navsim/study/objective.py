@@ -244,9 +244,9 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     epochs = fixes[counted]
     if sources.strength_placed and study.objective in DOP_OBJECTIVES:
         text = (
-            f"{study.objective} is judged by directions alone; with `interference`, or noise by range_law cn0, and "
-            "pseudolites.cn0_reference_m or eirp_dbm it matters how far pseudolites are, with "
-            "receiver.antenna.mask_deg how the aircraft lies: take a level, or an error of the filter"
+            f"{study.objective} is judged by directions alone. With `interference`, or noise by range_law cn0, and "
+            "pseudolites.cn0_reference_m or eirp_dbm, distances of pseudolites matter too. With "
+            "receiver.antenna.mask_deg the attitude of the aircraft matters. Take a level, or an error of the filter"
         )
         raise _refused(document, ("objective",), text)
     if sources.smoothing_placed and study.objective.startswith("fix_"):

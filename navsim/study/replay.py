@@ -657,8 +657,8 @@ def _inconsistent(result: Result) -> list[Finding]:
     if not nis[group] > most or nis["all"] > limit(float(degrees.sum())):
         return []
     text = (
-        f"the innovations of {group} fixes have a NIS of {nis[group]:.2f} per degree of freedom where 1 is due: the "
-        "filter believes its fixes and sensors more than they merit, and its sigmas are too small; give "
+        f"the innovations of {group} fixes have a NIS of {nis[group]:.2f} per degree of freedom where 1 is due. The "
+        "filter trusts its fixes and sensors too much, and its sigmas are too small. Give "
         "gnss.velocity_sigma_m_s, or leave it out so that it is tuned"
     )
     return [Finding("innovations", text, (CONSISTENT,), int(degrees.astype(bool).sum()), degrees.size)]
@@ -757,8 +757,8 @@ def _off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[F
         text = (
             f"heading {np.degrees(np.median(np.abs(angle[rows]))):.0f} degrees off the course from {first:.1f} to "
             f"{last:.1f} s (median of {rows.size} fixes faster than {FASTEST_NEEDED:g} m/s, 1 sigma of the heading "
-            f"{np.degrees(np.median(flown.sigma[at[rows], states.A_D])):.1f} degrees): the attitude is wrong, unless "
-            "the aircraft flies sideways; align elsewhere with start_s, or silence this with `checks: off`"
+            f"{np.degrees(np.median(flown.sigma[at[rows], states.A_D])):.1f} degrees). The attitude is wrong, unless "
+            "the aircraft flies sideways. Align elsewhere with start_s, or silence this with `checks: off`"
         )
         out.append(Finding("off_course", text, (CONSISTENT,), rows.size, moving.size, 1, first))
     return out

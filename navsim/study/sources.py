@@ -134,7 +134,7 @@ def _refuse_worthless(path: Path, begin: float, end: float) -> None:
     if each:
         raise ValueError(
             f"its output is worthless at {', '.join(each)}, within the {begin:.1f} to {end:.1f} s that the flight "
-            "needs; choose approach.start_s and duration_s so that the flight, with a second before and after it, is "
+            "needs. Choose approach.start_s and duration_s so that the flight, with a second before and after it, is "
             "beside these times"
         )
 

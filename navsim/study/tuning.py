@@ -156,8 +156,8 @@ def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int
     if LATENCY in recording.free and min(abs(best[LATENCY] - bound) for bound in SEARCHED) <= AT_BOUND:
         side = "earlie" if best[LATENCY] < 0.0 else "late"
         out.append(
-            f"the tuned latency stands at its bound of {best[LATENCY]:.3g} s: the fixes are stamped even {side}r than "
-            "that, or something else is wrong with them; set the clocks right with gnss.time_offset_s, or give "
+            f"the tuned latency stands at its bound of {best[LATENCY]:.3g} s. The fixes are stamped even {side}r than "
+            "that, or something else is wrong with them. Set the clocks right with gnss.time_offset_s, or give "
             f"gnss.latency_s ({FIX_LATENCIES[0]:g} to {FIX_LATENCIES[1]:g} s)"
         )
     for i, key in (
@@ -166,8 +166,8 @@ def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int
         ratio = float(best[i] / recording.settings[i])
         if i in recording.free and np.log(ratio) > STRAYED * TRUST:
             out.append(
-                f"the tuned {recording.tuned[i].replace('_', ' ')} is {ratio:.3g} times that of the sensor class: the "
-                "fixes or the attitude disagree with the samples by more than noise does; look at the innovations, "
+                f"the tuned {recording.tuned[i].replace('_', ' ')} is {ratio:.3g} times that of the sensor class. The "
+                "fixes or the attitude disagree with the samples by more than noise does. Look at the innovations, "
                 f"choose another imu.sensor_class, or give {key}"
             )
     return out
