@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import dataclasses
 import datetime
+import functools
 import json
 import os
 import pty
@@ -12,6 +14,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import tty
@@ -37,6 +40,7 @@ from navsim.study import live as flying
 from navsim.study.executor import threads
 from navsim.study.live import Session
 from navsim.study.source_clock import start_time
+from tests.forks import shared
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
 from tests.product.test_fuzz_readers import sentence
@@ -184,8 +188,16 @@ def test_an_imu_in_the_loop() -> None:
     assert np.sqrt(np.mean(session.filter.estimates()["error"][-20:, :3] ** 2)) < 2.0
 
 
+@functools.cache
+def program() -> str:
+    """The program whose commands are forks; it hears signals and has standard input as any other."""
+    folder = tempfile.TemporaryDirectory(prefix="navsim-live-")
+    atexit.register(folder.cleanup)
+    return str(shared().programs(Path(folder.name)) / "navsim")
+
+
 def navsim(*arguments: str, cwd: Path, text: str | None = None) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "navsim", *arguments]
+    command = [program(), *arguments]
     return subprocess.run(command, cwd=cwd, input=text, capture_output=True, text=True, check=False, timeout=120)
 
 
@@ -769,7 +781,7 @@ def test_an_imu_in_the_loop_of_a_late_receiver() -> None:
 
 
 def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "navsim", *SCENARIO, "--receiver", "-", "--silence", "100", *arguments]
+    command = [program(), *SCENARIO, "--receiver", "-", "--silence", "100", *arguments]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     # the tests may themselves run where interrupts are ignored, as in the background of a script
     return subprocess.Popen(command, cwd=cwd, text=True, preexec_fn=_listening, **pipes)

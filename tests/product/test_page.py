@@ -553,7 +553,7 @@ def test_a_browser_finds_no_fault(browser: Any, place: Path, tmp_path: Path) -> 
     shown.context.close()
 
 
-IN_OTHER_PAGES = ("runs", "evil", "covariance", "none", "rare")
+IN_OTHER_PAGES = ("one", "runs", "evil", "covariance", "none", "rare")
 """Landings that stand beside others in a browser."""
 
 

@@ -32,7 +32,7 @@ def test_mutants_are_computed_in_time(commands: Forks, tmp_path: Path) -> None:
 
 
 def test_killed_anywhere_and_resumed(commands: Forks, tmp_path: Path) -> None:
-    assert trials.killed(commands, tmp_path, 103, 4, QUICK).wrong == []
+    assert trials.killed(commands, tmp_path, 103, 3, QUICK).wrong == []
 
 
 @pytest.mark.parametrize("most", [6, pytest.param(1000, marks=pytest.mark.long)])
@@ -41,10 +41,10 @@ def test_full_disk_at_steps_of_a_study(most: int, commands: Forks, tmp_path: Pat
     whole = trials.filled(commands, tmp_path / "whole", 104, most, ("landing",))
     assert whole.wrong == []
     assert whole.count > 5
-    assert trials.filled(commands, tmp_path / "drawn", 104, 4, ("ensemble",)).wrong == []
+    assert trials.filled(commands, tmp_path / "drawn", 104, 2, ("ensemble",)).wrong == []
 
 
 def test_flipped_bytes_change_no_number(commands: Forks, tmp_path: Path) -> None:
-    tally = trials.damaged(commands, tmp_path, 105, 60)
+    tally = trials.damaged(commands, tmp_path, 105, 40)
     assert tally.wrong == []
-    assert tally.ended["refused"] > 20
+    assert tally.ended["refused"] > 13
