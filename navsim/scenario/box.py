@@ -30,7 +30,7 @@ class BoxSection(Section):
     touchdown"""
     error: Literal["navigation", "total"] = "navigation"
     """error that must stay inside: the filter's position error, or with total also the run's distance from its route.
-    An aircraft that steers by its estimate ends there. `total` needs runs with flight-technical errors"""
+    An aircraft that steers by its estimate ends there. `total` is counted over runs that leave their route"""
     lateral_m: Limit = None
     """largest size of the error across the runway, or its limits to the left (below 0) and to the right"""
     along_m: Limit = None

@@ -89,8 +89,8 @@ class FilterSection(Section):
     """how the filter handles time-correlated errors (`signals.errors`). With states it estimates them: six for each
     group of kinds, or with `coupling: tight` those of each satellite. With inflate it takes fixes or ranges for noisier
     than they are. With none it takes the errors for noise of their size. Left out: inflate if the filter is tightly
-    coupled and watched (`integrity.method: filter`), else states. Reflections (`pseudolites.multipath`) are
-    unknown: the filter takes them for noise of their size and memory, with none"""
+    coupled and watched (`integrity.method: filter`), else states. The filter takes
+    reflections (`pseudolites.multipath`) for noise of their size and memory; with none it does not know them"""
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()
