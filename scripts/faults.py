@@ -1,0 +1,236 @@
+"""Faults, spoofers, exclusions and heavier tails on the approach of landing.yaml: alarms, levels and availability;
+writes docs/faults-measured.md.
+
+Run by `make validate`, some two minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from pathlib import Path
+from typing import Any
+
+import measured
+import numpy as np
+import yaml
+
+import navsim
+
+ROOT = Path(__file__).resolve().parent.parent
+LANDING = ROOT / "scenarios" / "landing.yaml"
+SEED, RUNS = 1, 100
+"""The seed of the documented commands: readers can repeat each row."""
+CONSTELLATION = "p_constellation: 1.0e-8"
+APPROACH = "limits: {hal_m: 40, val_m: 60, tta_s: 2}"
+CHI2 = f"integrity={{method: chi2, {APPROACH}}}"
+SPOOFED = "events=[{what: spoof, sources: [glonass], rate_ned_m_s: [%s], at_s: 10}]"
+FAULTS: dict[str, tuple[str, ...]] = {
+    "nothing": (),
+    "PL1 runs away, 1 m/s from 10 s": ("events=[{what: ramp, sources: [PL1], rate_m_s: 1, at_s: 10}]",),
+    "all satellites spoofed east, 2 m/s from 10 s": (SPOOFED % "0, 2, 0",),
+    "all satellites spoofed up, 2 m/s from 10 s": (SPOOFED % "0, 0, -2",),
+}
+STEP = "events=[{what: step, sources: [R01], error_m: 60, at_s: 40}]"
+EXCLUDING = "integrity={method: %s, limits: {hal_m: 120, val_m: 160, tta_s: 2}%s}"
+RAREST = "mhss, p_constellation: 1.0e-9"
+EXCLUSIONS: dict[str, tuple[str, ...]] = {
+    "no step": (EXCLUDING % ("chi2", ""),),
+    "no exclusion": (STEP, EXCLUDING % ("chi2", "")),
+    "no exclusion, `drop`": (STEP, EXCLUDING % ("chi2", ", alarmed_fixes: drop")),
+    "`residual`, `drop`": (STEP, EXCLUDING % ("chi2", ", exclusion: residual, alarmed_fixes: drop")),
+    "`rms`, `drop`": (STEP, EXCLUDING % ("chi2", ", exclusion: rms, alarmed_fixes: drop")),
+    "`mhss`, `p_constellation: 1.0e-9`, `residual`, `drop`": (
+        STEP, EXCLUDING % (RAREST, ", exclusion: residual, alarmed_fixes: drop")),
+}  # fmt: skip
+WIDE = "limits: {hal_m: 60, val_m: 90, tta_s: 6}"
+TAILS: dict[str, str] = {
+    f"`{method.split(',')[0]}`{rest}, `{law}`": f"integrity={{method: {method}, {WIDE}, error_model: {law}}}"
+    for method, rest in (("chi2", ""), (f"mhss, {CONSTELLATION}", f", `{CONSTELLATION}`"))
+    for law in ("gaussian", "heavier")
+}
+
+
+@functools.cache
+def flown(*settings: str, runs: int = RUNS) -> navsim.ResultFile:
+    """What `navsim run scenarios/landing.yaml --runs RUNS --set ...` gives, by its statistics."""
+    keys = {key: yaml.safe_load(value) for key, _, value in (text.partition("=") for text in settings)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", navsim.NavsimWarning)  # of faults that the page is about
+        return navsim.run(LANDING, set=keys, seed=SEED, runs=runs, keep="none")
+
+
+def command(*settings: str) -> str:
+    return " ".join(["    navsim run scenarios/landing.yaml --runs 100", *(f"--set '{text}'" for text in settings)])
+
+
+def integrity(made: navsim.ResultFile) -> dict[str, Any]:
+    return made.summary["summary"]["integrity"]
+
+
+def count(value: int) -> str:
+    """A whole number, its digits in groups of three."""
+    return f"{value:,}".replace(",", " ") if value >= 10_000 else f"{value}"
+
+
+def share(values: list[float], digits: int = 3) -> str:
+    """A share with its 95 % interval."""
+    value, low, high = values
+    return f"{value:.{digits}g} [{low:.3g}, {high:.3g}]"
+
+
+def size(values: list[float]) -> str:
+    """An RMS with its 95 % interval, to three digits of the RMS."""
+    value, low, high = values
+    places = max(0, 2 - int(np.floor(np.log10(value))))
+    return f"{value:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
+
+
+def horizontal(made: navsim.ResultFile) -> str:
+    return size(made.summary["summary"]["rms"]["horizontal"])
+
+
+def levels(made: navsim.ResultFile, names: tuple[str, str] = ("hpl", "vpl"), between: str = " and ") -> str:
+    """Mean levels on the glide, m."""
+    return between.join(f"{integrity(made)[name][0]:.1f}" for name in names)
+
+
+def available(made: navsim.ResultFile) -> str:
+    return f"{integrity(made)['availability'][0]:.4g}"
+
+
+def faults() -> list[str]:
+    made = {label: flown(CHI2, *events) for label, events in FAULTS.items()}
+    lines = [
+        "## Faults and alarms",
+        "",
+        "`method: chi2` with its defaults, limits 40 and 60 m, 2 s:",
+        "",
+        f"| what happens | alarms, of {count(integrity(made['nothing'])['tested'])} fixes | approaches available | "
+        "hazardously misleading information, of runs |",
+        "|---|---|---|---|",
+    ]
+    for label, one in made.items():
+        found = integrity(one)
+        lines.append(measured.row(label, count(found["alarms"]), share(found["approaches"]), share(found["hmi"])))
+    return [
+        *lines,
+        "",
+        "Two pseudolites detect a spoofer across their lines of sight. They measure no height: the fix climbs by 100 m "
+        "until touchdown.",
+    ]
+
+
+def forms() -> list[str]:
+    lines = ["Levels of the same landing, mean over the glide, m:", "", "| | HPL | VPL |", "|---|---|---|"]
+    apart = f"integrity={{method: mhss, {CONSTELLATION}, {APPROACH}}}"
+    watching = {"`chi2`": CHI2, f"`mhss`, `{CONSTELLATION}`": apart}
+    for name, setting in watching.items():
+        for added, settings in (("two pseudolites", ()), ("none", ("pseudolites.count=0",))):
+            lines.append(measured.row(f"{name}, {added}", levels(flown(setting, *settings, runs=1), between=" | ")))
+    stations = (
+        "receivers: 4, ground_sigma_m: 0.3, b_m: 0.2",
+        "receivers: 2, ground_sigma_m: 1.0, b_m: 5",
+    )
+    compared = [
+        flown(f"integrity={{method: mhss, {CONSTELLATION}, comparison: {{gbas: {{{station}}}}}}}", runs=1)
+        for station in stations
+    ]
+    ground = [levels(one, ("gbas_lpl", "gbas_vpl")) for one in compared]
+    return [
+        *lines,
+        "",
+        f"By the forms of SBAS the same fixes have {levels(compared[0], ('sbas_hpl', 'sbas_vpl'))} m, by "
+        f"those of GBAS {ground[0]} (`{stations[0]}`) or {ground[1]} (`{stations[1]}`).",
+    ]
+
+
+def exclusions() -> list[str]:
+    made = {label: flown(*settings) for label, settings in EXCLUSIONS.items()}
+    lines = [
+        "## Exclusion",
+        "",
+        "A step of 60 m on R01 from 40 s on, limits 120 and 160 m, 2 s:",
+        "",
+        command(*EXCLUSIONS["`residual`, `drop`"]),
+        "",
+        f"| | alarms that stay, of {count(integrity(made['no step'])['tested'])} fixes | exclusions: correct, wrong, "
+        "needless | epochs available | horizontal RMS of the filter, m |",
+        "|---|---|---|---|---|",
+    ]
+    for label, one in made.items():
+        found = integrity(one)
+        kinds = ("correct", "wrong", "needless")
+        done = ", ".join(count(found[f"exclusions_{kind}"]) for kind in kinds) if "exclusions" in found else ""
+        lines.append(measured.row(label, count(found["alarms"]), done, available(one), horizontal(one)))
+    return [
+        *lines,
+        "",
+        "| case | effect |",
+        "|---|---|",
+        "| two simultaneous faults that are no candidate | their alarm stays |",
+        "| a spoofer that moves all sources | no alarm |",
+    ]
+
+
+def tails() -> list[str]:
+    made = {label: flown(setting) for label, setting in TAILS.items()}
+    lines = [
+        "## Heavier tails",
+        "",
+        command(TAILS["`chi2`, `heavier`"]),
+        "",
+        f"| | alarms, of {count(integrity(made['`chi2`, `gaussian`'])['tested'])} fixes | beyond HPL, VPL without an "
+        "alarm | epochs available | approaches available | horizontal RMS of the filter, m, beside its σ |",
+        "|---|---|---|---|---|---|",
+    ]
+    for label, one in made.items():
+        found = integrity(one)
+        shares = (found[f"exceeded_{axis}"][0] for axis in ("horizontal", "vertical"))
+        beyond = ", ".join(f"{round(part * found['tested'])}" for part in shares)
+        sigma = f"{one.summary['summary']['sigma']['horizontal']:.3f}"
+        cells = (count(found["alarms"]), beyond, available(one), share(found["approaches"]))
+        lines.append(measured.row(label, *cells, f"{horizontal(one)}, {sigma}"))
+    return [
+        *lines,
+        "",
+        "Levels have room for a missed fault, far more than these tails need. But the tests take every large range "
+        "error for a fault.",
+    ]
+
+
+def probe() -> measured.Probe:
+    """Some cases of every section: counts, levels, and the filter's horizontal RMS."""
+    cases = {
+        "spoofed": (CHI2, *FAULTS["all satellites spoofed up, 2 m/s from 10 s"]),
+        "excluded": EXCLUSIONS["`residual`, `drop`"],
+        "heavier": (TAILS[f"`mhss`, `{CONSTELLATION}`, `heavier`"],),
+    }
+    out = {}
+    for label, settings in cases.items():
+        one = flown(*settings, runs=measured.PROBE_RUNS)
+        found = integrity(one)
+        rms = one.summary["summary"]["rms"]["horizontal"][0]
+        out[label] = [found["alarms"], found["availability"][0], found["hpl"][0], found["vpl"][0], rms]
+    return out
+
+
+PAGE = measured.Page("faults-measured.md", "faults", (SEED,), probe)
+
+
+def main() -> None:
+    """Fly every case and write the tables."""
+    begun = measured.commit()
+    lines = [
+        "# Faults and exclusions, measured",
+        "",
+        f"Scenario `landing.yaml`, {RUNS} runs of seed {SEED} unless stated otherwise; 95 % intervals in brackets. "
+        "More: [monitors and jammers](integrity-measured.md).",
+    ]
+    for section in (faults, forms, exclusions, tails):
+        lines += ["", *section()]
+    PAGE.write(lines, begun)
+
+
+if __name__ == "__main__":
+    main()
