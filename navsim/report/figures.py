@@ -477,7 +477,7 @@ def consistency(result: Result) -> Figure:
         ax.axvline(landed, color="black", lw=0.8, ls="--")
         dashed = "; dashed: touchdown"
     flown = result.attributes["method"] != "covariance"
-    lines = "; lines: 99.9 % band of all together" if flown and not of.alone else ""
+    lines = "; lines: 99.9 % band" if flown and not of.alone else ""
     fig.suptitle(f"{runs_of(result)}\n×: largest{lines}{dashed}")
     return fig
 
