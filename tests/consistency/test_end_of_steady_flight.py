@@ -86,8 +86,9 @@ def flown_with_alarms(batch: Batch, model: FilterModel, alarms: bool) -> tuple[n
 
 @pytest.mark.parametrize(
     ("kind", "coupling"),
-    [("eskf", "loose"), ("left-invariant", "loose"), ("tfg", "loose"), ("gaussian-sum", "loose"), ("eskf", "tight"),
-     ("gaussian-sum", "tight")],
+    [("eskf", "loose"), ("gaussian-sum", "tight"),
+     *(pytest.param(*other, marks=pytest.mark.long)
+       for other in [("left-invariant", "loose"), ("tfg", "loose"), ("gaussian-sum", "loose"), ("eskf", "tight")])],
 )  # fmt: skip
 def test_an_alarm_at_every_fix_is_a_filter_without_the_rule(
     kind: str, coupling: str, monkeypatch: pytest.MonkeyPatch
