@@ -148,7 +148,7 @@ def honesty() -> list[str]:
     ]
     rng = np.random.default_rng(SEED)
     limit = float(-ndtri(COST_AT / 4.0))
-    mix = proposal(np.zeros(2), np.eye(2), np.full(2, limit))
+    mix = proposal(np.zeros(2), np.eye(2), np.full(2, -limit), np.full(2, limit))
     for part in PARTS:
         truth = 1.0 - (1.0 - 2.0 * float(ndtr(-limit / math.hypot(1.0, part)))) ** 2
         found = []
