@@ -235,10 +235,10 @@ def analysis(plan: Plan) -> list[Line]:
 
 def tracking(plan: Plan) -> list[Line]:
     """The 13-state tracking filter against its six decoupled groups, per scan."""
-    from navsim.scenario.tracking.atc import Atc
-    from navsim.study.tracking.atc import settings, truth
-    from navsim.tracking.atc import ADAPT, FULL, MEASURED, N, track
-    from navsim.tracking.circuit import at, fly
+    from navsim.companions.atc.filter import ADAPT, FULL, MEASURED, N, track
+    from navsim.companions.atc.scenario import Atc
+    from navsim.companions.atc.study import settings, truth
+    from navsim.companions.circuit import at, fly
 
     scenario = Atc(kind="atc-tracking", version=1)
     case = settings(scenario, 1.0, False)

@@ -28,16 +28,16 @@ KINDS = {
         "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.study.jobs.landing:job",
     ),
     "mls-elevation": Kind(
-        "run", "navsim.report.tracking.elevation:VIEW", "navsim.scenario.tracking.elevation:Elevation",
-        "navsim.study.tracking.jobs:mls_elevation",
+        "run", "navsim.companions.elevation.report:VIEW", "navsim.companions.elevation.scenario:Elevation",
+        "navsim.companions.jobs:mls_elevation",
     ),
     "atc-tracking": Kind(
-        "run", "navsim.report.tracking.atc:VIEW", "navsim.scenario.tracking.atc:Atc",
-        "navsim.study.tracking.jobs:atc_tracking",
+        "run", "navsim.companions.atc.report:VIEW", "navsim.companions.atc.scenario:Atc",
+        "navsim.companions.jobs:atc_tracking",
     ),
     "azimuth-tracking": Kind(
-        "run", "navsim.report.tracking.azimuth:VIEW", "navsim.scenario.tracking.azimuth:Azimuth",
-        "navsim.study.tracking.jobs:azimuth_tracking",
+        "run", "navsim.companions.azimuth.report:VIEW", "navsim.companions.azimuth.scenario:Azimuth",
+        "navsim.companions.jobs:azimuth_tracking",
     ),
     "sweep": Kind(
         "sweep", "navsim.report.sweep:VIEW", "navsim.scenario.sweep:Sweep", "navsim.study.jobs.sweep:SweepJob", "study",

@@ -10,9 +10,9 @@ from pathlib import Path
 import measured
 import numpy as np
 
-from navsim.scenario.tracking.azimuth import Azimuth
-from navsim.study.tracking.azimuth import onboard, ratio, rmse
-from navsim.study.tracking.mode_s import (
+from navsim.companions.azimuth.scenario import Azimuth
+from navsim.companions.azimuth.study import onboard, ratio, rmse
+from navsim.companions.mode_s import (
     DEG,
     RESIDUAL,
     SIMULATED_RESIDUAL,
@@ -22,7 +22,7 @@ from navsim.study.tracking.mode_s import (
     smoothed,
     track_plots,
 )
-from navsim.tracking.reports import draw, nodes, reported
+from navsim.companions.reports import draw, nodes, reported
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT.parent / "shared" / "data" / "modes_afr34zg"

@@ -24,7 +24,7 @@ import llvmlite
 import numba
 from numba.extending import overload, register_jitable
 
-from navsim.core.kernel_cache import CacheAtFirstCall, load_remembered, loaded, remember
+from navsim.core.kernel_cache import KERNEL_ROOMS, CacheAtFirstCall, load_remembered, loaded, remember
 from navsim.core.kernel_parts import Overloads
 from navsim.core.kernel_parts import digest as digest_of_parts
 from navsim.core.kernel_pieces import Kernel, KernelCompiler, PieceCompiler
@@ -32,7 +32,6 @@ from navsim.core.protected_folder import ChangeableByOthersError, ProtectedFolde
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
-_KERNEL_ROOMS = ("core", "models", "estimation", "simulation", "tracking", "integrity")
 _WARM_MARK = "complete"
 """Begin of the names of the files that say what has been compiled."""
 
@@ -48,7 +47,7 @@ _UNUSED = 30 * 86400.0
 def digest() -> str:
     """Digest of everything that decides the machine code."""
     h = hashlib.sha256(_MADE_FOR.encode())
-    for room in _KERNEL_ROOMS:
+    for room in KERNEL_ROOMS:
         for source in sorted((_PACKAGE / room).rglob("*.py")):
             h.update(source.name.encode())
             h.update(source.read_bytes())

@@ -28,6 +28,10 @@ from numba.core.runtime.nrt import rtsys
 from navsim.core.kernel_pieces import is_piece, put_together, taken_apart, within_another
 from navsim.core.protected_folder import ProtectedFolder
 
+KERNEL_ROOMS = (
+    "core", "estimation", "simulation", "integrity", "companions", "models", "trajectory", "gnss",
+)  # fmt: skip
+"""Rooms of the package with kernels, or with what kernels read."""
 _DIGEST = 32
 """Bytes of a SHA-256."""
 

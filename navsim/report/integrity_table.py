@@ -114,5 +114,5 @@ def more(result: Result) -> dict[str, Any]:
 
 VIEW = View(
     one_by_one(tables), 110, figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more,
-    drawings="navsim.report.page.systems:few_satellites",
+    drawings="navsim.report.page.tabulations:few_satellites",
 )  # fmt: skip

@@ -221,5 +221,5 @@ VIEW = View(
     ("/fit", "/claims", "/table"),
     texts=texts,
     verdicts=one_by_one(lambda result: [_claims(result)]),
-    drawings="navsim.report.page.systems:table2s",
+    drawings="navsim.report.page.tabulations:table2s",
 )

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.study.tracking.azimuth import ratio, rmse
-from navsim.study.tracking.mode_s import read, received_nodes, smoothed
+from navsim.companions.azimuth.study import ratio, rmse
+from navsim.companions.mode_s import read, received_nodes, smoothed
 from tests.helpers import load_script
 
 script: Any = load_script("recorded_approach")

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from navsim.core.streams import generator
-from navsim.report.table import Table
-from navsim.report.tracking.atc import tables
-from navsim.scenario.tracking.atc import Atc
-from navsim.scenario.tracking.circuit import CircuitSection
-from navsim.study.tracking.atc import (
+from navsim.companions.atc.filter import NAMES, N, range_acceleration, range_rate
+from navsim.companions.atc.report import tables
+from navsim.companions.atc.scenario import Atc
+from navsim.companions.atc.study import (
     compute,
     fly_case,
     group_limits,
@@ -20,9 +18,11 @@ from navsim.study.tracking.atc import (
     settings,
     truth,
 )
-from navsim.tracking.atc import NAMES, N, range_acceleration, range_rate
-from navsim.tracking.circuit import fly
-from navsim.tracking.kalman import update_row
+from navsim.companions.circuit import fly
+from navsim.companions.circuit_section import CircuitSection
+from navsim.companions.kalman import update_row
+from navsim.core.streams import generator
+from navsim.report.table import Table
 from tests.conftest import Within
 
 

@@ -10,12 +10,12 @@ import pytest
 from scipy.integrate import simpson
 from scipy.linalg import expm
 
-from navsim.report.tracking.azimuth import growth_verdict, tables
-from navsim.scenario.tracking.azimuth import Azimuth
-from navsim.scenario.tracking.circuit import CircuitSection
-from navsim.study.tracking.azimuth import compute, scans
-from navsim.tracking.circuit import at, fly
-from navsim.tracking.reports import Onboard, draw, nodes, reported, stamped
+from navsim.companions.azimuth.report import growth_verdict, tables
+from navsim.companions.azimuth.scenario import Azimuth
+from navsim.companions.azimuth.study import compute, scans
+from navsim.companions.circuit import at, fly
+from navsim.companions.circuit_section import CircuitSection
+from navsim.companions.reports import Onboard, draw, nodes, reported, stamped
 from tests.conftest import Within
 
 DEG = np.pi / 180.0

@@ -10,14 +10,14 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from scipy.stats import chi2
 
+from navsim.companions.elevation import mls
+from navsim.companions.elevation.filter import model
+from navsim.companions.elevation.report import criterion_verdict, tables
+from navsim.companions.elevation.scenario import Elevation
+from navsim.companions.elevation.study import BANDS, Proof, audit, compute, coverage, nominal, prove, smallest_number
+from navsim.companions.kalman import covariance_sequence, predict, singer, steady_state, update
 from navsim.io.results import Result
 from navsim.report.table import Table
-from navsim.report.tracking.elevation import criterion_verdict, tables
-from navsim.scenario.tracking.elevation import Elevation
-from navsim.study.tracking.elevation import BANDS, Proof, audit, compute, coverage, nominal, prove, smallest_number
-from navsim.tracking import mls
-from navsim.tracking.elevation import model
-from navsim.tracking.kalman import covariance_sequence, predict, singer, steady_state, update
 from tests.conftest import Within
 
 PERIOD, R, Q = 0.0247, 0.0036, 1e-4

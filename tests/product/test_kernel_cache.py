@@ -239,7 +239,7 @@ def test_every_kernel_can_be_followed() -> None:
     """And a kernel's digest is its own, or that of one with the same name and code."""
     kernels = [
         value
-        for room in jit._KERNEL_ROOMS
+        for room in jit.KERNEL_ROOMS
         for found in pkgutil.walk_packages([str(Path(navsim.__file__).parent / room)], f"navsim.{room}.")
         for value in vars(import_module(found.name)).values()
         if isinstance(value, Dispatcher) and value.py_func.__module__ == found.name

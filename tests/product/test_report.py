@@ -23,6 +23,12 @@ from typer.testing import CliRunner
 
 from navsim.cli.common import Shown, print_tables
 from navsim.cli.main import app
+from navsim.companions.atc import report as atc
+from navsim.companions.atc import study as atc_study
+from navsim.companions.azimuth import report as azimuth
+from navsim.companions.elevation import mls
+from navsim.companions.elevation import report as elevation
+from navsim.companions.elevation import study as elevation_study
 from navsim.core import states
 from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
@@ -30,15 +36,11 @@ from navsim.report import figures, limits, live, optimize, printing, quantities,
 from navsim.report.landing import VIEW
 from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import Table, console
-from navsim.report.tracking import atc, azimuth, elevation
 from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.scenario.sweep import Sweep
 from navsim.study import landing
 from navsim.study import sweep as sweep_study
 from navsim.study.executor import threads
-from navsim.study.tracking import atc as atc_study
-from navsim.study.tracking import elevation as elevation_study
-from navsim.tracking import mls
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

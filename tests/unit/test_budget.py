@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from navsim.cli.main import app
+from navsim.companions.elevation import study as elevation
 from navsim.scenario.load import read, read_any
 from navsim.simulation.landing import Run
 from navsim.study import landing
@@ -18,7 +19,6 @@ from navsim.study.budget.estimate import Budget, Machine, duration, lacking, sai
 from navsim.study.budget.landing import analysis_time, extent, run_time
 from navsim.study.landing.ensemble import history_bytes
 from navsim.study.sources import environment
-from navsim.study.tracking import elevation
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

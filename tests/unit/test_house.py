@@ -16,11 +16,11 @@ ALLOWED = {
     "models": {"core"},
     "estimation": {"core"},
     "simulation": {"models", "estimation", "integrity", "core"},
-    "tracking": {"core"},
+    "companions": {"core", "scenario", "io", "study", "report"},
     "integrity": {"core"},
-    "scenario": {"models", "estimation", "tracking", "core", "io", "kinds", "words"},
+    "scenario": {"models", "estimation", "core", "io", "kinds", "words"},
     "io": {"core", "models"},
-    "study": {"simulation", "tracking", "integrity", "scenario", "io", "models", "estimation", "core", "words"},
+    "study": {"simulation", "integrity", "scenario", "io", "models", "estimation", "core", "words"},
     "report": {"core", "io", "kinds"},
     "work": {"core", "scenario", "io", "study", "report", "kinds", "words"},
     "api": {"core", "scenario", "io", "study", "report", "work", "words"},
@@ -220,7 +220,7 @@ LANDING = PACKAGE.parent / "scenarios" / "landing.yaml"
 OF_OTHER_KINDS = {
     f"navsim.{name}"
     for name in (
-        "scenario.sweep", "scenario.optimize", "scenario.replay", "scenario.tracking", "tracking", "study.sweep",
+        "scenario.sweep", "scenario.optimize", "scenario.replay", "companions", "study.sweep",
         "study.search", "study.replay", "study.live", "simulation.replay", "report.sweep", "report.figures",
         "cli.recorded", "cli.studies", "cli.results",
     )

@@ -287,3 +287,22 @@ def from_runway(on: figure) -> None:
     """Axes in metres, whose thousands are not cut into powers of ten."""
     for axis in (on.xaxis[0], on.yaxis[0]):
         axis.formatter = BasicTickFormatter(use_scientific=False)
+
+
+def cells(
+    on: figure, rows: Sequence[str], columns: Sequence[str], values: np.ndarray, pattern: str, mapper: Any
+) -> Any:
+    """A table (rows, columns) as coloured cells with their numbers."""
+    x, y = zip(*((c, r) for r in rows for c in columns), strict=True)
+    flat = values.ravel()
+    of = source(x=list(x), y=list(y), value=flat, said=[pattern.format(v) if np.isfinite(v) else "" for v in flat])
+    drawn = on.rect("x", "y", width=1, height=1, source=of, line_color=None,
+                    fill_color={"field": "value", "transform": mapper})  # fmt: skip
+    middle = 0.5 * (mapper.low + mapper.high)
+    for shown, ink in ((flat < middle, "white"), (flat >= middle, "black")):
+        at = np.flatnonzero(shown)
+        part = source(x=[x[i] for i in at], y=[y[i] for i in at], said=[of.data["said"][i] for i in at])
+        on.text("x", "y", "said", source=part, text_align="center", text_baseline="middle", text_font_size="11px",
+                text_color=ink)  # fmt: skip
+    on.grid.visible = False
+    return drawn

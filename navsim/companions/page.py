@@ -1,4 +1,4 @@
-"""Drawings of the tracking systems of the companion papers, of Table 2, and of what few satellites make possible."""
+"""Drawings of the companion papers' systems for the page of `navsim report`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 from bokeh.models import FactorRange
 from bokeh.plotting import figure
 
+from navsim.companions.atc import report as atc
+from navsim.companions.azimuth import report as azimuth
+from navsim.companions.elevation import report as elevation
 from navsim.io.results import Result
-from navsim.report import integrity_table, table2
 from navsim.report.page.marks import (
     ORANGE,
     Drawing,
@@ -18,6 +20,7 @@ from navsim.report.page.marks import (
     Named,
     band,
     bar,
+    cells,
     colour,
     level,
     line,
@@ -35,7 +38,6 @@ from navsim.report.page.marks import (
 )
 from navsim.report.quantities import settled
 from navsim.report.tables import setting
-from navsim.report.tracking import atc, azimuth, elevation
 
 _OF_RUNS = "σ of the filter"
 
@@ -171,25 +173,6 @@ def _accelerations(result: Result, anchor: str, called: str) -> Drawing:
     return Drawing(f"accelerations{anchor}", f"Accelerations{called}", [plan, below], caption, keys)
 
 
-def _cells(
-    on: figure, rows: Sequence[str], columns: Sequence[str], values: np.ndarray, pattern: str, mapper: Any
-) -> Any:
-    """A table (rows, columns) as coloured cells with their numbers."""
-    x, y = zip(*((c, r) for r in rows for c in columns), strict=True)
-    flat = values.ravel()
-    of = source(x=list(x), y=list(y), value=flat, said=[pattern.format(v) if np.isfinite(v) else "" for v in flat])
-    drawn = on.rect("x", "y", width=1, height=1, source=of, line_color=None,
-                    fill_color={"field": "value", "transform": mapper})  # fmt: skip
-    middle = 0.5 * (mapper.low + mapper.high)
-    for shown, ink in ((flat < middle, "white"), (flat >= middle, "black")):
-        at = np.flatnonzero(shown)
-        part = source(x=[x[i] for i in at], y=[y[i] for i in at], said=[of.data["said"][i] for i in at])
-        on.text("x", "y", "said", source=part, text_align="center", text_baseline="middle", text_font_size="11px",
-                text_color=ink)  # fmt: skip
-    on.grid.visible = False
-    return drawn
-
-
 def _where(result: Result, anchor: str, called: str) -> Drawing:
     both = [result[name] for name in ("/map/ratio", "/map/ratio_by_latency")]
     mapper = shades(min(float(each.min()) for each in both), max(float(each.max()) for each in both))
@@ -199,7 +182,7 @@ def _where(result: Result, anchor: str, called: str) -> Drawing:
                                      ("σ of azimuth, deg", "age of reports, s"), strict=True):  # fmt: skip
         columns = [f"{x:g}" for x in across]
         on = plot("", label, "scan period, s", 370, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
-        drawn = _cells(on, rows, columns, values, "{:.2f}", mapper)
+        drawn = cells(on, rows, columns, values, "{:.2f}", mapper)
         tell(on, [drawn], (label, "@x"), ("scan period", "@y s"), ("Singer / L4", "@value{0.000}"))
         bar(on, mapper, "RMSE of Singer over that of L4")
         panels.append(on)
@@ -309,45 +292,3 @@ def _curves(curves: Sequence[elevation.Curve], titles: tuple[str, str], anchor: 
         panels.append(on)
     caption = "On the nominal approach, after settling." + most_thinned(thinned).words()
     return Drawing(anchor, title, panels, caption, keys)
-
-
-def table2s(results: Sequence[Named]) -> list[Drawing]:
-    """Of Table 2: the paper's figures 4 and 5."""
-    panels, keys, thinned = [], [], []
-    for name, result in results:
-        time = result["/approach/time"]
-        which = some(time.size, 1000)
-        thinned.append(which)
-        for path, label in (("/approach/pdop", "PDOP"), ("/approach/rms_horizontal", "horizontal RMS error, m")):
-            on = plot(name if len(results) > 1 else "", "time, s", label, 300)
-            marks = []
-            for i, (values, case) in enumerate(zip(result[path], result["/approach/curve"], strict=True)):
-                said = table2.case(result, int(case) - 1)
-                keys.append(Key(said, colour(i)))
-                marks.append(line(on, source(x=which(time), y=which(values)), "y", colour(i), name=said))
-            reach(on, [result[path][:, settled(time)]])
-            tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), (label, "@y{0.000}"))
-            panels.append(on)
-    caption = (
-        "PDOP and horizontal error over the approach for none, one and two pseudolites: the paper's figures 4 and 5."
-    )
-    caption += most_thinned(thinned).words("epoch")
-    return [Drawing("approach", "Over the approach", panels, caption, list(dict.fromkeys(keys)))]
-
-
-def few_satellites(results: Sequence[Named]) -> list[Drawing]:
-    """Of the table of few satellites: how useful levels are, as colours."""
-    panels = []
-    mapper = shades(0.0, 1.0)
-    for name, result in results:
-        rows = [f"{n} pseudolites" for n in result["/pseudolites"]][::-1]
-        columns = [str(n) for n in result["/satellites"]]
-        for path, said in (("worst", "worst subset"), ("median", "median subset")):
-            title = f"{said.capitalize()}{f', {name}' if len(results) > 1 else ''}"
-            on = plot(title, "satellites", "", 240, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
-            drawn = _cells(on, rows, columns, result[f"/useful/{path}"][::-1], "{:.2f}", mapper)
-            tell(on, [drawn], ("satellites", "@x"), ("", "@y"), ("share", "@value{0.000}"))
-            panels.append(on)
-    said = "; ".join(dict.fromkeys(integrity_table.limits(result) for _, result in results))
-    caption = f"Share of epochs of the glide with {said}: 1 always, 0 never."
-    return [Drawing("useful", "How useful levels are", panels, caption)]

@@ -16,9 +16,9 @@ import math
 
 import numpy as np
 
+from navsim.companions.azimuth.filter import wrap
+from navsim.companions.kalman import predict, update, update_row
 from navsim.core.jit import kernel
-from navsim.tracking.azimuth import wrap
-from navsim.tracking.kalman import predict, update, update_row
 
 D, V, TH, PH, EV, EG = 0, 3, 5, 7, 9, 11
 """Places of the levels in the state; rates follow them."""

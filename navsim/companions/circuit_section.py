@@ -9,7 +9,7 @@ from pydantic import Field
 from navsim.scenario.base import DEG, LONGEST_FLIGHT, ListOf, Pair, Section, Signed, Triple
 
 if TYPE_CHECKING:
-    from navsim.tracking.circuit import Circuit
+    from navsim.companions.circuit import Circuit
 
 Command = Triple
 """Start s, duration s, increment."""
@@ -58,7 +58,7 @@ class CircuitSection(Section):
         """The circuit in SI units."""
         import numpy as np
 
-        from navsim.tracking.circuit import Circuit
+        from navsim.companions.circuit import Circuit
 
         def table(rows: tuple[tuple[float, float, float], ...], unit: float) -> np.ndarray:
             return np.array(rows, dtype=float).reshape(-1, 3) * np.array([1.0, 1.0, unit])

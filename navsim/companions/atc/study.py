@@ -10,21 +10,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.companions.atc.filter import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
+from navsim.companions.atc.scenario import Atc, DataLink
+from navsim.companions.azimuth.study import ratio, rmse
+from navsim.companions.azimuth.study import window as _window
+from navsim.companions.circuit import CircuitFlight, at, fly
+from navsim.companions.kalman import singer, steady_state
+from navsim.companions.reports import quantise
 from navsim.core.streams import generator
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import ATC
 from navsim.scenario.base import DEG
-from navsim.scenario.tracking.atc import Atc, DataLink
 from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes
-from navsim.study.tracking.azimuth import ratio, rmse
-from navsim.study.tracking.azimuth import window as _window
-from navsim.tracking.atc import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
-from navsim.tracking.circuit import CircuitFlight, at, fly
-from navsim.tracking.kalman import singer, steady_state
-from navsim.tracking.reports import quantise
 
 FILTERS = ("full", "adapt", "fix", "singer", "cartesian")
 WINDOWS = ("manoeuvre", "straight")

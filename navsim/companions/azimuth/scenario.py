@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from navsim.companions.circuit_section import CircuitSection
 from navsim.scenario.base import (
     Decay,
     Latency,
@@ -19,7 +20,6 @@ from navsim.scenario.base import (
     Utc,
     Version,
 )
-from navsim.scenario.tracking.circuit import CircuitSection
 
 
 class Radar(Section):

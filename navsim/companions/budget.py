@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from navsim.scenario.tracking.atc import Atc
-from navsim.scenario.tracking.azimuth import Azimuth
-from navsim.scenario.tracking.elevation import Elevation
+from navsim.companions.atc import study as atc
+from navsim.companions.atc.scenario import Atc
+from navsim.companions.azimuth import study as azimuth
+from navsim.companions.azimuth.scenario import Azimuth
+from navsim.companions.elevation import study as elevation
+from navsim.companions.elevation.scenario import Elevation
 from navsim.study.budget.estimate import BASE_MEMORY, BASE_TIME, NUMBER, VARIABLE, WRITING, Budget
-from navsim.study.tracking import atc, azimuth, elevation
 
 _RUN_TIME = 20e-6
 """Seconds a run of a companion's filter takes whatever its length."""

@@ -167,4 +167,4 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits", "/link"),
-            drawings="navsim.report.page.systems:atcs", of_runs=("errors",))  # fmt: skip
+            drawings="navsim.companions.page:atcs", of_runs=("errors",))  # fmt: skip

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.companions.circuit import CircuitFlight, G, level_acceleration
 from navsim.core.streams import generator
-from navsim.tracking.circuit import CircuitFlight, G, level_acceleration
 
 DRAWS = 8
 """Numbers drawn a report: three load factors, roll, path angle, track, speed, track rate."""

@@ -10,20 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.companions.azimuth.filter import FIRST, HELD, LITERAL, SINGER, TANGENT, azimuth_filter
+from navsim.companions.azimuth.scenario import Azimuth
+from navsim.companions.circuit import CircuitFlight, at, fly
+from navsim.companions.circuit_section import CircuitSection
+from navsim.companions.kalman import singer
+from navsim.companions.reports import Draws, Onboard, draw, nodes, reported, stamped
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import AZIMUTH
 from navsim.scenario.base import DEG
-from navsim.scenario.tracking.azimuth import Azimuth
-from navsim.scenario.tracking.circuit import CircuitSection
 from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes
 from navsim.study.statistics import mean_interval
-from navsim.tracking.azimuth import FIRST, HELD, LITERAL, SINGER, TANGENT, azimuth_filter
-from navsim.tracking.circuit import CircuitFlight, at, fly
-from navsim.tracking.kalman import singer
-from navsim.tracking.reports import Draws, Onboard, draw, nodes, reported, stamped
 
 FILTERS = ("S1", "S2", "L1", "L2", "L3", "L4")
 SOURCES = ("L4 stamped", "L4 roll", "L4 track rate", "L4 roll stamped")
@@ -36,7 +36,7 @@ _KINDS = {"L1": LITERAL, "L2": TANGENT, "L3": HELD, "L4": FIRST}
 @dataclass(frozen=True)
 class Scans:
     """What all filters of one case see: n scans of `runs` runs. azimuth, ground_range (run, n) measured, rad, m; nodes
-    by source (run, n, 4), as `tracking.reports.nodes`; truth (n,)."""
+    by source (run, n, 4), as `companions.reports.nodes`; truth (n,)."""
 
     period: float
     time: np.ndarray

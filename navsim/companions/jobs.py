@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from navsim.companions import budget as budgets
+from navsim.companions.atc import study as atc
+from navsim.companions.atc.scenario import Atc
+from navsim.companions.azimuth import study as azimuth
+from navsim.companions.azimuth.scenario import Azimuth
+from navsim.companions.elevation import study as elevation
+from navsim.companions.elevation.scenario import Elevation
 from navsim.io.results import Result, Sort
 from navsim.scenario.source import Document
-from navsim.scenario.tracking.atc import Atc
-from navsim.scenario.tracking.azimuth import Azimuth
-from navsim.scenario.tracking.elevation import Elevation
 from navsim.study.budget.estimate import Budget
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.partial import Store
-from navsim.study.tracking import atc, azimuth, elevation
-from navsim.study.tracking import budget as budgets
 
 
 class Compute(Protocol):

@@ -11,18 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.companions.elevation import mls
+from navsim.companions.elevation.filter import Model, first_order, fly, follow, model
+from navsim.companions.elevation.scenario import SETTLING, Elevation
+from navsim.companions.kalman import covariance_sequence, driven_covariance, singer, singer_sigma, steady_state
 from navsim.core.arrays import chi_square
 from navsim.core.streams import generator
 from navsim.io.draft import Draft
 from navsim.io.findings import CONSISTENT, Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import ELEVATION
-from navsim.scenario.tracking.elevation import SETTLING, Elevation
 from navsim.study.findings import doubted, positive
 from navsim.study.root import root_attributes
-from navsim.tracking import mls
-from navsim.tracking.elevation import Model, first_order, fly, follow, model
-from navsim.tracking.kalman import covariance_sequence, driven_covariance, singer, singer_sigma, steady_state
 
 BANDS = ("std_theory", "std_sample", "variance")
 """Ways to read "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the

@@ -365,5 +365,5 @@ VIEW = View(
     140,
     figures,
     _SUMMARY,
-    drawings="navsim.report.page.systems:elevations",
+    drawings="navsim.companions.page:elevations",
 )

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.companions.kalman import singer
 from navsim.core.jit import kernel
-from navsim.tracking.kalman import singer
 
 
 @dataclass(frozen=True)

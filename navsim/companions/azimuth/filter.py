@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
+from navsim.companions.kalman import predict, update
 from navsim.core.jit import kernel
-from navsim.tracking.kalman import predict, update
 
 SINGER, LITERAL, TANGENT, HELD, FIRST = range(5)
 

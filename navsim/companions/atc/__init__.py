@@ -1,0 +1,1 @@
+"""Tracking by an air traffic control radar with onboard data."""

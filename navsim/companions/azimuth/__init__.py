@@ -1,0 +1,1 @@
+"""Azimuth of an aircraft from a scanning radar and Mode S reports."""

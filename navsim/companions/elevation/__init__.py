@@ -1,0 +1,1 @@
+"""Elevation of an aircraft on an MLS approach."""

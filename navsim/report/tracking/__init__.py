@@ -1,1 +1,0 @@
-"""How results of the companion papers' systems are shown."""
