@@ -1,11 +1,11 @@
 """Compare the results of two checkouts of navsim bit by bit.
 
-    python scripts/same_results.py A B [--keep FOLDER] [--only WORD]
+    python scripts/same_results.py A B [--keep FOLDER] [--only PATTERN]
 
 A and B are folders with a checkout each. Every case below is run by both, and every dataset, attribute, exported file
 and printed table is compared. Paths of results that B renames stand in `RENAMED`. The script prints what differs; its
 exit code is then 1. With `--keep`, results stay in FOLDER, and those of a checkout without changes since its commit are
-not computed again. `--only` takes the cases that have WORD in their name.
+not computed again. `--only` takes the cases whose names match PATTERN.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -88,7 +89,7 @@ CASES = {
     "jammer_places": f"sweep scenarios/jammer_places.yaml -o {{out}} {_GRID.replace('vary.2', 'vary.0')}",
     "placement_optimum": f"optimize scenarios/placement_optimum.yaml {_OPTIMIZE}",
     "placement_lpv200": f"optimize scenarios/placement_lpv200.yaml {_OPTIMIZE}",
-    "published": "table2 -o published --runs 2",
+    "published": "table2 -o published --runs 2 -q",
     "integrity-table": "integrity-table -o {out} --set receiver.rate_hz=1 --set integrity.method=chi2 " + _LIMITS,
     "live": "live scenarios/landing.yaml --receiver whole-flight_gnss.csv -o {out} --set duration_s=6",
     "dry-run": f"{_LANDING} --runs 50 --dry-run --set filter.kind=left-invariant",
@@ -140,7 +141,7 @@ def commands(name: str) -> Iterator[list[str]]:
         for other in ("out", *CASES):
             line = line.replace(f"{{{other}}}", f"{name if other == 'out' else other}.h5")
         words = shlex.split(line)
-        is_quiet = words[0] in ("run", "sweep", "optimize", "replay", "table2") and "--dry-run" not in words
+        is_quiet = words[0] in ("run", "sweep", "optimize", "replay") and "--dry-run" not in words
         yield [*words, *(("-q", "--figures", "none") if is_quiet else ())]
 
 
@@ -234,9 +235,9 @@ def main() -> int:
     parser.add_argument("a", type=Path)
     parser.add_argument("b", type=Path)
     parser.add_argument("--keep", type=Path)
-    parser.add_argument("--only", default="", help="part of the name of the cases to compare")
+    parser.add_argument("--only", default="", help="regular expression for the names of cases")
     asked = parser.parse_args()
-    names = [name for name in CASES if asked.only in name]
+    names = [name for name in CASES if re.search(asked.only, name)]
     with tempfile.TemporaryDirectory() as temporary:
         folders = []
         for side, checkout in (("a", asked.a), ("b", asked.b)):
