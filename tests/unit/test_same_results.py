@@ -8,7 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
-from scripts.same_results import compare, differences, renamed
+from tests.helpers import load_script
+
+same_results = load_script("same_results")
 
 
 def made(file: Path, value: float = 1.0, path: str = "/front/merit", created: str = "today") -> Path:
@@ -21,29 +23,29 @@ def made(file: Path, value: float = 1.0, path: str = "/front/merit", created: st
 
 def test_a_changed_last_bit_is_found(tmp_path: Path) -> None:
     a, same = made(tmp_path / "a.h5"), made(tmp_path / "same.h5", created="tomorrow")
-    assert differences(a, same, {}) == []
+    assert same_results.differences(a, same, {}) == []
     b = made(tmp_path / "b.h5", np.nextafter(1.0, 2.0))
-    assert differences(a, b, {}) == ["/front/merit: differs"]
+    assert same_results.differences(a, b, {}) == ["/front/merit: differs"]
 
 
 def test_an_unmapped_path_is_found(tmp_path: Path) -> None:
     a, b = made(tmp_path / "a.h5"), made(tmp_path / "b.h5", path="/pareto/merit")
-    assert differences(a, b, {"/front": "/pareto"}) == []
-    assert "/pareto/merit@unit: only in B" in differences(a, b, {})
+    assert same_results.differences(a, b, {"/front": "/pareto"}) == []
+    assert "/pareto/merit@unit: only in B" in same_results.differences(a, b, {})
 
 
 def test_the_longest_entry_of_the_table_counts() -> None:
     table = {"/front": "/pareto", "/front/merit": "/pareto/penalised"}
-    found = [renamed(path, table) for path in ("/front/merit@unit", "/front/load", "/frontal")]
+    found = [same_results.renamed(path, table) for path in ("/front/merit@unit", "/front/load", "/frontal")]
     assert found == ["/pareto/penalised@unit", "/pareto/load", "/frontal"]
 
 
 @pytest.mark.parametrize(
-    ("b", "found"), [("same", []), ("other", ["case.txt: differs"]), (None, ["case.txt: only in A"])]
+    ("b", "found"), [("same", []), ("other", ["chi2.txt: differs"]), (None, ["chi2.txt: only in A"])]
 )
 def test_printed_tables_are_compared(b: str | None, found: list[str], tmp_path: Path) -> None:
     for side, text in (("a", "same"), ("b", b)):
         (tmp_path / side).mkdir()
         if text:
-            (tmp_path / side / "case.txt").write_text(text)
-    assert compare(tmp_path / "a", tmp_path / "b", ["case"]) == found
+            (tmp_path / side / "chi2.txt").write_text(text)
+    assert same_results.compare(tmp_path / "a", tmp_path / "b", ["chi2"]) == found
