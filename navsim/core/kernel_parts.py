@@ -118,10 +118,16 @@ def _of_function(function: FunctionType, overloads: Overloads, seen: set[int]) -
         yield from _of_value(overloads[function], overloads, seen)
 
 
+@cache
+def _instructions(code: CodeType) -> tuple[dis.Instruction, ...]:
+    """A function's bytecode: many kernels reach the same function."""
+    return tuple(dis.get_instructions(code))
+
+
 def _of_code(code: CodeType, names: dict[str, Any], overloads: Overloads, seen: set[int]) -> Iterator[str]:
     """A function's bytecode, with what its global names stand for. Names of files and numbers of lines do not count."""
     within: Any = None
-    for step in dis.get_instructions(code):
+    for step in _instructions(code):
         if step.opname == "LOAD_CONST":
             if isinstance(step.argval, CodeType):
                 yield from _of_code(step.argval, names, overloads, seen)
