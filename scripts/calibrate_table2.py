@@ -25,7 +25,7 @@ from scipy.optimize import brentq, least_squares, minimize_scalar
 
 from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import normals
-from navsim.models.sky import enu_matrix, unit_vector
+from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.scenario.base import DEG
 from navsim.scenario.load import read
 from navsim.simulation.geometry import glide_geometry, rows

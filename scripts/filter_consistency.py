@@ -207,7 +207,7 @@ def fly(case: Case, seed: int, first: int, runs: int) -> Found:
     )  # fmt: skip
 
 
-DECIDING = ("core", "models", "estimation", "simulation", "study/landing")
+DECIDING = ("core", "trajectory", "gnss", "sensors", "estimation", "simulation", "study/landing")
 """Folders of the package that decide the numbers of a run."""
 
 

@@ -27,11 +27,13 @@ import numpy as np
 import navsim
 from navsim.core.arrays import earth
 from navsim.core.streams import generator
-from navsim.io.rinex_write import navigation_lines
-from navsim.models import glonass, glonass_broadcast, gps, imu, timescales
-from navsim.models.systems import GLONASS, GPS
+from navsim.formats.rinex_write import navigation_lines
+from navsim.gnss import timescales
+from navsim.gnss.constellations import glonass, glonass_broadcast, gps
+from navsim.gnss.constellations.systems import GLONASS, GPS
 from navsim.scenario.load import read
 from navsim.scenario.presets import SENSOR_CLASSES
+from navsim.sensors import imu
 from navsim.simulation.landing import measured, receiver_fixes
 from navsim.study import landing
 

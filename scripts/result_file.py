@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
-from navsim.io.schema import FAMILIES, LAYOUTS, ONE_FLIGHT, ROOT, SECTIONS, WORDS, Entry, fields
+from navsim.results.schema import FAMILIES, LAYOUTS, ONE_FLIGHT, ROOT, SECTIONS, WORDS, Entry, fields
 
 HEAD = """# Variables of a result: {layout}
 
-{what}. Made from `navsim/io/schema.py`, by which navsim writes results.
+{what}. Made from `navsim/results/schema.py`, by which navsim writes results.
 [The result file](../../result-file.md) explains the format.
 {run}
 ## Root attributes

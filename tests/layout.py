@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 
-from navsim.io.draft import missing
-from navsim.io.results import Result
-from navsim.io.schema import CHECKSUMS, COVARIANCE, DTYPES, LAYOUTS, RARE, ROOT, declared
+from navsim.results.draft import missing
+from navsim.results.result import Result
+from navsim.results.schema import CHECKSUMS, COVARIANCE, DTYPES, LAYOUTS, RARE, ROOT, declared
 
 
 def layout_of(result: Result) -> str:

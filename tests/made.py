@@ -5,8 +5,8 @@ from __future__ import annotations
 import fcntl
 from pathlib import Path
 
-from navsim.io.export import export
-from navsim.io.results import read
+from navsim.formats.export import export
+from navsim.results.result import read
 from tests.conftest import SCENARIOS
 from tests.forks import navsim
 

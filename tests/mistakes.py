@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.models.recording import Fixes, Samples
+from navsim.formats.recorded_data import Fixes, Samples
 
 Recording = tuple[Samples, Fixes]
 

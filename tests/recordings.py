@@ -10,10 +10,10 @@ import numpy as np
 
 from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
-from navsim.models.conventions import GNSS_COLUMNS, HEIGHT_UNITS, IMU_COLUMNS, SPEED_UNITS
-from navsim.models.kinematics import tangent_frame
-from navsim.models.recorded_trajectory import RecordedTrajectory, recorded_trajectory
-from navsim.models.recording import Fixes, Samples
+from navsim.formats.conventions import GNSS_COLUMNS, HEIGHT_UNITS, IMU_COLUMNS, SPEED_UNITS
+from navsim.formats.recorded_data import Fixes, Samples
+from navsim.trajectory.kinematics import tangent_frame
+from navsim.trajectory.recorded import RecordedTrajectory, recorded_trajectory
 from tests.helpers import case
 
 LEVER = np.array([0.4, -0.2, -0.3])

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from navsim.io import rinex_write
-from navsim.models import glonass, glonass_broadcast, gps, timescales
-from navsim.models.systems import GPS
+from navsim.formats import rinex_write
+from navsim.gnss import timescales
+from navsim.gnss.constellations import glonass, glonass_broadcast, gps
+from navsim.gnss.constellations.systems import GPS
 
 SATELLITES = ("G05", "G12", "R02")
 CODES_3 = ("C1C", "L1C", "D1C", "S1C")

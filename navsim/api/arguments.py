@@ -149,7 +149,7 @@ def checked(command: str, arguments: Any, given: Mapping[str, Any]) -> dict[str,
 
 def _right(command: str, name: str, value: Any) -> Any:
     """A value as the work takes it. Raises TypeError, ValueError, saying what is allowed."""
-    from navsim.io.results import MOST_WHOLE
+    from navsim.results.result import MOST_WHOLE
 
     least = _LEAST.get((command, name), _LEAST.get(name))
     if least is not None:

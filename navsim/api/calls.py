@@ -114,7 +114,7 @@ def _made(command: str, scenario: Scenario, asked: dict[str, Any], heard: list[s
     """The result of a job; heard: takes the warnings."""
     import shutil
 
-    from navsim.io.findings import of
+    from navsim.results.findings import of
     from navsim.study.job import Options
 
     taken = {name: value for name, value in asked.items() if name in Options.__dataclass_fields__}

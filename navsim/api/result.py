@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray
 
-    from navsim.io.findings import Finding
-    from navsim.io.results import Result
     from navsim.report.table import Table
+    from navsim.results.findings import Finding
+    from navsim.results.result import Result
 
 INSTALL = "pip install 'navsim-landing[xarray]'"
 
@@ -58,7 +58,7 @@ def load(path: str | os.PathLike[str]) -> xarray.DataTree:
 
 
 def _read(path: Path) -> Result:
-    from navsim.io.results import ResultError, read
+    from navsim.results.result import ResultError, read
 
     with of_python():
         try:
@@ -94,8 +94,8 @@ class ResultFile:
         return made
 
     def _here(self) -> Any:
-        from navsim.io.results import ResultError
         from navsim.report.view import view
+        from navsim.results.result import ResultError
 
         try:
             return view(self._result.attributes["kind"])
@@ -120,7 +120,7 @@ class ResultFile:
     @cached_property
     def findings(self) -> list[Finding]:
         """What its study warned of."""
-        from navsim.io.findings import of
+        from navsim.results.findings import of
 
         return of(self._result)
 
@@ -140,7 +140,7 @@ class ResultFile:
     def __getitem__(self, path: str) -> np.ndarray[Any, Any]:
         """The numbers of a variable by its path in the file, as `summary/rms/horizontal`, read from there. Raises
         KeyError for one that is not there; RunFailed where the file was damaged meanwhile."""
-        from navsim.io.results import ResultError
+        from navsim.results.result import ResultError
 
         whole = "/" + path.strip("/")
         if whole not in self._result:

@@ -20,7 +20,7 @@ from navsim.work.required import Demands
 from navsim.work.speech import Listener
 
 if TYPE_CHECKING:
-    from navsim.io.results import Result
+    from navsim.results.result import Result
     from navsim.study.job import Job, Options, Tell
 
 _OBJECTS = 20_000

@@ -20,8 +20,8 @@ from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
 from navsim.work.speech import Speech
 
 if TYPE_CHECKING:
-    from navsim.io.results import Result
     from navsim.report.table import Table
+    from navsim.results.result import Result
     from navsim.study.job import Tell
     from navsim.work.target import Written
 
@@ -124,7 +124,7 @@ def _status() -> Iterator[Callable[[int, str], None]]:
 
 def read_result(path: Path) -> Result:
     """A result file; leaves with what takes the file instead where it is a scenario, a study or a log."""
-    from navsim.io.results import ResultError, read
+    from navsim.results.result import ResultError, read
 
     try:
         return read(path)

@@ -63,7 +63,7 @@ def schema(
     ] = False,
 ) -> None:
     """Print the JSON Schema of a kind of file, with unit, range and default of each key."""
-    from navsim.io.whole import write_whole
+    from navsim.results.atomic_write import write_whole
     from navsim.scenario.published import ANY, installed, published
 
     with leaving():

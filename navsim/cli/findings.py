@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from navsim.cli.ending import say
 
 if TYPE_CHECKING:
-    from navsim.io.results import Result
+    from navsim.results.result import Result
 
 
 def warn(result: Result, name: str = "", known: Sequence[str] = ()) -> None:
     """Say what a result has to warn of. name: of the result, where there are several. known: what was said before."""
-    from navsim.io.findings import of
+    from navsim.results.findings import of
 
     found = [finding.text for finding in of(result)]
     for text in found:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 MOST = 2**63 - 1
-"""Largest seed and number of a run: `io.results.MOST_WHOLE`, which `--help` does without."""
+"""Largest seed and number of a run: `results.result.MOST_WHOLE`, which `--help` does without."""
 _PLAIN = {int: re.compile("[0-9]{1,40}"), float: re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")}
 """A number as people write one; Python's own reading takes `1_000`, `nan` and the digits of other scripts too."""
 

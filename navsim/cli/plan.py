@@ -53,11 +53,12 @@ def plan(
         if str(error.name).partition(".")[0] not in ("bokeh", "jinja2", "markupsafe", "tornado"):
             raise
         leave(BAD_INPUT, f"navsim plan draws with Bokeh, which is not installed here: {INSTALL}")
-    from navsim.io import files, geojson
-    from navsim.io.results import ResultError, check_writable
-    from navsim.io.text import decoded
+    from navsim.formats import geojson
+    from navsim.formats.text import decoded
     from navsim.planner.outlook import Outlook
     from navsim.planner.proposal import PlannedScenario
+    from navsim.results import files
+    from navsim.results.result import ResultError, check_writable
     from navsim.scenario import shipped
     from navsim.scenario.load import read
 

@@ -125,8 +125,8 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
 
     Give --receiver or --imu. navsim counts late, lost and corrupt messages and continues.
     """
-    from navsim.io.results import ResultError, Sort
-    from navsim.io.stream import StreamError, opened
+    from navsim.formats.stream import StreamError, opened
+    from navsim.results.result import ResultError, Sort
 
     if (given.receiver is None) == (given.imu is None):
         leave(BAD_INPUT, "give exactly one of --receiver and --imu")
@@ -138,7 +138,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
         check_target(failed, sort, care.force)
     from navsim.core import jit
-    from navsim.io.findings import kept
+    from navsim.results.findings import kept
     from navsim.study import live as flying
 
     with leaving():

@@ -46,7 +46,7 @@ def report(
         if str(error.name).partition(".")[0] not in ("bokeh", "jinja2", "markupsafe"):
             raise
         leave(BAD_INPUT, f"navsim report draws with Bokeh, which is not installed here: {INSTALL}")
-    from navsim.io.results import ResultError, check_writable, write_text
+    from navsim.results.result import ResultError, check_writable, write_text
 
     try:
         check_writable(target)
@@ -68,7 +68,7 @@ def _refuse(target: Path, files: list[Path], generator: str) -> None:
         return
     if any(path.exists() and target.samefile(path) for path in files):
         leave(BAD_INPUT, f"{target}: is one of the results; choose another -o/--output")
-    from navsim.io.files import opened
+    from navsim.results.files import opened
 
     try:
         with opened(target) as file:

@@ -27,7 +27,7 @@ from navsim.cli.options import number_option
 from navsim.work.target import figure_folder
 
 if TYPE_CHECKING:
-    from navsim.io.results import Result
+    from navsim.results.result import Result
 
 
 def show(
@@ -75,8 +75,8 @@ def show(
     if compare and len(files) < 2:
         leave(BAD_INPUT, "--compare needs two results or more: the first is what the others are held against")
     results = list(zip(called(files), map(read_result, files), strict=True))
-    from navsim.io.results import ResultError
     from navsim.report.view import plain, view
+    from navsim.results.result import ResultError
 
     for file, (_, result) in zip(files, results, strict=True):
         try:
@@ -109,8 +109,8 @@ def _layout(result: Result) -> int | None:
 @contextmanager
 def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
     """Leave with words where the contents of result files do not fit together, or lack what this version shows."""
-    from navsim.io.results import ResultError
-    from navsim.io.schema import SCHEMA_VERSION
+    from navsim.results.result import ResultError
+    from navsim.results.schema import SCHEMA_VERSION
 
     for file, result in zip(files, results, strict=True):
         if (version := _layout(result)) is None:
@@ -272,9 +272,9 @@ def export(
 
     Choose one or more of them.
     """
-    from navsim.io.export import approximate_systems, choose_run
-    from navsim.io.export import export as convert
-    from navsim.io.simulated_log import differences
+    from navsim.formats.export import approximate_systems, choose_run
+    from navsim.formats.export import export as convert
+    from navsim.formats.simulated_log import differences
 
     chosen = [name for name, wanted in (("rinex", rinex), ("nmea", nmea), ("kml", kml), ("geojson", geojson),
                                         ("csv", csv), ("imu", imu)) if wanted]  # fmt: skip

@@ -12,7 +12,7 @@ from navsim.companions.azimuth import study as azimuth
 from navsim.companions.azimuth.scenario import Azimuth
 from navsim.companions.elevation import study as elevation
 from navsim.companions.elevation.scenario import Elevation
-from navsim.io.results import Result, Sort
+from navsim.results.result import Result, Sort
 from navsim.scenario.source import Document
 from navsim.study.budget.estimate import Budget
 from navsim.study.executor import Executor

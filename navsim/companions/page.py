@@ -12,7 +12,6 @@ from bokeh.plotting import figure
 from navsim.companions.atc import report as atc
 from navsim.companions.azimuth import report as azimuth
 from navsim.companions.elevation import report as elevation
-from navsim.io.results import Result
 from navsim.report.page.marks import (
     ORANGE,
     Drawing,
@@ -38,6 +37,7 @@ from navsim.report.page.marks import (
 )
 from navsim.report.quantities import settled
 from navsim.report.tables import setting
+from navsim.results.result import Result
 
 _OF_RUNS = "σ of the filter"
 

@@ -29,7 +29,7 @@ from navsim.core.kernel_pieces import is_piece, put_together, taken_apart, withi
 from navsim.core.protected_folder import ProtectedFolder
 
 KERNEL_ROOMS = (
-    "core", "estimation", "simulation", "integrity", "companions", "models", "trajectory", "gnss",
+    "core", "trajectory", "gnss", "sensors", "estimation", "simulation", "integrity", "companions",
 )  # fmt: skip
 """Rooms of the package with kernels, or with what kernels read."""
 _DIGEST = 32

@@ -3,7 +3,7 @@
 Inside a kernel a Generator gives numpy's own stream, several times faster than from Python. The order of
 draws is part of what a seed means: changing it changes every result. Runs take turns after some intervals, so that
 what they write to lies in the processor's cache: a run is a lane of it, every W-th number.
-Models: `navsim.models.imu` and `navsim.models.pseudorange`.
+Models: `navsim.sensors.imu` and `navsim.gnss.pseudorange`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What a filter believes: of the sensors, of the measurements, and what it does with those that cannot be true.
 
-The one home of it, for simulated, recorded and live flights. What the truth is stands elsewhere (`models.imu`,
+The one home of it, for simulated, recorded and live flights. What the truth is stands elsewhere (`sensors.imu`,
 `simulation`); that a filter believes what is true is a choice of the scenario.
 """
 

@@ -88,7 +88,8 @@ class GroundTable(NamedTuple):
 
     height: (m,) m, nan where there is none. floor, share: 1 sigma is the larger of `floor`, m, and `share` of the
     height; one number each. start: m beyond the threshold from which on heights are used. threshold, scale, direction:
-    as of `models.altimeter.Centreline`; along, ground: (g,) as of `models.altimeter.Ground`; lever_arm: of `FixTable`.
+    as of `sensors.altimeter.Centreline`; along, ground: (g,) as of `sensors.altimeter.Ground`; lever_arm: of
+    `FixTable`.
     """
 
     height: np.ndarray
@@ -123,7 +124,7 @@ class PressureTable(NamedTuple):
 class RangeTable(NamedTuple):
     """Pseudoranges and range rates of a receiver's antenna, m of them, each of a source and an epoch.
 
-    position, velocity: (m, 3) of the source as the receiver believes it (`models.pseudorange.Signals`), ECEF, m, m/s.
+    position, velocity: (m, 3) of the source as the receiver believes it (`gnss.pseudorange.Signals`), ECEF, m, m/s.
     distance: (m,) to it, roughly, m. sigma, rate_sigma: (m,) m, m/s. source: (m,) int its number. bias: (m,) int which
     of the clock's biases is in it (`clock.ReceiverClock`). pseudorange (m,) m, nan where there is none; range_rate (m,)
     m/s, not used where it or the pseudorange is nan. lever_arm: as of `FixTable`. lasting: (m, g) m, 1 sigma of the

@@ -13,8 +13,7 @@ import numpy as np
 from bokeh.models import ColorBar, ColumnDataSource, CustomJS, LinearColorMapper, Range1d
 from bokeh.plotting import figure
 
-from navsim.models.approach import TOUCHDOWN
-from navsim.models.sky import Horizon
+from navsim.gnss.sky import Horizon
 from navsim.planner.outlook import Share
 from navsim.planner.proposal import PlannedScenario
 from navsim.report.page.marks import (
@@ -35,6 +34,7 @@ from navsim.report.page.marks import (
 )
 from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
 from navsim.report.sky import Sector
+from navsim.trajectory.approach import TOUCHDOWN
 
 Outline = tuple[str, list[np.ndarray], str]
 """Of an overlay: `area`, `line` or `point`; its parts (n, 2), along and right, m; its name."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import dops, geometry_covariance
-from navsim.models.signals import build_signals
-from navsim.models.sky import Horizon
+from navsim.gnss.signals import build_signals
+from navsim.gnss.sky import Horizon
 from navsim.planner.proposal import PlannedScenario
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import LevelScreen, Prepared, glimpsed

@@ -151,7 +151,7 @@ _PARTS = ("planner.html", "planner.css", "planner.js")
 
 
 def outlines(proposal: PlannedScenario, found: list[tuple[str, list[list[tuple[float, float]]], str]]) -> list[Outline]:
-    """Features of `io.geojson.lines` in axes of the runway, from longitude and latitude."""
+    """Features of `formats.geojson.lines` in axes of the runway, from longitude and latitude."""
     height = proposal.threshold[2]
     out: list[Outline] = []
     for what, parts, name in found:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from navsim.io import files
-from navsim.io.results import ResultError, write_text
 from navsim.planner.proposal import PlannedScenario
+from navsim.results import files
+from navsim.results.result import ResultError, write_text
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import MOST_BYTES, InputError, parse

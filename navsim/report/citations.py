@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from navsim.io.results import Result
+from navsim.results.result import Result
 
 BOOK, ARTICLE, TALK, REPORT, MISC = "book", "article", "inproceedings", "techreport", "misc"
 """What a source is, as BibTeX calls it."""

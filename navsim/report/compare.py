@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-from navsim.io.results import Result
 from navsim.report.table import ABSENT, Cell, Row, Table, cell
+from navsim.results.result import Result
 
 TEXTS = ("scenario", "study")
 """Root attributes with what a result was computed from."""

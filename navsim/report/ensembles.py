@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.io.results import Result
 from navsim.report.figures import legend_above
 from navsim.report.limits import DOTTED, REQUIRED, Limit, asked, rectangle
 from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
 from navsim.report.quantities import blocks, come_down, ellipse, heights, settled
 from navsim.report.tables import box_limits, of_total, runs_of, setting
+from navsim.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

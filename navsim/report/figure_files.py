@@ -7,8 +7,8 @@ from collections.abc import Collection
 from pathlib import Path
 from urllib.parse import quote, unquote
 
-from navsim.io import files
-from navsim.io.results import ResultError
+from navsim.results import files
+from navsim.results.result import ResultError
 
 MARK = "navsim result"
 """Keyword of the PNG text that holds the stem of the result's name."""

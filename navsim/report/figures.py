@@ -15,7 +15,6 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from navsim.io.results import Result, ResultError, write_bytes
 from navsim.report.figure_files import remove_former
 from navsim.report.limits import gates, rms_lines, within_sight, word
 from navsim.report.names import Covered, Letters, Side
@@ -47,6 +46,7 @@ from navsim.report.quantities import (
 from navsim.report.ridges import BROWN, ShownRidge, clipped, flown_over, on_plan, seen_skyline, shown_ridges
 from navsim.report.sky import REACH, RINGS, SHADE, WRITTEN, bearings, masked, shaded, sides, source_tracks
 from navsim.report.tables import runs_of, setting, single
+from navsim.results.result import Result, ResultError, write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.io.results import Result
 from navsim.report.figures import legend_above
 from navsim.report.limits import asked, level_lines
 from navsim.report.printing import COLOURS, COLUMN, SMALL, abreast, new_figure
@@ -25,6 +24,7 @@ from navsim.report.quantities import (
 )
 from navsim.report.quantities import stanford as counted
 from navsim.report.tables import runs_of
+from navsim.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

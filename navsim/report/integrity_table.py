@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.io.results import Result, ResultError
 from navsim.report.table import ABSENT, Cell, Table
 from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
+from navsim.results.result import Result, ResultError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

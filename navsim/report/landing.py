@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from navsim.io.results import Result
 from navsim.report.table import Table
 from navsim.report.tables import glance, summary_table, verdicts
 from navsim.report.view import View
+from navsim.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

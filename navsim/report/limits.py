@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.io.results import Result
-from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.report.quantities import come_down, event_time, touchdown
+from navsim.results.result import Result
+from navsim.results.schema import HEIGHTS, RMS_WINDOW
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.io.results import Result
-from navsim.io.schema import RMS_WINDOW
 from navsim.report.table import Table, cell
 from navsim.report.view import View, one_by_one
+from navsim.results.result import Result
+from navsim.results.schema import RMS_WINDOW
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

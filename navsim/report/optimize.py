@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from navsim.io.findings import several
-from navsim.io.results import Result
-from navsim.io.schema import FILTER_QUANTITIES, LARGE
 from navsim.report.ridges import shown_ridges
 from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
+from navsim.results.findings import several
+from navsim.results.result import Result
+from navsim.results.schema import FILTER_QUANTITIES, LARGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

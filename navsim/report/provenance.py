@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from navsim.io import files
-from navsim.io.results import Result
 from navsim.report.table import ABSENT, Table
+from navsim.results import files
+from navsim.results.result import Result
 
 _HEADS = {
     "kind": "kind", "title": "title", "method": "method", "seed": "seed", "epoch": "epoch", "created": "computed at",

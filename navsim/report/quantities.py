@@ -15,10 +15,10 @@ import numpy as np
 from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
 from navsim.core.states import display_name
-from navsim.io.export import choose_run, true_antenna
-from navsim.io.results import Result, ResultError, Stream
-from navsim.io.simulated_log import FIX_ERROR, RANGE_ERROR
+from navsim.formats.export import choose_run, true_antenna
+from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.report.tables import runs_of, setting
+from navsim.results.result import Result, ResultError, Stream
 
 START = 0.1
 """Share of a time axis at its start that sets no limits: what settles there would dwarf the rest."""

@@ -11,11 +11,11 @@ import numpy as np
 
 from navsim.core.arrays import normal
 from navsim.core.arrays.sampling import FEW, TWO_SIDED, relative_error
-from navsim.io.findings import several
-from navsim.io.results import Result
 from navsim.report.limits import DOTTED, REQUIRED, asked, word
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.report.tables import box_head, box_limits, box_sides, box_to_first_order, requirements, runs_of
+from navsim.results.findings import several
+from navsim.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

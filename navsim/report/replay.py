@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.core.arrays import earth
-from navsim.io.results import Result, scenario_of
 from navsim.report.table import Table, cell, number, numbers
 from navsim.report.view import View, one_by_one
+from navsim.results.result import Result, scenario_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.io.results import Result
-from navsim.io.schema import HEIGHTS
 from navsim.report.figures import legend_below, view_from_above
 from navsim.report.limits import REQUIRED, asked, glide, rectangle, rms_lines, spoken, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
 from navsim.report.quantities import MOST_RUNS, blocks, settled, touchdown
 from navsim.report.tables import box_limits, of_total, outside_box, runs_of, single
+from navsim.results.result import Result
+from navsim.results.schema import HEIGHTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

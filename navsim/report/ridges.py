@@ -10,11 +10,11 @@ import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
 from navsim.core.arrays.horizon import crossings, reach
-from navsim.io.export import true_antenna
-from navsim.io.results import Result
-from navsim.io.ridges import RidgeLine, ridges
+from navsim.formats.export import true_antenna
+from navsim.formats.ridges import RidgeLine, ridges
 from navsim.report.quantities import about_threshold
 from navsim.report.tables import setting
+from navsim.results.result import Result
 
 BROWN = "#8C4B00"
 """Colour of terrain in print."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays.horizon import between
-from navsim.io.results import Result
 from navsim.report.names import ON, Covered, Letters, Side
 from navsim.report.tables import setting
+from navsim.results.result import Result
 
 Sector = tuple[float, float, float, float]
 """A part of the sky that is taken out: azimuths from, to, and elevations from, to, deg."""

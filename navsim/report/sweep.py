@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.io.results import Result
-from navsim.io.ridges import WHOLE, varied
-from navsim.io.schema import LARGE, VERDICTS
-from navsim.io.swept import VERDICT, dimensions, heads, key_path, keys, outputs, rows, setting
-from navsim.io.units import unit_of, without_unit
+from navsim.formats.ridges import WHOLE, varied
+from navsim.formats.swept import VERDICT, dimensions, heads, key_path, keys, outputs, rows, setting
+from navsim.formats.units import unit_of, without_unit
 from navsim.report import table
 from navsim.report.ridges import shown_ridges
 from navsim.report.table import Cell, Table, as_text, cell
 from navsim.report.tables import setting as scenario_setting
 from navsim.report.view import View, one_by_one
+from navsim.results.result import Result
+from navsim.results.schema import LARGE, VERDICTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.io.results import Result
 from navsim.report import table
 from navsim.report.table import Cell, Table, cell, number
 from navsim.report.view import View, one_by_one
+from navsim.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

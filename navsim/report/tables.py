@@ -11,9 +11,9 @@ import numpy as np
 
 from navsim.core.arrays.sampling import LEAST
 from navsim.core.states import display_name
-from navsim.io.results import Result, scenario_of
-from navsim.io.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
+from navsim.results.result import Result, scenario_of
+from navsim.results.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
 
 FINDINGS = "/findings/"
 """Where a result keeps what its user must hear about."""

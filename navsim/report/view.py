@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from navsim.io.results import Result, ResultError, write_text
 from navsim.kinds import KINDS, named
 from navsim.report.table import Cell, Table
 from navsim.report.tables import FINDINGS, plain_tree
+from navsim.results.result import Result, ResultError, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -32,14 +32,14 @@ def with_published(data: Any) -> Any:
     place = _point(runway.get("threshold")) or _point(approach.get("start"))
     runway = dict(runway)
     if runway.get("geoid_undulation_m") == "auto" and place is not None:
-        from navsim.models.geoid import NoGeoid, undulation
+        from navsim.core.geoid import NoGeoid, undulation
 
         try:
             runway["geoid_undulation_m"] = round(undulation(*place), 2)
         except NoGeoid as error:
             raise reject(str(error), "runway", "geoid_undulation_m") from None
     if runway.get("declination_deg") == "auto" and place is not None:
-        from navsim.models.magnetic import NoDeclination, declination
+        from navsim.core.magnetic import NoDeclination, declination
 
         year = runway.get("bearing_year") or _year(data.get("epoch"))
         try:

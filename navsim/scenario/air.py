@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from navsim.scenario.base import DEG, Azimuth, ListOf, NonNegative, Section, reject
 
 if TYPE_CHECKING:
-    from navsim.models.air import Gust, MeanWind, Response, Turbulence
+    from navsim.trajectory.air import Gust, MeanWind, Response, Turbulence
 
 Speed = Annotated[float, Field(ge=0.0, le=50.0)]
 """Of a wind, m/s."""
@@ -58,7 +58,7 @@ class TurbulenceSection(Section):
         """The turbulence in a mean wind."""
         import numpy as np
 
-        from navsim.models.air import KNOT, REFERENCE, Turbulence
+        from navsim.trajectory.air import KNOT, REFERENCE, Turbulence
 
         if self.severity is not None:
             return Turbulence(SEVERITIES[self.severity] * KNOT, self.specification)
@@ -94,7 +94,7 @@ class GustSection(Section):
 
     def model(self) -> Gust:
         """The gust."""
-        from navsim.models.air import Gust
+        from navsim.trajectory.air import Gust
 
         by_way = self.ramp_s is None
         ramp = self.ramp_m if by_way else self.ramp_s
@@ -121,7 +121,7 @@ class ResponseSection(Section):
 
     def model(self) -> Response:
         """The response."""
-        from navsim.models.air import Response
+        from navsim.trajectory.air import Response
 
         return Response(
             self.wing_loading_n_m2,
@@ -201,7 +201,7 @@ class WindSection(Section):
         """The wind by height along path axes that point to `heading`, rad."""
         import numpy as np
 
-        from navsim.models.air import MeanWind, profiled
+        from navsim.trajectory.air import MeanWind, profiled
 
         if self.profile == "table":
             rows = [(level.height_m, level.speed_m_s, level.from_deg * DEG) for level in self.levels]

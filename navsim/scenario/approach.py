@@ -27,10 +27,10 @@ from navsim.scenario.base import (
 )
 
 if TYPE_CHECKING:
-    from navsim.models.air import Deviation
-    from navsim.models.approach import Taxi
-    from navsim.models.path import Path
-    from navsim.models.waypoints import Waypoint
+    from navsim.trajectory.air import Deviation
+    from navsim.trajectory.approach import Taxi
+    from navsim.trajectory.path import Path
+    from navsim.trajectory.waypoints import Waypoint
 
 SLOWEST = 2.0
 """Least speed over ground at which a path has a course, m/s."""
@@ -220,7 +220,7 @@ class DeviationSection(Section):
 
     def model(self) -> Deviation:
         """The process."""
-        from navsim.models.air import Deviation
+        from navsim.trajectory.air import Deviation
 
         if self.reference_height_m is None:
             return Deviation(self.sigma_m, self.correlation_time_s)
@@ -290,7 +290,7 @@ class STurn(_Approach):
 
     def path(self, rise: float = 0.0) -> Path:
         """The path in the tangent plane of its first point, an hour long. Raises ValueError where there is none."""
-        from navsim.models.approach import s_turn
+        from navsim.trajectory.approach import s_turn
 
         return s_turn(
             self.speed_start_kmh * KMH,
@@ -324,7 +324,7 @@ class GoAroundSection(Section):
 
     def broken_off(self, path: Path) -> Path:
         """A landing with this go-around. Raises NoSuchPath."""
-        from navsim.models.go_around import PullUp, gone_around, time_at
+        from navsim.trajectory.go_around import PullUp, gone_around, time_at
 
         at = self.at_s
         if at is None:
@@ -359,7 +359,7 @@ class PaperApproach(_ToTheGround):
 
     def path(self, rise: float = 0.0) -> Path:
         """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
-        from navsim.models.approach import paper_profile
+        from navsim.trajectory.approach import paper_profile
 
         path = paper_profile(
             self.speed_start_kmh * KMH,
@@ -395,7 +395,7 @@ class _Captured(_ToTheGround):
     """time in which brakes are let go at taxi_speed_kmh, and come on and off at the stop"""
 
     def _taxi(self) -> Taxi | None:
-        from navsim.models.approach import Taxi
+        from navsim.trajectory.approach import Taxi
 
         if self.taxi_speed_kmh is None:
             return None
@@ -415,7 +415,7 @@ class _Captured(_ToTheGround):
         """Whether the brakes stop the aircraft within the flight, s, although no taxi speed is given."""
         import numpy as np
 
-        from navsim.models.approach import TOUCHDOWN
+        from navsim.trajectory.approach import TOUCHDOWN
 
         if self.taxi_speed_kmh is not None or self.speed_is == "air":
             return False
@@ -425,7 +425,7 @@ class _Captured(_ToTheGround):
     def flared(self, speed: float, height: float, lead_in: float, rise: float) -> Path:
         """The path from level flight at a speed, m/s, and a height, m, after so many seconds of it; rise: of the
         runway, m a m."""
-        from navsim.models.approach import Ending, smooth_profile
+        from navsim.trajectory.approach import Ending, smooth_profile
 
         return smooth_profile(
             speed,
@@ -537,7 +537,7 @@ class WaypointApproach(_Captured):
     def placed(self, aim_point: float, seen: Callable[[float, float], tuple[float, float]]) -> list[Waypoint]:
         """The waypoints in the axes of the path. aim_point: of touchdown beyond the threshold, m; seen: x and y of a
         latitude and longitude, rad."""
-        from navsim.models.waypoints import Waypoint, circuit
+        from navsim.trajectory.waypoints import Waypoint, circuit
 
         height, speed = self.start_height_m, self.speed_start_kmh * KMH
         if self.circuit is not None:
@@ -559,8 +559,8 @@ class WaypointApproach(_Captured):
     def path(self, way: list[Waypoint], rise: float) -> Path:
         """The path through these waypoints, onto a runway that rises so, m a m. Raises NoSuchPath, another ValueError
         where the landing has none."""
-        from navsim.models.approach import captured_paper_profile
-        from navsim.models.waypoints import cruise, landing
+        from navsim.trajectory.approach import captured_paper_profile
+        from navsim.trajectory.waypoints import cruise, landing
 
         bank, last = self.bank_deg * DEG, way[-1]
         if self.ending == "none":

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
 
-from navsim.io.units import unit_of, without_unit
+from navsim.formats.units import unit_of, without_unit
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted
 
 DEG = math.pi / 180.0

@@ -13,7 +13,7 @@ from navsim.scenario.approach import Point
 from navsim.scenario.base import DistinctListOf, FlightTime, Section, Triple, reject
 
 if TYPE_CHECKING:
-    from navsim.models.events import Event, Happening
+    from navsim.gnss.events import Event, Happening
 
 Error = Annotated[float, Field(ge=-1e6, le=1e6)]
 """Of a range, m, or its change, m/s."""
@@ -44,7 +44,7 @@ class EventSection(Section):
 
     def model(self) -> Event:
         """The event."""
-        from navsim.models.events import Event
+        from navsim.gnss.events import Event
 
         return Event(self.happening(), self.sources, self.at_s, float("inf") if self.until_s is None else self.until_s)
 
@@ -56,7 +56,7 @@ class SilenceSection(EventSection):
     """nothing is received of the sources"""
 
     def happening(self) -> Happening:
-        from navsim.models.events import Silence
+        from navsim.gnss.events import Silence
 
         return Silence()
 
@@ -82,7 +82,7 @@ class StepSection(RangeSection):
     """how much longer the ranges become"""
 
     def happening(self) -> Happening:
-        from navsim.models.events import RangeFault
+        from navsim.gnss.events import RangeFault
 
         return RangeFault(self.error_m, 0.0)
 
@@ -96,7 +96,7 @@ class RampSection(RangeSection):
     """how fast the ranges grow"""
 
     def happening(self) -> Happening:
-        from navsim.models.events import RangeFault
+        from navsim.gnss.events import RangeFault
 
         return RangeFault(0.0, self.rate_m_s)
 
@@ -112,7 +112,7 @@ class SurveySection(EventSection):
     def happening(self) -> Happening:
         import numpy as np
 
-        from navsim.models.events import Displaced
+        from navsim.gnss.events import Displaced
 
         return Displaced(np.array(self.ned_m))
 
@@ -140,7 +140,7 @@ class SpoofSection(EventSection):
     def happening(self) -> Happening:
         import numpy as np
 
-        from navsim.models.events import Spoofed
+        from navsim.gnss.events import Spoofed
 
         return Spoofed(np.array(self.offset_ned_m), np.array(self.rate_ned_m_s), self.clock_m, self.drift_m_s)
 
@@ -161,7 +161,7 @@ class MeaconSection(EventSection):
         import numpy as np
 
         from navsim.core.arrays.earth import ecef_from_llh
-        from navsim.models.events import Meaconed
+        from navsim.gnss.events import Meaconed
 
         return Meaconed(ecef_from_llh(np.array([*self.place.radians, self.height_m])), self.delay_m)
 

@@ -15,7 +15,7 @@ from navsim.scenario.priors import PSEUDOLITES
 from navsim.scenario.sky import Name
 
 if TYPE_CHECKING:
-    from navsim.models.heavier import HeavierNoise
+    from navsim.gnss.heavier import HeavierNoise
 
 Prior = Annotated[float, Field(ge=0.0, le=0.1)]
 """A probability that a fault is there."""
@@ -109,7 +109,7 @@ class HeavierSection(Section):
 
     def model(self) -> HeavierNoise:
         """What noise is drawn from."""
-        from navsim.models.heavier import HeavierNoise
+        from navsim.gnss.heavier import HeavierNoise
 
         return HeavierNoise(self.core, self.tail, self.share)
 

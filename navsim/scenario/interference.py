@@ -16,8 +16,8 @@ from navsim.scenario.terrain import RidgeSection, tops_of
 if TYPE_CHECKING:
     import numpy as np
 
-    from navsim.models.jamming import Jammer, Jamming, NearFar, Pulses
-    from navsim.models.spectra import SweptTone, Waveform
+    from navsim.gnss.interference.jamming import Jammer, Jamming, NearFar, Pulses
+    from navsim.gnss.interference.spectra import SweptTone, Waveform
     from navsim.scenario.signals import CodeTrackingSection, ReceiverSection
 
 Density = Annotated[float, Field(ge=0.0, le=80.0)]
@@ -86,8 +86,8 @@ class JammerSection(Section):
         return self
 
     def _waveform(self, memory: float) -> Waveform | SweptTone:
-        from navsim.models.spectra import Flat, Modulated, SweptTone, Tone, bpsk
-        from navsim.models.systems import GPS
+        from navsim.gnss.constellations.systems import GPS
+        from navsim.gnss.interference.spectra import Flat, Modulated, SweptTone, Tone, bpsk
 
         centre = self.centre_mhz * 1e6
         if self.waveform == "tone":
@@ -104,7 +104,7 @@ class JammerSection(Section):
         import numpy as np
 
         from navsim.core.arrays.earth import ecef_from_llh
-        from navsim.models.jamming import Jammer
+        from navsim.gnss.interference.jamming import Jammer
 
         place: np.ndarray = ecef_from_llh(np.array([*self.place.radians, ground + self.height_m]))
         return Jammer(
@@ -125,7 +125,7 @@ class PulseSection(Section):
 
     def model(self) -> Pulses:
         """The pulses."""
-        from navsim.models.jamming import Pulses
+        from navsim.gnss.interference.jamming import Pulses
 
         return Pulses(self.duty, self.blanking, self.correlation == "gated")
 
@@ -152,7 +152,7 @@ class NearFarSection(Section):
 
     def model(self) -> NearFar:
         """How they jam."""
-        from navsim.models.jamming import ISOLATION, NearFar
+        from navsim.gnss.interference.jamming import ISOLATION, NearFar
 
         if self.pulses is not None:
             return NearFar(self.pulses.model(), isolation=None)
@@ -224,9 +224,9 @@ class InterferenceSection(Section):
         receiver that they disturb. terrain: (w, 2, 3) tops of ridges that hide them, too, ECEF, m."""
         import numpy as np
 
-        from navsim.models.jamming import Jamming
-        from navsim.models.lock import FrequencyLoop, LockRule
-        from navsim.models.spectra import Band
+        from navsim.gnss.interference.jamming import Jamming
+        from navsim.gnss.interference.spectra import Band
+        from navsim.gnss.interference.tracking_threshold import FrequencyLoop, LockRule
 
         lock, ground = self.lock, float(threshold[2])
         # the noise that a loop of the bandwidth B lets through is the mean over 1 / (2 B)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from navsim.io.units import unit_of
+from navsim.formats.units import unit_of
 
 Schema = Mapping[str, Any]
 

@@ -62,14 +62,14 @@ from navsim.scenario.terrain import RidgeSection, tops_of
 if TYPE_CHECKING:
     import numpy as np
 
-    from navsim.models.air import Air
-    from navsim.models.effects import Effects
-    from navsim.models.kinematics import Frame, Moving, Trajectory
-    from navsim.models.path import AnyPath, Path
-    from navsim.models.pseudolite import Track
-    from navsim.models.receiver import Receiver
-    from navsim.models.signals import Pseudolites
-    from navsim.models.waypoints import Waypoint
+    from navsim.gnss.effects import Effects
+    from navsim.gnss.pseudolite import Track
+    from navsim.gnss.receiver import Receiver
+    from navsim.gnss.signals import Pseudolites
+    from navsim.trajectory.air import Air
+    from navsim.trajectory.kinematics import Frame, Moving, Trajectory
+    from navsim.trajectory.path import AnyPath, Path
+    from navsim.trajectory.waypoints import Waypoint
 
 
 _WIND_STEP = 0.1
@@ -351,7 +351,7 @@ class Landing(Section):
 
     def lasting_states(self, sources: int) -> int:
         """How many errors of fixes the filter follows, or of the ranges of so many sources."""
-        from navsim.models.lasting import SUMS
+        from navsim.gnss.lasting import SUMS
 
         if self.about_lasting_errors() != "states":
             return 0
@@ -408,7 +408,7 @@ class Landing(Section):
         """The path that is flown. Raises where there is none, or none in this wind."""
         import numpy as np
 
-        from navsim.models.air import HIGHEST, AirError
+        from navsim.trajectory.air import HIGHEST, AirError
 
         try:
             path = self.path()
@@ -443,7 +443,7 @@ class Landing(Section):
     def _checked_speed(self, path: AnyPath) -> None:
         import numpy as np
 
-        from navsim.models.approach import ROLL_OUT
+        from navsim.trajectory.approach import ROLL_OUT
 
         times = np.linspace(0.0, self.duration_s, 400)
         if (air := self.air()) is not None:
@@ -469,9 +469,9 @@ class Landing(Section):
             return
         import numpy as np
 
-        from navsim.models.air import triangle_along
-        from navsim.models.approach import ROLL_OUT
-        from navsim.models.retimed import SLOWEST
+        from navsim.trajectory.air import triangle_along
+        from navsim.trajectory.approach import ROLL_OUT
+        from navsim.trajectory.retimed import SLOWEST
 
         end = min(self.duration_s, trajectory.path.events.get(ROLL_OUT, math.inf))
         times = np.arange(0.0, end, _WIND_STEP)
@@ -495,8 +495,8 @@ class Landing(Section):
         """Raise where gusts that blow at the same time, and turbulence at 3 sigma, are as fast as the aircraft."""
         import numpy as np
 
-        from navsim.models.buffeting import gust_components
-        from navsim.models.course import Course
+        from navsim.trajectory.buffeting import gust_components
+        from navsim.trajectory.course import Course
 
         course = Course.of(trajectory, grid)
         tops = [g.start + g.rise_time(1.0 / float(np.interp(g.start, grid, course.slowness[0]))) for g in air.gusts]
@@ -525,7 +525,7 @@ class Landing(Section):
         """Surveyed positions (p, 3), ECEF, m, which `track` keeps clear of. Raises where it does not, or where the
         coordinates are of another frame."""
         from navsim.core.arrays.earth import ecef_from_llh
-        from navsim.models.pseudolite import NEAREST
+        from navsim.gnss.pseudolite import NEAREST
 
         if self.pseudolites.frame == "table1" and self.approach.start is None and self.pseudolites.placed():
             raise reject("the paper's frame is counted from approach.start, which is not given", "pseudolites", "frame")
@@ -545,7 +545,7 @@ class Landing(Section):
         """Where the aircraft is during the simulation, its IMU and its antenna."""
         import numpy as np
 
-        from navsim.models.pseudolite import TRACK_STEP, Track
+        from navsim.gnss.pseudolite import TRACK_STEP, Track
 
         tenths = np.arange(0.0, self.duration_s, 0.1)
         fastest = np.linalg.norm(trajectory.path.jet(tenths)[:, 1], axis=1).max()
@@ -553,7 +553,7 @@ class Landing(Section):
         lever_arm = np.array(self.receiver.lever_arm_m)
         if not lever_arm.any():
             return Track(trajectory.path.jet(times)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin)
-        from navsim.models.signals import antenna_ecef
+        from navsim.gnss.signals import antenna_ecef
 
         motion = trajectory.motion(times)
         return Track(np.concatenate([motion.position_ecef, antenna_ecef(motion, lever_arm)]))
@@ -583,7 +583,7 @@ class Landing(Section):
     def effects(self, pseudolites: Pseudolites) -> Effects:
         """What becomes of the signals of satellites and of these pseudolites, on their way and in the receiver."""
         from navsim.core.arrays.earth import SPEED_OF_LIGHT
-        from navsim.models.effects import Effects
+        from navsim.gnss.effects import Effects
 
         signals, section, tracking = self.signals, self.pseudolites, self.signals.tracking
         space, station, multipath = signals.ephemeris, section.differential, section.multipath
@@ -647,7 +647,7 @@ class Landing(Section):
 
     def _frame_of_threshold(self) -> Frame:
         """The frame at the touchdown point of a runway whose threshold is given."""
-        from navsim.models.kinematics import touchdown_from_threshold
+        from navsim.trajectory.kinematics import touchdown_from_threshold
 
         assert self.runway.threshold is not None
         return touchdown_from_threshold(
@@ -661,8 +661,8 @@ class Landing(Section):
     def path(self) -> AnyPath:
         """The way over ground, in the tangent plane of the touchdown point; recorded approaches are read elsewhere.
         Raises ValueError where there is none, AirError where there is none in this wind."""
-        from navsim.models.approach import sloped
-        from navsim.models.retimed import held_airspeed
+        from navsim.trajectory.approach import sloped
+        from navsim.trajectory.retimed import held_airspeed
 
         assert not isinstance(self.approach, FileApproach)
         path = self._route(self.approach)
@@ -695,7 +695,7 @@ class Landing(Section):
             technical = self.approach.flight_technical_error
         if technical is None and not wind.buffets:
             return None
-        from navsim.models.air import Air  # only where there is something of it
+        from navsim.trajectory.air import Air  # only where there is something of it
 
         mean, response = wind.mean(self.runway.heading_deg * DEG), wind.response.model()
         turbulence = None if wind.turbulence is None else wind.turbulence.model(mean)
@@ -740,7 +740,7 @@ class Landing(Section):
         """The aircraft's motion over the Earth; recorded approaches are read elsewhere."""
         import numpy as np
 
-        from navsim.models.kinematics import touchdown_from_start
+        from navsim.trajectory.kinematics import touchdown_from_start
 
         assert not isinstance(self.approach, FileApproach)
         path = self.path()
@@ -756,9 +756,9 @@ class Landing(Section):
         """Coordinated flight along a path in the axes of a frame, in the scenario's wind."""
         import numpy as np
 
-        from navsim.models.air import WindAlong
-        from navsim.models.approach import FLARE, ROLL_OUT, TOUCHDOWN
-        from navsim.models.kinematics import Blowing, Trajectory, Wind
+        from navsim.trajectory.air import WindAlong
+        from navsim.trajectory.approach import FLARE, ROLL_OUT, TOUCHDOWN
+        from navsim.trajectory.kinematics import Blowing, Trajectory, Wind
 
         assert not isinstance(self.approach, RecordedApproach)
         heading, events = self.runway.heading_deg * DEG, path.events
@@ -798,7 +798,7 @@ class Landing(Section):
         import numpy as np
 
         from navsim.core.arrays.earth import short_way
-        from navsim.models.pseudolite import runway_position, table1_position
+        from navsim.gnss.pseudolite import runway_position, table1_position
 
         out = np.empty((len(self.pseudolites.placed()), 3))
         for row, site in zip(out, self.pseudolites.placed(), strict=True):

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from navsim.models import conventions
-from navsim.models.conventions import GnssConvention, ImuConvention
-from navsim.models.systems import SYSTEMS, USUAL, System
+from navsim.formats import conventions
+from navsim.formats.conventions import GnssConvention, ImuConvention
+from navsim.gnss.constellations.systems import SYSTEMS, USUAL, System
 from navsim.scenario.base import (
     Checksum,
     CorrelationTime,

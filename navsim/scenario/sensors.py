@@ -27,11 +27,11 @@ from navsim.scenario.base import (
 from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
 
 if TYPE_CHECKING:
-    from navsim.models.altimeter import Altimeter, Ground, RadioAltimeter
-    from navsim.models.imperfections import Imperfections, Vibration, Warming
-    from navsim.models.imu import Triad
-    from navsim.models.pressure import BarometricAltimeter
     from navsim.scenario.approach import Runway
+    from navsim.sensors.altimeter import Altimeter, Ground, RadioAltimeter
+    from navsim.sensors.imu import Triad
+    from navsim.sensors.imu_errors import Imperfections, Vibration, Warming
+    from navsim.sensors.pressure import BarometricAltimeter
 
 
 PPM = 1e-6
@@ -88,7 +88,7 @@ class Gyro(Section):
 
     def triad(self, rate: float) -> Triad:
         """The error model in SI units at a sample rate (Hz)."""
-        from navsim.models.imu import Triad
+        from navsim.sensors.imu import Triad
 
         triad = Triad(
             bias=_si(self.drift_deg_h, DEG_H),
@@ -103,7 +103,7 @@ class Gyro(Section):
 
     def further(self) -> Imperfections:
         """What else there is, in SI units."""
-        from navsim.models.imperfections import Imperfections
+        from navsim.sensors.imu_errors import Imperfections
 
         walk = _si(self.rate_random_walk_deg_h_sqrt_h, DEG_H) / 60.0
         return Imperfections(walk=walk, misalignment=_si(self.misalignment_mrad, 1e-3))
@@ -206,7 +206,7 @@ class Accelerometer(Section):
 
     def triad(self, rate: float) -> Triad:
         """The error model in SI units at a sample rate (Hz)."""
-        from navsim.models.imu import Triad
+        from navsim.sensors.imu import Triad
 
         triad = Triad(
             bias=_si(self.bias_mg, MG),
@@ -221,7 +221,7 @@ class Accelerometer(Section):
 
     def further(self) -> Imperfections:
         """What else there is, in SI units."""
-        from navsim.models.imperfections import Imperfections
+        from navsim.sensors.imu_errors import Imperfections
 
         walk = _si(self.bias_random_walk_mg_sqrt_h, MG) / 60.0
         return Imperfections(walk=walk, misalignment=_si(self.misalignment_mrad, 1e-3))
@@ -305,7 +305,7 @@ class VibrationSection(Section):
 
     def model(self) -> Vibration:
         """In SI units."""
-        from navsim.models.imperfections import Vibration
+        from navsim.sensors.imu_errors import Vibration
 
         lines = tuple((line.amplitude_g * G, line.frequency_hz) for line in self.lines)
         return Vibration(lines, tuple((f, s * G**2) for f, s in self.psd))
@@ -323,7 +323,7 @@ class TemperatureSection(Section):
 
     def model(self) -> Warming:
         """In SI units."""
-        from navsim.models.imperfections import Warming
+        from navsim.sensors.imu_errors import Warming
 
         return Warming(self.ramp_k_min / 60.0, self.warm_up_k, self.warm_up_time_s)
 
@@ -341,7 +341,7 @@ def _check_markov(size: float | None, time: float | None, *path: str) -> None:
 def _check_lowest(
     sensor: Gyro | Accelerometer, key: str, noise: str, rate: float | None, unit: float, *path: str
 ) -> None:
-    from navsim.models.imu import MARKOV_PEAK, markov_of_lowest
+    from navsim.sensors.imu import MARKOV_PEAK, markov_of_lowest
 
     lowest, time = getattr(sensor, key), sensor.markov_time_s or USUAL_TIME
     density = sensor.density(rate)
@@ -357,7 +357,7 @@ def _check_lowest(
 
 
 def _density(per_sample: float | None, unit: float, density: float, rate: float | None) -> float:
-    from navsim.models.imu import density_from_sample_sigma
+    from navsim.sensors.imu import density_from_sample_sigma
 
     if per_sample is None:
         return density
@@ -368,7 +368,7 @@ def _density(per_sample: float | None, unit: float, density: float, rate: float 
 
 def _with_flicker(triad: Triad, lowest: float | None, unit: float, time: float | None, rate: float) -> Triad:
     """A triad with the flicker noise of a bias instability at samples of a rate, Hz; as it is where none is given."""
-    from navsim.models.imu import flicker_of_lowest
+    from navsim.sensors.imu import flicker_of_lowest
 
     if not lowest:
         return triad
@@ -540,7 +540,7 @@ class Imu(_Sensors):
     def triads(self, gyro: Gyro | None = None, accelerometer: Accelerometer | None = None) -> tuple[Triad, Triad]:
         """The error models of gyros and accelerometers in SI units, as they really are, or with what a filter believes
         of them put in."""
-        from navsim.models.imperfections import Vibration, Warming
+        from navsim.sensors.imu_errors import Vibration, Warming
 
         vibration = Vibration() if self.vibration is None else self.vibration.model()
         warming = Warming() if self.temperature is None else self.temperature.model()
@@ -567,7 +567,7 @@ class AltimeterSection(Section):
 
     def model(self) -> Altimeter:
         """The sensor in SI units."""
-        from navsim.models.altimeter import Altimeter
+        from navsim.sensors.altimeter import Altimeter
 
         believed = self.sigma_m if self.believed_sigma_m is None else self.believed_sigma_m
         return Altimeter(self.rate_hz, self.offset_m, self.sigma_m, believed)
@@ -591,7 +591,7 @@ def profile_of(ground: tuple[tuple[float, float], ...]) -> Ground:
     """The profile of these points; level with the threshold where there are none."""
     import numpy as np
 
-    from navsim.models.altimeter import Ground
+    from navsim.sensors.altimeter import Ground
 
     points = np.array(ground or ((0.0, 0.0),))
     return Ground(points[:, 0].copy(), points[:, 1].copy())
@@ -632,7 +632,7 @@ class RadioAltimeterSection(Section):
         """The sensor in SI units on a runway, and what a filter takes it for."""
         import numpy as np
 
-        from navsim.models.altimeter import RadioAltimeter, RadioBeliefs
+        from navsim.sensors.altimeter import RadioAltimeter, RadioBeliefs
 
         ground = profile_of(self.ground or runway.surface)
         believed = RadioBeliefs(
@@ -726,7 +726,7 @@ class BarometricAltimeterSection(Section):
 
     def model(self, runway: Runway, given: FilterBarometricAltimeter) -> BarometricAltimeter:
         """The sensor in SI units at a runway, and what a filter takes it for."""
-        from navsim.models.pressure import SLOPE, AirColumn, BarometricAltimeter, PressureBeliefs
+        from navsim.sensors.pressure import SLOPE, AirColumn, BarometricAltimeter, PressureBeliefs
 
         warmer = self.isa_deviation_k if given.isa_deviation_k is None else given.isa_deviation_k
         setting, drift, drift_time = self.lasting(given)

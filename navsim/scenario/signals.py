@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from navsim.models.systems import CLOCKS, GLONASS, GPS, first_time_scale
+from navsim.gnss.constellations.systems import CLOCKS, GLONASS, GPS, first_time_scale
 from navsim.scenario.base import (
     DEG,
     Azimuth,
@@ -35,12 +35,12 @@ from navsim.scenario.sky import Clock, Name
 if TYPE_CHECKING:
     import numpy as np
 
-    from navsim.models import effects
-    from navsim.models.antenna import AircraftAntenna, GroundPattern
-    from navsim.models.code_loop import CodeLoop, GroundReflection
-    from navsim.models.lasting import LastingError, Mapping
-    from navsim.models.receiver import Receiver
-    from navsim.models.signals import ErrorLaw, Pseudolites
+    from navsim.gnss import effects
+    from navsim.gnss.antenna import AircraftAntenna, GroundPattern
+    from navsim.gnss.code_loop import CodeLoop, GroundReflection
+    from navsim.gnss.lasting import LastingError, Mapping
+    from navsim.gnss.receiver import Receiver
+    from navsim.gnss.signals import ErrorLaw, Pseudolites
 
 Klobuchar = Annotated[float, Field(ge=-1e8, le=1e8)]
 Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValidator(as_tuple)]
@@ -87,7 +87,7 @@ class IonosphereSection(Section):
         """What it does to signals."""
         import numpy as np
 
-        from navsim.models import effects
+        from navsim.gnss import effects
 
         return effects.Ionosphere(np.array(self.alpha), np.array(self.beta), self.truth_scale, self.corrected)
 
@@ -102,7 +102,7 @@ class TroposphereSection(Section):
 
     def model(self) -> effects.Troposphere:
         """What it does to signals."""
-        from navsim.models import effects
+        from navsim.gnss import effects
 
         return effects.Troposphere(self.truth_scale, self.correction)
 
@@ -119,7 +119,7 @@ class Ephemeris(Section):
         """The errors of satellites."""
         import numpy as np
 
-        from navsim.models import effects
+        from navsim.gnss import effects
 
         return effects.Space(np.array(self.orbit_sigma_m), self.clock_sigma_m)
 
@@ -151,7 +151,7 @@ class LastingErrorsSection(Section):
 
     def models(self) -> tuple[LastingError, ...]:
         """The kinds that there are."""
-        from navsim.models.lasting import LastingError
+        from navsim.gnss.lasting import LastingError
 
         own: dict[str, Mapping] = {
             "orbit_clock": "none", "ionosphere": "ionosphere", "troposphere": "troposphere", "multipath": "multipath",
@@ -178,7 +178,7 @@ class CodeTrackingSection(Section):
 
     def loop(self) -> CodeLoop:
         """The code loop."""
-        from navsim.models.code_loop import CodeLoop
+        from navsim.gnss.code_loop import CodeLoop
 
         return CodeLoop(self.spacing_chips, self.bandwidth_hz, self.integration_s)
 
@@ -197,7 +197,7 @@ class GroundMultipath(Section):
 
     def model(self, height: float, horizon_db: float) -> GroundReflection:
         """The reflection by ground at a height, m, into an antenna of this gain at its horizon."""
-        from navsim.models.code_loop import GroundReflection
+        from navsim.gnss.code_loop import GroundReflection
 
         return GroundReflection(height, self.permittivity, self.conductivity_s_m, horizon_db, self.polarisation)
 
@@ -214,7 +214,7 @@ class Differential(Section):
 
     def model(self, pseudolites: Pseudolites) -> effects.Reference:
         """The station among these pseudolites."""
-        from navsim.models import effects
+        from navsim.gnss import effects
 
         at = pseudolites.names.index(self.site) if self.site else 0
         return effects.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m)
@@ -253,7 +253,7 @@ class AntennaSection(Section):
         """The antenna."""
         import numpy as np
 
-        from navsim.models.antenna import AircraftAntenna
+        from navsim.gnss.antenna import AircraftAntenna
 
         up = np.array([0.0, 0.0, -1.0 if self.mount == "top" else 1.0])
         return AircraftAntenna(np.array(self.elevation_deg) * DEG, np.array(self.gain_dbi), up, self.mask_deg * DEG)
@@ -286,7 +286,7 @@ class PatternSection(Section):
         """The pattern."""
         import numpy as np
 
-        from navsim.models.antenna import GroundPattern
+        from navsim.gnss.antenna import GroundPattern
 
         return GroundPattern(
             np.array(self.azimuth_deg) * DEG, np.array(self.elevation_deg) * DEG, np.array(self.gain_db)
@@ -447,7 +447,7 @@ class PseudolitesSection(Section):
         import numpy as np
 
         from navsim.core.arrays.earth import SPEED_OF_LIGHT
-        from navsim.models.signals import Pseudolites, Radiated
+        from navsim.gnss.signals import Pseudolites, Radiated
 
         assert self.clock is not None  # once it is known which satellites there are
         return Pseudolites(
@@ -536,7 +536,7 @@ class SignalsSection(Section):
 
     def law(self) -> ErrorLaw:
         """How the noise of satellite signals grows towards the horizon."""
-        from navsim.models.signals import ErrorLaw
+        from navsim.gnss.signals import ErrorLaw
 
         scale = self.range_scale_deg * DEG
         return ErrorLaw(self.range_law, self.range_sigma_m, scale, self.range_rate_sigma_m_s, self.cn0_dbhz)
@@ -595,7 +595,7 @@ class ReceiverSection(Section):
 
     def model(self, clock: ClockNoise | None = None) -> Receiver:
         """The receiver in SI units; clock: its noise where the section leaves it out, if any."""
-        from navsim.models.receiver import Receiver
+        from navsim.gnss.receiver import Receiver
 
         clock = self.clock or clock
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.models.systems import CLOCKS, GALILEO, GLONASS, NAMES, SYSTEMS, USUAL, System
+from navsim.gnss.constellations.systems import CLOCKS, GALILEO, GLONASS, NAMES, SYSTEMS, USUAL, System
 from navsim.scenario.base import (
     DEG,
     Azimuth,
@@ -23,8 +23,8 @@ from navsim.scenario.base import (
 )
 
 if TYPE_CHECKING:
-    from navsim.models.signals import Listed
-    from navsim.models.sky import Horizon, Mask
+    from navsim.gnss.signals import Listed
+    from navsim.gnss.sky import Horizon, Mask
 
 
 LENIENT = ("navigation", "orbits")
@@ -164,7 +164,7 @@ class Sky(Section):
         """The sources in fixed directions."""
         import numpy as np
 
-        from navsim.models.signals import Listed
+        from navsim.gnss.signals import Listed
 
         names = tuple(f"X{i:02d}" for i in range(1, len(self.directions) + 1))
         return Listed(
@@ -177,7 +177,7 @@ class Sky(Section):
 
     def mask(self, horizon: Horizon | None = None) -> Mask:
         """The mask in radians, with the horizon of the file that is named."""
-        from navsim.models.sky import Mask, Sector
+        from navsim.gnss.sky import Mask, Sector
 
         sectors = tuple(
             Sector(

@@ -20,8 +20,8 @@ from typing import Any
 
 import yaml
 
-from navsim.io import files
-from navsim.io.text import MINUS_SIGNS, as_ascii, decoded
+from navsim.formats.text import MINUS_SIGNS, as_ascii, decoded
+from navsim.results import files
 from navsim.words import seen, setting
 
 KeyPath = tuple[str | int, ...]

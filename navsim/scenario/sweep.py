@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.io.schema import (
+from navsim.results.schema import (
     DOP_QUANTITIES,
     FILTER_QUANTITIES,
     LEVEL_QUANTITIES,

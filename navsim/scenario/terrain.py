@@ -48,7 +48,7 @@ class RidgeSection(Section):
         """Tops (w, 2, 3), ECEF, m, of its straight parts; threshold: (3,) of the runway, rad, rad, m."""
         import numpy as np
 
-        from navsim.models.horizon import ridge, skyline
+        from navsim.gnss.interference.horizon import ridge, skyline
 
         if self.ends is not None:
             assert self.height_m is not None

@@ -24,10 +24,10 @@ from navsim.estimation.observations import (
     GroundTable,
     PressureTable,
 )
-from navsim.models.altimeter import Altimeter, Centreline, RadioAltimeter
-from navsim.models.kinematics import Frame, Moving
-from navsim.models.lasting import LastingErrors
-from navsim.models.pressure import DRIFT, SETTING, BarometricAltimeter
+from navsim.gnss.lasting import LastingErrors
+from navsim.sensors.altimeter import Altimeter, Centreline, RadioAltimeter
+from navsim.sensors.pressure import DRIFT, SETTING, BarometricAltimeter
+from navsim.trajectory.kinematics import Frame, Moving
 
 
 @dataclass(frozen=True)

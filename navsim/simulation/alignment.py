@@ -16,7 +16,7 @@ import numpy as np
 
 from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import dcm_from_rpy, quaternion_from_dcm, wahba
-from navsim.models.recording import Fixes, Samples
+from navsim.formats.recorded_data import Fixes, Samples
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays.earth import E2, A, llh_from_ecef, ned_matrix
-from navsim.models.pseudorange import Signals
+from navsim.gnss.pseudorange import Signals
 
 NEAR = 1e5
 """Distance of sources, m, whose ranges are curved: the error of 30 m of a fix makes that of a farther one longer by 5

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
+from navsim.gnss.pseudorange import Signals
 from navsim.integrity import exclusion
-from navsim.models.pseudorange import Signals
 from navsim.simulation.fixes import ReceiverFixes, left_over, solved
 from navsim.simulation.monitoring import RMS, Monitoring, Snapshot, tested_levels
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from navsim.core.arrays.earth import E2, A, ecef_from_llh, ned_matrix
-from navsim.models.pseudorange import Signals
+from navsim.gnss.pseudorange import Signals
 
 
 def slopes(

@@ -12,7 +12,7 @@ import numpy as np
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.estimation.receiver import fixes, residuals
-from navsim.models.pseudorange import Signals
+from navsim.gnss.pseudorange import Signals
 
 
 class ReceiverFixes(NamedTuple):

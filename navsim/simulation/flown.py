@@ -16,12 +16,12 @@ from navsim.core.arrays import earth
 from navsim.core.deviated import deviate, ranges_from
 from navsim.core.lanes import in_lanes
 from navsim.core.streams import generator
-from navsim.models.air import Air
-from navsim.models.deviation import Departure, Disturbance, deviated
-from navsim.models.kinematics import EARTH_RATE, Frame, Motion, Trajectory
-from navsim.models.pseudorange import Signals
-from navsim.models.signals import antenna_motion
-from navsim.models.steering import Held
+from navsim.gnss.pseudorange import Signals
+from navsim.gnss.signals import antenna_motion
+from navsim.trajectory.air import Air
+from navsim.trajectory.deviation import Departure, Disturbance, deviated
+from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
+from navsim.trajectory.steering import Held
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,10 @@ from navsim.core.placement import (
     SAT_WEIGHT,
     placement_dops,
 )
-from navsim.models.horizon import horizon_distance
-from navsim.models.kinematics import Moving
-from navsim.models.signals import Environment, build_signals
-from navsim.models.sky import enu_matrix
+from navsim.gnss.interference.horizon import horizon_distance
+from navsim.gnss.signals import Environment, build_signals
+from navsim.gnss.sky import enu_matrix
+from navsim.trajectory.kinematics import Moving
 
 _LOWER = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
 """Rows and columns of the lower triangle, in the kernel's order."""

@@ -3,7 +3,7 @@
     route -> signal simulator with pseudolites -> receiver -> fix ┐
     route -> inertial sensors -> SINS ────────────────────────────┴-> Kalman filter -> accuracy
 
-`World` is what all runs of a scenario share: the route, and the signals (`models.signals`). `fly` is one run. Where the
+`World` is what all runs of a scenario share: the route, and the signals (`gnss.signals`). `fly` is one run. Where the
 air makes the way of each its own (`simulation.flown`), the route is what they deviate from.
 """
 
@@ -42,16 +42,14 @@ from navsim.estimation.records import (
     schedule,
     start,
 )
+from navsim.gnss import code_loop, pseudorange
+from navsim.gnss.code_loop import ReflectionErrors
+from navsim.gnss.heavier import HeavierNoise
+from navsim.gnss.receiver import Receiver, wander
+from navsim.gnss.signals import Environment, build_signals, true_positions
+from navsim.gnss.sky import enu_matrix
 from navsim.integrity.exclusion import NOTHING
-from navsim.models import code_loop, imu, pseudorange
-from navsim.models.air import Air
-from navsim.models.code_loop import ReflectionErrors
-from navsim.models.heavier import HeavierNoise
-from navsim.models.kinematics import Motion, Moving, Trajectory
-from navsim.models.receiver import Receiver, wander
-from navsim.models.signals import Environment, build_signals, true_positions
-from navsim.models.sky import enu_matrix
-from navsim.models.steering import Held
+from navsim.sensors import imu
 from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.curvature import (
@@ -68,6 +66,9 @@ from navsim.simulation.fixes import ReceiverFixes, left_over, solved
 from navsim.simulation.flown import Flown, Ways
 from navsim.simulation.lasting import FixErrors, RangeErrors, as_noise
 from navsim.simulation.sensors import true_values
+from navsim.trajectory.air import Air
+from navsim.trajectory.kinematics import Motion, Moving, Trajectory
+from navsim.trajectory.steering import Held
 
 CARRIER_SIGMA = 3e-3
 """1 sigma of a carrier phase measurement, m."""
@@ -91,7 +92,7 @@ class World:
     imu_time: (n + 1,) s. dtheta, dv: (n, 3) exact increments. truth: motion at imu_time. at_filter: motion
     at the filter's output times (e + 1): 0 and every fix epoch plus latency. filter_index: (e + 1,) index of
     the IMU sample at or just before them. clock, clock_at_filter: (e, 2), (e + 1, 2) receiver clock offset (m) and
-    drift (m/s) without noise; clock_density: of its noises (`models.receiver.wander`). scale_offsets: (MAX_CLOCKS,)
+    drift (m/s) without noise; clock_density: of its noises (`gnss.receiver.wander`). scale_offsets: (MAX_CLOCKS,)
     what each time scale adds to the pseudoranges of its sources, m. aids: sensors beside the receiver. heavier: what
     the noise of ranges is drawn from, where that is not the Gaussian of their sigmas. ways: what the ways of runs have
     in common that deviate from the route, None where all fly the route itself.

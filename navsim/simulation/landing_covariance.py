@@ -34,9 +34,9 @@ from navsim.estimation.carried_errors import Route, carry_columns, carry_covaria
 from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
 from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
 from navsim.estimation.records import OUTPUT, Events, ImuData
-from navsim.models.lasting import LastingErrors
-from navsim.models.pseudorange import Signals
-from navsim.models.transmitter import WanderingClocks
+from navsim.gnss.lasting import LastingErrors
+from navsim.gnss.pseudorange import Signals
+from navsim.gnss.transmitter import WanderingClocks
 from navsim.simulation.aiding import Aid
 from navsim.simulation.curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
 from navsim.simulation.fix_slopes import slopes

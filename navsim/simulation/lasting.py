@@ -21,8 +21,8 @@ from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import LastingBelief
 from navsim.estimation.observations import FIX, RANGE
-from navsim.models.lasting import SUMS, LastingError
-from navsim.models.pseudorange import Signals
+from navsim.gnss.lasting import SUMS, LastingError
+from navsim.gnss.pseudorange import Signals
 from navsim.simulation.curvature import Curvature, fix_forms
 from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.fixes import solved

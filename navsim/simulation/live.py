@@ -17,8 +17,8 @@ from navsim.estimation.estimate import estimate, is_smoother
 from navsim.estimation.judge import judge
 from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import TIME_TOLERANCE, History, ImuData, Judgement, State, Truth, schedule, start
-from navsim.models.kinematics import Moving
 from navsim.simulation.landing import Flight, table_of_all_fixes
+from navsim.trajectory.kinematics import Moving
 
 
 @dataclass

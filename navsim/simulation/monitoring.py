@@ -11,12 +11,12 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
+from navsim.gnss.pseudorange import Signals
 from navsim.integrity import separation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import UP, Allocation, SeparationMonitor, SeparationWatch
 from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
-from navsim.models.pseudorange import Signals
 from navsim.simulation.fixes import ReceiverFixes
 
 NO_FIX, UNTESTED, QUIET, ALARM, EXCLUDED = range(5)

@@ -25,7 +25,7 @@ from navsim.estimation.beliefs import Beliefs, with_unknown_clock
 from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
 from navsim.estimation.observations import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
 from navsim.estimation.records import NOT_USED, REJECTED, TIME_TOLERANCE, ImuData, by_epoch, schedule, start
-from navsim.models.recording import Fixes, Ranges, Samples
+from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.simulation.alignment import Alignment
 
 _ACCELERATION = 5.0

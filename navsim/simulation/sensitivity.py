@@ -17,10 +17,10 @@ import numpy as np
 from navsim.core import states
 from navsim.estimation.observations import FIX
 from navsim.estimation.records import OUTPUT, TIME_TOLERANCE
-from navsim.models import code_loop
-from navsim.models.imu import Triad
-from navsim.models.lasting import LastingErrors
-from navsim.models.pseudorange import Signals
+from navsim.gnss import code_loop
+from navsim.gnss.lasting import LastingErrors
+from navsim.gnss.pseudorange import Signals
+from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import Aid
 from navsim.simulation.landing import CARRIER_SIGMA, Flight, Inputs, expected_measurements
 from navsim.simulation.landing_covariance import AlongTruth

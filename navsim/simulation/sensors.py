@@ -1,6 +1,6 @@
 """From models of inertial sensors to states: those that there really are, and those that a filter believes in.
 
-The one converter between truth and belief. A further error of a sensor is a term in `models.imu`, a line in
+The one converter between truth and belief. A further error of a sensor is a term in `sensors.imu`, a line in
 `true_states`, and one in `followed` and `true_values` where a filter can have it as states.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from navsim.core import states
 from navsim.core.states import Block
 from navsim.estimation.beliefs import SensorBeliefs
-from navsim.models.imu import SensorErrors, Triad
+from navsim.sensors.imu import SensorErrors, Triad
 
 GAINS = (*states.SCALE_FACTORS, *states.MISALIGNMENTS)
 """Errors of inertial sensors that a filter can follow beside biases."""

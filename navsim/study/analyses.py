@@ -12,12 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.io.findings import Finding
-from navsim.io.schema import LARGE
-from navsim.models.constellation import Remembering
-from navsim.models.kinematics import Motion
-from navsim.models.signals import Environment, build_signals
-from navsim.models.sky import enu_matrix
+from navsim.gnss.constellations.constellation import Remembering
+from navsim.gnss.signals import Environment, build_signals
+from navsim.gnss.sky import enu_matrix
+from navsim.results.findings import Finding
+from navsim.results.schema import LARGE
 from navsim.scenario.optimize import LEVEL_OBJECTIVES
 from navsim.scenario.requirements import (
     AccuracyRequirement,
@@ -41,6 +40,7 @@ from navsim.study.landing.integrity import spread_over
 from navsim.study.landing.requirements import Fulfilment, sizes_of
 from navsim.study.placement import Rules, RunwayPlane
 from navsim.study.sources import touchdown_time
+from navsim.trajectory.kinematics import Motion
 
 Judge = Callable[[np.ndarray], np.ndarray]
 """Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""

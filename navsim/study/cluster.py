@@ -32,8 +32,8 @@ from distributed.scheduler import KilledWorker
 
 import navsim
 from navsim.core.lanes import WIDTH
-from navsim.io import files
-from navsim.io.text import decoded
+from navsim.formats.text import decoded
+from navsim.results import files
 from navsim.study.executor import Away, Executor, Lost
 from navsim.study.job import OptionError
 from navsim.study.partial import code_key

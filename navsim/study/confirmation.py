@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.io.draft import Draft
-from navsim.io.findings import CONSISTENT, Finding, of, several
-from navsim.io.results import Result
-from navsim.io.schema import FILTER_QUANTITIES, HEIGHTS
+from navsim.results.draft import Draft
+from navsim.results.findings import CONSISTENT, Finding, of, several
+from navsim.results.result import Result
+from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS
 from navsim.study.executor import Executor
 from navsim.study.landing import Case, result
 from navsim.study.landing import fly_all as fly_landing

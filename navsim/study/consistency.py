@@ -24,7 +24,7 @@ import numpy as np
 
 from navsim.core.arrays import chi_square, normal
 from navsim.core.states import display_name
-from navsim.io.findings import several
+from navsim.results.findings import several
 
 FALSE_ALARM = 1e-3
 """Chance that a right filter is outside the band in any state at any output."""

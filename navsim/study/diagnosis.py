@@ -33,10 +33,10 @@ import numpy as np
 
 from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import wahba
-from navsim.io.recording import increments_as_rates
-from navsim.models import conventions
-from navsim.models.conventions import BODY_AXES, LEVEL_AXES, GnssConvention, ImuConvention, axes_letters, axes_matrix
-from navsim.models.recording import Fixes, Samples
+from navsim.formats import conventions
+from navsim.formats.conventions import BODY_AXES, LEVEL_AXES, GnssConvention, ImuConvention, axes_letters, axes_matrix
+from navsim.formats.recorded_data import Fixes, Samples
+from navsim.formats.recording import increments_as_rates
 from navsim.study.wild_fixes import plausible
 
 GRAVITY = 9.8

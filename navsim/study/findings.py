@@ -13,8 +13,8 @@ import numpy as np
 
 from navsim.core.arrays import chi_square
 from navsim.estimation.records import NOT_USED, REJECTED
-from navsim.io.findings import CONSISTENT, FIX, Finding, several
-from navsim.io.results import Result
+from navsim.results.findings import CONSISTENT, FIX, Finding, several
+from navsim.results.result import Result
 from navsim.study.consistency import StateVerdict
 from navsim.study.statistics import poisson_exceedance
 

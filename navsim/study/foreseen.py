@@ -15,11 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
-from navsim.models.approach import TOUCHDOWN
-from navsim.models.go_around import GO_AROUND
-from navsim.models.horizon import flown_under
-from navsim.models.kinematics import Moving
-from navsim.models.systems import CLOCKS, first_time_scale
+from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
+from navsim.gnss.interference.horizon import flown_under
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.box import BoxSection
@@ -31,10 +28,13 @@ from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
 from navsim.study.implausible import implausible, one_direction
+from navsim.trajectory.approach import TOUCHDOWN
+from navsim.trajectory.go_around import GO_AROUND
+from navsim.trajectory.kinematics import Moving
 
 if TYPE_CHECKING:
-    from navsim.models.pseudorange import Signals
-    from navsim.models.signals import Environment
+    from navsim.gnss.pseudorange import Signals
+    from navsim.gnss.signals import Environment
 
 _ROUGH = 50
 _STEP = 0.2
@@ -121,7 +121,7 @@ class Foreseen:
     @cached_property
     def lone_pseudolite(self) -> list[str]:
         """Warnings of a pseudolite that is the only source on its time scale."""
-        from navsim.models.signals import find_lone_pseudolite
+        from navsim.gnss.signals import find_lone_pseudolite
 
         times = int(find_lone_pseudolite(self.signals, len(self.environment.pseudolites.names)).sum())
         if not times:
@@ -170,7 +170,7 @@ class Foreseen:
             return []
         if not (~np.isnan(signals.js).all(axis=0) & ~signals.used).any():  # nothing that arrives is lost
             return []
-        from navsim.models.signals import build_signals
+        from navsim.gnss.signals import build_signals
 
         quiet = replace(self.environment, jamming=replace(jamming, pseudolites=None))
         motion = self.trajectory.motion(signals.time)
@@ -368,7 +368,7 @@ def told(scenario: Landing, document: Document) -> list[str]:
     Raises InputError as whoever prepares it."""
     if not _needs_sources(scenario):
         return [*scenario.unused(), *of_way(scenario, scenario.trajectory())]
-    from navsim.models.signals import build_signals
+    from navsim.gnss.signals import build_signals
 
     trajectory, sources, scenario, warnings = modelled(scenario, document)
     receiver = scenario.receiver_model()

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh
-from navsim.models.approach import ROLL_OUT, TOUCHDOWN
-from navsim.models.kinematics import Moving, Trajectory
 from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
 from navsim.scenario.landing import Landing
+from navsim.trajectory.approach import ROLL_OUT, TOUCHDOWN
+from navsim.trajectory.kinematics import Moving, Trajectory
 
 LONGEST_ARM = 50.0
 """Length of a lever arm, m, that the largest airliners reach."""
@@ -44,7 +44,7 @@ def one_direction(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings of pseudolites that the antenna sees in the direction of another one throughout the flight."""
     if len(names := scenario.pseudolites.names()) < 2:
         return []
-    from navsim.models.signals import antenna_ecef
+    from navsim.gnss.signals import antenna_ecef
 
     motion = trajectory.motion(_times(scenario, trajectory, TOUCHDOWN))
     sites = ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
@@ -136,7 +136,7 @@ def _wind(scenario: Landing, trajectory: Moving) -> Iterator[str]:
     """Wind that comes near the airspeed."""
     if not scenario.wind.blows or not isinstance(trajectory, Trajectory):
         return
-    from navsim.models.air import triangle_along
+    from navsim.trajectory.air import triangle_along
 
     times = _times(scenario, trajectory, ROLL_OUT)[:-1]
     flown = triangle_along(trajectory, times)
@@ -156,7 +156,7 @@ def _wind(scenario: Landing, trajectory: Moving) -> Iterator[str]:
 
 def _undulation(scenario: Landing, trajectory: Moving) -> Iterator[str]:
     """A geoid undulation that EGM96 does not have there, where the extra `geoid` is installed."""
-    from navsim.models.geoid import NoGeoid, undulation
+    from navsim.core.geoid import NoGeoid, undulation
 
     given = scenario.runway.geoid_undulation_m
     if not isinstance(given, float):

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.core.streams import generator
+from navsim.gnss import events
+from navsim.gnss.pseudorange import Signals
 from navsim.integrity.claims import possible
-from navsim.io.draft import Draft
-from navsim.io.findings import kept
-from navsim.io.results import Result
-from navsim.io.schema import INTEGRITY_TABLE, MOST_LEVELS
-from navsim.models import events
-from navsim.models.pseudorange import Signals
+from navsim.results.draft import Draft
+from navsim.results.findings import kept
+from navsim.results.result import Result
+from navsim.results.schema import INTEGRITY_TABLE, MOST_LEVELS
 from navsim.simulation.landing import Flight
 from navsim.simulation.monitoring import Monitoring, Snapshot, tested_levels
 from navsim.study.findings import notes

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
-from navsim.io.results import Result, Sort
+from navsim.results.result import Result, Sort
 from navsim.study.budget.estimate import Budget
 from navsim.study.executor import Executor
 from navsim.study.partial import Store

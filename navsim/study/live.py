@@ -18,21 +18,21 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.arrays import earth
+from navsim.core.geoid import NoGeoid, undulation
 from navsim.core.streams import generator
 from navsim.estimation.estimate import in_all_lanes
 from navsim.estimation.records import REJECTED
-from navsim.io.draft import Draft
-from navsim.io.findings import Finding, several
-from navsim.io.nmea import Assembler, has_sentences
-from navsim.io.results import Result
-from navsim.io.schema import COUNTS, LIVE, RMS_WINDOW
-from navsim.io.stream import Lines
-from navsim.io.tables import StreamedTable
-from navsim.io.text import plain_number
-from navsim.models import imu
-from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS
-from navsim.models.geoid import NoGeoid, undulation
-from navsim.models.signals import antenna_ecef
+from navsim.formats.conventions import GNSS_COLUMNS, IMU_COLUMNS
+from navsim.formats.nmea import Assembler, has_sentences
+from navsim.formats.stream import Lines
+from navsim.formats.tables import StreamedTable
+from navsim.formats.text import plain_number
+from navsim.gnss.signals import antenna_ecef
+from navsim.results.draft import Draft
+from navsim.results.findings import Finding, several
+from navsim.results.result import Result
+from navsim.results.schema import COUNTS, LIVE, RMS_WINDOW
+from navsim.sensors import imu
 from navsim.simulation.landing import initial_errors, initial_estimate, measured, receiver_fixes
 from navsim.simulation.live import Increments, LiveFilter
 from navsim.study import source_clock

@@ -30,11 +30,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.io.findings import Finding
-from navsim.io.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
-from navsim.models import timescales
-from navsim.models.signals import Environment
-from navsim.models.systems import CLOCKS
+from navsim.gnss import timescales
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.signals import Environment
+from navsim.results.findings import Finding
+from navsim.results.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
 from navsim.scenario.base import KeyedError, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, FILTER_DISTANCE, LEVEL_OBJECTIVES, Optimize

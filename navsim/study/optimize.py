@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 
 from navsim.core.arrays.earth import llh_from_ecef
-from navsim.io.draft import Draft
-from navsim.io.findings import Finding, kept
-from navsim.io.results import Result
-from navsim.io.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
+from navsim.results.draft import Draft
+from navsim.results.findings import Finding, kept
+from navsim.results.result import Result
+from navsim.results.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.scenario.load import resolved_yaml
 from navsim.study import findings as judging
 from navsim.study.ahead import Ahead, Judges

@@ -30,7 +30,7 @@ import numpy as np
 
 import navsim
 from navsim.core.jit import digest
-from navsim.io.whole import discard, replacing, write_whole
+from navsim.results.atomic_write import discard, replacing, write_whole
 from navsim.words import again, option, switch
 
 _HASHED = {

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from navsim.io.draft import Draft
-from navsim.io.results import Result
-from navsim.io.schema import PART
+from navsim.results.draft import Draft
+from navsim.results.result import Result
+from navsim.results.schema import PART
 from navsim.study.ensemble import Batch, Ensemble
 from navsim.study.partial import Arrays
 from navsim.study.sums import blocks

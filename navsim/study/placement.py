@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
-from navsim.io import files, geojson
-from navsim.models.pseudolite import Track, runway_positions
+from navsim.formats import geojson
+from navsim.gnss.pseudolite import Track, runway_positions
+from navsim.results import files
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import Constraints, Optimize, Strip, Surfaces

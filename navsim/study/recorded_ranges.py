@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from navsim.core.arrays.earth import SPEED_OF_LIGHT
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import read_obs
-from navsim.io.text import Dropped, FileError
-from navsim.models.constellation import Constellation
-from navsim.models.recording import Fixes, Ranges
-from navsim.models.systems import System
+from navsim.formats.recorded_data import Fixes, Ranges
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import read_obs
+from navsim.formats.text import Dropped, FileError
+from navsim.gnss.constellations.constellation import Constellation
+from navsim.gnss.constellations.systems import System
 from navsim.study.single_point import PositioningOptions, solve
 
 _STEP = 1e-3 * SPEED_OF_LIGHT

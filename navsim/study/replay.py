@@ -24,19 +24,19 @@ from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS, is_smoother
 from navsim.estimation.observations import FIX
 from navsim.estimation.records import NOT_USED, REJECTED, TFG
-from navsim.io import files
-from navsim.io.draft import Draft
-from navsim.io.findings import CONSISTENT, Finding, kept, several
-from navsim.io.recording import is_nmea, read_fixes, read_imu
-from navsim.io.results import Result
-from navsim.io.schema import REPLAY
-from navsim.io.text import Dropped, FileError
-from navsim.models.imu import Triad
-from navsim.models.recording import Fixes, Ranges, Samples
-from navsim.models.timescales import gps_from_utc
+from navsim.formats.recorded_data import Fixes, Ranges, Samples
+from navsim.formats.recording import is_nmea, read_fixes, read_imu
+from navsim.formats.text import Dropped, FileError
+from navsim.gnss.timescales import gps_from_utc
+from navsim.results import files
+from navsim.results.draft import Draft
+from navsim.results.findings import CONSISTENT, Finding, kept, several
+from navsim.results.result import Result
+from navsim.results.schema import REPLAY
 from navsim.scenario.base import DEG, DEG_H, MG
 from navsim.scenario.replay import FixError, KnownSection, Outage, Replay
 from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.sensors.imu import Triad
 from navsim.simulation import alignment as aligning
 from navsim.simulation import replay
 from navsim.simulation.sensors import followed

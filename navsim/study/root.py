@@ -7,7 +7,7 @@ import hashlib
 from typing import Any
 
 import navsim
-from navsim.io.schema import SCHEMA_VERSION
+from navsim.results.schema import SCHEMA_VERSION
 from navsim.scenario.base import Section, utc_text
 from navsim.scenario.load import resolved_yaml
 

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.io import files
-from navsim.models import timescales
-from navsim.models.constellation import Constellation
-from navsim.models.design import design
-from navsim.models.signals import Satellites
-from navsim.models.sky import Horizon
-from navsim.models.systems import CLOCKS, NAMES, SYSTEMS, System
+from navsim.gnss import timescales
+from navsim.gnss.constellations.constellation import Constellation
+from navsim.gnss.constellations.design import design
+from navsim.gnss.constellations.systems import CLOCKS, NAMES, SYSTEMS, System
+from navsim.gnss.signals import Satellites
+from navsim.gnss.sky import Horizon
+from navsim.results import files
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import LENIENT, SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Place, Problem, dotted
@@ -82,8 +82,8 @@ def horizon_of(scenario: Landing, document: Document) -> tuple[Horizon | None, L
     sky = scenario.sky
     if sky.horizon is None:
         return None, scenario
-    from navsim.io.horizon import read_horizon
-    from navsim.io.text import FileError
+    from navsim.formats.horizon import read_horizon
+    from navsim.formats.text import FileError
 
     key = ("sky", "horizon")
     path, place = document.resolve(key, sky.horizon), document.place(key)
@@ -119,8 +119,8 @@ class _Read(NamedTuple):
 
 
 def _read_almanac(path: Path, utc: float, scenario: Landing) -> _Read:
-    from navsim.io.almanac import read_almanac
-    from navsim.io.text import FileError
+    from navsim.formats.almanac import read_almanac
+    from navsim.formats.text import FileError
 
     told = next((system for system in SYSTEMS if system.name == scenario.sky.almanac_system), None)
     found = read_almanac(path, utc, told)
@@ -134,7 +134,7 @@ def _read_almanac(path: Path, utc: float, scenario: Landing) -> _Read:
 
 
 def _read_navigation(path: Path, utc: float, scenario: Landing) -> _Read:
-    from navsim.io.rinex_nav import read_nav
+    from navsim.formats.rinex_nav import read_nav
 
     sky = scenario.sky
     found = read_nav(path, sky.lenient, sky.wanted())
@@ -146,7 +146,7 @@ def _read_navigation(path: Path, utc: float, scenario: Landing) -> _Read:
 
 
 def _read_orbits(path: Path, utc: float, scenario: Landing) -> _Read:
-    from navsim.io.sp3 import read_sp3
+    from navsim.formats.sp3 import read_sp3
 
     table = read_sp3(path, scenario.sky.lenient)
     start = float(timescales.gps_from_utc(utc))
@@ -173,7 +173,7 @@ class _Files:
     def read(
         self, name: str, reader: Callable[[Path, float, Landing], _Read], utc: float, warnings: list[str]
     ) -> Sequence[Constellation]:
-        from navsim.io.text import FileError
+        from navsim.formats.text import FileError
 
         place = ("sky", self.key)
         path = self.document.resolve(place, name)
@@ -209,8 +209,8 @@ class _Files:
     def _time_offset(self, system: str) -> float:
         """Time of a system less GPS time, s, at the epoch, by the file whose word is nearest to it. Raises
         InputError."""
-        from navsim.io.rinex_nav import TimeOffset, time_offset
-        from navsim.io.text import FileError
+        from navsim.formats.rinex_nav import TimeOffset, time_offset
+        from navsim.formats.text import FileError
 
         now = float(timescales.gps_from_utc(self.scenario.epoch.timestamp()))
         nearest: TimeOffset | None = None

@@ -15,12 +15,12 @@ import numpy as np
 from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.core.dop import MAX_CLOCKS, dops
 from navsim.estimation import receiver
-from navsim.io.rinex_obs import Observations
-from navsim.models import atmosphere
-from navsim.models.constellation import Constellation
-from navsim.models.pseudorange import apparent_velocity, turned_with_earth
-from navsim.models.recording import Ranges
-from navsim.models.sky import azimuth_elevation, enu_matrix
+from navsim.formats.recorded_data import Ranges
+from navsim.formats.rinex_obs import Observations
+from navsim.gnss import atmosphere
+from navsim.gnss.constellations.constellation import Constellation
+from navsim.gnss.pseudorange import apparent_velocity, turned_with_earth
+from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from navsim.study import outliers
 
 _PASSES = 4

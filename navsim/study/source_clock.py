@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.io.text import plain_number
-from navsim.models import timescales
+from navsim.formats.text import plain_number
+from navsim.gnss import timescales
 
 Kind = Literal["dated", "undated", "count"]
 """Stamps: UTC (POSIX s), UTC seconds of an unknown day, or a number of a table (any of these or another count)."""

@@ -9,22 +9,22 @@ from pathlib import Path
 import numpy as np
 
 from navsim.core.arrays.attitude import dcm_from_rpy
-from navsim.io import files
-from navsim.models.approach import GLIDE_START, TOUCHDOWN
-from navsim.models.conventions import STANDARD_GRAVITY, TRACK_ATTITUDE
-from navsim.models.events import EVERY, PSEUDOLITES
-from navsim.models.go_around import GO_AROUND
-from navsim.models.kinematics import Moving, Trajectory, touchdown_from_threshold
-from navsim.models.recorded_trajectory import largest, recorded_trajectory, smoothed_path, track_trajectory
-from navsim.models.retimed import SLOWEST
-from navsim.models.signals import Environment, Satellites, time_scales
-from navsim.models.systems import CLOCKS, SYSTEMS
+from navsim.formats.conventions import STANDARD_GRAVITY, TRACK_ATTITUDE
+from navsim.gnss.constellations.systems import CLOCKS, SYSTEMS
+from navsim.gnss.events import EVERY, PSEUDOLITES
+from navsim.gnss.signals import Environment, Satellites, time_scales
+from navsim.results import files
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, KeyedError, hint
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
 from navsim.study.satellites import horizon_of, read_satellites
+from navsim.trajectory.approach import GLIDE_START, TOUCHDOWN
+from navsim.trajectory.go_around import GO_AROUND
+from navsim.trajectory.kinematics import Moving, Trajectory, touchdown_from_threshold
+from navsim.trajectory.recorded import largest, recorded_trajectory, smoothed_path, track_trajectory
+from navsim.trajectory.retimed import SLOWEST
 
 HARDEST, FASTEST = 20.0, 1000.0
 """Largest specific force, in units of standard gravity, and rate, deg/s, of a motion that a table is taken for."""
@@ -41,8 +41,8 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
     approach = scenario.approach
     if not isinstance(approach, FileApproach):
         return scenario.trajectory(), scenario
-    from navsim.io.results import ResultError
-    from navsim.io.text import FileError
+    from navsim.formats.text import FileError
+    from navsim.results.result import ResultError
 
     path = document.resolve(("approach", "file"), approach.file)
 
@@ -109,7 +109,7 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
 def _read_replay(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Times (n,), s, places (n, 3), rad, rad, m, and roll, pitch, yaw (n, 3), rad, of a replay. Raises ResultError,
     KeyError, ValueError."""
-    from navsim.io.results import read
+    from navsim.results.result import read
 
     result = read(path)
     if result.attributes["kind"] != "replay":
@@ -124,7 +124,7 @@ def _read_replay(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
 def _refuse_worthless(path: Path, begin: float, end: float) -> None:
     """Raise ValueError where the output of a replay is worthless at some time within begin .. end, s."""
-    from navsim.io.results import read
+    from navsim.results.result import read
 
     result = read(path)
     if "/lost/start" not in result:  # results of earlier versions lack it
@@ -141,7 +141,7 @@ def _refuse_worthless(path: Path, begin: float, end: float) -> None:
 
 def _read_table(path: Path, scenario: Landing) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """The same of a table, heights above the ellipsoid; None without attitudes. Raises FileError, ValueError."""
-    from navsim.io.recording import read_track
+    from navsim.formats.recording import read_track
 
     time, llh, attitude, dropped = read_track(path)
     if said := dropped.said():

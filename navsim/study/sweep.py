@@ -18,15 +18,14 @@ from typing import Any
 import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
-from navsim.io import files
-from navsim.io.draft import Draft
-from navsim.io.findings import FIX, Finding, kept, of
-from navsim.io.results import Result
-from navsim.io.schema import OUTCOMES, SWEEP, VERDICTS
-from navsim.models.kinematics import Frame, Trajectory
-from navsim.models.pseudolite import Track
-from navsim.models.signals import Environment
-from navsim.models.systems import CLOCKS
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.pseudolite import Track
+from navsim.gnss.signals import Environment
+from navsim.results import files
+from navsim.results.draft import Draft
+from navsim.results.findings import FIX, Finding, kept, of
+from navsim.results.result import Result
+from navsim.results.schema import OUTCOMES, SWEEP, VERDICTS
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing
@@ -74,6 +73,7 @@ from navsim.study.landing.tree import geometry_summary
 from navsim.study.partial import Arrays, PartialError, Store, code_key
 from navsim.study.root import root_attributes
 from navsim.study.sources import environment, files_of, glide_epochs, on_glide
+from navsim.trajectory.kinematics import Frame, Trajectory
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
 """Keys that move pseudolites and nothing else."""

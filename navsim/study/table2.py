@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh
-from navsim.io.draft import Draft
-from navsim.io.findings import kept
-from navsim.io.results import Result
-from navsim.io.schema import TABLE2
+from navsim.results.draft import Draft
+from navsim.results.findings import kept
+from navsim.results.result import Result
+from navsim.results.schema import TABLE2
 from navsim.scenario.load import read
 from navsim.scenario.shipped import path
 from navsim.simulation.geometry import Geometry, glide_geometry

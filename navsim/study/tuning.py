@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.estimation.records import TFG
-from navsim.io.findings import CONSISTENT, Finding
+from navsim.results.findings import CONSISTENT, Finding
 from navsim.scenario.base import FIX_LATENCIES
 from navsim.simulation import replay
 from navsim.study.statistics import gate_limits

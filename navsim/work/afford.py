@@ -59,7 +59,7 @@ def afford(asked: Request, estimate: Budget, speech: Speech, shown: bool = False
 
 def _kept(target: Path) -> float:
     """Size of the partial work that lies beside the target already, bytes."""
-    from navsim.io.whole import partial_folder
+    from navsim.results.atomic_write import partial_folder
 
     try:
         return float(sum(file.stat().st_size for file in partial_folder(target).iterdir()))

@@ -56,7 +56,7 @@ def misread() -> Iterator[None]:
 @contextmanager
 def failures(name: object) -> Iterator[None]:
     """What stopped the work on a file of this name, as users are told: raises BadInput, RunFailed."""
-    from navsim.io.results import ResultError
+    from navsim.results.result import ResultError
     from navsim.study.executor import Lost
     from navsim.study.job import JobError, OptionError
     from navsim.study.partial import PartialError

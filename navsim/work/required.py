@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from navsim.words import switch
 
 if TYPE_CHECKING:
-    from navsim.io.results import Result
+    from navsim.results.result import Result
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Demands:
 
 def wanting(result: Result, demands: Demands) -> list[str]:
     """What speaks against what was asked for, in words."""
-    from navsim.io.findings import CONSISTENT, FIX, of
+    from navsim.results.findings import CONSISTENT, FIX, of
 
     kinds = [kind for kind, asked in ((FIX, demands.fix), (CONSISTENT, demands.consistent)) if asked]
     wrong = [
@@ -36,7 +36,7 @@ def wanting(result: Result, demands: Demands) -> list[str]:
 
 def _unmet(result: Result) -> list[str]:
     """What is asked of a landing, or of combinations, and is not met, or nothing can be said of, in words."""
-    from navsim.io.schema import VERDICTS
+    from navsim.results.schema import VERDICTS
 
     branch = "/summary/requirements"
     swept = [path for path in result.variables if re.fullmatch(r"/sweep/requirement_\d+_verdict", path)]

@@ -20,7 +20,7 @@ from navsim.work.target import Written, begun, check_target, figure_folder, refu
 from navsim.work.workplace import workplace
 
 if TYPE_CHECKING:
-    from navsim.io.results import Result
+    from navsim.results.result import Result
     from navsim.study.budget.estimate import Budget
     from navsim.study.executor import Executor
     from navsim.study.job import Job, Options
@@ -67,7 +67,7 @@ def carry_out(name: object, job: Job, target: Path, order: Order, listener: List
 
     name: of the file, for messages. target: the result's path. Raises BadInput, RunFailed.
     """
-    from navsim.io.results import SEVERAL_RUNS
+    from navsim.results.result import SEVERAL_RUNS
 
     _check_resumed(target, order)
     check_target(target, job.sort, order.force)
@@ -84,7 +84,7 @@ def carry_out(name: object, job: Job, target: Path, order: Order, listener: List
 
 def _check_resumed(target: Path, order: Order) -> None:
     """Raise BadInput, before anything is touched, where a resumed command works elsewhere than in its folder."""
-    from navsim.io.whole import partial_folder
+    from navsim.results.atomic_write import partial_folder
 
     if order.resumed is not None and (own := partial_folder(target)).resolve() != order.resumed.resolve():
         where = f"would write {target}, whose work lies in {own}"
@@ -95,7 +95,7 @@ def _prepare(
     name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor
 ) -> tuple[Request, Budget]:
     """Prepare a job; returns what it was found to take."""
-    from navsim.io.findings import several
+    from navsim.results.findings import several
 
     away = f"on {several(executor.workers, 'worker')} of {executor.name}" if executor.name else ""
     final_ones: list[tuple[Request, Budget]] = []
@@ -140,7 +140,7 @@ def _told(name: object, job: Job, target: Path, order: Order, listener: Listener
 def _begun_before(job: Job, target: Path, seconds: float, fresh: bool) -> str:
     """What of a job was finished before, and what is left of it, in words; "" where nothing lies there. seconds: that
     all of it takes."""
-    from navsim.io.whole import partial_folder
+    from navsim.results.atomic_write import partial_folder
     from navsim.study.budget.estimate import duration
     from navsim.study.partial import PartialError, begun_before
 
@@ -250,7 +250,7 @@ def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
 
     def load() -> None:
         jit.load_ahead(kernels)
-        for module in ("navsim.io.netcdf", *modules):
+        for module in ("navsim.results.netcdf", *modules):
             import_module(module)
 
     Thread(target=load).start()
@@ -258,7 +258,7 @@ def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
 
 def _store(job: Job, target: Path, order: Order) -> Store | None:
     """The place for partial work beside the result; None where the work is in one piece, and none lies there."""
-    from navsim.io.whole import partial_folder
+    from navsim.results.atomic_write import partial_folder
     from navsim.study.partial import PartialError, Store, check_key
 
     folder = partial_folder(target)

@@ -13,13 +13,13 @@ from navsim.work.errors import BadInput, said
 from navsim.work.speech import Speech
 
 if TYPE_CHECKING:
-    from navsim.io.results import Result, Sort
+    from navsim.results.result import Result, Sort
 
 
 def check_target(target: Path, sort: Sort, force: bool) -> None:
     """Raise BadInput, before anything is computed, where the path cannot be written or holds what must stay: a result
     of another sort, or of more runs, unless `force` says so, anything that is no result always."""
-    from navsim.io.results import ResultError, check_writable
+    from navsim.results.result import ResultError, check_writable
 
     try:
         check_writable(target)
@@ -30,7 +30,7 @@ def check_target(target: Path, sort: Sort, force: bool) -> None:
 
 def refuse_other(target: Path, sort: Sort, force: bool) -> None:
     """Raise ResultError where a file stands that a result of this sort may not overwrite."""
-    from navsim.io.results import ResultError, read_sort
+    from navsim.results.result import ResultError, read_sort
 
     if not target.exists():
         return
@@ -55,7 +55,7 @@ def begun(target: Path, kernels: str, speech: Speech) -> Iterator[None]:
     """The computing of a result: while it lasts no other process works on it; leftovers of killed ones are cleaned, and
     why the first work with these kernels (`study.job.Job`) ever takes longer is said. Raises BadInput."""
     from navsim.core import jit
-    from navsim.io.whole import Occupied, clean, locked
+    from navsim.results.atomic_write import Occupied, clean, locked
 
     with ExitStack() as held:
         try:
@@ -85,9 +85,9 @@ def save(result: Result, target: Path, figures: Path | None) -> Written:
 
     Figures of the result that stood there before are removed: they are not of this one.
     """
-    from navsim.io.results import write
     from navsim.report.figure_files import remove_former
     from navsim.report.view import draw, write_texts
+    from navsim.results.result import write
 
     write(target, result)
     remove_former(target.parent, target.stem)

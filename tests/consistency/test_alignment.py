@@ -12,14 +12,14 @@ import pytest
 
 from navsim.core.arrays.attitude import dcm_from_quaternion
 from navsim.estimation.records import TFG
-from navsim.io import findings
-from navsim.models.recorded_trajectory import RecordedTrajectory
-from navsim.models.recording import Fixes, Samples
+from navsim.formats.recorded_data import Fixes, Samples
+from navsim.results import findings
 from navsim.scenario.load import read_replay
 from navsim.simulation import alignment
 from navsim.simulation import replay as simulated
 from navsim.simulation.alignment import Alignment, Search
 from navsim.study import replay
+from navsim.trajectory.recorded import RecordedTrajectory
 from tests.conftest import SCENARIOS
 from tests.recordings import circuit, quadrotor, record, ride, smooth_steps, write_flight
 

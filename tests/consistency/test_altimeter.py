@@ -11,8 +11,8 @@ from navsim.core import states
 from navsim.estimation import records
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import ALTITUDE, FIX, AltitudeTable, Measurements
-from navsim.io.findings import of
-from navsim.io.results import read
+from navsim.results.findings import of
+from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation.aiding import aids_of
 from navsim.simulation.landing import exact_start

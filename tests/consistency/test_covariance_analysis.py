@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from navsim.core import states
-from navsim.models.signals import build_signals
+from navsim.gnss.signals import build_signals
 from navsim.simulation import landing_covariance
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.study.ensemble import Ensemble

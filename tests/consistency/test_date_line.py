@@ -13,10 +13,10 @@ from shapely.geometry import shape
 
 from navsim.core import earth as point
 from navsim.core.arrays import earth
-from navsim.io import export
-from navsim.io.export import true_antenna
-from navsim.io.results import Result
+from navsim.formats import export
+from navsim.formats.export import true_antenna
 from navsim.report.quantities import fix_errors
+from navsim.results.result import Result
 from navsim.scenario.load import read_replay
 from navsim.study import landing, replay
 from navsim.study.executor import threads

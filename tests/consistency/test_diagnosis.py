@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 from navsim.cli.main import app
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.io.recording import read_fixes, read_imu
-from navsim.models import conventions
-from navsim.models.conventions import BODY_AXES, GnssConvention, ImuConvention
-from navsim.models.recording import Fixes, Samples
+from navsim.formats import conventions
+from navsim.formats.conventions import BODY_AXES, GnssConvention, ImuConvention
+from navsim.formats.recorded_data import Fixes, Samples
+from navsim.formats.recording import read_fixes, read_imu
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay

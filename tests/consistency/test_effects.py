@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from navsim.core.lanes import WIDTH
-from navsim.models import atmosphere, timescales
-from navsim.models.signals import build_signals
+from navsim.gnss import atmosphere, timescales
+from navsim.gnss.signals import build_signals
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.study import landing

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.models.events import Event, RangeFault, Scene, Silence, happened
+from navsim.gnss.events import Event, RangeFault, Scene, Silence, happened
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from navsim.core.arrays.earth import ned_matrix
 from navsim.estimation.records import NOT_USED
+from navsim.gnss.sky import unit_vector
 from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.solution import Independent, rows_of, solve
-from navsim.io.results import read
-from navsim.models.sky import unit_vector
+from navsim.results.result import read
 from navsim.simulation import landing as simulation
 from navsim.simulation.monitoring import ALARM, EXCLUDED, QUIET
 from navsim.study.landing import Case, integrity

@@ -12,11 +12,8 @@ from scipy.stats import binom, binomtest, norm
 from navsim.core import attitude, states, strapdown
 from navsim.core.arrays import earth
 from navsim.core.lanes import WIDTH
-from navsim.io.results import read
-from navsim.models.deviation import Departure
-from navsim.models.kinematics import integrate
-from navsim.models.signals import build_signals
-from navsim.models.steering import Held, steered
+from navsim.gnss.signals import build_signals
+from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation.flown import Flown, Ways
 from navsim.simulation.landing import World, fly
@@ -24,6 +21,9 @@ from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, fly_all
 from navsim.study.landing.ensemble import LandingStudy
 from navsim.study.landing.result import result as summarised
+from navsim.trajectory.deviation import Departure
+from navsim.trajectory.kinematics import integrate
+from navsim.trajectory.steering import Held, steered
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case, scenario
 from tests.layout import as_declared

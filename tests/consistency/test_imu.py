@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from navsim.core.streams import generator
-from navsim.models.imperfections import Imperfections
-from navsim.models.imu import (
+from navsim.scenario.base import DEG_H, MG
+from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
+from navsim.scenario.sensors import ImuPreset, TrueAccelerometer, TrueGyro
+from navsim.scenario.source import InputError
+from navsim.sensors.imu import (
     MARKOV_PEAK,
     Triad,
     allan_variance,
@@ -21,10 +24,7 @@ from navsim.models.imu import (
     sample_sigma_from_density,
     simulate,
 )
-from navsim.scenario.base import DEG_H, MG
-from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
-from navsim.scenario.sensors import ImuPreset, TrueAccelerometer, TrueGyro
-from navsim.scenario.source import InputError
+from navsim.sensors.imu_errors import Imperfections
 from navsim.study.executor import threads
 from navsim.study.landing import findings, fly_all, result
 from tests.helpers import case, scenario

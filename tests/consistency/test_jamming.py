@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh
-from navsim.io.results import read
-from navsim.models.constellation import carriers
+from navsim.gnss.constellations.constellation import carriers
+from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.study.landing import Case

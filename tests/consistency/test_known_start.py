@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io import findings
-from navsim.io.results import Result
+from navsim.results import findings
+from navsim.results.result import Result
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay

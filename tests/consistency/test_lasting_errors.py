@@ -14,8 +14,8 @@ from navsim.estimation import records
 from navsim.estimation.clock import ReceiverClock
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
-from navsim.io.results import read
-from navsim.models.lasting import LastingErrors, mapped
+from navsim.gnss.lasting import LastingErrors, mapped
+from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import exact_start, fly
 from navsim.study.executor import threads

@@ -15,14 +15,14 @@ from typer.testing import CliRunner
 
 from navsim.cli.main import app
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
-from navsim.io import findings
-from navsim.io.results import Result
-from navsim.models.recorded_trajectory import RecordedTrajectory
-from navsim.models.recording import Samples
+from navsim.formats.recorded_data import Samples
 from navsim.report.page.flights import replays
 from navsim.report.replay import figures, lost_spans, tables
+from navsim.results import findings
+from navsim.results.result import Result
 from navsim.simulation import replay as simulated
 from navsim.study import replay
+from navsim.trajectory.recorded import RecordedTrajectory
 from tests.consistency.test_replay import GIVEN, errors, flown, without
 from tests.recordings import circuit, drive, quadrotor, record, ride, smooth_steps, write_flight, write_recording
 

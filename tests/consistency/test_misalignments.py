@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from navsim.core import states
-from navsim.models.imu import SensorErrors
 from navsim.scenario.source import InputError
+from navsim.sensors.imu import SensorErrors
 from navsim.simulation.sensors import true_values
 from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, fly_all

@@ -15,8 +15,8 @@ import yaml
 from scipy.integrate import quad
 
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
-from navsim.io.results import read as read_result
-from navsim.models.constellation import carriers
+from navsim.gnss.constellations.constellation import carriers
+from navsim.results.result import read as read_result
 from navsim.scenario.load import read_study, resolved_yaml
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError

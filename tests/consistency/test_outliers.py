@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.io import rinex_write
-from navsim.io.rinex_nav import Navigation, read_nav
-from navsim.io.rinex_obs import Observations, read_obs
-from navsim.io.text import Dropped, FileError
-from navsim.models import gps, timescales
-from navsim.models.systems import GALILEO, GPS, SYSTEMS
+from navsim.formats import rinex_write
+from navsim.formats.rinex_nav import Navigation, read_nav
+from navsim.formats.rinex_obs import Observations, read_obs
+from navsim.formats.text import Dropped, FileError
+from navsim.gnss import timescales
+from navsim.gnss.constellations import gps
+from navsim.gnss.constellations.systems import GALILEO, GPS, SYSTEMS
 from navsim.study.recorded_ranges import read_messages, read_ranges
 from navsim.study.single_point import PositioningOptions, Solution, solve
 

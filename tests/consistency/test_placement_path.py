@@ -14,10 +14,10 @@ from hypothesis import HealthCheck, Phase, event, example, given, reject, settin
 from hypothesis import strategies as st
 
 from navsim.core.arrays.earth import ecef_from_llh
-from navsim.io.draft import Draft
-from navsim.io.schema import COVARIANCE
-from navsim.models.pseudolite import NEAREST, TRACK_STEP, Track
-from navsim.models.systems import CLOCKS
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.pseudolite import NEAREST, TRACK_STEP, Track
+from navsim.results.draft import Draft
+from navsim.results.schema import COVARIANCE
 from navsim.scenario.base import Section
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read_study

@@ -8,9 +8,9 @@ import re
 import numpy as np
 import pytest
 
-from navsim.io.results import Result
-from navsim.models import code_loop
+from navsim.gnss import code_loop
 from navsim.report import tables
+from navsim.results.result import Result
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import measured

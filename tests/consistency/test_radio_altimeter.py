@@ -9,8 +9,8 @@ import pytest
 
 from navsim.core import states
 from navsim.estimation import records
-from navsim.io.findings import of
-from navsim.io.results import read
+from navsim.results.findings import of
+from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation.aiding import aids_of
 from navsim.study.executor import threads

@@ -12,7 +12,7 @@ from scipy import stats
 from navsim.core.lanes import WIDTH
 from navsim.core.streams import generator
 from navsim.estimation.estimate import in_all_lanes
-from navsim.io.results import read
+from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.simulation.monitoring import ALARM, QUIET

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.models.signals import build_signals
+from navsim.gnss.signals import build_signals
 from tests.helpers import case
 
 EPOCH = "epoch=2020-06-25T10:00:00Z"

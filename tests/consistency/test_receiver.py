@@ -11,11 +11,11 @@ from navsim.core.dop import MAX_CLOCKS, geometry_covariance
 from navsim.core.noise import measure
 from navsim.core.streams import generator
 from navsim.estimation.receiver import fixes
-from navsim.models.kinematics import Motion
-from navsim.models.systems import CLOCKS
+from navsim.gnss.constellations.systems import CLOCKS
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import World, measured
 from navsim.simulation.landing_covariance import Analysis, analyse
+from navsim.trajectory.kinematics import Motion
 from tests.helpers import case
 
 FIXES = 5000

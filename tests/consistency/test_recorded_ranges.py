@@ -13,14 +13,13 @@ import pytest
 from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import RATE, SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.estimation.records import NOT_USED, REJECTED, USED
-from navsim.io import findings
-from navsim.io.export import export
-from navsim.io.results import Result, write
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import read_obs
-from navsim.models.kinematics import Motion
-from navsim.models.recording import Ranges, Samples
-from navsim.models.systems import SYSTEMS
+from navsim.formats.export import export
+from navsim.formats.recorded_data import Ranges, Samples
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import read_obs
+from navsim.gnss.constellations.systems import SYSTEMS
+from navsim.results import findings
+from navsim.results.result import Result, write
 from navsim.scenario.load import read, read_replay
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.source import InputError
@@ -29,6 +28,7 @@ from navsim.study import landing, replay
 from navsim.study.executor import threads
 from navsim.study.recorded_ranges import _steadied
 from navsim.study.single_point import PositioningOptions, solve
+from navsim.trajectory.kinematics import Motion
 from tests.helpers import case
 
 SENSORS = SENSOR_CLASSES["industrial"]

@@ -13,9 +13,9 @@ import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.estimation.records import REJECTED, TFG
-from navsim.io import findings
-from navsim.io.results import Result
-from navsim.models.conventions import FIX_SIGMAS
+from navsim.formats.conventions import FIX_SIGMAS
+from navsim.results import findings
+from navsim.results.result import Result
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from navsim.simulation import replay as simulated

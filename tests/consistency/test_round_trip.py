@@ -11,10 +11,10 @@ import yaml
 
 from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.estimation.estimate import FILTER_KINDS
-from navsim.io import findings
-from navsim.io.export import export
-from navsim.io.results import Result
-from navsim.io.simulated_log import differences
+from navsim.formats.export import export
+from navsim.formats.simulated_log import differences
+from navsim.results import findings
+from navsim.results.result import Result
 from navsim.scenario.load import read_replay
 from navsim.study import landing, replay
 from navsim.study.executor import threads

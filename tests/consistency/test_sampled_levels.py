@@ -9,7 +9,7 @@ import pytest
 
 from navsim.integrity.residuals import Monitor
 from navsim.integrity.risk import silent
-from navsim.io.results import read
+from navsim.results.result import read
 from tests.consistency.test_watched_fixes import brief
 from tests.helpers import SCENARIOS
 from tests.layout import as_declared

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from navsim.core import states
-from navsim.io.results import read
+from navsim.results.result import read
 from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import SCENARIOS

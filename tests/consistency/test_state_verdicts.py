@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from navsim.core.states import A_D
-from navsim.io.findings import of
-from navsim.io.results import Result
 from navsim.report import tables
 from navsim.report.compare import compared
 from navsim.report.table import Table
+from navsim.results.findings import of
+from navsim.results.result import Result
 from navsim.simulation.landing import Run
 from navsim.study.consistency import Ratios
 from navsim.study.executor import threads

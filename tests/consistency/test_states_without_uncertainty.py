@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.io.findings import of
 from navsim.report import tables
+from navsim.results.findings import of
 from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, covariance_result, fly_all, result
 from navsim.study.landing.case import Case

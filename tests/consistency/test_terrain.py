@@ -12,15 +12,15 @@ import pytest
 
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.arrays.horizon import crossings, reach
-from navsim.io.export import export
-from navsim.io.results import Result
-from navsim.io.schema import COVARIANCE
-from navsim.models import horizon
-from navsim.models.sky import enu_matrix, unit_vector
+from navsim.formats.export import export
+from navsim.gnss.interference import horizon
+from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.report.ridges import ShownRidge, clipped, flown_over, seen_skyline, shown_ridges
 from navsim.report.tables import summary_table
+from navsim.results.result import Result
+from navsim.results.schema import COVARIANCE
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import load

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from navsim.models.transmitter import WanderingClocks
+from navsim.gnss.transmitter import WanderingClocks
 from navsim.simulation.landing import measured
 from navsim.simulation.landing_covariance import along_truth
 from navsim.simulation.sensitivity import carried, sensitivity

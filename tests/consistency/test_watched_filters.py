@@ -12,8 +12,8 @@ from scipy.stats import binom
 
 from navsim.core.arrays import chi_square
 from navsim.core.lanes import WIDTH
-from navsim.io.draft import Draft
-from navsim.io.schema import COVARIANCE
+from navsim.results.draft import Draft
+from navsim.results.schema import COVARIANCE
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.simulation import monitoring

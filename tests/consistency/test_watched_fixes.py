@@ -14,12 +14,12 @@ from scipy import optimize, stats
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.core.lanes import WIDTH
 from navsim.estimation.estimate import in_all_lanes
+from navsim.gnss.sky import unit_vector
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, along, coincidences, levels
 from navsim.integrity.solution import Independent, rows_of, solve
-from navsim.io.results import read
-from navsim.models.sky import unit_vector
 from navsim.report import quantities
+from navsim.results.result import read
 from navsim.simulation import landing as simulation
 from navsim.simulation import monitoring
 from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, UNTESTED

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.results import Result, read
-from navsim.io.schema import VERDICTS
+from navsim.results.result import Result, read
+from navsim.results.schema import VERDICTS
 from tests.helpers import SCENARIOS
 from tests.layout import as_declared
 from tests.product.test_run import navsim

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.processes import discretised, exponential, stationary
-from navsim.models import air
-from navsim.models.air import Process
+from navsim.trajectory import air
+from navsim.trajectory.air import Process
 from tests.conftest import DATA, Within
 
 STEP = 0.02

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.models import atmosphere, timescales
+from navsim.gnss import atmosphere, timescales
 from tests.conftest import Within
 
 SITE = np.array([np.radians(35.0), np.radians(140.0), 100.0])

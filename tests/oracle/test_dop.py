@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from navsim.core.dop import dops, geometry_covariance
-from navsim.io.almanac import read_agl
-from navsim.models import timescales
-from navsim.models.glonass import Glonass24Slots, GlonassAlmanac
-from navsim.models.sky import unit_vector
+from navsim.formats.almanac import read_agl
+from navsim.gnss import timescales
+from navsim.gnss.constellations.glonass import Glonass24Slots, GlonassAlmanac
+from navsim.gnss.sky import unit_vector
 from tests.conftest import Within
 from tests.helpers import case, scenario
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from navsim.core import earth as point
 from navsim.core.arrays import earth
-from navsim.models.pseudolite import runway_position
-from navsim.models.sky import azimuth_elevation, enu_matrix
+from navsim.gnss.pseudolite import runway_position
+from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from tests.conftest import Within
 
 

@@ -16,8 +16,8 @@ from navsim.companions.elevation.report import criterion_verdict, tables
 from navsim.companions.elevation.scenario import Elevation
 from navsim.companions.elevation.study import BANDS, Proof, audit, compute, coverage, nominal, prove, smallest_number
 from navsim.companions.kalman import covariance_sequence, predict, singer, steady_state, update
-from navsim.io.results import Result
 from navsim.report.table import Table
+from navsim.results.result import Result
 from tests.conftest import Within
 
 PERIOD, R, Q = 0.0247, 0.0036, 1e-4

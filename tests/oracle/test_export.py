@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.io.export import _runway, export
-from navsim.io.recording import read_fixes
-from navsim.io.results import Result, ResultError, read
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import read_obs
+from navsim.formats.export import _runway, export
+from navsim.formats.recording import read_fixes
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import read_obs
+from navsim.results.result import Result, ResultError, read
 from navsim.study import landing
 from navsim.study.executor import threads
 from navsim.study.single_point import PositioningOptions, solve

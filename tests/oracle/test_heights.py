@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core import states
+from navsim.core import geoid, states
 from navsim.core.arrays.earth import llh_from_ecef
-from navsim.models import geoid, pressure
 from navsim.scenario.source import InputError
+from navsim.sensors import pressure
 from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import DATA, Within

@@ -11,6 +11,7 @@ import pytest
 
 from navsim.core.arrays import chi_square, normal
 from navsim.core.dop import geometry_covariance
+from navsim.gnss.sky import unit_vector
 from navsim.integrity import forms
 from navsim.integrity.claims import possible
 from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms
@@ -19,7 +20,6 @@ from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent, silent_apart
 from navsim.integrity.separation import Allocation, Fault, Levels, levels
 from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
-from navsim.models.sky import unit_vector
 from navsim.scenario.integrity import OPERATIONS, LimitsSection
 from navsim.simulation.monitoring import QUIET
 from navsim.study.landing.integrity import REGIONS, Asked, regions

@@ -14,11 +14,13 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh
-from navsim.models import horizon, interference, lock, spectra
-from navsim.models.code_loop import CodeLoop, chip_length
-from navsim.models.sky import azimuth_elevation, enu_matrix
-from navsim.models.spectra import Band, Flat, Modulated, Spectrum, SweptTone, Tone, boc11, bpsk
-from navsim.models.systems import GLONASS, GPS
+from navsim.gnss.code_loop import CodeLoop, chip_length
+from navsim.gnss.constellations.systems import GLONASS, GPS
+from navsim.gnss.interference import horizon, spectra
+from navsim.gnss.interference import propagation as interference
+from navsim.gnss.interference import tracking_threshold as lock
+from navsim.gnss.interference.spectra import Band, Flat, Modulated, Spectrum, SweptTone, Tone, boc11, bpsk
+from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from tests.conftest import DATA, Within
 
 MEGA = 1e6

@@ -12,16 +12,17 @@ import pytest
 from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import dops
 from navsim.core.orbits import glonass_states
-from navsim.io.almanac import read_almanac
-from navsim.io.horizon import read_horizon
-from navsim.io.rinex_nav import read_nav
-from navsim.io.sp3 import read_sp3
-from navsim.models import glonass, gps, timescales
-from navsim.models.glonass_broadcast import StateVectorEphemerides as Glonass
-from navsim.models.glonass_broadcast import itrf_from_pz90, lunisolar, pz90_from_itrf, sent_by
-from navsim.models.pseudorange import satellites_at_reception
-from navsim.models.sky import Mask, azimuth_elevation, enu_matrix
-from navsim.models.systems import GLONASS, GPS
+from navsim.formats.almanac import read_almanac
+from navsim.formats.horizon import read_horizon
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.sp3 import read_sp3
+from navsim.gnss import timescales
+from navsim.gnss.constellations import glonass, gps
+from navsim.gnss.constellations.glonass_broadcast import StateVectorEphemerides as Glonass
+from navsim.gnss.constellations.glonass_broadcast import itrf_from_pz90, lunisolar, pz90_from_itrf, sent_by
+from navsim.gnss.constellations.systems import GLONASS, GPS
+from navsim.gnss.pseudorange import satellites_at_reception
+from navsim.gnss.sky import Mask, azimuth_elevation, enu_matrix
 from tests.conftest import SCENARIOS, Within
 
 BROADCAST = "data/esbc_2020177/ESBC00DNK_R_20201770000_01D_MN.rnx.gz"

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.io.schema import HEIGHTS
-from navsim.models.path import NoSuchPath, Path, ended
-from navsim.models.waypoints import Turn, Waypoint, cruise, turn
+from navsim.results.schema import HEIGHTS
 from navsim.scenario.source import InputError
 from navsim.study.landing.case import crossing_times
+from navsim.trajectory.path import NoSuchPath, Path, ended
+from navsim.trajectory.waypoints import Turn, Waypoint, cruise, turn
 from tests.conftest import DATA, Within
 from tests.helpers import case, scenario
 from tests.oracle.test_strapdown import mechanised

@@ -11,12 +11,13 @@ import pytest
 
 from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
-from navsim.models import code_loop, interference
-from navsim.models.antenna import GroundPattern
-from navsim.models.kinematics import Motion
-from navsim.models.signals import build_signals
-from navsim.models.sky import enu_matrix, unit_vector
+from navsim.gnss import code_loop
+from navsim.gnss.antenna import GroundPattern
+from navsim.gnss.interference import propagation as interference
+from navsim.gnss.signals import build_signals
+from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.scenario.signals import AntennaSection
+from navsim.trajectory.kinematics import Motion
 from tests.conftest import DATA, Within
 from tests.helpers import case
 

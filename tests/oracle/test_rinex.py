@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import Observations, read_obs
-from navsim.models import timescales
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import Observations, read_obs
+from navsim.gnss import timescales
 from tests.rinex import CODES_2, in_version_4, labelled, navigation_3, observations_2, observations_3
 
 UTC = timescales.posix(2018, 9, 13, 12)

@@ -14,7 +14,7 @@ import pytest
 from pymap3d.vincenty import vdist
 
 from navsim.core.arrays.earth import llh_from_ecef
-from navsim.models.magnetic import declination
+from navsim.core.magnetic import declination
 from navsim.scenario.aerodrome import between
 from navsim.scenario.source import InputError
 from tests.conftest import DATA, Within

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from navsim.core.streams import generator
-from navsim.models.imperfections import Gains, Imperfections, Vibration, Warming, felt_through, shaking
-from navsim.models.imu import (
+from navsim.scenario.base import DEG, DEG_H, DEG_SQRT_H
+from navsim.scenario.sensors import G
+from navsim.sensors.imu import (
     MARKOV_PEAK,
     SensorErrors,
     Triad,
@@ -23,8 +24,7 @@ from navsim.models.imu import (
     simulate,
     simulate_lanes,
 )
-from navsim.scenario.base import DEG, DEG_H, DEG_SQRT_H
-from navsim.scenario.sensors import G
+from navsim.sensors.imu_errors import Gains, Imperfections, Vibration, Warming, felt_through, shaking
 from tests.conftest import DATA, Within
 from tests.helpers import scenario
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import Observations, read_obs
-from navsim.io.sp3 import read_sp3
-from navsim.models import glonass_broadcast, gps
-from navsim.models.systems import GALILEO, GLONASS, GPS, SYSTEMS
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import Observations, read_obs
+from navsim.formats.sp3 import read_sp3
+from navsim.gnss.constellations import glonass_broadcast, gps
+from navsim.gnss.constellations.systems import GALILEO, GLONASS, GPS, SYSTEMS
 from navsim.study.single_point import PositioningOptions, solve
 from tests.conftest import DATA, Within
 

@@ -13,12 +13,13 @@ import pytest
 
 from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.core.dop import dops
-from navsim.io.rinex_nav import Navigation, read_nav, time_offset
-from navsim.io.sp3 import read_sp3
-from navsim.models import gps, timescales, walker
-from navsim.models.design import design
-from navsim.models.sky import azimuth_elevation, enu_matrix
-from navsim.models.systems import BEIDOU, GALILEO, GPS, QZSS, SYSTEMS, System
+from navsim.formats.rinex_nav import Navigation, read_nav, time_offset
+from navsim.formats.sp3 import read_sp3
+from navsim.gnss import timescales
+from navsim.gnss.constellations import gps, walker
+from navsim.gnss.constellations.design import design
+from navsim.gnss.constellations.systems import BEIDOU, GALILEO, GPS, QZSS, SYSTEMS, System
+from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
 from navsim.study.landing import prepare

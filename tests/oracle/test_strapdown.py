@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from navsim.core import attitude, states, strapdown
 from navsim.core.arrays import earth
-from navsim.models.kinematics import Trajectory
+from navsim.trajectory.kinematics import Trajectory
 from tests.conftest import Within
 from tests.helpers import case, cross, scenario
 

@@ -20,8 +20,8 @@ from navsim.estimation.clock import ReceiverClock, carry_clock_covariance
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, RANGE, Measurements, RangeTable
 from navsim.estimation.records import ESKF, FILTERS, FilterModel, History, ImuData, schedule, start
-from navsim.models.receiver import wander
-from navsim.models.sky import unit_vector
+from navsim.gnss.receiver import wander
+from navsim.gnss.sky import unit_vector
 from navsim.simulation.landing import (
     draw,
     exact_clock,

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.models.kinematics import Trajectory, Wind, tangent_frame
-from navsim.models.recorded_trajectory import largest, smoothed_path
 from navsim.scenario.source import InputError
 from navsim.study import landing
 from navsim.study.executor import threads
+from navsim.trajectory.kinematics import Trajectory, Wind, tangent_frame
+from navsim.trajectory.recorded import largest, smoothed_path
 from tests.conftest import Within
 from tests.helpers import case, scenario
 from tests.layout import as_declared

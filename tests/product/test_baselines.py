@@ -17,9 +17,9 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from navsim.io.results import read
 from navsim.report import printing
 from navsim.report.view import view
+from navsim.results.result import read
 from tests.conftest import ROOT
 from tests.made import EVERY
 

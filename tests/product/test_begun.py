@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from navsim.io.whole import partial_folder
+from navsim.results.atomic_write import partial_folder
 from navsim.study.executor import threads
 from navsim.study.job import Options
 from navsim.study.partial import Store

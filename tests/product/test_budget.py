@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from navsim.io.results import write
 from navsim.kinds import KINDS, named
+from navsim.results.result import write
 from navsim.scenario import shipped
 from navsim.scenario.load import read, read_for
 from navsim.simulation.landing_covariance import SOURCES

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from navsim.io.results import read
+from navsim.results.result import read
 from navsim.scenario import load
 from navsim.scenario.source import InputError
 from navsim.study.executor import Lost

@@ -27,8 +27,8 @@ import pytest
 import typer
 
 from navsim.cli.main import app
-from navsim.io.export import export
-from navsim.io.results import read
+from navsim.formats.export import export
+from navsim.results.result import read
 from tests import at_length
 from tests.conftest import ROOT
 from tests.forks import found_first, shared

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from navsim.io.results import read
+from navsim.results.result import read
 from navsim.study.ensemble import BATCH
 from tests import forks
 from tests.conftest import SCENARIOS

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from navsim.estimation.records import NOT_USED
-from navsim.io.findings import CONSISTENT, FIX, Finding, kept, of
-from navsim.io.results import Result, ResultError, Variable, read, write
+from navsim.results.findings import CONSISTENT, FIX, Finding, kept, of
+from navsim.results.result import Result, ResultError, Variable, read, write
 from navsim.scenario.load import read as read_scenario
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize

@@ -22,11 +22,12 @@ from typer.testing import CliRunner, Result
 from navsim.cli import run as run_command
 from navsim.cli import studies
 from navsim.cli.main import app
-from navsim.io.almanac import read_almanac
-from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort, read, read_sort
+from navsim.formats.almanac import read_almanac
+from navsim.gnss import timescales
+from navsim.gnss.constellations import glonass, gps
 from navsim.kinds import KINDS, OF_FILES, named
-from navsim.models import glonass, gps, timescales
 from navsim.report import printing as drawing
+from navsim.results.result import ONE_RUN, SEVERAL_RUNS, Sort, read, read_sort
 from navsim.scenario import shipped
 from navsim.scenario.landing import Landing
 from navsim.scenario.sweep import Sweep

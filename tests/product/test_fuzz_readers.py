@@ -20,15 +20,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from navsim.io import rinex_write
-from navsim.io.almanac import AlmanacFile, read_almanac
-from navsim.io.recording import read_fixes, read_imu
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import read_obs
-from navsim.io.sp3 import read_sp3
-from navsim.io.text import FileError
-from navsim.models import glonass, glonass_broadcast, gps, timescales
-from navsim.models.systems import GPS
+from navsim.formats import rinex_write
+from navsim.formats.almanac import AlmanacFile, read_almanac
+from navsim.formats.recording import read_fixes, read_imu
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import read_obs
+from navsim.formats.sp3 import read_sp3
+from navsim.formats.text import FileError
+from navsim.gnss import timescales
+from navsim.gnss.constellations import glonass, glonass_broadcast, gps
+from navsim.gnss.constellations.systems import GPS
 from tests.rinex import in_version_4, labelled, navigation_3, observations_2, observations_3
 
 UTC = timescales.posix(2018, 9, 13, 12)

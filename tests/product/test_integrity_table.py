@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.findings import of
-from navsim.io.results import read
+from navsim.results.findings import of
+from navsim.results.result import read
 from navsim.simulation.monitoring import Snapshot
 from navsim.study import integrity_table
 from navsim.study.landing.integrity import glide_of

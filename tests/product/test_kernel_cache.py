@@ -211,7 +211,7 @@ def test_another_place_of_installation_has_the_same_code(cache: Path, tmp_path: 
 @pytest.mark.parametrize(
     ("file", "old", "new", "right", "hits"),
     [
-        ("models/path.py", '"""', '"""Another text. ', RIGHT, 1),
+        ("trajectory/path.py", '"""', '"""Another text. ', RIGHT, 1),
         ("core/attitude.py", '"""', '"""Another text. ', RIGHT, 1),
         ("core/attitude.py", "2.0 * (", "3.0 * (", None, 0),
         ("core/lanes.py", '"""', '"""Another text. ', RIGHT, 0),

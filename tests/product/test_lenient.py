@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from navsim.models import timescales
+from navsim.gnss import timescales
 from navsim.scenario.load import read, read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay

@@ -30,10 +30,10 @@ from navsim.core.streams import generator
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import ImuData, schedule
-from navsim.io.export import export
-from navsim.io.results import read
-from navsim.io.stream import Lines, StreamError, opened
-from navsim.models import imu
+from navsim.formats.export import export
+from navsim.formats.stream import Lines, StreamError, opened
+from navsim.results.result import read
+from navsim.sensors import imu
 from navsim.simulation.landing import measured, receiver_fixes, table_of_fixes
 from navsim.study import landing
 from navsim.study import live as flying

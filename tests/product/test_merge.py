@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from navsim.io.results import read
+from navsim.results.result import read
 from tests.conftest import SCENARIOS
 from tests.forks import navsim
 from tests.layout import as_declared

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from navsim.io.results import read
+from navsim.results.result import read
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared
 from tests.product.test_run import navsim, stored

@@ -13,7 +13,7 @@ import pytest
 
 from navsim.__main__ import main
 from navsim.cli import common
-from navsim.io.results import read
+from navsim.results.result import read
 from navsim.study import watch
 from navsim.study.jobs import optimize as job
 from tests.conftest import SCENARIOS

@@ -19,8 +19,7 @@ import numpy as np
 import pytest
 from bokeh.models import ColorBar
 
-from navsim.io import swept
-from navsim.io.results import Result, read
+from navsim.formats import swept
 from navsim.kinds import KINDS
 from navsim.report import citations, tables
 from navsim.report.compare import differences, settings_of
@@ -34,6 +33,7 @@ from navsim.report.ridges import ShownRidge
 from navsim.report.sky import source_tracks
 from navsim.report.table import TIDY, Table, tidy
 from navsim.report.view import view
+from navsim.results.result import Result, read
 from tests import steps
 from tests.conftest import ROOT
 from tests.forks import navsim, shared

@@ -25,11 +25,11 @@ import pytest
 import yaml
 
 from navsim.core.arrays.earth import llh_from_ecef
-from navsim.io.results import read
 from navsim.planner.orders import Known, WrongOrder, read_order
 from navsim.planner.outlook import QUANTITIES, Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.planner.server import MOST_PAGES
+from navsim.results.result import read
 from navsim.scenario.source import InputError, load
 from navsim.study.analyses import glimpsed, screened
 from navsim.study.landing import prepare

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from navsim.io.results import read
 from navsim.kinds import named
 from navsim.report import printing
 from navsim.report.view import view
+from navsim.results.result import read
 
 PLAN = "right of the axis, m"
 """Label of the axis of distances from the runway's axis."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from navsim.io.results import read
+from navsim.results.result import read
 from tests.conftest import SCENARIOS
 from tests.forks import navsim, shared
 from tests.layout import as_declared

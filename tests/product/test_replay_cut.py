@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from navsim.cli.main import app
-from navsim.io.recording import read_fixes, read_imu
-from navsim.models.conventions import GnssConvention
+from navsim.formats.conventions import GnssConvention
+from navsim.formats.recording import read_fixes, read_imu
 from navsim.study.diagnosis import Log, diagnose
 from tests.conftest import SCENARIOS
 from tests.mistakes import MISTAKES, Made

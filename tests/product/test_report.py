@@ -30,12 +30,12 @@ from navsim.companions.elevation import mls
 from navsim.companions.elevation import report as elevation
 from navsim.companions.elevation import study as elevation_study
 from navsim.core import states
-from navsim.io.export import choose_run, export
-from navsim.io.results import Result, ResultError, Variable, read, write
+from navsim.formats.export import choose_run, export
 from navsim.report import figures, limits, live, optimize, printing, quantities, sweep, tables
 from navsim.report.landing import VIEW
 from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import Table, console
+from navsim.results.result import Result, ResultError, Variable, read, write
 from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.scenario.sweep import Sweep
 from navsim.study import landing

@@ -18,7 +18,7 @@ from PIL import Image
 
 from navsim.core import states
 from navsim.core.dop import dops
-from navsim.io.results import Result, read
+from navsim.results.result import Result, read
 from tests import forks
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim

@@ -20,8 +20,9 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from navsim.cli.main import app
-from navsim.io import hdf5, seal
-from navsim.io.results import (
+from navsim.results import checksum as seal
+from navsim.results import hdf5
+from navsim.results.result import (
     Result,
     ResultError,
     Stored,
@@ -165,7 +166,7 @@ def test_data_that_do_not_fit_their_dimensions_are_not_written(file: Path) -> No
 
 
 def test_a_large_result_is_written_like_a_small_one(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("navsim.io.results.IN_MEMORY", 1e5)
+    monkeypatch.setattr("navsim.results.result.IN_MEMORY", 1e5)
     write(file, small())
     assert agree(small(), read(file))
     assert [path.name for path in file.parent.iterdir()] == [file.name]
@@ -175,7 +176,7 @@ def test_a_large_result_is_written_like_a_small_one(file: Path, monkeypatch: pyt
 def test_blocks_that_cannot_be_made_leave_the_earlier_result(
     in_memory: float, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("navsim.io.results.IN_MEMORY", in_memory)
+    monkeypatch.setattr("navsim.results.result.IN_MEMORY", in_memory)
     before = file.read_bytes()
 
     def blocks() -> Iterator[np.ndarray]:
@@ -190,7 +191,7 @@ def test_blocks_that_cannot_be_made_leave_the_earlier_result(
 
 
 def test_blocks_that_do_not_fit_leave_no_thread(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("navsim.io.results.IN_MEMORY", 0)
+    monkeypatch.setattr("navsim.results.result.IN_MEMORY", 0)
     threads = threading.active_count()
 
     def blocks() -> Iterator[np.ndarray]:

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from navsim.io.results import read
+from navsim.results.result import read
 from navsim.study.landing import covariance_analysis, covariance_result
 from tests import forks
 from tests.conftest import SCENARIOS

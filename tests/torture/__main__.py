@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import navsim
-from navsim.io.whole import write_whole
+from navsim.results.atomic_write import write_whole
 from tests.conftest import ROOT
 from tests.forks import Forks
 from tests.torture import trials

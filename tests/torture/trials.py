@@ -15,8 +15,8 @@ from typing import Any
 
 import jsonschema
 
-from navsim.io.results import ResultError, read
 from navsim.kinds import KINDS, OF_FILES
+from navsim.results.result import ResultError, read
 from navsim.scenario.load import section
 from tests.conftest import SCENARIOS
 from tests.forks import HANG_S, MOST_MB, Forks

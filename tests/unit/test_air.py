@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays import earth
-from navsim.models import air
-from navsim.models.retimed import Retimed
 from navsim.scenario.source import InputError
+from navsim.trajectory import air
+from navsim.trajectory.retimed import Retimed
 from tests.helpers import scenario
 
 T = np.linspace(1.0, 59.0, 40)

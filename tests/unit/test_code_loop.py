@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.models import code_loop
-from navsim.models.systems import GPS
+from navsim.gnss import code_loop
+from navsim.gnss.constellations.systems import GPS
 
 CHIP = code_loop.chip_length(GPS)
 GROUND = code_loop.GroundReflection(0.0, 15.0, 0.035, -10.0)

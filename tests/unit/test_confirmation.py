@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from navsim.io.findings import CONSISTENT
-from navsim.io.schema import FILTER_QUANTITIES
+from navsim.results.findings import CONSISTENT
+from navsim.results.schema import FILTER_QUANTITIES
 from navsim.study.confirmation import Candidate, Confirmation, Errors, OfRuns, confirm
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import dops
-from navsim.io.findings import of
-from navsim.models.horizon import horizon_dip
-from navsim.models.signals import build_signals
+from navsim.gnss.interference.horizon import horizon_dip
+from navsim.gnss.signals import build_signals
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
+from navsim.results.findings import of
 from navsim.scenario.load import read, read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.sweep import Sweep

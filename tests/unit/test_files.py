@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from navsim.io import files
-from navsim.io.hdf5 import Damaged
-from navsim.io.results import ResultError, read
-from navsim.io.text import FileError, read_lines
+from navsim.formats.text import FileError, read_lines
+from navsim.results import files
+from navsim.results.hdf5 import Damaged
+from navsim.results.result import ResultError, read
 from navsim.scenario.source import InputError, load
 
 OPENERS: dict[str, Callable[[Path], object]] = {

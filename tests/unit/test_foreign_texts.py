@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io import rinex_write
-from navsim.io.horizon import read_horizon
-from navsim.io.recording import read_fixes, read_imu, read_track
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import read_obs
-from navsim.io.sp3 import read_sp3
-from navsim.io.text import FileError, read_lines
-from navsim.models import conventions, gps
-from navsim.models.systems import GALILEO, GPS, SYSTEMS
+from navsim.formats import conventions, rinex_write
+from navsim.formats.horizon import read_horizon
+from navsim.formats.recording import read_fixes, read_imu, read_track
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import read_obs
+from navsim.formats.sp3 import read_sp3
+from navsim.formats.text import FileError, read_lines
+from navsim.gnss.constellations import gps
+from navsim.gnss.constellations.systems import GALILEO, GPS, SYSTEMS
 from navsim.scenario.source import InputError, load
 from tests.product import test_fuzz_readers as files
 from tests.rinex import observations_2, observations_3

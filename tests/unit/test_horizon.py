@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.horizon import read_horizon
-from navsim.io.text import FileError
+from navsim.formats.horizon import read_horizon
+from navsim.formats.text import FileError
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
 from navsim.study.landing import prepare

@@ -11,23 +11,26 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "navsim"
+WORLD = {"core", "trajectory", "gnss", "sensors"}
+FILES = {"core", "results", "formats"}
 ALLOWED = {
     "core": set(),
-    "models": {"core"},
+    "trajectory": {"core"},
+    "gnss": {"core", "trajectory"},
+    "sensors": {"core", "trajectory", "gnss"},
     "estimation": {"core"},
-    "simulation": {"models", "estimation", "integrity", "core"},
-    "companions": {"core", "scenario", "io", "study", "report"},
     "integrity": {"core"},
-    "scenario": {"models", "estimation", "core", "io", "kinds", "words"},
-    "io": {"core", "models"},
-    "study": {"simulation", "integrity", "scenario", "io", "models", "estimation", "core", "words"},
-    "report": {"core", "io", "kinds"},
-    "work": {"core", "scenario", "io", "study", "report", "kinds", "words"},
-    "api": {"core", "scenario", "io", "study", "report", "work", "words"},
-    "planner": {"core", "models", "simulation", "scenario", "io", "study", "report"},
-    "cli": {
-        "core", "models", "estimation", "simulation", "scenario", "io", "study", "report", "work", "planner", "kinds",
-    },
+    "simulation": WORLD | {"estimation", "integrity", "formats"},
+    "results": {"core"},
+    "formats": WORLD | {"results"},
+    "scenario": WORLD | FILES | {"estimation", "kinds", "words"},
+    "study": WORLD | FILES | {"simulation", "integrity", "scenario", "estimation", "words"},
+    "report": FILES | {"kinds"},
+    "companions": FILES | {"scenario", "study", "report"},
+    "work": FILES | {"scenario", "study", "report", "kinds", "words"},
+    "api": FILES | {"scenario", "study", "report", "work", "words"},
+    "planner": WORLD | FILES | {"simulation", "scenario", "study", "report"},
+    "cli": WORLD | FILES | {"estimation", "simulation", "scenario", "study", "report", "work", "planner", "kinds"},
 }
 
 
@@ -230,8 +233,8 @@ OF_OTHER_KINDS = {
 def test_validate_compiles_nothing() -> None:
     found = modules_of("validate", str(LANDING))
     assert {"navsim.scenario.landing", "numpy"} <= found
-    heavy = {"numba", "scipy", "matplotlib", "h5py", "rich", "numpy.ma", "navsim.io.schema", "navsim.io.results"}
-    assert not (heavy | OF_OTHER_KINDS) & found
+    heavy = {"numba", "scipy", "matplotlib", "h5py", "rich", "numpy.ma"}
+    assert not (heavy | {"navsim.results.schema", "navsim.results.result"} | OF_OTHER_KINDS) & found
 
 
 def test_a_landing_imports_only_what_it_needs(tmp_path: Path) -> None:
@@ -243,7 +246,7 @@ def test_a_landing_imports_only_what_it_needs(tmp_path: Path) -> None:
     unneeded = {
         "matplotlib", "PIL", "h5netcdf", "scipy.spatial", "scipy.optimize", "scipy.interpolate", "scipy.stats",
         "shapely", "sgp4", "pynmeagps", "serial", "hatanaka", "ncompress",
-        "navsim.io.rinex_nav", "navsim.io.sp3", "navsim.io.almanac",
+        "navsim.formats.rinex_nav", "navsim.formats.sp3", "navsim.formats.almanac",
     }  # fmt: skip
     assert not (unneeded | OF_OTHER_KINDS) & found
 

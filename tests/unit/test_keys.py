@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from navsim.io.units import unit_of
+from navsim.formats.units import unit_of
 from navsim.kinds import OF_FILES
 from navsim.scenario import shipped
 from navsim.scenario.keys import ITEM, NAME, KeyRow, matching, nearest, rows

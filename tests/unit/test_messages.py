@@ -11,11 +11,11 @@ import typer
 from navsim.cli.options import number_option
 from navsim.cli.results import shown_as_stored
 from navsim.core.states import display_name
-from navsim.io.findings import several
-from navsim.io.results import Result, Variable
-from navsim.io.schema import SCHEMA_VERSION
 from navsim.report import tables
 from navsim.report.tables import state_verdict
+from navsim.results.findings import several
+from navsim.results.result import Result, Variable
+from navsim.results.schema import SCHEMA_VERSION
 from navsim.scenario.load import read, resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.study.landing import prepare

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.nmea import Assembler, read_nmea
-from navsim.io.recording import read_fixes
-from navsim.io.text import Dropped, FileError
-from navsim.models import timescales
+from navsim.formats.nmea import Assembler, read_nmea
+from navsim.formats.recording import read_fixes
+from navsim.formats.text import Dropped, FileError
+from navsim.gnss import timescales
 from tests.product.test_fuzz_readers import sentence
 
 DAY = timescales.posix(2018, 9, 13)

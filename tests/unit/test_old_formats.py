@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io import rinex_write
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import read_obs
-from navsim.io.sp3 import read_sp3
-from navsim.io.text import FileError
-from navsim.models import glonass, glonass_broadcast, gps, timescales
-from navsim.models.systems import GPS
+from navsim.formats import rinex_write
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import read_obs
+from navsim.formats.sp3 import read_sp3
+from navsim.formats.text import FileError
+from navsim.gnss import timescales
+from navsim.gnss.constellations import glonass, glonass_broadcast, gps
+from navsim.gnss.constellations.systems import GPS
 
 UTC = timescales.posix(2018, 9, 13, 12)
 

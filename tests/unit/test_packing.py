@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io import text
-from navsim.io.rinex_obs import read_obs
-from navsim.io.text import Dropped, FileError, read_lines
+from navsim.formats import text
+from navsim.formats.rinex_obs import read_obs
+from navsim.formats.text import Dropped, FileError, read_lines
 from tests.rinex import observations_3
 
 TEXT = "".join(f"line {k}\n" for k in range(5000))

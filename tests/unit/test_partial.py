@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.io import whole
-from navsim.io.whole import Occupied, clean, discard, locked, partial_folder, write_whole
+from navsim.results import atomic_write as whole
+from navsim.results.atomic_write import Occupied, clean, discard, locked, partial_folder, write_whole
 from navsim.study.journal import Journal
 from navsim.study.partial import PartialError, Store
 
@@ -228,7 +228,7 @@ def test_a_file_is_whole_or_as_before(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_a_lock_says_who_holds_it_and_ends_with_its_process(tmp_path: Path) -> None:
     file = tmp_path / "r.h5"
     code = (
-        "import sys, time; from pathlib import Path; from navsim.io.whole import locked\n"
+        "import sys, time; from pathlib import Path; from navsim.results.atomic_write import locked\n"
         "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", code, str(file)], stdout=subprocess.PIPE, text=True) as holder:

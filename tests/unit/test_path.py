@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.models.approach import GLIDE_START, TOUCHDOWN
-from navsim.models.path import blend, uniform
+from navsim.trajectory.approach import GLIDE_START, TOUCHDOWN
+from navsim.trajectory.path import blend, uniform
 from tests.helpers import scenario
 
 

@@ -22,7 +22,7 @@ EPOCHS = np.linspace(0.0, 60.0, 7)
 
 def here(*settings: str) -> tuple[Geometry, np.ndarray, np.ndarray]:
     """The geometry of landing.yaml without pseudolites, its unit vectors in ECEF (nan: not used), clocks."""
-    from navsim.models.signals import build_signals
+    from navsim.gnss.signals import build_signals
 
     scenario, document = read(SCENARIOS / "landing.yaml", ["pseudolites.count=0", *settings])
     sources, scenario, _ = environment(scenario, document)

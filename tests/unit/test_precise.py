@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.sp3 import read_sp3
-from navsim.models import gps, timescales
-from navsim.models.precise import OrbitTable, PreciseOrbits
-from navsim.models.systems import GPS, SYSTEMS
+from navsim.formats.sp3 import read_sp3
+from navsim.gnss import timescales
+from navsim.gnss.constellations import gps
+from navsim.gnss.constellations.precise import OrbitTable, PreciseOrbits
+from navsim.gnss.constellations.systems import GPS, SYSTEMS
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
 from navsim.study import landing

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from navsim.gnss.sky import unit_vector
 from navsim.integrity import residuals
 from navsim.integrity.residuals import ChiSquareTest
 from navsim.integrity.separation import UP, Allocation, Fault, FixLevels, levels
 from navsim.integrity.solution import Independent, rows_of, solve
-from navsim.models.sky import unit_vector
 
 BUDGET = Allocation(
     p_unmonitored=1e-3, p_hmi_vertical=1e-5, p_hmi_horizontal=1e-5, p_fa_vertical=1e-4, p_fa_horizontal=1e-4

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.findings import of
-from navsim.io.results import Result
-from navsim.models.systems import CLOCKS
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.results.findings import of
+from navsim.results.result import Result
 from navsim.scenario.load import read_study, resolved_yaml
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.sweep import Sweep

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.nmea import Assembler
-from navsim.io.recording import read_fixes, read_imu
-from navsim.io.text import FileError
+from navsim.formats.nmea import Assembler
+from navsim.formats.recording import read_fixes, read_imu
+from navsim.formats.text import FileError
 
 
 def sentence(body: str) -> str:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from navsim.core.defect import Defect
-from navsim.io.draft import Draft
-from navsim.io.findings import kept
-from navsim.io.results import Stream
-from navsim.io.schema import (
+from navsim.results.draft import Draft
+from navsim.results.findings import kept
+from navsim.results.result import Stream
+from navsim.results.schema import (
     ATC,
     COVARIANCE,
     FAMILIES,

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.rinex_nav import read_nav
-from navsim.io.rinex_obs import Observations, read_obs
-from navsim.io.text import FileError
-from navsim.models import timescales
+from navsim.formats.rinex_nav import read_nav
+from navsim.formats.rinex_obs import Observations, read_obs
+from navsim.formats.text import FileError
+from navsim.gnss import timescales
 from tests.rinex import epoch_2, header, in_version_4, labelled, navigation_3, observations_2, observations_3, row
 
 UTC = timescales.posix(2018, 9, 13, 12)

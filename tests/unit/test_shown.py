@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
-from navsim.io.results import Result, Variable
-from navsim.io.swept import outputs
+from navsim.formats.swept import outputs
 from navsim.report.quantities import about_threshold
+from navsim.results.result import Result, Variable
 
 
 def test_a_level_flight_is_drawn_level() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.models import timescales
+from navsim.gnss import timescales
 from navsim.study.source_clock import Kind, Start, StartError, settle, start_time
 
 EPOCH = timescales.posix(2018, 9, 13, 12)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from navsim.io import stream
-from navsim.io.stream import Lines, opened
+from navsim.formats import stream
+from navsim.formats.stream import Lines, opened
 
 
 def port_of(lines: Lines) -> int:

@@ -14,20 +14,31 @@ import pytest
 
 from navsim.core import orbits
 from navsim.core.dop import MAX_CLOCKS
-from navsim.models import timescales
-from navsim.models.constellation import Constellation, Remembering, carriers
-from navsim.models.design import design
-from navsim.models.systems import BEIDOU, BY_LETTER, CLOCKS, GLONASS, GPS, LETTERS, NAMES, QZSS, SYSTEMS, System
+from navsim.gnss import timescales
+from navsim.gnss.constellations.constellation import Constellation, Remembering, carriers
+from navsim.gnss.constellations.design import design
+from navsim.gnss.constellations.systems import (
+    BEIDOU,
+    BY_LETTER,
+    CLOCKS,
+    GLONASS,
+    GPS,
+    LETTERS,
+    NAMES,
+    QZSS,
+    SYSTEMS,
+    System,
+)
 from navsim.scenario import sky
 
 PACKAGE = Path(__file__).resolve().parents[2] / "navsim"
 UTC = timescales.posix(2018, 9, 13, 12)
 LETTER = re.compile(r"[RGECJ](\d\d)?")
 OTHER_MEANINGS = {
-    ("io/nmea.py", "E"): "east, estimated",
-    ("io/rinex_write.py", "E"): "exponents",
-    ("io/sp3.py", "E"): "a clock event",
-    ("io/text.py", "E"): "exponents",
+    ("formats/nmea.py", "E"): "east, estimated",
+    ("formats/rinex_write.py", "E"): "exponents",
+    ("formats/sp3.py", "E"): "a clock event",
+    ("formats/text.py", "E"): "exponents",
     ("report/sky.py", "E"): "east",
     ("report/integrity_table.py", "G"): "the ground may be lost",
     ("study/diagnosis.py", "R"): "right",
@@ -97,13 +108,14 @@ def implementing() -> dict[str, list[str]]:
 
 
 def test_letters_of_systems_stand_in_the_table_alone() -> None:
-    found = {(name, text) for name, tree in modules().items() if name != "models/systems.py" for text in letters(tree)}
+    others = {name: tree for name, tree in modules().items() if name != "gnss/constellations/systems.py"}
+    found = {(name, text) for name, tree in others.items() for text in letters(tree)}
     assert found == set(OTHER_MEANINGS)
 
 
 def test_names_of_systems_stand_in_the_table_alone() -> None:
     found = {name for name, tree in modules().items() if set(texts(tree)) & set(NAMES)}
-    assert found == {"models/systems.py"}
+    assert found == {"gnss/constellations/systems.py"}
 
 
 def test_nobody_asks_what_kind_a_constellation_is() -> None:

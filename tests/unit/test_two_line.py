@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io.almanac import read_almanac
-from navsim.models import atmosphere, systems, timescales, tle
+from navsim.formats.almanac import read_almanac
+from navsim.gnss import atmosphere, timescales
+from navsim.gnss.constellations import systems, tle
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
 from navsim.study import landing

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.models import air
 from navsim.scenario.source import InputError
+from navsim.trajectory import air
 from navsim.work.errors import BadInput
 from navsim.work.opening import checked
 from tests.conftest import SCENARIOS

@@ -18,10 +18,10 @@ from navsim.companions.circuit import CircuitFlight, at, fly
 from navsim.companions.kalman import singer, steady_state
 from navsim.companions.reports import quantise
 from navsim.core.streams import generator
-from navsim.io.draft import Draft
-from navsim.io.findings import Finding, kept
-from navsim.io.results import Result
-from navsim.io.schema import ATC
+from navsim.results.draft import Draft
+from navsim.results.findings import Finding, kept
+from navsim.results.result import Result
+from navsim.results.schema import ATC
 from navsim.scenario.base import DEG
 from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes

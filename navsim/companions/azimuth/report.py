@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.io.results import Result
 from navsim.report.table import Table, cell, interval, number
 from navsim.report.view import View, one_by_one
+from navsim.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,10 +16,10 @@ from navsim.companions.circuit import CircuitFlight, at, fly
 from navsim.companions.circuit_section import CircuitSection
 from navsim.companions.kalman import singer
 from navsim.companions.reports import Draws, Onboard, draw, nodes, reported, stamped
-from navsim.io.draft import Draft
-from navsim.io.findings import Finding, kept
-from navsim.io.results import Result
-from navsim.io.schema import AZIMUTH
+from navsim.results.draft import Draft
+from navsim.results.findings import Finding, kept
+from navsim.results.result import Result
+from navsim.results.schema import AZIMUTH
 from navsim.scenario.base import DEG
 from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes

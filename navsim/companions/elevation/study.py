@@ -17,10 +17,10 @@ from navsim.companions.elevation.scenario import SETTLING, Elevation
 from navsim.companions.kalman import covariance_sequence, driven_covariance, singer, singer_sigma, steady_state
 from navsim.core.arrays import chi_square
 from navsim.core.streams import generator
-from navsim.io.draft import Draft
-from navsim.io.findings import CONSISTENT, Finding, kept
-from navsim.io.results import Result
-from navsim.io.schema import ELEVATION
+from navsim.results.draft import Draft
+from navsim.results.findings import CONSISTENT, Finding, kept
+from navsim.results.result import Result
+from navsim.results.schema import ELEVATION
 from navsim.study.findings import doubted, positive
 from navsim.study.root import root_attributes
 

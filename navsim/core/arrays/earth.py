@@ -24,6 +24,8 @@ RATE = 7.292115e-5
 """Earth rotation rate, rad/s [1]."""
 G_EQUATOR = 9.7803253359
 """Normal gravity at the equator, m/s2 [1]."""
+STANDARD_GRAVITY = 9.80665
+"""Standard gravity of the units g and mg, m/s2."""
 SOMIGLIANA = 1.931852652458e-3
 """Somigliana's constant k: gamma = gamma_e (1 + k sin^2 lat) / sqrt(1 - e^2 sin^2 lat). The value that
 gives 9.8321849378 m/s2 at the pole [1]."""

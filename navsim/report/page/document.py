@@ -19,8 +19,6 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 import navsim
-from navsim.io import findings
-from navsim.io.results import Result, ResultError
 from navsim.kinds import named
 from navsim.report import citations
 from navsim.report.compare import TEXTS, differences, settings_of
@@ -28,6 +26,8 @@ from navsim.report.page.marks import Drawing, Named, colour
 from navsim.report.provenance import Read, provenance
 from navsim.report.table import ABSENT, Table
 from navsim.report.view import View, view
+from navsim.results import findings
+from navsim.results.result import Result, ResultError
 
 GENERATOR = "navsim report"
 """What the page says of who made it: by this a page may be overwritten."""

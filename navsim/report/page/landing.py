@@ -10,8 +10,6 @@ import numpy as np
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
-from navsim.io.results import Result
-from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.report.limits import asked
 from navsim.report.page import integrity, rare
 from navsim.report.page.marks import (
@@ -69,6 +67,8 @@ from navsim.report.quantities import heights as height_of
 from navsim.report.ridges import clipped, flown_over, on_plan, seen_skyline, shown_ridges
 from navsim.report.sky import SourceTrack, masked, source_tracks
 from navsim.report.tables import box_limits, of_total, outside_box, runs_of, setting, single, state_verdict
+from navsim.results.result import Result
+from navsim.results.schema import HEIGHTS, RMS_WINDOW
 
 AXES = ("lateral", "along", "vertical")
 _MOST_FIXES = 1500

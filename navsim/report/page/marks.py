@@ -25,7 +25,7 @@ from bokeh.models import (
 from bokeh.palettes import RdBu11, Viridis256
 from bokeh.plotting import figure
 
-from navsim.io.results import Result
+from navsim.results.result import Result
 
 Named = tuple[str, Result]
 """A result and what it is called on the page."""

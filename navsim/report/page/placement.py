@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from bokeh.plotting import figure
 
-from navsim.io.results import Result
-from navsim.io.schema import LARGE
 from navsim.report import optimize, sweep
 from navsim.report.page.marks import (
     BROWN,
@@ -38,6 +36,8 @@ from navsim.report.page.terrain import ridge_lines
 from navsim.report.ridges import shown_ridges
 from navsim.report.table import as_text
 from navsim.report.tables import setting
+from navsim.results.result import Result
+from navsim.results.schema import LARGE
 
 _MOST_MAPS = 12
 """Most outputs of a sweep that are drawn; the table has all."""

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from bokeh.models import Range1d
 
-from navsim.io.findings import several
 from navsim.report.page.marks import (
     GREY,
     Drawing,
@@ -25,6 +24,7 @@ from navsim.report.page.marks import (
 )
 from navsim.report.rare import curve, middle
 from navsim.report.tables import box_limits
+from navsim.results.findings import several
 
 _MOST = 400
 """Most steps of a curve; of more every so many-th is drawn."""

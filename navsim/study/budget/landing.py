@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, clock_states
-from navsim.io.schema import SKY_TIMES
-from navsim.models.events import PSEUDOLITES
-from navsim.models.receiver import epochs
-from navsim.models.signals import Environment
-from navsim.models.systems import OWN
+from navsim.gnss.constellations.systems import OWN
+from navsim.gnss.events import PSEUDOLITES
+from navsim.gnss.receiver import epochs
+from navsim.gnss.signals import Environment
+from navsim.results.schema import SKY_TIMES
 from navsim.scenario.filter import SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import believed_latency, times_of

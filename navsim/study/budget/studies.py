@@ -6,9 +6,9 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from navsim.io.schema import MOST_LEVELS
-from navsim.models.receiver import epochs
-from navsim.models.signals import Environment
+from navsim.gnss.receiver import epochs
+from navsim.gnss.signals import Environment
+from navsim.results.schema import MOST_LEVELS
 from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from navsim.io.results import Sort
-from navsim.models.signals import Environment
+from navsim.gnss.signals import Environment
+from navsim.results.result import Sort
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 from navsim.study import integrity_table, landing

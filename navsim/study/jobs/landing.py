@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from navsim.io.results import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, Sort
-from navsim.models.signals import Environment
+from navsim.gnss.signals import Environment
+from navsim.results.result import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, Sort
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 from navsim.study import landing

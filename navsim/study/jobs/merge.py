@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from navsim.io.results import ONE_RUN, SEVERAL_RUNS, ResultError, Sort
+from navsim.results.result import ONE_RUN, SEVERAL_RUNS, ResultError, Sort
 from navsim.study.budget.estimate import BASE_MEMORY, BASE_TIME, BUILT_IN_MEMORY, VARIABLE, WRITING, Budget
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Outcome, Tell

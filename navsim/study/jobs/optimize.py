@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from navsim.io.results import Result, Sort
-from navsim.io.schema import LARGE, OBJECTIVE_QUANTITIES
-from navsim.models.signals import Environment
+from navsim.gnss.signals import Environment
+from navsim.results.result import Result, Sort
+from navsim.results.schema import LARGE, OBJECTIVE_QUANTITIES
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
 from navsim.scenario.optimize import Optimize

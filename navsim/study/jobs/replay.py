@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from navsim.io.findings import several
-from navsim.io.results import Sort
+from navsim.results.findings import several
+from navsim.results.result import Sort
 from navsim.scenario.replay import Replay
 from navsim.scenario.source import Document
 from navsim.study import replay

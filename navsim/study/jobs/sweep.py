@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from navsim.io.results import Sort
+from navsim.results.result import Sort
 from navsim.scenario.load import base_of
 from navsim.scenario.source import Document
 from navsim.scenario.sweep import REQUIREMENTS, Sweep

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from navsim.io.results import Sort
+from navsim.results.result import Sort
 from navsim.study import table2
 from navsim.study.budget.studies import tables
 from navsim.study.executor import Executor

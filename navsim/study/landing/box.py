@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays import normal
-from navsim.io.draft import Draft
+from navsim.results.draft import Draft
 from navsim.study.landing.case import Case
 from navsim.study.statistics import share_interval
 

@@ -14,17 +14,15 @@ from navsim.core.lanes import WIDTH
 from navsim.core.states import Block
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS
-from navsim.io.schema import HEIGHTS, RMS_WINDOW
-from navsim.models.approach import TOUCHDOWN
-from navsim.models.horizon import behind
-from navsim.models.imu import Triad
-from navsim.models.kinematics import Moving
-from navsim.models.signals import Environment, Pseudolites
-from navsim.models.systems import CLOCKS
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.interference.horizon import behind
+from navsim.gnss.signals import Environment, Pseudolites
+from navsim.results.schema import HEIGHTS, RMS_WINDOW
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.source import Document
+from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import followed_errors as followed_heights
 from navsim.simulation.landing import (
     Flight,
@@ -41,6 +39,8 @@ from navsim.study.foreseen import Foreseen, modelled
 from navsim.study.landing.faults import watching
 from navsim.study.sources import touchdown_time
 from navsim.study.statistics import gate_limits
+from navsim.trajectory.approach import TOUCHDOWN
+from navsim.trajectory.kinematics import Moving
 
 FOOT = 0.3048
 PERCENTILES = (50, 95, 99)

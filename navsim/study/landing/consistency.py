@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from navsim.core.consistency import ROUNDING
-from navsim.io.draft import Draft
+from navsim.results.draft import Draft
 from navsim.study.consistency import RatioBand, Ratios, StateVerdict, correlation_of, evaluate, simultaneous_band
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import Case

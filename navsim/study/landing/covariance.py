@@ -8,10 +8,10 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.arrays.attitude import rpy_jacobian
-from navsim.io.draft import Draft
-from navsim.io.findings import Finding, kept, several
-from navsim.io.results import Result
-from navsim.io.schema import COVARIANCE
+from navsim.results.draft import Draft
+from navsim.results.findings import Finding, kept, several
+from navsim.results.result import Result
+from navsim.results.schema import COVARIANCE
 from navsim.simulation.landing_covariance import Analysis, analyse, folded_quantile
 from navsim.study.consistency import Ratios
 from navsim.study.findings import (

@@ -20,7 +20,7 @@ from navsim.core.dop import MAX_CLOCKS
 from navsim.core.states import MOST
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.records import NOT_USED, REJECTED
-from navsim.io.findings import FIX, Finding
+from navsim.results.findings import FIX, Finding
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import Run

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.gnss.events import Silence
 from navsim.integrity import forms
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.separation import SeparationWatch
-from navsim.io.draft import Draft
-from navsim.io.schema import COVARIANCE
-from navsim.models.events import Silence
+from navsim.results.draft import Draft
+from navsim.results.schema import COVARIANCE
 from navsim.scenario.base import DEG
 from navsim.scenario.requirements import LevelRequirement, singles
 from navsim.simulation.filter_bank import FilterBank

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 import navsim
-from navsim.io.findings import several
-from navsim.io.results import BLOCK_BYTES, Result, Stream, Variable
-from navsim.io.schema import FINDINGS, PART, SCHEMA_VERSION
+from navsim.results.findings import several
+from navsim.results.result import BLOCK_BYTES, Result, Stream, Variable
+from navsim.results.schema import FINDINGS, PART, SCHEMA_VERSION
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import InputError, parse

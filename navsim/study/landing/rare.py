@@ -14,10 +14,10 @@ import numpy as np
 
 from navsim.core.arrays.sampling import FEW
 from navsim.core.lanes import WIDTH
-from navsim.io.draft import Draft
-from navsim.io.findings import Finding, kept, several
-from navsim.io.results import Result
-from navsim.io.schema import RARE
+from navsim.results.draft import Draft
+from navsim.results.findings import Finding, kept, several
+from navsim.results.result import Result
+from navsim.results.schema import RARE
 from navsim.simulation.landing import draw, fly_inputs
 from navsim.simulation.landing_covariance import along_truth, analyse
 from navsim.simulation.rare import Tilt, pushed, tilt

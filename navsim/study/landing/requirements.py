@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.core.arrays import normal
-from navsim.io.draft import Draft
-from navsim.io.schema import COVARIANCE, HEIGHTS, RARE, VERDICTS
+from navsim.results.draft import Draft
+from navsim.results.schema import COVARIANCE, HEIGHTS, RARE, VERDICTS
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import (
     AccuracyRequirement,

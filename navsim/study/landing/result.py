@@ -9,11 +9,11 @@ import numpy as np
 from navsim.core import states
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.estimation.observations import FIX
-from navsim.io.draft import Draft
-from navsim.io.findings import kept
-from navsim.io.results import Result, Stream
-from navsim.io.schema import LANDING, RUNWAY_AXES
-from navsim.models.systems import CLOCKS
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.results.draft import Draft
+from navsim.results.findings import kept
+from navsim.results.result import Result, Stream
+from navsim.results.schema import LANDING, RUNWAY_AXES
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, counted

@@ -16,7 +16,7 @@ from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import UP, SeparationMonitor
 from navsim.integrity.solution import MonitoredFix
 from navsim.integrity.tails import UNMOVED, TailCase, sampled, under_separations, under_squares, worst_size
-from navsim.io.draft import Draft
+from navsim.results.draft import Draft
 from navsim.simulation.monitoring import fix_of
 from navsim.study.landing.case import Case
 from navsim.study.statistics import weighted_share

@@ -8,17 +8,17 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.arrays.earth import ned_matrix
-from navsim.io.draft import Draft
-from navsim.io.schema import COVARIANCE, HEIGHTS, SKY_TIMES
-from navsim.models import timescales
-from navsim.models.air import triangle_along
-from navsim.models.kinematics import Trajectory
-from navsim.models.recorded_trajectory import largest
-from navsim.models.systems import CLOCKS
+from navsim.gnss import timescales
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.results.draft import Draft
+from navsim.results.schema import COVARIANCE, HEIGHTS, SKY_TIMES
 from navsim.scenario.approach import TrackApproach
 from navsim.study.landing.case import FOOT, Case, crossing_times
 from navsim.study.root import root_attributes
 from navsim.study.sources import on_glide
+from navsim.trajectory.air import triangle_along
+from navsim.trajectory.kinematics import Trajectory
+from navsim.trajectory.recorded import largest
 
 
 def base(case: Case, layout: str) -> Draft:

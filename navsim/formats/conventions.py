@@ -1,0 +1,117 @@
+"""In which units and axes a recording is written, and what brings it to SI, forward-right-down and north-east-down.
+
+Sources: [1] BIPM, The International System of Units, 9th ed. (2019): standard gravity, knot. [2] NIST Special
+Publication 811 (2008), appendix B: foot, mile.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from navsim.core.arrays.earth import STANDARD_GRAVITY
+
+IMU_COLUMNS = ("t_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
+GNSS_COLUMNS = ("t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s")
+"""Names of the columns of both tables."""
+FIX_AXES = ("n", "e", "d", "vn", "ve", "vd")
+FIX_SIGMAS = ("sigma_n_m", "sigma_e_m", "sigma_d_m", "sigma_vn_m_s", "sigma_ve_m_s", "sigma_vd_m_s")
+"""Names of the columns of 1 sigma of each fix, along north, east, down."""
+FIX_CORRELATIONS = tuple(f"corr_{one}_{other}" for one, other in itertools.combinations(FIX_AXES, 2))
+"""Names of the columns of their correlations, as the upper triangle of a matrix has them."""
+def effects_of(state: int) -> tuple[str, ...]:
+    """Names of the columns of what one lasting error of the fixes, numbered from 1, does to each fix."""
+    return tuple(f"error{state}_{axis}" for axis in FIX_AXES)
+
+
+GNSS_OPTIONAL = ("nsat", *FIX_SIGMAS, *FIX_CORRELATIONS)
+"""Names of the columns that fixes may have beside the others."""
+TRACK_COLUMNS, TRACK_ATTITUDE = ("t_s", "lat_deg", "lon_deg", "h_m"), ("roll_deg", "pitch_deg", "yaw_deg")
+"""Names of the columns of trajectories, and of those that they may have."""
+KNOT = 1852.0 / 3600.0
+"""In m/s."""
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Each in s."""
+GYRO_UNITS = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "deg/h": math.pi / 648000.0, "mrad/s": 1e-3}
+"""Each in rad/s."""
+ACCELEROMETER_UNITS = {
+    "m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "ft/s2": 0.3048, "cm/s2": 0.01,
+}  # fmt: skip
+"""Each in m/s2."""
+ANGLE_UNITS = {"deg": 1.0, "rad": 180.0 / math.pi, "1e-7 deg": 1e-7}
+"""Each in degrees."""
+HEIGHT_UNITS = {"m": 1.0, "ft": 0.3048, "mm": 1e-3}
+"""Each in m."""
+SPEED_UNITS = {
+    "m/s": 1.0, "km/h": 1.0 / 3.6, "kn": KNOT, "mph": 0.44704, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 1e-3,
+}  # fmt: skip
+"""Each in m/s."""
+VERTICAL_SPEED_UNITS = {**SPEED_UNITS, "ft/min": 0.3048 / 60.0}
+"""Of the vertical velocity alone, each in m/s."""
+BODY_AXES, LEVEL_AXES = ("FB", "RL", "DU"), ("NS", "EW", "DU")
+"""Positive and negative direction of each axis: forward, right, down; north, east, down."""
+
+
+def axes_matrix(letters: str, axes: tuple[str, str, str]) -> np.ndarray:
+    """What turns columns that point along `letters`, such as FLU, to `axes` (3, 3), a signed permutation."""
+    out = np.zeros((3, 3))
+    for column, letter in enumerate(letters):
+        row = next(i for i, pair in enumerate(axes) if letter in pair)
+        out[row, column] = 1.0 if axes[row][0] == letter else -1.0
+    return out
+
+
+def axes_letters(matrix: np.ndarray, axes: tuple[str, str, str]) -> str:
+    """The letters of which a signed permutation (3, 3) is the matrix: undoes `axes_matrix`."""
+    rows = np.argmax(np.abs(matrix), axis=0)
+    return "".join(axes[row][0 if matrix[row, column] > 0.0 else 1] for column, row in enumerate(rows))
+
+
+def all_axes(axes: tuple[str, str, str]) -> list[str]:
+    """All 48 ways to point three columns along three axes, left-handed ones (columns exchanged) included."""
+    return ["".join(p) for order in itertools.permutations(axes) for p in itertools.product(*order)]
+
+
+@dataclass(frozen=True)
+class ImuConvention:
+    """How inertial samples are written. Axes: where the columns x, y, z point. increments: a row holds what the sensors
+    gathered since the row before, in the units times s. columns: names in the file of those of `docs/replay.md`."""
+
+    time_unit: str = "s"
+    gyro_unit: str = "rad/s"
+    accelerometer_unit: str = "m/s2"
+    gyro_axes: str = "FRD"
+    accelerometer_axes: str = "FRD"
+    increments: bool = False
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class GnssConvention:
+    """How fixes are written. velocity_axes: where the columns vn, ve, vd point. vertical_speed_unit: None where it is
+    speed_unit. time_offset: s, to be added to their
+    times. columns: names in the file of those of `docs/replay.md`. errors: number of lasting errors with columns of
+    their effects on each fix (`effects_of`)."""
+
+    time_unit: str = "s"
+    time_offset: float = 0.0
+    angle_unit: str = "deg"
+    height_unit: str = "m"
+    speed_unit: str = "m/s"
+    vertical_speed_unit: str | None = None
+    velocity_axes: str = "NED"
+    columns: Mapping[str, str] = field(default_factory=dict)
+    errors: int = 0
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the columns of these effects."""
+        return tuple(name for state in range(self.errors) for name in effects_of(state + 1))
+
+
+IMU_AS_DUE, GNSS_AS_DUE = ImuConvention(), GnssConvention()
+"""The tables as of `docs/replay.md`."""

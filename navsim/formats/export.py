@@ -1,0 +1,820 @@
+"""Results in the formats of others: RINEX, NMEA, CSV, KML, GeoJSON.
+
+Everything is taken from the result file; nothing is flown again. Pseudolites, for which RINEX has no letter, go to a
+CSV beside the observation file.
+
+Sources: [1] RINEX 3.04. [2] NMEA 0183 version 4.11. [3] OGC KML 2.3. [4] RFC 7946 (GeoJSON).
+"""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import io
+import itertools
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from navsim.core.arrays import earth
+from navsim.core.arrays.attitude import dcm_from_rpy
+from navsim.formats import rinex_write, simulated_log
+from navsim.formats.conventions import KNOT
+from navsim.formats.ridges import ridges
+from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
+from navsim.formats.swept import heads, rows
+from navsim.gnss import timescales
+from navsim.gnss.constellations import glonass_broadcast, gps
+from navsim.gnss.constellations.constellation import Constellation, carriers
+from navsim.gnss.constellations.systems import BY_LETTER, GLONASS, System
+from navsim.results.result import Result, ResultError, part, scenario_of, write_text
+from navsim.results.schema import HEIGHTS
+
+ELLIPSE_PROBABILITY = 0.95
+_ELLIPSE_POINTS = 36
+_ELLIPSES = 40
+"""At most so many error ellipses are drawn along a track."""
+MOST_SITES = 20_000
+"""Places of pseudolites on a map."""
+LONGEST = 30 * 86400.0
+"""No flight lasts longer, s."""
+TOE_SPACING = 7200.0
+"""Messages of simulated satellites are given reference times at multiples of this, s."""
+
+
+def export(result: Result, target: Path, formats: list[str], ensemble: Result | None = None) -> list[Path]:
+    """Write a result (of an ensemble the one of `choose_run`) as `target` with the formats' endings: of a landing
+    "rinex", "nmea", "csv", "imu", "kml", "geojson", of a replay "csv", "kml", "geojson", of a sweep or a search for
+    placements "kml", "geojson". ensemble: the whole of it, whose runs' errors at heights go into the tables.
+
+    Returns the files. Raises ResultError, and writes none, where the result lacks what one of the formats needs; also
+    where a file cannot be written.
+    """
+    kind = str(result.attributes["kind"])
+    if result.attributes.get("method") == "rare":
+        raise ResultError("of pushed runs (method rare) only the errors at the box are kept: there is no flight in it")
+    if kind == "landing":
+        writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "imu": _imu, "kml": _kml, "geojson": _geojson}
+    elif kind == "replay":
+        writers = {"csv": _replay_csv, "kml": _kml, "geojson": _geojson}
+    elif kind in ("optimize", "sweep"):
+        writers = {"kml": _kml, "geojson": _geojson}
+    else:
+        raise ResultError(
+            f"only landings, replays, sweeps and searches for placements are exported, this is a result of kind {kind}"
+        )
+    for name in formats:
+        if name not in writers:
+            raise ResultError(f"a result of kind {kind} has nothing for --{name}; there are --{', --'.join(writers)}")
+    texts: dict[Path, str] = {}
+    refused = {}
+    for name in formats:
+        try:
+            texts |= writers[name](result, target)
+        except ResultError as error:
+            refused[name] = str(error)
+    if refused:
+        said = "; ".join(f"--{name}: {message}" for name, message in refused.items())
+        others = " and ".join(f"--{name}" for name in formats if name not in refused)
+        raise ResultError(f"{said}; nothing is written, but {others} can be, without" if others else said)
+    if "csv" in formats and kind == "landing":
+        texts |= _gates(ensemble or result, target)
+    for path, text in texts.items():
+        write_text(path, text)
+    return list(texts)
+
+
+def choose_run(result: Result, number: int | None) -> tuple[Result, str | None]:
+    """The result of one run of an ensemble, the first by default, and in words which one it is of how many; None where
+    there is nothing to choose. Raises ResultError for a run the result does not hold."""
+    runs = result["/run"] if "/run" in result else np.zeros(0, dtype=int)
+    if number is not None and number not in runs:
+        held = "no runs" if not runs.size else f"run {runs[0]}" if runs.size == 1 else f"runs {runs[0]} to {runs[-1]}"
+        raise ResultError(f"--run {number}: the result holds {held}")
+    if runs.size < 2:
+        return result, None
+    i = 0 if number is None else int(np.flatnonzero(runs == number)[0])
+    of_one = {
+        path: replace(v, data=part(v.data, i, i + 1)) if v.dims[:1] == ("run",) else v
+        for path, v in result.variables.items()
+    }
+    return Result(result.attributes, of_one), f"run {runs[i]} of {runs.size} is written"
+
+
+def _run_of_ensemble(result: Result) -> int | None:
+    """The number of the run that stands for an ensemble, None for a result that was one run from the start."""
+    return int(result["/run"][0]) if int(result["/summary/count/runs"]) > 1 else None
+
+
+def _undulation(result: Result) -> float | None:
+    """Height of the geoid above the ellipsoid, m, where the scenario says it."""
+    runway = scenario_of(result).get("runway") or {}
+    return None if runway.get("geoid_undulation_m") is None else float(runway["geoid_undulation_m"])
+
+
+def _start(result: Result) -> float:
+    """GPS time of time 0, s; the scenario's text has the fractions that older files' `epoch` lacks."""
+    utc = datetime.datetime.fromisoformat(scenario_of(result)["epoch"]).timestamp()
+    return float(timescales.gps_from_utc(utc))
+
+
+def _origin(result: Result) -> str:
+    return f"navsim {result.attributes['navsim_version']}, scenario {str(result.attributes['scenario_sha256'])[:16]}"
+
+
+# --- RINEX
+
+
+def _lacking(result: Result, what: str) -> ResultError:
+    """That a result holds nothing of single runs."""
+    if result.attributes.get("method") == "covariance":
+        return ResultError(f"a covariance analysis flies no runs and has no {what}; fly some with --method monte-carlo")
+    return ResultError(f"the result has no {what} of runs; fly it with --keep all (one run keeps them by itself)")
+
+
+def _rinex(result: Result, target: Path) -> dict[Path, str]:
+    """Observations, messages, and the pseudolites' own table."""
+    if "/measurements/pseudorange" not in result:
+        raise _lacking(result, "measurements")
+    time = result["/geometry/time"]
+    if not time.size:
+        text = "the result has no fixes: its flight is shorter than one fix interval, or than receiver.latency_s"
+        raise ResultError(text)
+    elements, vectors = _elements(result), _vectors(result)
+    constellations: list[Constellation] = [*elements.values(), *([] if vectors is None else [vectors])]
+    if not constellations:
+        raise ResultError(
+            "the result has no navigation messages; RINEX needs a sky of nominal, almanac or navigation satellites"
+        )
+    approximate = approximate_systems(result)
+    scenario = scenario_of(result)
+    receiver = scenario["receiver"]
+    clock = 1e-6 * receiver["clock_offset_us"] + 1e-9 * receiver["clock_drift_ppb"] * time
+    gpst = _start(result) + time
+    # a receiver marks epochs by its own clock
+    start, part = divmod(_start(result), 1.0)
+    tag = part + time + clock
+    names = [str(name) for name in result["/geometry/source"]]
+    ranges, rates = result["/measurements/pseudorange"][0], result["/measurements/range_rate"][0]
+    cn0 = result["/measurements/cn0"][0]
+    columns, values = [], []
+    channels: dict[str, int] = {}
+    for constellation in constellations:
+        sent = gpst[:, None] - (ranges[:, _places(names, constellation.names)] / earth.SPEED_OF_LIGHT - clock[:, None])
+        sent = np.where(np.isfinite(sent), sent, gpst[:, None] - 0.075)
+        offset, drift = constellation.clock(sent)
+        frequency, told = carriers(constellation), constellation.channels
+        for k, name in enumerate(constellation.names):
+            if name not in names:
+                continue
+            i = names.index(name)
+            # what the satellite's clock adds, a receiver that knows the message takes off again
+            raw = ranges[:, i] - earth.SPEED_OF_LIGHT * offset[:, k]
+            rate = rates[:, i] - earth.SPEED_OF_LIGHT * drift[:, k]
+            values.append(np.stack([raw, -rate * frequency[k] / earth.SPEED_OF_LIGHT, cn0[:, i]]))
+            columns.append(name)
+            if name in told:
+                channels[name] = told[name]
+    if not columns:
+        raise ResultError("no satellite of the result can be written as RINEX")
+    order = np.argsort(columns)
+    table = np.stack(values, axis=-1)[:, :, order]
+    table[:, ~np.isfinite(table[0])] = np.nan
+    truth = earth.ecef_from_llh(result["/truth/position_llh"][0])
+    epochs = rinex_write.Epochs(
+        start=start,
+        tag=tag,
+        satellites=tuple(columns[i] for i in order),
+        values=table,
+        position=truth,
+        channels=channels,
+        interval=float(np.median(np.diff(time))) if time.size > 1 else 1.0,
+    )
+    stamp = str(result.attributes["created"]).replace("-", "").replace("T", " ").replace(":", "")[:15]
+    made = f"{'navsim ' + str(result.attributes['navsim_version']):20s}{'':20s}{stamp} UTC "
+    comments = [_origin(result), "simulated: satellite clocks as in the messages", *_contents(scenario)]
+    run = _run_of_ensemble(result)
+    if run is not None:
+        comments.append(f"run {run} of an ensemble of {int(result['/summary/count/runs'])}")
+    if approximate:
+        comments.append(f"NOT EXACT: {', '.join(approximate)} flew by an almanac")
+    pseudolites = [str(name) for name in result["/pseudolites/name"]]
+    heard = np.isfinite(ranges).any(axis=0)
+    missing = [
+        name for name, h in zip(names, heard, strict=True) if h and name not in columns and name not in pseudolites
+    ]
+    if missing:
+        comments.append(f"received, but not in here for want of messages to write: {', '.join(missing)}")
+    title = str(result.attributes.get("title") or target.stem)
+    messages = rinex_write.navigation_lines(
+        {system: one.records for system, one in elements.items()}, None if vectors is None else vectors.records,
+        comments, made, at=start, klobuchar=_klobuchar(scenario),
+        gps_offset=1e-9 * scenario["signals"]["gps_offset_ns"],
+    )  # fmt: skip
+    return {
+        target.with_suffix(".obs"): "\n".join(rinex_write.observation_lines(epochs, title, comments, made)) + "\n",
+        target.with_suffix(".nav"): "\n".join(messages) + "\n",
+        **_pseudolites(result, target, start, tag, names),
+    }
+
+
+def _klobuchar(scenario: Any) -> tuple[list[float], list[float]] | None:
+    """Alpha and beta of the ionosphere, where the pseudoranges have all of it: what is left after a correction must not
+    be corrected again by those who read the file."""
+    ionosphere = scenario["signals"].get("ionosphere")
+    if ionosphere is None or ionosphere["corrected"] or "differential" in scenario["pseudolites"]:
+        return None
+    return ionosphere["alpha"], ionosphere["beta"]
+
+
+_TAKEN_OFF = {"saastamoinen": "Saastamoinen's model", "mops": "that climatology"}
+
+
+def _contents(scenario: Any) -> list[str]:
+    """What is in the pseudoranges besides geometry, clocks and noise."""
+    signals, station = scenario["signals"], scenario["pseudolites"].get("differential")
+    ionosphere, troposphere, space = (signals.get(name) for name in ("ionosphere", "troposphere", "ephemeris"))
+    lines = []
+    if ionosphere is None:
+        lines.append("no ionosphere")
+    else:
+        times = f"ionosphere: {ionosphere['truth_scale']:g} times Klobuchar's delay"
+        coefficients = (f"{name} {' '.join(f'{x:g}' for x in ionosphere[name])}" for name in ("alpha", "beta"))
+        if ionosphere["corrected"]:
+            lines += [f"{times} less the model: only a residual is in, correct no more", *coefficients]
+        else:
+            lines += [times, *coefficients]
+    if troposphere is None:
+        lines.append("no troposphere")
+    else:
+        times = f"troposphere: {troposphere['truth_scale']:g} times the climatology of DO-229 with Niell's mapping"
+        off = troposphere["correction"]
+        less = f" less {_TAKEN_OFF[off]}: only a residual is in, correct no more" if off != "none" else ""
+        lines.append(times + less)
+    if space is not None:
+        orbit = ", ".join(f"{x:g}" for x in space["orbit_sigma_m"])
+        lines.append(
+            f"errors of the messages: orbits {orbit} m (radial, along, across), clocks {space['clock_sigma_m']:g} m, "
+            "1 sigma"
+        )
+    if station is not None:
+        lines.append(
+            f"differential corrections, {station['latency_s']:g} s old, are applied: of all these only a residual is "
+            "in, correct no more"
+        )
+    if signals["gps_offset_ns"]:
+        lines.append(f"GPS time less GLONASS time: {signals['gps_offset_ns']:g} ns")
+    for name, offset in signals.get("system_offsets_ns", {}).items():
+        lines.append(f"{name} time less GLONASS time: {offset:g} ns")
+    if signals.get("system_offset_sigma_ns"):
+        lines.append(f"offsets between systems as drawn, 1 sigma {signals['system_offset_sigma_ns']:g} ns")
+    if scenario["receiver"]["smoothing_s"]:
+        lines.append(f"code smoothed by the carrier, memory {scenario['receiver']['smoothing_s']:g} s")
+    return lines
+
+
+def approximate_systems(result: Result) -> list[str]:
+    """Systems whose satellites did not fly by the messages that are exported."""
+    out = []
+    for system in BY_LETTER.values():
+        path = f"/navigation/{system.name}/message"
+        if path in result and not int(result.variables[path].attributes["exact"]):
+            out.append(system.name)
+    return out
+
+
+def _elements(result: Result) -> dict[System, gps.KeplerianEphemerides]:
+    """The satellites behind the result's messages of elements, with reference times near the flight, by system."""
+    out = {}
+    for system in BY_LETTER.values():
+        if f"/navigation/{system.name}/prn" in result:
+            stored = gps.Elements(**{f.name: _stored(result, system, f.name) for f in fields(gps.Elements)})
+            out[system] = gps.KeplerianEphemerides(_near(stored, system, result), reach=np.inf, system=system)
+    return out
+
+
+def _vectors(result: Result) -> glonass_broadcast.StateVectorEphemerides | None:
+    """The GLONASS satellites behind the result's messages."""
+    if f"/navigation/{GLONASS.name}/slot" not in result:
+        return None
+    names = [f.name for f in fields(glonass_broadcast.StateVectors)]
+    stored = glonass_broadcast.StateVectors(**{n: _stored(result, GLONASS, n) for n in names})
+    return glonass_broadcast.StateVectorEphemerides(stored, use_unhealthy=True)
+
+
+def _stored(result: Result, system: System, name: str) -> np.ndarray:
+    data = result[f"/navigation/{system.name}/{name}"]
+    return data.astype(bool) if name == "healthy" else data
+
+
+def _near(elements: gps.Elements, system: System, result: Result) -> gps.Elements:
+    """Messages as satellites would send them during the flight; those of a real navigation file stay as they are."""
+    time = _start(result) + result["/geometry/time"][[0, -1]]
+    if np.all(np.abs(elements.toe[:, None] - time) < max(gps.WINDOWS[system])):
+        return elements
+    if not time[0] <= time[1] <= time[0] + LONGEST:
+        raise ResultError(f"damaged: measurements from {time[0]:g} to {time[1]:g} s")
+    toes = np.arange(np.round(time[0] / TOE_SPACING), np.round(time[1] / TOE_SPACING) + 1) * TOE_SPACING
+    if np.isin(elements.prn, system.tilted).any():
+        raise ResultError("messages of geostationary satellites cannot be referred to the time of the flight")
+    parts = [elements.referred_to(np.full(elements.prn.size, toe), system) for toe in toes]
+    whole = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(gps.Elements)}
+    issue = np.repeat(np.arange(1, toes.size + 1), elements.prn.size).astype(float)
+    return gps.Elements(**(whole | {"iode": issue, "iodc": issue, "healthy": np.ones(issue.size, dtype=bool)}))
+
+
+def _places(names: list[str], wanted: tuple[str, ...]) -> list[int]:
+    """Columns of the wanted sources; any column for those the result lacks, which are passed over later."""
+    return [names.index(name) if name in names else 0 for name in wanted]
+
+
+def _pseudolites(result: Result, target: Path, start: float, tag: np.ndarray, names: list[str]) -> dict[Path, str]:
+    """One row an epoch and pseudolite: what RINEX has no place for."""
+    pseudolites = [str(name) for name in result["/pseudolites/name"]]
+    if not pseudolites:
+        return {}
+    llh = result["/pseudolites/position_llh"]
+    ecef = earth.ecef_from_llh(llh)
+    rows: list[list[str]] = []
+    for e, when in enumerate(tag):
+        for g, name in enumerate(pseudolites):
+            i = names.index(name)
+            values = (result[f"/measurements/{n}"][0, e, i] for n in ("pseudorange", "range_rate", "cn0"))
+            rows.append(
+                [_exact(start, when), name, *(_cell(x, 4) for x in values), *(f"{x:.4f}" for x in ecef[g]),
+                 f"{np.degrees(llh[g, 0]):.9f}", f"{np.degrees(llh[g, 1]):.9f}", f"{llh[g, 2]:.4f}"]
+            )  # fmt: skip
+    head = ["tag_gps_s", "name", "pseudorange_m", "range_rate_m_s", "cn0_dbhz", "x_m", "y_m", "z_m", "lat_deg",
+            "lon_deg", "h_m"]  # fmt: skip
+    return {target.with_name(f"{target.stem}_pseudolites.csv"): _table(head, rows)}
+
+
+def _exact(start: float, since: float) -> str:
+    """The sum with seven decimals, more than one double holds."""
+    whole, part = divmod(round(float(since), 7), 1.0)
+    return f"{start + whole:.0f}" + f"{part:.7f}"[1:]
+
+
+# --- tables
+
+
+def _cell(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else ""
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return out.getvalue()
+
+
+def _csv(result: Result, target: Path) -> dict[Path, str]:
+    """Three tables: the true motion, the fixes, the filter's errors with their sigmas; the last two name the run they
+    are of in a column of its own, where the result has others. Of runs that deviate from the route the true motion is
+    the route, and the fixes have the antenna's true place beside them."""
+    run = _run_of_ensemble(result)
+    run_head, run_cell = ([], []) if run is None else (["run"], [str(run)])
+    truth = [
+        [f"{t:.4f}", f"{np.degrees(p[0]):.10f}", f"{np.degrees(p[1]):.10f}", f"{p[2]:.4f}", *(f"{x:.5f}" for x in v),
+         *(f"{x:.6f}" for x in np.degrees(a))]
+        for t, p, v, a in zip(result["/truth/time"], result["/truth/position_llh"], result["/truth/velocity_ned"],
+                              result["/truth/attitude_rpy"], strict=True)
+    ]  # fmt: skip
+    files = {
+        target.with_name(f"{target.stem}_truth.csv"): _table(
+            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg", "yaw_deg"],
+            truth,
+        )
+    }
+    if "/receiver/position_llh" in result:
+        rows = []
+        dops = np.stack([result[f"/geometry/{n}"] for n in ("pdop", "hdop", "vdop")], axis=1)
+        own = "/receiver/true_position_llh"
+        places = result[own][0] if own in result else np.empty((dops.shape[0], 0))
+        own_head = ["true_lat_deg", "true_lon_deg", "true_h_m"] if own in result else []
+        for t, p, v, d, place in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
+                                     result["/receiver/velocity_ned"][0], dops, places, strict=True):  # fmt: skip
+            where = [_cell(np.degrees(x), 10) for x in place[:2]] + [_cell(x, 4) for x in place[2:]]
+            rows.append(
+                [f"{t:.4f}", _cell(np.degrees(p[0]), 10), _cell(np.degrees(p[1]), 10), _cell(p[2], 4),
+                 *(_cell(x, 4) for x in v), *(_cell(x, 4) for x in d), *where, *run_cell]
+            )  # fmt: skip
+        files[target.with_name(f"{target.stem}_gnss.csv")] = _table(
+            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "pdop", "hdop", "vdop", *own_head,
+             *run_head],
+            rows,
+        )
+    if "/filter/error" in result:
+        states = [str(name) for name in result["/filter/state"]]
+        error, sigma = result["/filter/error"][0], result["/filter/sigma"][0]
+        rows = [
+            [f"{t:.4f}", *(f"{x:.9g}" for x in e), *(f"{x:.9g}" for x in s), *run_cell]
+            for t, e, s in zip(result["/filter/time"], error, sigma, strict=True)
+        ]
+        units = _state_units(result)
+        named = [_with_unit(name, unit) for name, unit in zip(states, units, strict=True)]
+        head = ["t_s", *(f"error_{n}" for n in named), *(f"sigma_{n}" for n in named), *run_head]
+        files[target.with_name(f"{target.stem}_filter.csv")] = _table(head, rows)
+    return files
+
+
+def _imu(result: Result, target: Path) -> dict[Path, str]:
+    """The run as a recorded flight, for `navsim replay`."""
+    if any(path not in result for path in simulated_log.NEEDED):
+        raise _lacking(result, "inertial samples and start of the filter")
+    imu, fixes, log = (target.with_name(f"{target.stem}_{part}") for part in ("imu.csv", "fixes.csv", "replay.yaml"))
+    title = f"{result.attributes.get('title') or target.stem}, as recorded"
+    *parts, text = simulated_log.files(result, imu, fixes, title)
+    return {path: _table(head, rows) for path, (head, *rows) in zip((imu, fixes), parts, strict=True)} | {log: text}
+
+
+def _gates(result: Result, target: Path) -> dict[Path, str]:
+    """The position error of every run at the heights where errors are told: a row a run and height."""
+    if "/summary/at/lateral_run" not in result:
+        return {}
+    kinds = ("", "_fte", "_tse") if "/summary/at/lateral_fte_run" in result else ("",)
+    named = [(axis, kind) for kind in kinds for axis in ("lateral", "along", "vertical")]
+    axes = np.stack([result[f"/summary/at/{axis}{kind}_run"] for axis, kind in named], axis=-1)
+    rows = [
+        [str(run), gate, _cell(height, 4), *(f"{x:.9g}" if np.isfinite(x) else "" for x in axes[r, h])]
+        for r, run in enumerate(result["/run"])
+        for h, (gate, height) in enumerate(zip(HEIGHTS, result["/summary/at/height"], strict=True))
+    ]
+    head = ["run", "gate", "height_m", *(f"{kind[1:] or 'error'}_{axis}_m" for axis, kind in named)]
+    return {target.with_name(f"{target.stem}_gates.csv"): _table(head, rows)}
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """The name of a column of a state with its unit, as keys of scenarios have them."""
+    if name.startswith((FIX_ERROR, RANGE_ERROR)):
+        return f"{name}_prior_sigma"
+    return name if unit in ("", "1") else f"{name}_{unit.replace('/', '_')}"
+
+
+def _state_units(result: Result) -> list[str]:
+    """The units of the filter's states, as the file tells them."""
+    return [unit.strip() for unit in str(result.variables["/filter/state"].attributes["state_units"]).split(",")]
+
+
+def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
+    """Two tables: the estimated motion with its sigmas, and the innovations."""
+    columns = (("position_llh", "lat_rad lon_rad h_m"), ("velocity_ned", "vn_m_s ve_m_s vd_m_s"),
+               ("attitude_rpy", "roll_rad pitch_rad yaw_rad"), ("sigma", ""))  # fmt: skip
+    names = zip(result["/filter/state"], _state_units(result), strict=True)
+    states = " ".join(f"sigma_{_with_unit(str(name), unit)}" for name, unit in names)
+    head = ["t_s", *(name for _, names in columns for name in (names or states).split())]
+    table = np.column_stack([result["/filter/time"], *(result[f"/filter/{name}"] for name, _ in columns)])
+    flight = _table(head, [[f"{row[0]:.4f}", *(f"{x:.12g}" for x in row[1:])] for row in table])
+    seen = np.column_stack(
+        [result[f"/innovations/{name}"] for name in ("time", "position_ned", "velocity_ned", "normalized_squared")]
+    )
+    rows = [[f"{row[0]:.4f}", *(_cell(x, 5) for x in row[1:])] for row in seen]
+    heads = ["t_s", "pn_m", "pe_m", "pd_m", "vn_m_s", "ve_m_s", "vd_m_s", "normalized_squared"]
+    return {
+        target.with_name(f"{target.stem}_flight.csv"): flight,
+        target.with_name(f"{target.stem}_innovations.csv"): _table(heads, rows),
+    }
+
+
+# --- NMEA
+
+
+def _nmea(result: Result, target: Path) -> dict[Path, str]:
+    """GGA, RMC and VTG of each fix, with as many digits as the format lets [2]. Heights are given over
+    the geoid with its separation where the scenario has it, else over the ellipsoid with a separation of zero. A leap
+    second is 23:59:60. The talker is that of the satellite system in use, GN if there are several."""
+    if "/receiver/position_llh" not in result:
+        raise _lacking(result, "fixes")
+    start, separation = _start(result), _undulation(result) or 0.0
+    in_use = np.isfinite(result["/geometry/line_of_sight"][:, :, 0])
+    used, talker = in_use.sum(axis=1), _talker(result["/geometry/source"][in_use.any(axis=0)])
+    lines = []
+    for t, p, v, n, hdop in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
+                                result["/receiver/velocity_ned"][0], used, result["/geometry/hdop"],
+                                strict=True):  # fmt: skip
+        date, hour, minute, second = timescales.utc_calendar(start + float(t))
+        hundredths = round(1e6 * second) // 10_000
+        clock = f"{hour:02d}{minute:02d}{hundredths // 100:02d}.{hundredths % 100:02d}"
+        if not np.isfinite(p[0]):
+            lines += [
+                _sentence(f"{talker}GGA,{clock},,,,,0,00,,,M,,M,,"),
+                _sentence(f"{talker}RMC,{clock},V,,,,,,,{date:%d%m%y},,,N"),
+            ]
+            continue
+        where = _angle(np.degrees(p[0]), 2, "NS") + "," + _angle(np.degrees(p[1]), 3, "EW")
+        speed, course = float(np.hypot(v[0], v[1])), float(np.degrees(np.arctan2(v[1], v[0])) % 360.0)
+        knots = speed / KNOT
+        lines += [
+            _sentence(
+                f"{talker}GGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2] - separation:.3f},M,"
+                f"{separation:.3f},M,,"
+            ),
+            _sentence(f"{talker}RMC,{clock},A,{where},{knots:.3f},{course:.2f},{date:%d%m%y},,,A"),
+            _sentence(f"{talker}VTG,{course:.2f},T,,M,{knots:.3f},N,{3.6 * speed:.3f},K,A"),
+        ]
+    return {target.with_suffix(".nmea"): "".join(f"{line}\r\n" for line in lines)}
+
+
+def _talker(sources: Iterable[object]) -> str:
+    """The talker of a receiver that uses these sources [2]."""
+    talkers = {system.talker for name in sources for system in BY_LETTER.values() if system.has(str(name))}
+    return talkers.pop() if len(talkers) == 1 else "GN"
+
+
+def _angle(degrees: float, width: int, signs: str) -> str:
+    """ddmm.mmmmmmm,N"""
+    units = round(abs(degrees) * 60e7)  # of 1e-7 minutes, so that 60 minutes cannot appear
+    whole, minutes = divmod(units, 60 * 10**7)
+    return f"{whole:0{width}d}{minutes // 10**7:02d}.{minutes % 10**7:07d},{signs[0] if degrees >= 0.0 else signs[1]}"
+
+
+def _sentence(body: str) -> str:
+    check = 0
+    for character in body:
+        check ^= ord(character)
+    return f"${body}*{check:02X}"
+
+
+# --- maps
+
+
+def true_antenna(result: Result) -> np.ndarray:
+    """Where the antenna truly is at the fix epochs, ECEF, m (e, 3): the IMU's position with the lever arm turned by
+    the true attitude, both interpolated between the stored instants."""
+    t, when = result["/truth/time"], result["/geometry/time"]
+
+    def at_fixes(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(when, t, column) for column in values.T], axis=1)
+
+    llh = at_fixes(earth.unturned(result["/truth/position_llh"]))
+    attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
+    lever = attitude @ np.array(scenario_of(result)["receiver"]["lever_arm_m"], dtype=float)
+    return earth.ecef_from_llh(llh) + np.einsum("eij,ei->ej", earth.ned_matrix(llh), lever)
+
+
+def _map_features(result: Result) -> list[dict[str, Any]]:
+    """Track, error ellipses of fixes, pseudolites, runway, ridges: type, name, coordinates (lon, lat, h), properties.
+    """
+    if result.attributes["kind"] == "replay":
+        path = [
+            (name, result[f"/{group}/position_llh"]) for name, group in (("track", "filter"), ("fixes", "receiver"))
+        ]
+        return [
+            {"kind": "track", "type": "LineString", "name": name, "coordinates": _lonlat(llh)} for name, llh in path
+        ]
+    if result.attributes["kind"] == "sweep":
+        return [*_combinations(result), *_ridges(result)]
+    if result.attributes["kind"] != "landing":
+        return [*_placements(result), *_ridges(result)]
+    llh = result["/truth/position_llh"]
+    step = max(1, llh.shape[0] // 2000)
+    track = np.concatenate([llh[::step], llh[-1:]])
+    out: list[dict[str, Any]] = [
+        {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(track)}
+    ]
+    threshold = result["/truth/threshold_llh"]
+    runway = scenario_of(result)["runway"]
+    out.append(_runway(threshold, runway))
+    out += _glide(result) + _ridges(result)
+    for name, place in zip(result["/pseudolites/name"], result["/pseudolites/position_llh"], strict=True):
+        out.append({"kind": "pseudolite", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
+    covariance, antenna = result["/receiver/covariance_enu"], earth.llh_from_ecef(true_antenna(result))
+    known = np.flatnonzero(np.isfinite(covariance[:, 0, 0]))
+    scale = np.sqrt(-2.0 * np.log(1.0 - ELLIPSE_PROBABILITY))
+    for e in known[:: max(1, known.size // _ELLIPSES)]:
+        t = result["/geometry/time"][e]
+        here = antenna[e]
+        values, vectors = np.linalg.eigh(covariance[e, :2, :2])
+        angle = np.linspace(0.0, 2.0 * np.pi, _ELLIPSE_POINTS + 1)
+        circle = np.stack([np.cos(angle), np.sin(angle)]) * (scale * np.sqrt(values))[:, None]
+        east, north = vectors @ circle
+        ned = np.stack([north, east, np.zeros_like(north)], axis=1)
+        out.append(
+            {"kind": "ellipse", "type": "Polygon", "name": f"fix at {t:g} s",
+             "coordinates": _lonlat(_offset(here, ned @ earth.ned_matrix(here))),
+             "properties": {"t_s": float(t), "probability": ELLIPSE_PROBABILITY,
+                            "semi_major_m": float(scale * np.sqrt(values[1])),
+                            "semi_minor_m": float(scale * np.sqrt(values[0]))}}
+        )  # fmt: skip
+    return out
+
+
+def _runway(threshold: np.ndarray, runway: Any) -> dict[str, Any]:
+    axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
+    half, length = 0.5 * runway["width_m"], runway["length_m"]
+    far = -0.01 * runway.get("slope_percent", 0.0) * length  # down; runways of earlier versions are level
+    corners = np.array([[0, -half, 0], [length, -half, far], [length, half, far], [0, half, 0], [0, -half, 0]])
+    return {"kind": "runway", "type": "Polygon", "name": "runway",
+            "coordinates": _lonlat(_offset(threshold, corners @ axes.T))}  # fmt: skip
+
+
+def _glide(result: Result) -> list[dict[str, Any]]:
+    """The path from the start of the glide to touchdown, where the flight has both."""
+    events = dict(zip(map(str, result["/truth/event"]), result["/truth/event_time"].tolist(), strict=True))
+    if "touchdown" not in events:
+        return []
+    time = result["/truth/time"]
+    flown = (time >= events.get("glide_start", -np.inf)) & (time <= events["touchdown"])
+    llh = result["/truth/position_llh"][flown]
+    if len(llh) < 2:
+        return []
+    llh = np.concatenate([llh[:: max(1, len(llh) // 500)], llh[-1:]])
+    return [{"kind": "glide", "type": "LineString", "name": "glide path", "coordinates": _lonlat(llh)}]
+
+
+def _ridges(result: Result) -> list[dict[str, Any]]:
+    """The tops of the terrain's ridges and skylines."""
+    return [
+        {"kind": "ridge", "type": "LineString", "name": ridge.name, "coordinates": _lonlat(ridge.llh),
+         "properties": {"height_m": round(ridge.height, 3)}}
+        for ridge in ridges(result)
+    ]  # fmt: skip
+
+
+def _placements(result: Result) -> list[dict[str, Any]]:
+    """Of a search the places of the pseudolites, of each number of them."""
+    height, found = float(scenario_of(result)["runway"]["height_m"]), result.variables["/front/objective"]
+    out = []
+    for i, k in np.argwhere(np.isfinite(result["/optimum/latitude"])):
+        angles = (float(result[f"/optimum/{axis}"][i, k]) for axis in ("latitude", "longitude"))
+        count = int(result["/pseudolites"][i])
+        told = {"pseudolites": count, "objective": float(np.asarray(found.data)[i]), "unit": found.units,
+                "s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}  # fmt: skip
+        out.append(_site(f"PL{k + 1} of {count}", np.array([*angles, height]), told))
+    return out
+
+
+def _combinations(result: Result) -> list[dict[str, Any]]:
+    """Of a sweep the runway, and where the pseudolites of each combination stand, up to eight, with its settings and
+    outputs."""
+    if "/plan/threshold_llh" not in result:
+        raise ResultError("the result is of an earlier version, which did not say where the runway is; sweep again")
+    along, right = result["/plan/site_along"], result["/plan/site_right"]
+    count = int(np.isfinite(right).sum())
+    if count > MOST_SITES:
+        text = f"{count:,} places are more than a map shows, {MOST_SITES:,}"
+        raise ResultError(f"{text}; the result has them in /plan/site_along and site_right")
+    threshold, runway = result["/plan/threshold_llh"], scenario_of(result)["runway"]
+    axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
+    names, out = heads(result), [_runway(threshold, runway)]
+    for number, (i, row) in enumerate(rows(result)):
+        plain = (value.item() if isinstance(value, np.generic) else value for value in row)
+        told = dict(zip(names, plain, strict=True))
+        for k in np.flatnonzero(np.isfinite(right[i])):
+            level = np.array([along[i][k], right[i][k], 0.0])
+            # from the plane of the runway onto the Earth
+            llh = _offset(threshold, level @ axes.T) * [1.0, 1.0, 0.0] + [0.0, 0.0, threshold[2]]
+            out.append(_site(f"PL{k + 1}, combination {number + 1}", llh, told))
+    return out
+
+
+def _site(name: str, llh: np.ndarray, properties: dict[str, Any]) -> dict[str, Any]:
+    """A place for a pseudolite, at the height of the runway."""
+    told = {key: value for key, value in properties.items() if not isinstance(value, float) or np.isfinite(value)}
+    return {"kind": "pseudolite", "type": "Point", "name": name, "coordinates": _lonlat(llh[None]), "properties": told}
+
+
+def _offset(llh: np.ndarray, ecef: np.ndarray) -> np.ndarray:
+    return earth.llh_from_ecef(earth.ecef_from_llh(llh) + ecef)
+
+
+def _lonlat(llh: np.ndarray) -> list[list[float]]:
+    """Longitude, latitude, deg, height, m, of a line's or ring's positions (n, 3): one across 180 degrees goes on
+    beyond it, for maps would draw it round the Earth."""
+    there = earth.unturned(llh)
+    return [
+        [round(float(np.degrees(p[1])), 9), round(float(np.degrees(p[0])), 9), round(float(p[2]), 3)] for p in there
+    ]
+
+
+def _geojson(result: Result, target: Path) -> dict[Path, str]:
+    features = []
+    for f in _map_features(result):
+        features.append(
+            {"type": "Feature", "geometry": _geometry(f["type"], f["coordinates"]),
+             "properties": {"kind": f["kind"], "name": f["name"], **f.get("properties", {})}}
+        )  # fmt: skip
+    whole = {"type": "FeatureCollection", "features": features}
+    return {target.with_suffix(".geojson"): json.dumps(whole, indent=1) + "\n"}
+
+
+def _geometry(kind: str, coordinates: list[list[float]]) -> dict[str, Any]:
+    """A geometry of RFC 7946, which wants lines and areas cut at 180 degrees, and outer rings counterclockwise."""
+    parts = _cut_at_180(kind, coordinates)
+    if kind == "Point":
+        return {"type": kind, "coordinates": parts[0][0]}
+    shapes: list[Any] = [[_counterclockwise(ring)] for ring in parts] if kind == "Polygon" else parts
+    if len(shapes) == 1:
+        return {"type": kind, "coordinates": shapes[0]}
+    return {"type": f"Multi{kind}", "coordinates": shapes}
+
+
+def _cut_at_180(kind: str, coordinates: list[list[float]]) -> list[list[list[float]]]:
+    """The parts of a line, or the outer rings of those of an area, on either side of 180 degrees, in their order, with
+    longitudes within 180 degrees."""
+    turn = _turn(coordinates[0][0])
+    whole = [[lon - 360.0 * turn, *rest] for lon, *rest in coordinates]
+    return [whole] if all(abs(lon) <= 180.0 for lon, *_ in whole) else _cut(kind, coordinates)
+
+
+def _cut(kind: str, coordinates: list[list[float]]) -> list[list[list[float]]]:
+    if kind == "LineString":
+        return _cut_line(coordinates)
+    from shapely.geometry import Polygon, box
+
+    whole, out = Polygon(coordinates), []
+    for turn in range(_turn(whole.bounds[0]), _turn(whole.bounds[2]) + 1):
+        middle = 360.0 * turn
+        part = whole.intersection(box(middle - 180.0, -90.0, middle + 180.0, 90.0))
+        for one in getattr(part, "geoms", [part]):
+            if one.geom_type == "Polygon" and not one.is_empty:
+                ring = one.exterior.coords
+                out.append([[round(lon - middle, 9), round(lat, 9), round(h, 3)] for lon, lat, h in ring])
+    return out
+
+
+def _turn(longitude: float) -> int:
+    """How often a longitude that goes on beyond 180 degrees has passed them."""
+    return math.floor((longitude + 180.0) / 360.0)
+
+
+def _cut_line(coordinates: list[list[float]]) -> list[list[list[float]]]:
+    """The parts of a line as it is flown, whatever it crosses."""
+    parts: list[list[list[float]]] = [[]]
+    before: list[float] | None = None
+    for here in coordinates:
+        if before is not None and (turn := _turn(here[0])) != _turn(before[0]):
+            at = 360.0 * max(turn, _turn(before[0])) - 180.0
+            share = (at - before[0]) / (here[0] - before[0])
+            lat, h = (round(a + share * (b - a), digits) for a, b, digits in zip(before[1:], here[1:], (9, 3)))  # noqa: B905
+            east = turn > _turn(before[0])
+            parts[-1].append([180.0 if east else -180.0, lat, h])
+            parts.append([[-180.0 if east else 180.0, lat, h]])
+        parts[-1].append([round(here[0] - 360.0 * _turn(here[0]), 9), *here[1:]])
+        before = here
+    return [part for part in parts if len(part) > 1]
+
+
+def _counterclockwise(ring: list[list[float]]) -> list[list[float]]:
+    """RFC 7946 wants outer rings counterclockwise."""
+    area = sum(a[0] * b[1] - b[0] * a[1] for a, b in itertools.pairwise(ring))
+    return ring if area > 0.0 else ring[::-1]
+
+
+def _kml_geometry(into: Any, kind: str, type_: str, coordinates: list[list[float]], separation: float) -> None:
+    """Add a point, line or area to a placemark. separation: of the geoid, m; KML's heights are over the sea, and are
+    those over the ellipsoid if the scenario does not have it (0)."""
+    from xml.etree import ElementTree as Xml
+
+    shape = Xml.SubElement(into, type_)
+    on_ground = kind in ("runway", "ellipse", "pseudolite")
+    if kind == "ridge":  # a wall down to the ground
+        Xml.SubElement(shape, "extrude").text = "1"
+    if type_ != "Point":
+        Xml.SubElement(shape, "tessellate").text = "1"
+    Xml.SubElement(shape, "altitudeMode").text = "clampToGround" if on_ground else "absolute"
+    if type_ == "Polygon":
+        shape = Xml.SubElement(Xml.SubElement(shape, "outerBoundaryIs"), "LinearRing")
+    places = [(round(lon, 9), lat, *(round(h - separation, 3) for h in up)) for lon, lat, *up in coordinates]
+    Xml.SubElement(shape, "coordinates").text = " ".join(",".join(map(str, place)) for place in places)
+
+
+_STYLES = {"track": ("ffb27200", 2, "00ffffff"), "runway": ("ff777777", 1, "a0777777"),
+           "ellipse": ("ff005ed5", 1, "30005ed5"), "pseudolite": ("ff005ed5", 1, "ff005ed5"),
+           "glide": ("ff739e00", 2, "00ffffff"), "ridge": ("ff004b8c", 2, "60004b8c")}  # fmt: skip
+"""Line colour (aabbggrr), width, fill."""
+
+
+def _kml(result: Result, target: Path) -> dict[Path, str]:
+    from xml.etree import ElementTree as Xml
+
+    separation = _undulation(result) or 0.0
+    kml = Xml.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
+    document = Xml.SubElement(kml, "Document")
+    Xml.SubElement(document, "name").text = str(result.attributes.get("title") or target.stem)
+    Xml.SubElement(document, "description").text = _origin(result)
+    for kind, (line, width, fill) in _STYLES.items():
+        style = Xml.SubElement(document, "Style", id=kind)
+        drawn = Xml.SubElement(style, "LineStyle")
+        Xml.SubElement(drawn, "color").text = line
+        Xml.SubElement(drawn, "width").text = str(width)
+        Xml.SubElement(Xml.SubElement(style, "PolyStyle"), "color").text = fill
+    for f in _map_features(result):
+        mark = Xml.SubElement(document, "Placemark")
+        Xml.SubElement(mark, "name").text = f["name"]
+        Xml.SubElement(mark, "styleUrl").text = f"#{f['kind']}"
+        # programs draw a line between longitudes of 180 and -180 degrees round the Earth
+        parts = _cut_at_180(f["type"], f["coordinates"])
+        into = mark if len(parts) == 1 else Xml.SubElement(mark, "MultiGeometry")
+        for coordinates in parts:
+            _kml_geometry(into, f["kind"], f["type"], coordinates, separation)
+    Xml.indent(kml, space=" ")
+    text = Xml.tostring(kml, encoding="unicode", xml_declaration=False)
+    return {target.with_suffix(".kml"): '<?xml version="1.0" encoding="UTF-8"?>\n' + text + "\n"}

@@ -1,0 +1,37 @@
+"""Tables of a horizon: how high the land, trees or buildings around an antenna stand, by azimuth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from navsim.formats.tables import TextTable
+from navsim.formats.text import Dropped, FileError, read_lines, within
+from navsim.gnss.sky import Horizon
+
+COLUMNS = ("azimuth_deg", "elevation_deg")
+_MOST = 100_000
+
+
+def read_horizon(path: Path) -> Horizon:
+    """Read a table with the columns `COLUMNS`, packed or not; lines that begin with # are comments.
+
+    Azimuths are from 0 to 360 degrees, clockwise from true north, each larger than the one before. Raises FileError,
+    naming the line, for anything else; OSError where the file cannot be read.
+    """
+    dropped = Dropped()
+    there = TextTable.of(path, read_lines(path, dropped))
+    if len(there.numbers) > _MOST:
+        raise FileError(0, f"{len(there.numbers):,} lines are no horizon; the longest have {_MOST:,}", path)
+    table, lines = there.read(COLUMNS, (), (), dropped)
+    for i, line in enumerate(lines):
+        for value, name, (low, high) in zip(table[i], COLUMNS, ((0.0, 360.0), (-90.0, 90.0)), strict=True):
+            within(path, int(line), float(value), low, high, name)
+        if i and table[i, 0] <= table[i - 1, 0]:
+            raise FileError(int(line), "azimuths have to grow from row to row", path)
+    if table[-1, 0] == 360.0 and len(table) > 1 and table[0, 0] == 0.0:
+        if table[-1, 1] != table[0, 1]:
+            raise FileError(int(lines[-1]), "the elevation at 360 degrees is not the one at 0", path)
+        table = table[:-1]
+    return Horizon(*np.radians(table).T)

@@ -1,0 +1,128 @@
+"""What a recorded flight consists of: inertial samples, and fixes or the ranges they were solved from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core.arrays import earth
+
+_NEIGHBOURS = 3.0
+"""Fixes farther apart than this many usual intervals do not show the velocity of one another."""
+
+
+def _intervals(time: np.ndarray, longest: float) -> np.ndarray:
+    """Begin and end (k, 2) of the intervals between times that are longer than `longest` seconds."""
+    first = np.flatnonzero(np.diff(time) > longest)
+    return np.stack([time[first], time[first + 1]], axis=1)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Inertial samples: time (n,) s, rate (n, 3) rad/s, force (n, 3) m/s2, body axes forward-right-down."""
+
+    time: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+
+    def between(self, first: float, last: float) -> Samples:
+        """The samples at first <= time <= last."""
+        keep = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]))
+        return Samples(self.time[keep], self.rate[keep], self.force[keep])
+
+    def missing(self, longest: float) -> np.ndarray:
+        """Begin and end, s, of the intervals without a sample (k, 2) that are longer than `longest` seconds."""
+        return _intervals(self.time, longest)
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rate and specific force (m, 3) at times (m,), interpolated between samples."""
+        rate, force = (
+            np.stack([np.interp(time, self.time, values[:, i]) for i in range(3)], axis=1)
+            for values in (self.rate, self.force)
+        )
+        return rate, force
+
+
+@dataclass(frozen=True)
+class Fixes:
+    """Fixes: time (m,) s, llh (m, 3) rad, rad, m, velocity (m, 3) NED m/s, nan where unknown; covariance (m, 6, 6) of
+    position and velocity, NED, as the receiver gives it, nan where it does not, None where it never does; effect
+    (m, 6, k) what each of k errors that last, of a variance of one, does to them, None without."""
+
+    time: np.ndarray
+    llh: np.ndarray
+    velocity: np.ndarray
+    covariance: np.ndarray | None = None
+    effect: np.ndarray | None = None
+
+    @property
+    def has_own_noise(self) -> bool:
+        """Whether the receiver gives the variance of every number of every fix."""
+        if self.covariance is None:
+            return False
+        unknown = np.isnan(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return not np.any(unknown & np.isfinite(np.hstack([self.llh, self.velocity])))
+
+    def take(self, index: np.ndarray | slice) -> Fixes:
+        """Some of the fixes."""
+        more = (None if values is None else values[index] for values in (self.covariance, self.effect))
+        return Fixes(self.time[index], self.llh[index], self.velocity[index], *more)
+
+    def earlier(self, delay: float) -> Fixes:
+        """The same fixes with their times put back by `delay` seconds."""
+        return replace(self, time=self.time - delay)
+
+    def pauses(self, longest: float) -> np.ndarray:
+        """Begin and end, s, of the intervals without a fix (k, 2) that are longer than `longest` seconds."""
+        return _intervals(self.time, longest)
+
+    def with_velocity(self) -> tuple[Fixes, np.ndarray]:
+        """The fixes (two at least) with unknown components of velocity taken from the positions around them, and over
+        how many seconds (m,), about one. Positions on both sides of a pause say nothing of the velocity: a fix that has
+        no other beside it keeps nan."""
+        index = np.arange(self.time.size)
+        interval = float(np.median(np.diff(self.time)))
+        reach = max(1, round(0.5 / interval))
+        before, after = np.maximum(index - reach, 0), np.minimum(index + reach, self.time.size - 1)
+        far = _NEIGHBOURS * reach * interval
+        before = np.where(self.time - self.time[before] > far, index, before)
+        after = np.where(self.time[after] - self.time > far, index, after)
+        ecef = earth.ecef_from_llh(self.llh)
+        over = self.time[after] - self.time[before]
+        mean = (ecef[after] - ecef[before]) / np.where(over > 0.0, over, np.nan)[:, None]
+        derived = np.einsum("nij,nj->ni", earth.ned_matrix(self.llh), mean)
+        return replace(self, velocity=np.where(np.isnan(self.velocity), derived, self.velocity)), over
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """What was measured to s sources at e epochs, ready to be weighed.
+
+    time: (e,) s by the receiver's clock. names: (s,). clock: (s,) number of the receiver's clock against the source's,
+    scales: names of the clocks. position, velocity: (e, s, 3) as of `gnss.pseudorange.Signals`. distance: (e, s) m,
+    roughly. pseudorange, range_rate: (e, s) m, m/s, corrected for the source's clock and the atmosphere; pseudoranges
+    are nan where there is none, or the source is below the mask. slant: (e, s) 1 / sin(elevation), by which noise
+    grows.
+    """
+
+    time: np.ndarray
+    names: tuple[str, ...]
+    clock: np.ndarray
+    scales: tuple[str, ...]
+    position: np.ndarray
+    velocity: np.ndarray
+    distance: np.ndarray
+    pseudorange: np.ndarray
+    range_rate: np.ndarray
+    slant: np.ndarray
+
+    @property
+    def clocks(self) -> tuple[int, ...]:
+        """Numbers of the clocks of the sources that are ever received."""
+        return tuple(np.unique(self.clock[np.isfinite(self.pseudorange).any(axis=0)]).tolist())
+
+    def take(self, index: np.ndarray) -> Ranges:
+        """Some of the epochs."""
+        per_epoch = ("time", "position", "velocity", "distance", "pseudorange", "range_rate", "slant")
+        return replace(self, **{name: getattr(self, name)[index] for name in per_epoch})

@@ -1,0 +1,81 @@
+"""What every kind of constellation answers, whatever its satellites fly by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from navsim.gnss.constellations.messages import Messages
+from navsim.gnss.constellations.systems import System
+
+
+class Constellation(Protocol):
+    """n satellites of one system. `state` and `clock` take GPS times (m,), or (m, n) for each satellite its own."""
+
+    @property
+    def system(self) -> System:
+        """Whose satellites they are."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The satellites (n,), such as R01."""
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """Frequency channels by name; of satellites that are not in it nothing tells them."""
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,) bool, False for satellites that are marked as unhealthy as a whole; where each message has its mark,
+        those without a healthy one have no state."""
+
+    def age(self, gpst: float) -> float:
+        """How far a GPS time lies from what the constellation was made from, s."""
+
+    def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities (m, n, 3), m, m/s; nan where nothing tells them."""
+
+    def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Satellite clocks less the system's time for a user of L1 alone, s, and their rates (m, n); nan where nothing
+        tells them."""
+
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """What satellites tell of the accuracy of their orbits and clocks, 1 sigma, m (m, n); nan without."""
+
+    def using_unhealthy(self) -> Constellation:
+        """The same with the satellites and messages that are marked as unhealthy."""
+
+    def broadcast(self, first: float, last: float) -> Constellation:
+        """The constellation by the messages it would send from `first` to `last` (UTC, POSIX s); what flies by
+        messages, or has none, as it is."""
+
+    def messages(self, gpst: np.ndarray) -> Messages | None:
+        """The messages its satellites fly by at GPS times (m,), or would have sent; None where there are none."""
+
+
+def carriers(constellation: Constellation) -> np.ndarray:
+    """Carrier frequencies in L1, Hz (n,); that of channel 0 where the channel is not known."""
+    system, channels = constellation.system, constellation.channels
+    return np.array([system.frequency(channels.get(name, 0)) for name in constellation.names])
+
+
+class Remembering:
+    """A constellation that works out the same times but once."""
+
+    def __init__(self, constellation: Constellation) -> None:
+        self._constellation = constellation
+        self._known: dict[tuple[tuple[int, ...], bytes], tuple[np.ndarray, np.ndarray]] = {}
+        self.system, self.names = constellation.system, constellation.names
+        self.channels, self.usable = constellation.channels, constellation.usable
+        self.age, self.clock, self.messages = constellation.age, constellation.clock, constellation.messages
+        self.accuracy = constellation.accuracy
+        self.using_unhealthy, self.broadcast = constellation.using_unhealthy, constellation.broadcast
+
+    def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As the constellation's own."""
+        key = gpst.shape, gpst.tobytes()
+        if key not in self._known:
+            self._known[key] = self._constellation.state(gpst)
+        return self._known[key]

@@ -1,0 +1,1 @@
+"""Jammers: propagation, ridges, the loss in the correlator, loss of lock."""

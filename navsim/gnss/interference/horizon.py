@@ -1,0 +1,114 @@
+"""What stands between a transmitter and an aircraft: the Earth, and ridges, each a straight knife edge.
+
+Page: `docs/theory/interference.md`, section 3.
+
+Sources: [1] ITU-R P.526, section 4.1 (one knife edge; rays over an Earth of 4/3 of its radius).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
+from navsim.core.arrays.horizon import crossings
+from navsim.gnss.interference.propagation import EARTH_RADIUS, LOWEST, edge_loss, edge_parameter, radio_horizon
+from navsim.gnss.sky import enu_matrix, unit_vector
+
+_BENT = 1.0 / 4.0
+"""Curvature of rays by that of the Earth [1]."""
+_CHORD = np.radians(1.0)
+"""Azimuth that a straight part of a skyline spans at most."""
+_AT_ONCE = 32
+"""Ridges that sources are looked for behind at a time, so that a skyline takes no more memory than the signals."""
+
+
+def horizon_dip(height: np.ndarray | float) -> np.ndarray:
+    """Depression of the horizon, rad, of antennas at heights over smooth ground, m, without refraction; 0 below it."""
+    return np.arccos(EARTH_RADIUS / (EARTH_RADIUS + np.maximum(height, 0.0)))
+
+
+def horizon_distance(height: np.ndarray | float) -> np.ndarray:
+    """Part of the `radio_horizon`, m, of an antenna at heights over the ground, m, on its side of the horizon. Two
+    antennas see each other up to the sum of theirs."""
+    return radio_horizon(np.maximum(height, LOWEST), 0.0)
+
+
+def ridge(ends: np.ndarray, height: float) -> np.ndarray:
+    """The top (1, 2, 3), ECEF, m, of a ridge between two places (2, 2), latitude and longitude, rad; height: over the
+    ellipsoid, m."""
+    return ecef_from_llh(np.column_stack([ends, np.full(2, height)]))[None]
+
+
+def skyline(eye: np.ndarray, azimuths: tuple[float, float], elevation: float, distance: float) -> np.ndarray:
+    """Tops (w, 2, 3), ECEF, m, of ridges at a distance along the ground, m, from an eye, (3,) rad, rad, m, for which
+    they reach up to an elevation, rad, between two azimuths, clockwise, rad: 0 to 2 pi is all around."""
+    first, last = azimuths
+    if last <= first:
+        last += 2.0 * np.pi
+    edges = np.linspace(first, last, int(np.ceil((last - first) / _CHORD)) + 1)
+    towards = unit_vector(edges, np.full(edges.shape, elevation)) * distance / np.cos(elevation)
+    points = ecef_from_llh(eye) + towards @ enu_matrix(eye)
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def ridge_loss(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray, wavelength: float) -> np.ndarray:
+    """Loss (e,), dB, that the worst of ridges makes of a transmitter at a place (3,) for antennas (e, 3), ECEF, m, by
+    itself [1]; 0 where none lies between them.
+
+    tops: (w, 2, 3) ends of the ridges' tops, ECEF, m; they reach down to the ground. wavelength: m.
+    """
+    c = crossings(tops, place, antenna)
+    distance = np.linalg.norm(c.way, axis=2)
+    before, behind = c.share * distance, (1.0 - c.share) * distance
+    over = c.over - _BENT * before * behind / (2.0 * EARTH_RADIUS)
+    # what counts is how far the ray misses the edge, across both
+    across = np.cross(c.along, c.way)
+    upright = np.abs(np.sum(across * c.up, axis=2)) / np.where(c.between, np.linalg.norm(across, axis=2), 1.0)
+    loss = edge_loss(edge_parameter(over * upright, before, behind, wavelength))
+    return np.where(c.between, loss, 0.0).max(axis=1, initial=0.0)
+
+
+def behind(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.ndarray:
+    """Which of sources (e, s, 3) a ridge hides from an antenna (e, 3), ECEF, m, by straight lines of sight: (e, s)
+    bool. tops: as of `ridge_loss`. A source without a place (nan) is not hidden."""
+    out = np.zeros(sources.shape[:2], bool)
+    if not len(tops):
+        return out
+    low = _below_tops(tops, sources, antenna)
+    for i in np.flatnonzero(low.any(axis=0)):
+        at = low[:, i]
+        hidden = np.zeros(int(at.sum()), bool)
+        for some in range(0, len(tops), _AT_ONCE):
+            c = crossings(tops[some : some + _AT_ONCE], sources[at, i, None], antenna[at])
+            hidden |= (c.between & (c.over > 0.0)).any(axis=1)
+        out[at, i] = hidden
+    return out
+
+
+def flown_under(tops: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """How far under the top of a ridge a path (n, 3), ECEF, m, goes through it between each of its points and the next,
+    the most of all ridges: (n - 1,) m, -inf where it goes through none, or over it. tops: as of `ridge_loss`."""
+    out = np.full(len(path) - 1, -np.inf)
+    for some in range(0, len(tops), _AT_ONCE):
+        c = crossings(tops[some : some + _AT_ONCE], path[:-1, None], path[1:])
+        out = np.maximum(out, np.where(c.between & (c.over > 0.0), c.over, -np.inf).max(axis=1))
+    return out
+
+
+def _below_tops(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.ndarray:
+    """Which sources an antenna sees no higher than a bound of the highest of all tops (e, s) bool: only those can be
+    behind one. Arguments as of `behind`."""
+    up = enu_matrix(llh_from_ecef(antenna))[:, 2]
+    highest = np.full(len(antenna), -1.0)
+    for some in range(0, len(tops), _AT_ONCE):
+        ends = tops[some : some + _AT_ONCE] - antenna[:, None, None]  # (e, w, 2, 3)
+        height = np.einsum("ewpc,ec->ewp", ends, up).max(axis=2)
+        along = ends[:, :, 1] - ends[:, :, 0]
+        nearest = np.clip(-np.sum(ends[:, :, 0] * along, axis=2) / np.sum(along**2, axis=2), 0.0, 1.0)
+        # a top above the antenna is seen highest from near, one below it from far
+        near = np.linalg.norm(ends[:, :, 0] + nearest[..., None] * along, axis=2)
+        far = np.linalg.norm(ends, axis=3).max(axis=2)
+        highest = np.maximum(highest, (height / np.where(height > 0.0, near, far)).max(axis=1))
+    towards = sources - antenna[:, None]
+    sine = np.einsum("esc,ec->es", towards, up) / np.linalg.norm(towards, axis=2)
+    return np.asarray(sine <= highest[:, None] + 1e-9)

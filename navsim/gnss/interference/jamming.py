@@ -1,0 +1,247 @@
+"""Jammers beside a flight: what the receiver has left of each signal, and which it holds; pseudolites among them.
+
+Source: `docs/theory/interference.md`, section 7; the physics are those of `gnss.interference.propagation`, `spectra`,
+`horizon` and `lock`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays.earth import SPEED_OF_LIGHT, llh_from_ecef
+from navsim.gnss.antenna import AircraftAntenna
+from navsim.gnss.code_loop import CodeLoop, antenna_gain
+from navsim.gnss.interference.horizon import ridge_loss
+from navsim.gnss.interference.propagation import (
+    LOWEST,
+    blanked_loss,
+    cross_correlation,
+    gated_loss,
+    horizon_loss,
+    jam_to_signal,
+    jammed,
+    noise_density,
+    path_loss,
+    ungated_loss,
+)
+from navsim.gnss.interference.spectra import Band, Modulated, SweptTone, Waveform, bpsk
+from navsim.gnss.interference.tracking_threshold import FrequencyLoop, LockRule
+from navsim.gnss.sky import enu_matrix
+
+TEMPERATURE = 290.0
+"""Of a receiver, K: what its carrier to noise density ratios tell the power of signals by."""
+ISOLATION = -cross_correlation(10)
+"""By how much a signal exceeds the highest line, dB, that codes of GPS, of ten stages, and pseudolites have of each
+other."""
+_APART = 1.0
+"""Hz; carriers that differ by less are one."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """Signals as a receiver has them where nobody jams.
+
+    time: (e,) s. antenna: (e, 3) ECEF, m. llh: (e, 3) of the receiver, rad, rad, m. used: (e, s) bool. cn0: (e, s)
+    dB-Hz. chip: (s,) m. carrier: (s,) Hz. ground: (s,) bool, which are pseudolites. c_eb: (e, 3, 3) body axes in ECEF.
+    """
+
+    time: np.ndarray
+    antenna: np.ndarray
+    llh: np.ndarray
+    used: np.ndarray
+    cn0: np.ndarray
+    chip: np.ndarray
+    carrier: np.ndarray
+    ground: np.ndarray
+    c_eb: np.ndarray
+
+
+@dataclass(frozen=True)
+class Jammer:
+    """place: (3,) ECEF, m. height: over the ground, m. eirp: dBW. frequency: that its way is told by, Hz. shadow: what
+    hides it, dB. on: from, to, s; always where there are none."""
+
+    name: str
+    place: np.ndarray
+    height: float
+    eirp: float
+    waveform: Waveform | SweptTone
+    frequency: float
+    shadow: float
+    on: tuple[tuple[float, float], ...]
+
+    def power(self, time: np.ndarray) -> np.ndarray:
+        """What it sends at times (e,), dBW; -inf while it is off."""
+        sending = np.zeros(time.shape, bool)
+        for first, last in self.on or ((-np.inf, np.inf),):
+            sending |= (time >= first) & (time < last)
+        return np.where(sending, self.eirp, -np.inf)
+
+    def sent(self, time: np.ndarray) -> Waveform:
+        """What it sends, as a receiver feels it at times (e,), s."""
+        return self.waveform.at(time) if isinstance(self.waveform, SweptTone) else self.waveform
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """Pulses of pseudolites that do not overlap. duty: share of the time in which each sends. blanking: whether the
+    receiver is deaf to satellites meanwhile; else they take pulses for noise. gated: whether it correlates with a
+    pseudolite during its pulses alone; else all the time."""
+
+    duty: float
+    blanking: bool
+    gated: bool
+
+    def loss(self, sending: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """What signals lose by them, (e, s) dB, beside noise; sending: (e, p) bool; ground: (s,) bool."""
+        own = gated_loss(self.duty) if self.gated else ungated_loss(self.duty)
+        deaf = blanked_loss(self.duty * sending) if self.blanking else np.zeros(len(sending))
+        return np.where(ground, own, deaf[:, None])
+
+    def heard(self, ground: np.ndarray) -> np.ndarray:
+        """Share of the power of another's pulses that the correlators of sources (s,) are open to."""
+        return np.where(ground, 0.0 if self.gated else self.duty, 0.0 if self.blanking else self.duty)
+
+
+@dataclass(frozen=True)
+class NearFar:
+    """Pseudolites as jammers of satellites, and of each other. pulses: None where they send always. isolation: by how
+    much, dB, they may exceed signals with codes and a carrier like theirs before single lines of the codes take those,
+    too; None where none do."""
+
+    pulses: Pulses | None
+    isolation: float | None
+
+    def js(self, received: Received) -> np.ndarray:
+        """Power of pseudolites, of their pulses where they pulse, by that of signals (p, e, s), dB."""
+        sent = np.where(received.used, received.cn0, -np.inf)[:, received.ground].T
+        out = sent[..., None] - received.cn0
+        p = np.arange(len(sent))
+        own = out[p, :, np.flatnonzero(received.ground)]
+        out[p, :, np.flatnonzero(received.ground)] = np.where(np.isnan(own), np.nan, -np.inf)
+        return out
+
+    def weight(self, received: Received) -> np.ndarray:
+        """Share of that power that is noise to sources (s,)."""
+        return np.ones(received.ground.shape) if self.pulses is None else self.pulses.heard(received.ground)
+
+    def loss(self, received: Received) -> np.ndarray:
+        """What signals lose beside noise (e, s), dB."""
+        if self.pulses is None:
+            return np.zeros(received.cn0.shape)
+        return self.pulses.loss(received.used[:, received.ground], received.ground)
+
+    def buried(self, received: Received, js: np.ndarray) -> np.ndarray:
+        """Which signals (e, s) a line of a pseudolite's code exceeds at its worst; js: (p, e, s)."""
+        if self.isolation is None or not received.ground.any():
+            return np.zeros(received.cn0.shape, bool)
+        first = np.argmax(received.ground)
+        alike = np.abs(received.carrier - received.carrier[first]) < _APART
+        alike &= received.chip == received.chip[first]
+        return alike & (js > self.isolation).any(axis=0)
+
+
+@dataclass(frozen=True)
+class Jamming:
+    """All jammers, how the receiver holds signals against them, the height of the ground over the ellipsoid, m, and the
+    gain of its antenna at the horizon, see `code_loop.antenna_gain`.
+
+    antenna: of the receiver, where it has one by a table. noise_figure: of the receiver, dB.
+    pseudolites: how they jam, None where they do not. tops: (w, 2, 3) of ridges that hide jammers, ECEF, m, see
+    `horizon.ridge_loss`. bands: of the front end, one for each carrier; all is passed where there are none.
+    """
+
+    jammers: tuple[Jammer, ...]
+    lock: LockRule
+    code: CodeLoop
+    rate: FrequencyLoop
+    ground: float
+    horizon_db: float
+    antenna: AircraftAntenna | None
+    noise_figure: float
+    pseudolites: NearFar | None
+    tops: np.ndarray
+    bands: tuple[Band, ...]
+
+    def js(self, received: Received) -> np.ndarray:
+        """Power of the jammers, then of pseudolites where they jam, by that of signals (j, e, s), dB; -inf where
+        nothing is received of the one, nan of the other."""
+        parts = [self._of_jammers(received)]
+        if self.pseudolites is not None:
+            parts.append(self.pseudolites.js(received))
+        return np.concatenate(parts)
+
+    def _of_jammers(self, received: Received) -> np.ndarray:
+        antenna, cn0 = received.antenna, received.cn0
+        if not self.jammers:
+            return np.empty((0, *cn0.shape))
+        away = np.stack([jammer.place - antenna for jammer in self.jammers])
+        distance = np.linalg.norm(away, axis=2)
+        up = np.einsum("ei,jei->je", enu_matrix(received.llh)[:, 2], away) / distance
+        above = np.maximum(llh_from_ecef(antenna)[:, 2] - self.ground, LOWEST)
+        frequency, height, shadow = (
+            np.array([getattr(jammer, name) for jammer in self.jammers])[:, None]
+            for name in ("frequency", "height", "shadow")
+        )
+        loss = path_loss(distance, frequency) + horizon_loss(distance, np.maximum(height, LOWEST), above) + shadow
+        if len(self.tops):
+            hidden = (ridge_loss(self.tops, j.place, antenna, SPEED_OF_LIGHT / j.frequency) for j in self.jammers)
+            loss = loss + np.stack([*hidden])
+        power = np.stack([jammer.power(received.time) for jammer in self.jammers])
+        if self.antenna is None:
+            gain = antenna_gain(np.arcsin(up), self.horizon_db)
+        else:
+            towards = np.moveaxis(away / distance[..., None], 0, 1)
+            gain = self.antenna.gain_at(self.antenna.elevation_of(received.c_eb, towards)).T
+        # a signal's carrier to noise density ratio says how strong it is, the antenna's gain included
+        noise = noise_density(TEMPERATURE) + self.noise_figure
+        return jam_to_signal(power, loss, gain, np.zeros(cn0.shape[1]), cn0 + noise)
+
+    def passed(self, carrier: np.ndarray) -> np.ndarray:
+        """Whether the front end passes carriers (s,), Hz."""
+        inside = [(carrier >= band.low) & (carrier <= band.high) for band in self.bands]
+        return np.any(inside, axis=0) if inside else np.ones(carrier.shape, bool)
+
+    def kappas(self, received: Received) -> np.ndarray:
+        """Spectral separations, 1/Hz, of sources from what `js` has the power of, (j, e, s), or (j, 1, s) where they do
+        not change; 0 of sources that the front end does not pass."""
+        carrier, rate = received.carrier, SPEED_OF_LIGHT / received.chip
+        sent = [jammer.sent(received.time) for jammer in self.jammers]
+        own = None
+        if self.pseudolites is not None and received.ground.any():
+            first = np.argmax(received.ground)
+            own = Modulated(bpsk(float(rate[first])), float(carrier[first]))
+            sent.append(own)
+        changing = any(isinstance(jammer.waveform, SweptTone) for jammer in self.jammers)
+        out = np.zeros((len(sent), received.time.size if changing else 1, carrier.size))
+        for band in self.bands or (None,):
+            inside = np.ones(carrier.shape, bool) if band is None else (carrier >= band.low) & (carrier <= band.high)
+            for of_system in np.unique(rate[inside]):
+                some = inside & (rate == of_system)
+                for j, waveform in enumerate(sent):
+                    out[j][:, some] = waveform.kappa(bpsk(float(of_system)), carrier[some], band)
+        if self.pseudolites is None or own is None:
+            return out
+        # pseudolites have one spectrum
+        ours = np.broadcast_to(out[-1] * self.pseudolites.weight(received), (np.sum(received.ground), *out[-1].shape))
+        return np.concatenate([out[:-1], ours])
+
+    def left(self, received: Received, js: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Effective carrier to noise density (e, s), dB-Hz, and which signals are passed and held (e, s) bool."""
+        effective = jammed(received.cn0, js, self.kappas(received))
+        tracked = effective
+        if self.pseudolites is not None:
+            effective = effective - self.pseudolites.loss(received)
+            buried = self.pseudolites.buried(received, js[len(self.jammers) :])
+            tracked = np.where(buried, -np.inf, effective)
+        return effective, self.lock.held(received.time, tracked) & self.passed(received.carrier)
+
+    def noise(self, received: Received, effective: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the loops have more of noise, as variances (e, s) of ranges, m2, and range rates, (m/s)2."""
+        cn0, wavelength = received.cn0, SPEED_OF_LIGHT / received.carrier
+        return (
+            self.code.sigma(effective, received.chip) ** 2 - self.code.sigma(cn0, received.chip) ** 2,
+            self.rate.sigma(effective, wavelength) ** 2 - self.rate.sigma(cn0, wavelength) ** 2,
+        )

@@ -1,0 +1,87 @@
+"""How a receiver holds a weak signal: noise of its frequency loop, thresholds of its loops, loss and return of lock.
+
+Pages: `docs/theory/interference.md`, sections 4, 5.
+
+Sources: [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), section 8.9 (thermal noise and thresholds of
+loops).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.gnss.code_loop import CodeLoop
+
+_PHASE = np.radians(15.0)
+"""1 sigma of the phase above which a loop for a carrier with data slips, rad [1]."""
+_SHARE = 1.0 / 6.0
+"""1 sigma of the delay above which a code loop loses the code, of the spacing of its early and late replicas [1]."""
+_ROUNDING = 1e-9
+"""s; which epoch is the last of a wait must not depend on how their times are rounded."""
+
+
+@dataclass(frozen=True)
+class FrequencyLoop:
+    """bandwidth: one-sided, Hz; integration: s; factor: 1, near the threshold 2 [1]."""
+
+    bandwidth: float
+    integration: float
+    factor: float
+
+    def sigma(self, cn0: np.ndarray, wavelength: np.ndarray | float) -> np.ndarray:
+        """1 sigma of the thermal noise of a range rate, m/s, at a carrier to noise density ratio (dB-Hz) [1].
+
+        wavelength: of the carrier, m, of the shape of cn0, or to be broadcast to it.
+        """
+        ratio = 10.0 ** (np.asarray(cn0) / 10.0)
+        squaring = 1.0 + 1.0 / (self.integration * ratio)
+        turns = np.sqrt(4.0 * self.factor * self.bandwidth / ratio * squaring)
+        return wavelength / (2.0 * np.pi * self.integration) * turns
+
+
+def phase_threshold(bandwidth: float, integration: float) -> float:
+    """Carrier to noise density, dB-Hz, at which the thermal noise of a phase loop is 15 degrees [1]; bandwidth:
+    one-sided, Hz; integration: s."""
+    return _least(bandwidth / _PHASE**2, 0.5 / integration)
+
+
+def code_threshold(loop: CodeLoop) -> float:
+    """Carrier to noise density, dB-Hz, at which the thermal noise of a code loop is a sixth of its spacing [1]."""
+    return _least(0.5 * loop.bandwidth / (_SHARE**2 * loop.spacing), 2.0 / (loop.integration * (2.0 - loop.spacing)))
+
+
+def _least(noise: float, squaring: float) -> float:
+    """The ratio c with noise / c (1 + squaring / c) = 1, in dB."""
+    return float(10.0 * np.log10(0.5 * (noise + np.sqrt(noise**2 + 4.0 * noise * squaring))))
+
+
+@dataclass(frozen=True)
+class LockRule:
+    """lose: dB-Hz, below which a signal is lost after lose_s, s; regain: dB-Hz, above which it is back after
+    regain_s."""
+
+    lose: float = 28.0
+    lose_s: float = 0.5
+    regain: float = 31.0
+    regain_s: float = 2.0
+
+    def held(self, time: np.ndarray, cn0: np.ndarray) -> np.ndarray:
+        """Which signals are held, bool (e, s), at times (e,) that increase, s, by their carrier to noise density
+        (e, s), dB-Hz, which is nan where there is no signal, and that is below everything.
+
+        Waits are from the first epoch below `lose`, or above `regain`, to the epoch itself. At the first epoch all
+        that are not below `lose` are held.
+        """
+        weak, strong = ~(cn0 >= self.lose), cn0 > self.regain
+        out = np.empty(cn0.shape, bool)
+        held = ~weak[:1].all(axis=0)
+        since = np.full(held.shape, np.inf)
+        for e in range(time.size):
+            turning = np.where(held, weak[e], strong[e])
+            since = np.where(turning, np.minimum(since, time[e]), np.inf)
+            turned = time[e] - since >= np.where(held, self.lose_s, self.regain_s) - _ROUNDING
+            held, since = held ^ turned, np.where(turned, np.inf, since)
+            out[e] = held
+        return out

@@ -1,0 +1,187 @@
+"""Pseudoranges and range rates: geometry of all sources over the approach, error laws, measurements.
+
+    pseudorange = range + receiver clock - source clock + ionosphere + troposphere + multipath + noise
+
+`Signals.delay` is where the terms that do not change from run to run are added up: clocks of the pseudolites, what
+the receiver's corrections leave of the atmosphere, multipath. Sources: [1] Groves (2013), sections 8.5, 9.2.
+[2] `docs/theory/signals.md`, sections 1, 4, 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core.arrays import earth
+from navsim.gnss.code_loop import ReflectionErrors
+from navsim.gnss.constellations.constellation import Constellation
+from navsim.gnss.lasting import LastingErrors
+from navsim.gnss.transmitter import WanderingClocks
+
+_TRAVEL_TIME = 0.07
+_BY_SOURCE = (
+    "used", "position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "los", "azimuth",
+    "elevation", "cn0", "divergence", "fix_sigma", "fix_rate_sigma",
+)  # fmt: skip
+"""Fields of `Signals` by epoch and source that are always there."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """All sources over all fix epochs; a source that is not received has `used` false there, and may have nan
+    in every other field; where it is used, all are finite.
+
+    time: (e,) s. antenna, antenna_velocity: (e, 3) ECEF, m, m/s. names: (s,). clock: (s,) number of the clock unknown.
+    used: (e, s) bool.
+    position, velocity: (e, s, 3) where the receiver believes the sources (satellites at the time of
+    transmission, in ECEF axes at reception), m, and how that place moves with the time of reception, m/s, see
+    `apparent_velocity`. range, range_rate: (e, s) true, m, m/s.
+    delay: (e, s) errors common to all runs, m. sigma, rate_sigma: (e, s) 1 sigma of the noise, m, m/s.
+    los: (e, s, 3) unit vectors from the antenna in its ENU, nan where not used. azimuth, elevation: (e, s)
+    rad, also of unused sources. cn0: (e, s) dB-Hz. divergence: (e, s) code less carrier, m: what carriers lack
+    of the delay. space: (e, s, 4) change by one sigma of errors of place and clock, which are drawn for each run, or
+    None: of satellites by their messages, of pseudolites by their survey and calibration.
+    lasting: errors with a memory that are drawn for each run, or None. fix_sigma, fix_rate_sigma: (e, s) 1 sigma of the
+    pseudoranges and range rates that fixes are made from, of all that is drawn but for `space` of satellites.
+    smoothing: (e, s) int, counts of the carrier smoothing, or None for bare code. js: (j, e, s) power of jammers by
+    that of the signal, dB. offset: (s, k) change by one sigma of the offset of each of k time scales, m, which are
+    drawn for each run, or None. wandering: the clocks of pseudolites that are drawn for each run, or None.
+    reflections: how large the errors by reflections are that `delay` has, or None.
+    """
+
+    time: np.ndarray
+    antenna: np.ndarray
+    antenna_velocity: np.ndarray
+    names: tuple[str, ...]
+    clock: np.ndarray
+    used: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    range: np.ndarray
+    range_rate: np.ndarray
+    delay: np.ndarray
+    sigma: np.ndarray
+    rate_sigma: np.ndarray
+    los: np.ndarray
+    azimuth: np.ndarray
+    elevation: np.ndarray
+    cn0: np.ndarray
+    divergence: np.ndarray
+    space: np.ndarray | None
+    lasting: LastingErrors | None
+    fix_sigma: np.ndarray
+    fix_rate_sigma: np.ndarray
+    smoothing: np.ndarray | None
+    js: np.ndarray
+    offset: np.ndarray | None = None
+    wandering: WanderingClocks | None = None
+    reflections: ReflectionErrors | None = None
+
+    @property
+    def noise_sigma(self) -> np.ndarray:
+        """1 sigma of what is drawn anew each time in the pseudoranges that fixes are made from (e, s), m."""
+        if self.lasting is None:
+            return self.fix_sigma
+        return np.asarray(np.sqrt(np.maximum(self.fix_sigma**2 - self.lasting.total**2, 0.0)))
+
+    def with_noise(self, share: float) -> np.ndarray:
+        """`fix_sigma` where `noise_sigma` is `share` of what it is (e, s), m."""
+        if self.lasting is None:
+            return share * self.fix_sigma
+        return np.hypot(share * self.noise_sigma, self.lasting.total)
+
+    def unfinished(self) -> list[tuple[str, str]]:
+        """What breaks the promise of finite numbers: names of source and field."""
+        out = []
+        for field in ("position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "cn0",
+                      "divergence", "space", "fix_sigma", "fix_rate_sigma"):  # fmt: skip
+            values = getattr(self, field)
+            if values is not None:
+                finite = np.isfinite(values).all(axis=tuple(range(2, values.ndim)))
+                out += [(self.names[i], field) for i in np.flatnonzero((self.used & ~finite).any(axis=0))]
+        return out
+
+    def at(self, epochs: np.ndarray) -> Signals:
+        """Of the epochs, those with these numbers (m,) int."""
+        each = {
+            name: getattr(self, name)[epochs]
+            for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "space", "smoothing")
+            if getattr(self, name) is not None
+        }
+        lasting = None if self.lasting is None else self.lasting.at(epochs)
+        reflections = None if self.reflections is None else self.reflections.at(epochs)
+        return replace(self, js=self.js[:, epochs], lasting=lasting, reflections=reflections, **each)
+
+    def select(self, kept: np.ndarray) -> Signals:
+        """Of the sources, those marked in `kept` (s,) bool."""
+        each = {name: getattr(self, name)[:, kept] for name in _BY_SOURCE}
+        return replace(
+            self,
+            names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
+            clock=self.clock[kept],
+            space=None if self.space is None else self.space[:, kept],
+            lasting=None if self.lasting is None else self.lasting.select(kept),
+            reflections=None if self.reflections is None else self.reflections.select(kept),
+            smoothing=None if self.smoothing is None else self.smoothing[:, kept],
+            js=self.js[:, :, kept],
+            offset=None if self.offset is None else self.offset[kept],
+            wandering=None if self.wandering is None else self.wandering.select(kept),
+            **each,
+        )
+
+
+def satellites_at_reception(
+    constellation: Constellation, gpst: np.ndarray, antenna: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Satellites as a receiver sees them: at transmission time, in the ECEF axes of reception [1].
+
+    constellation: of n. gpst: (m,) GPS s. antenna: (m, 3) ECEF, m. Returns position, velocity (m, n, 3).
+    """
+    travel = np.full((gpst.size, len(constellation.names)), _TRAVEL_TIME)
+    # the first round leaves an error of microseconds, the second of picoseconds
+    for _ in range(2):
+        position, velocity = constellation.state(gpst[:, None] - travel)
+        position, velocity = turned_with_earth(position, travel), turned_with_earth(velocity, travel)
+        travel = np.linalg.norm(position - antenna[:, None], axis=2) / earth.SPEED_OF_LIGHT
+    return position, velocity
+
+
+def apparent_velocity(
+    position: np.ndarray, velocity: np.ndarray, antenna: np.ndarray, antenna_velocity: np.ndarray
+) -> np.ndarray:
+    """Change of the place that `satellites_at_reception` gives, for each second of reception (m, n, 3), m/s.
+
+    position, velocity: (m, n, 3) as it gives them. antenna, antenna_velocity: (m, 3) ECEF, m, m/s. While the range
+    grows by r' m/s, a second of reception sees only 1 - r'/c seconds of the satellite's motion, and the axes turn on by
+    the Earth's rate times r'/c; the range's rate is then exactly u (this velocity - the antenna's). Up to 3 mm/s.
+    The time derivative of the range of [1], section 8.5.
+    """
+    away = position - antenna[:, None]
+    unit = away / np.linalg.norm(away, axis=2, keepdims=True)
+    inertial = velocity + np.cross([0.0, 0.0, earth.RATE], position)
+    closing = np.sum(unit * (velocity - antenna_velocity[:, None]), axis=2)
+    rate = closing / (1.0 + np.sum(unit * inertial, axis=2) / earth.SPEED_OF_LIGHT)
+    return velocity - inertial * (rate / earth.SPEED_OF_LIGHT)[..., None]
+
+
+def turned_with_earth(v: np.ndarray, duration: np.ndarray) -> np.ndarray:
+    """ECEF vectors (..., 3) in the axes to which the Earth has turned after a duration (...), s."""
+    angle = earth.RATE * duration
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * v[..., 0] + s * v[..., 1], c * v[..., 1] - s * v[..., 0], v[..., 2]], axis=-1)
+
+
+def sigma_of_elevation(law: str, zenith: float, elevation: np.ndarray, scale: float) -> np.ndarray:
+    """1 sigma of the ranging error (m) of a satellite at an elevation (rad), `zenith` being that overhead.
+
+    constant: the same everywhere; inverse-sine: zenith / sin(el), el no lower than 2 degrees;
+    exponential: zenith (1 + 9 exp(-el / scale)), ten times the zenith value at the horizon (scale in rad).
+    """
+    if law in ("constant", "cn0"):  # the latter is made of the carrier to noise density afterwards
+        return np.full_like(elevation, zenith)
+    if law == "inverse-sine":
+        return zenith / np.sin(np.maximum(elevation, np.radians(2.0)))
+    if law == "exponential":
+        return zenith * (1.0 + 9.0 * np.exp(-np.maximum(elevation, 0.0) / scale))
+    raise ValueError(f"no such law: {law}")

@@ -1,0 +1,588 @@
+"""The simulator of satellite and pseudolite signals: what there is to receive along a motion, and in what state.
+
+Source: `docs/theory/signals.md`; the effects are those of `gnss.effects`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from navsim.core.arrays.earth import RATE as EARTH_RATE
+from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.core.defect import Defect
+from navsim.gnss import atmosphere, code_loop, pseudorange, timescales
+from navsim.gnss.antenna import AircraftAntenna, GroundPattern
+from navsim.gnss.constellations.constellation import Constellation, carriers
+from navsim.gnss.constellations.systems import CLOCKS, GPS, OWN
+from navsim.gnss.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
+from navsim.gnss.events import PSEUDOLITES, Event, Scene, happened
+from navsim.gnss.interference import propagation as interference
+from navsim.gnss.interference.horizon import behind, horizon_dip, horizon_distance
+from navsim.gnss.interference.jamming import TEMPERATURE, Jamming, Received
+from navsim.gnss.lasting import LastingErrors
+from navsim.gnss.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
+from navsim.gnss.transmitter import WanderingClocks
+from navsim.trajectory.kinematics import Motion
+
+_LISTED_RANGE = 20_000e3
+"""Distance given to sources listed by direction, m."""
+_ROUNDING = 1e-6
+"""Of a number of epochs; the times of more or fewer epochs must not decide what half an epoch is rounded to."""
+
+
+@dataclass(frozen=True)
+class Satellites:
+    """A constellation of n satellites, their names, clock numbers (n,) int, and which of them to use (n,) bool."""
+
+    constellation: Constellation
+    names: tuple[str, ...]
+    clock: np.ndarray
+    chosen: np.ndarray
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Sources in fixed directions: azimuth, elevation (s,) rad, clock (s,) int, chosen (s,) bool."""
+
+    names: tuple[str, ...]
+    azimuth: np.ndarray
+    elevation: np.ndarray
+    clock: np.ndarray
+    chosen: np.ndarray
+
+
+def time_scales(satellites: Sequence[Satellites], listed: Listed | None) -> set[str]:
+    """The time scales that chosen sources in the sky keep."""
+    groups: list[Satellites | Listed] = [*satellites, *([] if listed is None else [listed])]
+    return {CLOCKS[number] for group in groups for number in group.clock[group.chosen]}
+
+
+@dataclass(frozen=True)
+class Radiated:
+    """How strong pseudolites send: eirp, dBW, and where to, evenly without a pattern."""
+
+    eirp: float
+    pattern: GroundPattern | None
+
+
+@dataclass(frozen=True)
+class Pseudolites:
+    """Pseudolites: surveyed llh (p, 3) rad, rad, m; survey_error (3,) NED true minus surveyed, m;
+    delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz; carrier: Hz;
+    radiated: what cn0 follows from instead, where it does; survey_sigma: along each axis, and clock_sigma: 1 sigma of
+    what is drawn of their places and clocks for each run, m; clock_density, clock_age: see
+    `transmitter.WanderingClocks`."""
+
+    names: tuple[str, ...]
+    llh: np.ndarray
+    survey_error: np.ndarray
+    clock: int
+    delay: float
+    sigma: float
+    rate_sigma: float
+    cn0: float
+    carrier: float
+    radiated: Radiated | None = None
+    survey_sigma: float = 0.0
+    clock_sigma: float = 0.0
+    clock_density: tuple[float, float] = (0.0, 0.0)
+    clock_age: float = 0.0
+
+    @property
+    def calibration_sigma(self) -> float:
+        """1 sigma of a range by what is drawn of place and clock, m."""
+        return math.hypot(self.survey_sigma, self.clock_sigma)
+
+
+@dataclass(frozen=True)
+class ErrorLaw:
+    """Ranging errors of satellites, see `pseudorange.sigma_of_elevation`; rate_sigma m/s, cn0 dB-Hz."""
+
+    law: str
+    zenith: float
+    scale: float
+    rate_sigma: float
+    cn0: float
+
+
+@dataclass(frozen=True)
+class Environment:
+    """All sources of signals, what becomes of them, the antenna that hears them, what happens, and who jams; lever_arm
+    (3,) IMU to antenna, body, m. antenna: of the aircraft, where it has one by a table. terrain: (w, 2, 3) tops of
+    ridges that hide sources, ECEF, m, see `horizon.behind`. ground: height of the smooth Earth that hides sources over
+    the ellipsoid, m."""
+
+    satellites: tuple[Satellites, ...]
+    listed: Listed | None
+    mask: Mask
+    pseudolites: Pseudolites
+    law: ErrorLaw
+    lever_arm: np.ndarray
+    effects: Effects = NO_EFFECTS
+    events: tuple[Event, ...] = ()
+    jamming: Jamming | None = None
+    antenna: AircraftAntenna | None = None
+    terrain: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
+    ground: float = 0.0
+
+    @property
+    def placed(self) -> bool:
+        """Whether what else is heard, or how well a pseudolite is where it is seen, depends on where pseudolites
+        stand."""
+        return self.effects.placed or self.strength_placed or self.smoothing_placed
+
+    @property
+    def sight_placed(self) -> bool:
+        """Whether it depends on where a pseudolite stands when it is seen."""
+        return len(self.terrain) > 0
+
+    @property
+    def smoothing_placed(self) -> bool:
+        """Whether that goes on into how well its ranges are smoothed."""
+        return self.sight_placed and self.effects.smoothing > 0.0
+
+    @property
+    def strength_placed(self) -> bool:
+        """Whether it matters how strong pseudolites are, and so how far and in which direction."""
+        if self.antenna is not None and self.antenna.mask > -0.5 * np.pi:
+            return True
+        differs = self.effects.cn0_reference is not None or self.pseudolites.radiated is not None
+        differs |= self.effects.reflection is not None
+        return differs and (self.jamming is not None or self.effects.thermal_pseudolites)
+
+    @property
+    def by_directions(self) -> Environment:
+        """The same where it does not matter where pseudolites stand but for the directions to them."""
+        effects = replace(self.effects, thermal_pseudolites=False)
+        return replace(self, jamming=None, antenna=None, effects=effects)
+
+    def in_view(self, azimuth: np.ndarray, elevation: np.ndarray, antenna: np.ndarray) -> np.ndarray:
+        """Which directions (e, s), rad, satellites are received from: those that the mask lets pass, above the horizon
+        of an antenna (e, 3), ECEF, m."""
+        return self.mask.passes(azimuth, elevation) & (elevation >= self.horizon_of(antenna)[:, None])
+
+    def horizon_of(self, antenna: np.ndarray) -> np.ndarray:
+        """Elevation (e,), rad, of the horizon of an antenna (e, 3), ECEF, m."""
+        return -horizon_dip(llh_from_ecef(antenna)[:, 2] - self.ground)
+
+    def beyond_horizon(self, antenna: np.ndarray) -> np.ndarray:
+        """Which pseudolites (e, p) bool are beyond the radio horizon of an antenna (e, 3), ECEF, m."""
+        away = np.linalg.norm(ecef_from_llh(self.pseudolites.llh) - antenna[:, None], axis=2)
+        here = horizon_distance(llh_from_ecef(antenna)[:, 2] - self.ground)
+        there = horizon_distance(self.pseudolites.llh[:, 2] - self.ground)
+        return np.asarray(away > here[:, None] + there)
+
+    def behind_terrain(self, antenna: np.ndarray) -> np.ndarray:
+        """Which pseudolites (e, p) bool terrain hides from an antenna (e, 3), ECEF, m."""
+        there = ecef_from_llh(self.pseudolites.llh)[None]
+        return behind(self.terrain, np.repeat(there, len(antenna), axis=0), antenna)
+
+    def shadowed(self, signals: pseudorange.Signals, c_eb: np.ndarray) -> np.ndarray:
+        """Which sources (e, s) bool the aircraft is in the way of: satellites that are used and that the mask lets
+        pass, pseudolites. c_eb: (e, 3, 3) body axes in ECEF."""
+        if self.antenna is None:
+            return np.zeros(signals.used.shape, bool)
+        away = signals.position - signals.antenna[:, None]
+        with np.errstate(invalid="ignore"):  # satellites without a message at the time
+            towards = away / np.linalg.norm(away, axis=2, keepdims=True)
+            out: np.ndarray = self.antenna.elevation_of(c_eb, towards) < self.antenna.mask
+        chosen = [group.chosen for group in self.satellites] + ([] if self.listed is None else [self.listed.chosen])
+        satellites = slice(0, sum(map(len, chosen)))
+        passed = self.in_view(signals.azimuth, signals.elevation, signals.antenna)[:, satellites]
+        out[:, satellites] &= passed & np.concatenate([*chosen, np.empty(0, bool)])
+        return out
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sources (s,): satellites, listed ones, pseudolites."""
+        listed = () if self.listed is None else self.listed.names
+        return (*(name for group in self.satellites for name in group.names), *listed, *self.pseudolites.names)
+
+    @property
+    def systems(self) -> tuple[str, ...]:
+        """What each source belongs to (s,), by name: its satellite system, in listed directions the clock it keeps, or
+        `PSEUDOLITES`."""
+        of_satellites = [group.constellation.system.name for group in self.satellites for _ in group.names]
+        of_listed = [] if self.listed is None else [CLOCKS[clock] for clock in self.listed.clock]
+        return (*of_satellites, *of_listed, *(PSEUDOLITES for _ in self.pseudolites.names))
+
+    @property
+    def chips(self) -> np.ndarray:
+        """Length of a chip of each source (s,), m; what is no satellite has those of GPS."""
+        of_satellites = [code_loop.chip_length(g.constellation.system) for g in self.satellites for _ in g.names]
+        out = np.full(len(self.systems), code_loop.chip_length(GPS))
+        out[: len(of_satellites)] = of_satellites
+        return out
+
+    @property
+    def carriers(self) -> np.ndarray:
+        """Carrier of each source (s,), Hz; that of GPS in listed directions."""
+        listed = 0 if self.listed is None else len(self.listed.names)
+        return np.concatenate([
+            *(carriers(group.constellation) for group in self.satellites),
+            np.full(listed, GPS.carrier), np.full(len(self.pseudolites.names), self.pseudolites.carrier),
+        ])  # fmt: skip
+
+    def systems_of(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Systems of sources by their names; those that are none of the environment's are pseudolites placed later."""
+        known = dict(zip(self.names, self.systems, strict=True))
+        return tuple(known.get(name, PSEUDOLITES) for name in names)
+
+    @property
+    def scale_offsets(self) -> np.ndarray:
+        """What each time scale adds to the pseudoranges of its sources (MAX_CLOCKS,), m; nothing where the receiver
+        takes all for one, and each source's part is an error."""
+        if self.effects.one_clock:
+            return np.zeros(len(CLOCKS))
+        own = self.pseudolites.delay if CLOCKS[self.pseudolites.clock] == OWN else 0.0
+        return np.array(self.effects.offsets) + np.where(np.array(CLOCKS) == OWN, own, 0.0)
+
+    @property
+    def singled_out(self) -> bool:
+        """Whether something happens to one pseudolite and not to another."""
+        return any(set(event.sources) & set(self.pseudolites.names) for event in self.events)
+
+
+def find_lone_pseudolite(signals: pseudorange.Signals, pseudolites: int) -> np.ndarray:
+    """At which fixes (e,) bool one of the last so many sources is the only one received that keeps their time scale,
+    beside others that keep another: its range serves the clock unknown and nothing else."""
+    if not pseudolites:
+        return np.zeros(len(signals.used), bool)
+    same = signals.used[:, signals.clock == signals.clock[-1]].sum(axis=1)
+    ground = signals.used[:, -pseudolites:].sum(axis=1)
+    return np.asarray((same == 1) & (ground == 1) & (signals.used.sum(axis=1) > 1))
+
+
+def antenna_ecef(motion: Motion, lever_arm: np.ndarray) -> np.ndarray:
+    """Where the antenna is along a motion, m (n, 3); lever_arm (3,) IMU to antenna, body, m."""
+    arm = np.einsum("nij,j->ni", motion.c_nb, lever_arm)
+    return motion.position_ecef + np.einsum("nji,nj->ni", ned_matrix(motion.llh), arm)
+
+
+def antenna_motion(motion: Motion, lever_arm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the antenna is along a motion, and its velocity, ECEF (n, 3), m, m/s; lever_arm as of `antenna_ecef`."""
+    c_ne = ned_matrix(motion.llh)
+    # the antenna swings around the IMU as the body turns against the Earth
+    earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
+    swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, lever_arm))
+    return antenna_ecef(motion, lever_arm), motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
+
+
+def true_positions(environment: Environment, position: np.ndarray) -> np.ndarray:
+    """Where sources really are (e, s, 3), ECEF, m, that a receiver believes at these positions, pseudolites last."""
+    out, pseudolites = position.copy(), environment.pseudolites
+    for i, llh in enumerate(pseudolites.llh):
+        out[:, position.shape[1] - len(pseudolites.names) + i] += ned_matrix(llh).T @ pseudolites.survey_error
+    return out
+
+
+def build_signals(motion: Motion, utc: float, environment: Environment) -> pseudorange.Signals:
+    """All sources at the times of `motion`, s after `utc` (POSIX s), seen from the antenna; see
+    `pseudorange.Signals`."""
+    e = motion.time.size
+    when = timescales.gps_from_utc(utc) + motion.time
+    listed, pseudolites, law = environment.listed, environment.pseudolites, environment.law
+    c_ne = ned_matrix(motion.llh)
+    antenna, antenna_velocity = antenna_motion(motion, environment.lever_arm)
+    c_ue = enu_matrix(motion.llh)
+
+    names: list[str] = []
+    clocks: list[int] = []
+    chosen: list[bool] = []
+    # of each source (e, 3): where the receiver believes it to be, how it moves, where it is
+    position: list[np.ndarray] = []
+    velocity: list[np.ndarray] = []
+    true_position: list[np.ndarray] = []
+
+    def add(name: str, clock: int, use: bool, believed: np.ndarray, moving: np.ndarray, there: np.ndarray) -> None:
+        names.append(name)
+        clocks.append(clock)
+        chosen.append(use)
+        position.append(believed)
+        velocity.append(moving)
+        true_position.append(there)
+
+    for group in environment.satellites:
+        p, v = pseudorange.satellites_at_reception(group.constellation, when, antenna)
+        v = pseudorange.apparent_velocity(p, v, antenna, antenna_velocity)
+        for i, name in enumerate(group.names):
+            add(name, int(group.clock[i]), bool(group.chosen[i]), p[:, i], v[:, i], p[:, i])
+    if listed is not None:
+        for i, name in enumerate(listed.names):
+            direction = np.einsum("nji,j->ni", c_ue, unit_vector(listed.azimuth[i], listed.elevation[i]))
+            p = antenna + _LISTED_RANGE * direction
+            # the source keeps its direction: it moves along, without range rate
+            add(name, int(listed.clock[i]), bool(listed.chosen[i]), p, antenna_velocity, p)
+    for i, name in enumerate(pseudolites.names):
+        surveyed = ecef_from_llh(pseudolites.llh[i])
+        true = surveyed + ned_matrix(pseudolites.llh[i]).T @ pseudolites.survey_error
+        still = np.zeros((e, 3))
+        add(name, pseudolites.clock, True, still + surveyed, still, still + true)
+
+    s = len(names)
+    believed = np.stack(position, axis=1) if s else np.empty((e, 0, 3))
+    speed = np.stack(velocity, axis=1) if s else np.empty((e, 0, 3))
+    true = np.stack(true_position, axis=1) if s else np.empty((e, 0, 3))
+    is_pseudolite = np.arange(s) >= s - len(pseudolites.names)
+
+    offset = true - antenna[:, None]
+    distance = np.linalg.norm(offset, axis=2)
+    rate = np.sum(offset * (speed - antenna_velocity[:, None]), axis=2) / distance
+    offset = believed - antenna[:, None]
+    los = np.einsum("nij,nsj->nsi", c_ue, offset / np.linalg.norm(offset, axis=2, keepdims=True))
+    azimuth, elevation = azimuth_elevation(los)
+    used = np.array(chosen, dtype=bool) & (is_pseudolite | environment.in_view(azimuth, elevation, antenna))
+    used[:, is_pseudolite] &= ~environment.beyond_horizon(antenna)
+    used &= np.isfinite(distance)  # a satellite without a message at the time
+    los[~used] = np.nan
+    sigma = pseudorange.sigma_of_elevation(law.law, law.zenith, elevation, law.scale)
+    built = pseudorange.Signals(
+        time=motion.time,
+        antenna=antenna,
+        antenna_velocity=antenna_velocity,
+        names=tuple(names),
+        clock=np.array(clocks, dtype=np.int64),
+        used=used,
+        position=believed,
+        velocity=speed,
+        range=distance,
+        range_rate=rate,
+        delay=np.broadcast_to(np.where(is_pseudolite, pseudolites.delay, 0.0), (e, s)).copy(),
+        sigma=np.where(is_pseudolite, pseudolites.sigma, sigma),
+        rate_sigma=np.broadcast_to(np.where(is_pseudolite, pseudolites.rate_sigma, law.rate_sigma), (e, s)).copy(),
+        los=los,
+        azimuth=azimuth,
+        elevation=elevation,
+        cn0=np.where(used, np.where(is_pseudolite, pseudolites.cn0, law.cn0), np.nan),
+        divergence=np.zeros((e, s)),
+        space=None,
+        lasting=None,
+        fix_sigma=np.empty((e, s)),
+        fix_rate_sigma=np.empty((e, s)),
+        smoothing=None,
+        js=np.empty((0, e, s)),
+    )
+    if environment.antenna is not None:
+        with np.errstate(invalid="ignore"):  # satellites without a message at the time
+            over = environment.antenna.elevation_of(motion.c_eb, offset / np.linalg.norm(offset, axis=2, keepdims=True))
+            used &= over >= environment.antenna.mask
+    if len(environment.terrain):
+        used &= ~behind(environment.terrain, believed, antenna)
+    if environment.events:
+        scene = Scene(motion.time, built.names, environment.systems, believed, speed, antenna, antenna_velocity, c_ne)
+        told = happened(environment.events, scene)
+        built = replace(
+            built, used=used & ~told.silent, delay=built.delay + told.longer,
+            range_rate=built.range_rate + told.faster, divergence=told.apart,
+        )  # fmt: skip
+    finished = _affected(built, when, motion, environment, is_pseudolite)
+    unfinished = finished.unfinished()
+    if unfinished:
+        raise UndefinedSignal("; ".join(f"the {field} of {name}" for name, field in unfinished))
+    return finished
+
+
+class UndefinedSignal(Defect):
+    """A model gives no number for a signal that is received; the message names signals and quantities."""
+
+
+def _affected(
+    signals: pseudorange.Signals, when: np.ndarray, motion: Motion, environment: Environment, is_pseudolite: np.ndarray
+) -> pseudorange.Signals:
+    """The signals with all effects of the environment; when: (e,) GPS s, motion: of the receiver, is_pseudolite:
+    (s,)."""
+    effects, pseudolites, llh = environment.effects, environment.pseudolites, motion.llh
+    e, s = signals.range.shape
+    sky = ~is_pseudolite
+    used, los = signals.used.copy(), signals.los.copy()
+    delay, cn0, sigma = signals.delay.copy(), signals.cn0.copy(), signals.sigma.copy()
+    chip, ratio2 = environment.chips, (atmosphere.L1 / environment.carriers) ** 2
+    air, ionosphere = propagation(effects, when, llh, signals.azimuth, signals.elevation, ratio2)
+    delay += np.where(sky, air, 0.0) + np.array(effects.offsets)[signals.clock]
+    ionosphere = np.where(sky, ionosphere, 0.0)
+    away = signals.position - signals.antenna[:, None]
+    distance = np.linalg.norm(away, axis=2)
+    space = None
+    if effects.space is not None:
+        space = np.zeros((e, s, 4))
+        unit = away[:, sky] / distance[:, sky, None]
+        space[:, sky] = space_sensitivity(effects.space, unit, signals.position[:, sky], signals.velocity[:, sky])
+    if effects.reference is not None:
+        # the corrections of a reference station take off what it has itself, at its place and some time ago
+        first = 0
+        earlier = when - effects.reference.latency
+        place = np.broadcast_to(effects.reference.llh, (e, 3))
+        for group in environment.satellites:
+            here = slice(first, first + len(group.names))
+            first = here.stop
+            unit, azimuth, elevation = seen_from(group.constellation, earlier, effects.reference.llh)
+            there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
+            # the station does not see it, or knows nothing of it: no correction, no use
+            used[:, here] &= np.isfinite(there) & np.isfinite(elevation)
+            delay[:, here] -= there
+            ionosphere[:, here] -= part
+            if space is not None and effects.space is not None:
+                position, velocity = signals.position[:, here], signals.velocity[:, here]
+                space[:, here] -= space_sensitivity(effects.space, unit, position, velocity)
+        if environment.listed is not None:
+            # sources in fixed directions stand in the same ones for the station
+            here = slice(first, first + len(environment.listed.names))
+            azimuth, elevation = signals.azimuth[:, here], signals.elevation[:, here]
+            there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
+            used[:, here] &= np.isfinite(there)
+            delay[:, here] -= there
+            ionosphere[:, here] -= part
+            if space is not None:
+                space[:, here] = 0.0
+        sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
+    if pseudolites.calibration_sigma > 0.0 and is_pseudolite.any():
+        space = np.zeros((e, s, 4)) if space is None else space
+        space[:, is_pseudolite] = _calibrations(pseudolites, away[:, is_pseudolite] / distance[:, is_pseudolite, None])
+    los[~used], cn0[~used] = np.nan, np.nan
+    # carrier to noise by antenna and distance, then the noise that the code loop has of it
+    to_sky, to_ground = _gains(environment, motion.c_eb, away / distance[..., None], signals.elevation)
+    cn0 += np.where(sky, to_sky, 0.0)
+    if pseudolites.radiated is not None:
+        strength = _by_link(pseudolites, effects, signals.antenna, distance[:, is_pseudolite])
+        cn0[:, is_pseudolite] = np.where(used[:, is_pseudolite], strength + to_ground[:, is_pseudolite], np.nan)
+    if effects.cn0_reference is not None:
+        cn0 += np.where(is_pseudolite, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
+    reflections = None
+    if effects.reflection is not None:
+        mean, size, time = np.zeros((e, s)), np.zeros((e, s)), np.full((e, s), np.inf)
+        # the ray by the runway's plane, per pseudolite
+        for i in np.flatnonzero(is_pseudolite):
+            transmitter = pseudolites.llh[i - (s - len(pseudolites.names))]
+            above, own = llh[:, 2] - effects.reflection.height, transmitter[2] - effects.reflection.height
+            across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
+            ray = code_loop.reflection(effects.reflection, pseudolites.carrier, above, float(own), across)
+            delay[:, i] += code_loop.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
+            mean[:, i], size[:, i] = code_loop.over_phases(effects.loop.spacing, float(chip[i]), *ray[:2])
+            if e > 1:
+                turns = np.abs(np.gradient(ray[1], signals.time)) * pseudolites.carrier / SPEED_OF_LIGHT
+                time[:, i] = 1.0 / np.maximum(2.0 * np.pi * turns, 1e-9)
+            cn0[:, i] += code_loop.fade(ray[0], ray[2])
+        reflections = code_loop.ReflectionErrors(mean, size, time)
+    if effects.thermal:
+        thermal = effects.loop.sigma(cn0, chip)
+        sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
+    if effects.thermal_pseudolites:
+        sigma = np.where(sky, sigma, effects.loop.sigma(cn0, chip))
+    rate_sigma, js, jamming = signals.rate_sigma, signals.js, environment.jamming
+    if jamming is not None:
+        carrier = atmosphere.L1 / np.sqrt(ratio2)
+        received = Received(signals.time, signals.antenna, llh, used, cn0, chip, carrier, is_pseudolite, motion.c_eb)
+        js = jamming.js(received)
+        effective, held = jamming.left(received, js)
+        more, faster = jamming.noise(received, effective)
+        sigma = np.where(used, np.sqrt(sigma**2 + more), sigma)
+        rate_sigma = np.where(used, np.sqrt(rate_sigma**2 + faster), rate_sigma)
+        used = used & held
+        los[~used], cn0 = np.nan, np.where(used, effective, np.nan)
+    fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
+    fix_sigma = np.where(sky, fix_sigma, np.hypot(fix_sigma, pseudolites.calibration_sigma))
+    wandering, fix_rate_sigma = None, rate_sigma
+    if any(pseudolites.clock_density) and is_pseudolite.any():
+        wandering = WanderingClocks(pseudolites.clock_density, pseudolites.clock_age, is_pseudolite)
+        of_ranges, of_rates = wandering.sigmas(signals.time)
+        fix_sigma, fix_rate_sigma = np.hypot(fix_sigma, of_ranges), np.hypot(rate_sigma, of_rates)
+    lasting = None
+    if effects.lasting:
+        sizes = np.stack([np.where(sky & used, one.at(signals.elevation), 0.0) for one in effects.lasting])
+        lasting = LastingErrors(
+            tuple(one.name for one in effects.lasting), np.array([one.time for one in effects.lasting]), sizes
+        )
+        # a receiver weighs ranges by all that it knows of their errors
+        fix_sigma = np.hypot(fix_sigma, lasting.total)
+    return replace(
+        signals,
+        clock=clock_unknowns(effects, signals.clock),
+        used=used,
+        los=los,
+        delay=delay,
+        cn0=cn0,
+        sigma=sigma,
+        rate_sigma=rate_sigma,
+        js=js,
+        # the ionosphere delays the code as much as it advances the carrier
+        divergence=2.0 * ionosphere + signals.divergence,
+        space=space,
+        lasting=lasting,
+        reflections=reflections,
+        fix_sigma=fix_sigma,
+        fix_rate_sigma=fix_rate_sigma,
+        smoothing=smoothing,
+        offset=_drawn_offsets(environment, signals.clock),
+        wandering=wandering,
+    )
+
+
+def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:
+    """Change of the pseudoranges of pseudolites (e, p, 4), m, by one sigma of their places, north, east, down, and of
+    their clocks; towards: (e, p, 3) unit vectors, ECEF."""
+    out = np.full((*towards.shape[:2], 4), pseudolites.clock_sigma)
+    for i, llh in enumerate(pseudolites.llh):
+        out[:, i, :3] = pseudolites.survey_sigma * (towards[:, i] @ ned_matrix(llh).T)
+    return out
+
+
+def _drawn_offsets(environment: Environment, clock: np.ndarray) -> np.ndarray | None:
+    """`Signals.offset` of sources by their time scales (s,): those of the sky's systems but for the first."""
+    sky = {CLOCKS.index(name) for name in environment.systems if name not in (PSEUDOLITES, OWN)}
+    drawn = sorted(sky)[1:]
+    if environment.effects.offset_sigma == 0.0 or not drawn:
+        return None
+    return environment.effects.offset_sigma * (clock[:, None] == np.array(drawn)).astype(float)
+
+
+def _gains(
+    environment: Environment, c_eb: np.ndarray, towards: np.ndarray, elevation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gains of the aircraft's antenna (e, s), dB: towards satellites as it changes their carrier to noise density,
+    which is stated of the zenith, and towards pseudolites, over an isotropic one.
+
+    c_eb: (e, 3, 3) body axes in ECEF. towards: (e, s, 3) unit vectors, ECEF. elevation: (e, s) rad.
+    """
+    effects, antenna = environment.effects, environment.antenna
+    if antenna is not None:
+        gain = antenna.gain_at(antenna.elevation_of(c_eb, towards))
+        return gain - antenna.zenith, gain
+    gain = code_loop.antenna_gain(elevation, effects.horizon_db)
+    return gain if effects.thermal else np.zeros_like(gain), gain
+
+
+def _by_link(pseudolites: Pseudolites, effects: Effects, antenna: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Carrier to noise density (e, p), dB-Hz, that pseudolites have at distances (e, p), m, without the gain of the
+    receiver's antenna, which is at (e, 3), ECEF, m."""
+    assert pseudolites.radiated is not None
+    noise = interference.noise_density(TEMPERATURE) + effects.noise_figure
+    out = pseudolites.radiated.eirp - interference.path_loss(distance, pseudolites.carrier) - noise
+    if pseudolites.radiated.pattern is not None:
+        for i, llh in enumerate(pseudolites.llh):
+            away = (antenna - ecef_from_llh(llh)) / distance[:, i, None]
+            out[:, i] += pseudolites.radiated.pattern.gain_at(*azimuth_elevation(away @ enu_matrix(llh).T))
+    return out
+
+
+def fixed_with(
+    effects: Effects, time: np.ndarray, sigma: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """1 sigma of the pseudoranges (e, s), m, that fixes are made from, and the counts of their smoothing, if any.
+
+    time: (e,) s. sigma: (e, s) m, of the bare code. used: (e, s) bool.
+    """
+    if effects.smoothing <= 0.0 or time.size < 2:
+        return sigma, None
+    epochs = effects.smoothing / float(np.median(np.diff(time)))
+    memory = max(1, math.floor(epochs + 0.5 + _ROUNDING))
+    variance, counts = code_loop.smoothed_variance(sigma**2, used, memory)
+    return np.sqrt(variance), counts
+
+
+def clock_unknowns(effects: Effects, clock: np.ndarray) -> np.ndarray:
+    """The clock unknowns (s,) the receiver gives to sources by their time scales (s,)."""
+    return np.zeros_like(clock) if effects.one_clock else clock

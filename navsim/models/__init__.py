@@ -1,1 +1,0 @@
-"""What the world does: approach, kinematics, IMU, sky, pseudolites, pseudoranges, interference."""

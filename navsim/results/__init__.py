@@ -1,0 +1,1 @@
+"""The result file: its variables, how it is built, written and read."""

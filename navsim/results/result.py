@@ -1,0 +1,398 @@
+"""Result files: HDF5 that is valid netCDF-4, written whole or not at all.
+
+A result is a tree of variables by path, `/group/name`; a variable named like one of its dimensions is that
+dimension's coordinate. Every dimension has one, so every dataset in the file has units and a long name.
+
+Arrays of numbers carry HDF5's own checksums (fletcher32), the whole file those of `navsim.results.checksum`, and the
+root attribute `checksums` says so: a file that lost them is damaged, one of an earlier version has neither.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import itertools
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from navsim.results import files
+from navsim.results.atomic_write import clean, destination, partial_folder, replacing, settle, write_whole
+from navsim.results.checksum import Damaged, seal
+from navsim.results.schema import CHECKSUMS
+
+if TYPE_CHECKING:
+    from navsim.results.hdf5 import Dataset, Tree
+    from navsim.results.netcdf import Writer
+
+
+class ResultError(Exception):
+    """A file that is not a navsim result, or cannot be written."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Numbers too many to hold at once: blocks along the first axis, made anew each time they are asked for."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    blocks: Callable[[], Iterable[np.ndarray]]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """All of it, for those who can hold it."""
+        return np.concatenate(list(self.blocks())).astype(dtype or self.dtype)
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all blocks together, bytes."""
+        return int(np.prod(self.shape)) * self.dtype.itemsize
+
+
+BLOCK_BYTES = 16_000_000
+"""Size of the blocks in which what is stored is read, bytes."""
+
+
+class Stored(Stream):
+    """A variable of a result file, read when it is asked for, by blocks, by rows or all of it.
+
+    Reading raises ResultError where the file is damaged there.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], dtype: np.dtype[Any], read: Callable[[int | None, int | None], np.ndarray]
+    ) -> None:
+        """read: rows from the first number up to the second; (None, None) all."""
+        super().__init__(shape, dtype, self._in_blocks)
+        object.__setattr__(self, "_read", read)
+        object.__setattr__(self, "_whole", None)
+
+    def _in_blocks(self) -> Iterator[np.ndarray]:
+        step = max(1, BLOCK_BYTES * self.shape[0] // max(1, self.nbytes))
+        for first in range(0, self.shape[0], step):
+            yield self.rows(first, min(first + step, self.shape[0]))
+
+    def rows(self, first: int, last: int) -> np.ndarray:
+        """Entries first ... last - 1 along the first axis."""
+        return self._read(first, last)  # type: ignore[attr-defined]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """All of it; kept for the next who asks, unless it is large, and then not to be changed."""
+        whole: np.ndarray | None = self._whole  # type: ignore[attr-defined]
+        if whole is None:
+            whole = self._read(None, None)  # type: ignore[attr-defined]
+            if self.nbytes <= BLOCK_BYTES:
+                whole.flags.writeable = False
+                object.__setattr__(self, "_whole", whole)
+        return whole.astype(dtype or self.dtype, copy=bool(copy))
+
+
+def part(data: Any, first: int, last: int) -> Any:
+    """Entries first ... last - 1 along the first axis of an array or a Stream; what is stored is still read later."""
+    if not isinstance(data, Stored):
+        return np.asarray(data)[first:last]
+
+    def read(low: int | None, high: int | None) -> np.ndarray:
+        return data.rows(first + (low or 0), last if high is None else first + high)
+
+    return Stored((last - first, *data.shape[1:]), data.dtype, read)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Data (any shape; numbers, text or a Stream) with names for its dimensions."""
+
+    dims: tuple[str, ...]
+    data: Any
+    units: str
+    long_name: str
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Result:
+    """Root attributes and variables by path."""
+
+    attributes: dict[str, Any]
+    variables: dict[str, Variable]
+
+    def __getitem__(self, path: str) -> np.ndarray:
+        return np.asarray(self.variables[path].data)
+
+    def __contains__(self, path: str) -> bool:
+        return path in self.variables
+
+
+@dataclass(frozen=True)
+class Sort:
+    """What sort of result a file holds; results of different sorts do not take each other's place.
+
+    kind: as its root attribute. method: that made it, "" for kinds that know only one. runs: `ONE_RUN` or
+    `SEVERAL_RUNS` where runs were flown, else "". count: how many runs, of the same sort whatever it is; 0 where there
+    are none, or where it is not known before.
+    """
+
+    kind: str
+    method: str = ""
+    runs: str = ""
+    count: int = field(default=0, compare=False)
+
+    def __str__(self) -> str:
+        method = f"method {self.method}" if self.method else ""
+        return ", ".join(part for part in (f"kind {self.kind}", method, self.runs) if part)
+
+
+MOST_WHOLE = int(np.iinfo(np.int64).max)
+"""Largest whole number that a result holds, such as that of a run."""
+ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
+
+
+def scenario_of(result: Result) -> Any:
+    """The scenario stored in a result, defaults included, as plain data."""
+    import yaml
+
+    return yaml.safe_load(str(result.attributes["scenario"]))
+
+
+def check_writable(path: Path) -> None:
+    """Raise ResultError, before any work is done, where `path` could not be written, with partial work beside it."""
+    try:
+        target = destination(path)
+        with contextlib.suppress(FileNotFoundError):
+            partial_folder(path).stat()  # mostly not there; asked because its name is longer, perhaps too long
+    except IsADirectoryError:
+        raise ResultError(f"{path}: this is a folder; the result needs a file name") from None
+    except NotADirectoryError:
+        raise ResultError(f"{path.parent}: is a file, not a folder") from None
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
+    folder = path.parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=target.parent):
+            return
+    except FileExistsError:
+        raise ResultError(f"{folder}: is a file, not a folder") from None
+    except OSError as error:
+        where = f"{path} -> {target}" if path.is_symlink() else folder
+        raise ResultError(f"{where}: results cannot be written there: {error.strerror or error}") from None
+
+
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
+    """Write a file whole or not at all. Raises ResultError."""
+    try:
+        clean(path, owned=False)
+        write_whole(path, content)
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all, line ends as they are. Raises ResultError."""
+    write_bytes(path, text.encode())
+
+
+CHUNK_BYTES = 524_288
+"""Most bytes of a chunk, unless a row has more: half of what HDF5 keeps of a dataset."""
+_WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,39}")
+"""Kinds and versions."""
+IN_MEMORY = 64e6
+"""Results up to this size, bytes, are built in memory and then written."""
+
+
+def write(path: Path, result: Result) -> None:
+    """Write the result under a temporary name beside `path`, then rename it; its name is on the disk by then, so that
+    what it was made of can go. Raises ResultError.
+
+    HDF5 does not survive a full disk, it crashes the process while closing the file. So a small file is built
+    in memory and written by plain system calls; for a large one, which is written block by block, the space is
+    claimed first.
+    """
+    size = sum(v.data.nbytes for v in result.variables.values() if isinstance(v.data, Stream))
+    try:
+        if size < IN_MEMORY:
+            image = _image(result)
+            write_whole(path, image, seal(len(image), lambda start, end: image[start:end]))
+        else:
+            with replacing(path) as temporary:
+                _claim(temporary, int(1.05 * size + IN_MEMORY))
+                _fill(temporary, result)
+                with open(temporary, "r+b") as file:
+                    length = file.seek(0, os.SEEK_END)
+                    file.write(seal(length, lambda start, end: os.pread(file.fileno(), end - start, start)))
+        settle(path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ResultError(f"{path}: cannot be written: {reason}; an earlier result there is untouched") from None
+
+
+def _claim(path: Path, size: int) -> None:
+    """Find out whether the disk takes a file of this size; raises OSError where it does not."""
+    with open(path, "wb") as file:
+        if hasattr(os, "posix_fallocate"):  # macOS has none
+            os.posix_fallocate(file.fileno(), 0, size)
+        file.truncate(0)
+
+
+def _image(result: Result) -> memoryview:
+    """The bytes of the HDF5 file."""
+    memory = io.BytesIO()
+    _fill(memory, result)
+    return memory.getbuffer()
+
+
+def _fill(file: Path | io.BytesIO, result: Result) -> None:
+    """Write all of HDF5 into a file, or into memory."""
+    from navsim.results.netcdf import Writer
+
+    own = {CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"}
+    with Writer(file) as tree:
+        _describe(tree.root, "/", own | result.attributes)
+        # coordinates first: they are the dimensions that their neighbours use; else by name, so that numbers of
+        # dimensions do not tell in which order a result was made
+        ordered = sorted(
+            result.variables.items(), key=lambda item: (not _is_coordinate(*item), item[0].count("/"), item[0])
+        )
+        for path, variable in ordered:
+            own = {"units": variable.units, "long_name": variable.long_name}
+            _describe(_store(tree, path, variable), path, own | variable.attributes)
+        tree.finish()
+
+
+def _is_coordinate(path: str, variable: Variable) -> bool:
+    return variable.dims == (path.rsplit("/", 1)[-1],)
+
+
+def _store(tree: Writer, path: str, variable: Variable) -> Any:
+    """Write a variable without its attributes; returns its dataset."""
+    data = variable.data
+
+    def made(dtype: Any, **how: Any) -> Any:
+        if _is_coordinate(path, variable):
+            return tree.coordinate(path, data.shape, dtype, **how)
+        return tree.variable(path, variable.dims, data.shape, dtype, **how)
+
+    if not isinstance(data, Stream) or data.dtype.kind in "UO" or not data.shape:
+        data = np.asarray(data)
+        text = data.dtype.kind in "UO"
+        values = data.astype(object) if text else data
+        return made(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
+    with contextlib.closing(_ahead(data.blocks())) as pieces:
+        first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
+        stored = made(data.dtype, **_checked(data, first))
+        _fill_numbers(stored, first, pieces)
+    return stored
+
+
+def _ahead(blocks: Iterable[np.ndarray]) -> Generator[np.ndarray, None, None]:
+    """The same blocks, each made on another thread while the one before it is in use."""
+    source = iter(blocks)
+    with ThreadPoolExecutor(1) as maker:
+        coming = maker.submit(next, source, None)
+        while (block := coming.result()) is not None:
+            coming = maker.submit(next, source, None)
+            yield block
+
+
+def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:
+    """Numbers, block after block along their first axis."""
+    start = 0
+    for block in itertools.chain([first], others):
+        if block.size:
+            stored[start : start + block.shape[0]] = block
+        start += block.shape[0]
+
+
+def _checked(data: np.ndarray | Stream, first: np.ndarray) -> dict[str, Any]:
+    """How numbers are stored with checksums, which HDF5 keeps by chunks of rows along the first axis. Chunks divide the
+    blocks that come: one written in two pieces would be read again for the second."""
+    if not data.shape or 0 in data.shape:
+        return {}
+    most = max(1, CHUNK_BYTES // (data.dtype.itemsize * int(np.prod(data.shape[1:]))))
+    chunks = -(-data.shape[0] // most)
+    rows = -(-data.shape[0] // chunks)  # of even size, for the last takes as much space as the others
+    if isinstance(data, Stream):
+        rows = next(n for n in range(min(rows, max(1, first.shape[0])), 0, -1) if first.shape[0] % n == 0)
+    return {"chunks": (rows, *data.shape[1:]), "fletcher32": True}
+
+
+def _describe(node: Any, path: str, attributes: dict[str, Any]) -> None:
+    from navsim.results.netcdf import set_attribute
+
+    for name, value in attributes.items():
+        try:
+            set_attribute(node, name, value)
+        except (ValueError, TypeError, OverflowError) as error:  # text with NUL, numbers beyond 64 bits
+            raise ResultError(f"the result cannot be stored: {path}, attribute {name}: {error}") from None
+
+
+def read(path: Path) -> Result:
+    """Read a result file: what it holds now, its numbers when they are asked for. Raises ResultError for anything
+    that is no result of navsim's, or damaged, now and then."""
+    tree = _opened(path)
+    with _damage_of(path):
+        attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != CHECKSUMS}
+        return Result(attributes, {name: _variable(path, tree, found) for name, found in tree.datasets.items()})
+
+
+def _variable(path: Path, tree: Tree, found: Dataset) -> Variable:
+    def rows(first: int | None, last: int | None) -> np.ndarray:
+        with _damage_of(path):
+            return tree.read(found.path, first or 0, last)
+
+    extra = dict(found.attributes)
+    units, long_name = (str(extra.pop(name, "")) for name in ("units", "long_name"))
+    return Variable(found.dims, Stored(found.shape, found.dtype, rows), units, long_name, extra)
+
+
+def read_sort(path: Path) -> Sort:
+    """The sort of a result file. Raises ResultError for anything else."""
+    tree = _opened(path)
+    with _damage_of(path):
+        method = str(tree.attributes.get("method", ""))
+        found = tree.length("run") if method in ("monte-carlo", "rare") else None
+        count = 0 if found is None else found
+        runs = "" if method != "monte-carlo" or found is None else SEVERAL_RUNS if count > 1 else ONE_RUN
+        return Sort(tree.attributes["kind"], method, runs, count)
+
+
+def _opened(path: Path) -> Tree:
+    from navsim.results.hdf5 import SIGNATURE, Tree
+
+    try:
+        file = files.opened(path, sys.maxsize)
+        if file.read(len(SIGNATURE)) != SIGNATURE:
+            file.close()
+            raise ResultError(f"{path}: not a readable HDF5 file")
+    except FileNotFoundError:
+        raise ResultError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise ResultError(f"{path}: this is a folder; a result file is needed") from None
+    except OSError as error:
+        raise ResultError(f"{path}: not a readable HDF5 file ({error.strerror or error})") from None
+    with _damage_of(path):
+        tree = Tree(file)
+        if "navsim_version" not in tree.attributes or "kind" not in tree.attributes:
+            raise ResultError(f"{path}: an HDF5 file, but not a navsim result (no navsim_version and kind)")
+        for name in ("navsim_version", "kind"):
+            value = tree.attributes[name]
+            if not isinstance(value, str) or not _WORD.fullmatch(value):
+                raise ResultError(f"{path}: not a navsim result: {name} is {str(value)[:40]!r}")
+        if CHECKSUMS in tree.attributes and not tree.sealed:
+            raise Damaged("its checksums are gone: cut off, or another program has written to it")
+        return tree
+
+
+@contextlib.contextmanager
+def _damage_of(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except Damaged as error:
+        raise ResultError(f"{path}: a damaged HDF5 file ({error})") from None

@@ -1,0 +1,134 @@
+"""Altimeters: one that is off by a constant and white noise, and a radio altimeter over ground of a known profile.
+
+Source: `docs/theory/altimeters.md`, section 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays.earth import llh_from_ecef
+from navsim.core.earth import radii
+from navsim.trajectory.kinematics import Frame, Motion
+
+
+@dataclass(frozen=True)
+class Altimeter:
+    """Heights of the IMU above the ellipsoid. rate: of the measurements, Hz. offset: m, how much too high it reads, of
+    which the filter knows nothing. sigma: 1 sigma of its noise, m; believed: what the filter takes for it, m."""
+
+    rate: float
+    offset: float
+    sigma: float
+    believed: float
+    latency: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A profile of the ground along the approach, the same to the right and to the left.
+
+    along: (g,) m beyond the threshold, in the direction of landing, increasing; height: (g,) m above the height that
+    the runway is given, in straight lines between, and at the ends as far as one likes.
+    """
+
+    along: np.ndarray
+    height: np.ndarray
+
+    def at(self, along: np.ndarray) -> np.ndarray:
+        """Height (n,), m, at distances (n,), m."""
+        return np.interp(along, self.along, self.height)
+
+
+@dataclass(frozen=True)
+class Centreline:
+    """Where distances along an approach are counted from: threshold llh (3,) rad, rad, m; scale (2,) m a radian of
+    latitude and of longitude there; direction (2,) cosine and sine of the direction of landing, clockwise from
+    north."""
+
+    threshold: np.ndarray
+    scale: np.ndarray
+    direction: np.ndarray
+
+    @classmethod
+    def of(cls, frame: Frame, aim_point: float, height: float) -> Centreline:
+        """That of a runway whose touchdown point, `aim_point` m beyond its threshold, is the origin of `frame`."""
+        llh = llh_from_ecef(frame.origin - aim_point * frame.axes[:, 0])
+        lat, lon = llh[:2]
+        north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
+        east = np.array([-math.sin(lon), math.cos(lon), 0.0])
+        direction = np.array([north @ frame.axes[:, 0], east @ frame.axes[:, 0]])
+        meridian, transverse = radii(math.sin(lat))
+        scale = np.array([meridian + height, (transverse + height) * math.cos(lat)])
+        return cls(np.array([lat, lon, height]), scale, direction / np.linalg.norm(direction))
+
+    def along(self, llh: np.ndarray, arm: np.ndarray) -> np.ndarray:
+        """Distance beyond the threshold (n,), m, of what is `arm` (n, 3), NED m, from places llh (n, 3)."""
+        turn = llh[:, 1] - self.threshold[1]
+        turn -= 2.0 * math.pi * np.floor(turn / (2.0 * math.pi) + 0.5)
+        north = (llh[:, 0] - self.threshold[0]) * self.scale[0] + arm[:, 0]
+        return self.direction[0] * north + self.direction[1] * (turn * self.scale[1] + arm[:, 1])
+
+
+@dataclass(frozen=True)
+class RadioBeliefs:
+    """What a filter takes a radio altimeter for: floor, share, ground, lever_arm, latency as of `RadioAltimeter`;
+    start: m beyond the threshold from which on it uses it."""
+
+    floor: float
+    share: float
+    ground: Ground
+    lever_arm: np.ndarray
+    latency: float
+    start: float = -math.inf
+
+
+@dataclass(frozen=True)
+class RadioAltimeter:
+    """The height of its antenna above the ground under it.
+
+    rate: Hz. floor, share: 1 sigma of its white noise is the larger of `floor`, m, and `share` of the height. lowest,
+    highest: m, heights that it measures. tilt: rad, largest angle between the aircraft's vertical axis and the vertical
+    at which it does. latency: s. ground: what there is. lever_arm: (3,) IMU -> antenna, body, m. aim_point, height: of
+    the runway (`Centreline.of`). believed: by the filter.
+    """
+
+    rate: float
+    floor: float
+    share: float
+    lowest: float
+    highest: float
+    tilt: float
+    latency: float
+    ground: Ground
+    lever_arm: np.ndarray
+    aim_point: float
+    height: float
+    believed: RadioBeliefs
+
+    def exact(self, frame: Frame, motion: Motion) -> np.ndarray:
+        """What it measures without noise along a motion (m,), m; nan where it does not measure."""
+        arm = motion.c_nb @ self.lever_arm
+        ground = self.ground.at(Centreline.of(frame, self.aim_point, self.height).along(motion.llh, arm))
+        above = motion.llh[:, 2] - arm[:, 2] - self.height - ground
+        near = 1e-6  # what rolls on the ground is 0 m above it, but for rounding
+        there = (above >= self.lowest - near) & (above <= self.highest + near)
+        return np.where(there & (motion.c_nb[:, 2, 2] >= math.cos(self.tilt)), above, np.nan)
+
+    def sigma(self, exact: np.ndarray) -> np.ndarray:
+        """1 sigma of its noise (m,), m, where it measures `exact` (m,), m; the floor's where it does not."""
+        return np.fmax(self.floor, self.share * exact)
+
+    @property
+    def as_believed(self) -> bool:
+        """Whether the filter takes it for what it is."""
+        mine, its = self, self.believed
+        return (
+            (mine.floor, mine.share, mine.latency) == (its.floor, its.share, its.latency)
+            and np.array_equal(mine.lever_arm, its.lever_arm)
+            and np.array_equal(mine.ground.along, its.ground.along)
+            and np.array_equal(mine.ground.height, its.ground.height)
+        )

@@ -1,0 +1,266 @@
+"""Inertial sensor errors on top of exact increments: scale factor, constant bias, white noise, Gauss-Markov bias.
+
+Measured rate = (1 + scale) true rate + bias + Markov process + white noise, for each axis alike; the same for specific
+force; what else there may be is in `imperfections`. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their
+Allan variances).
+[2] Titterton & Weston (2004), section 12.5 (datasheet units).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.sensors import imu_errors as imperfections
+from navsim.sensors.imu_errors import NOTHING, Gains, Imperfections
+
+FAST = 3.0
+"""Correlation time, s, below which a filter takes terms of flicker noise for white noise."""
+
+
+@dataclass(frozen=True)
+class Triad:
+    """Error model of three like sensors, SI: rad/s for gyros, m/s2 for accelerometers.
+
+    bias: 1 sigma of the constant bias drawn per run and axis; fixed_bias: (3,) instead of it.
+    noise_density: root of the white density, rad/sqrt(s) (ARW) or m/s/sqrt(s) (VRW).
+    markov, markov_time: 1 sigma and correlation time (s) of the exponentially correlated bias, of flicker noise its
+    slowest term.
+    scale: 1 sigma of the error of the scale factor, drawn per run and axis. further: what else there is.
+    """
+
+    bias: float
+    noise_density: float
+    markov: float = 0.0
+    markov_time: float = math.inf
+    fixed_bias: tuple[float, float, float] | None = None
+    scale: float = 0.0
+    further: Imperfections = NOTHING
+
+    @property
+    def markovs(self) -> tuple[tuple[float, float], ...]:
+        """1 sigma and correlation time, s, of all Gauss-Markov terms there are, the slowest first."""
+        return (*([(self.markov, self.markov_time)] if self.markov > 0.0 else []), *self.further.flicker)
+
+    def merged(self) -> Triad:
+        """The same for filters, which have one state for a bias and white noise: terms of flicker noise as slow as
+        `FAST` or slower merged into one Markov bias of their variance and short-term growth, faster ones as white noise
+        of their long-term growth."""
+        if not self.further.flicker:
+            return self
+        slow = [(sigma, time) for sigma, time in self.markovs if time >= FAST]
+        fast = sum(2.0 * sigma**2 * time for sigma, time in self.markovs if time < FAST)
+        variance = sum(sigma**2 for sigma, _ in slow)
+        growth = sum(2.0 * sigma**2 / time for sigma, time in slow)
+        return replace(
+            self, noise_density=math.sqrt(self.noise_density**2 + fast), markov=math.sqrt(variance),
+            markov_time=2.0 * variance / growth if slow else math.inf, further=replace(self.further, flicker=()),
+        )  # fmt: skip
+
+    def drive(self) -> float:
+        """Density of the white noise that drives the Markov bias, unit2/s."""
+        return 2.0 * self.markov**2 / self.markov_time
+
+    def initial_sigma(self) -> float:
+        """1 sigma of the whole bias at time 0; a fixed bias counts with its root mean square."""
+        constant = self.bias
+        if self.fixed_bias is not None:
+            constant = math.sqrt(sum(b * b for b in self.fixed_bias) / 3.0)
+        shaken = self.further.rectification * self.further.vibration.mean_square()
+        return math.hypot(constant, self.markov) if shaken == 0.0 else math.hypot(constant, self.markov, shaken)
+
+    def white(self) -> float:
+        """Density of the white noise, unit2 s, with what a vibration is taken for."""
+        return self.noise_density**2 + self.further.shaken
+
+
+def density_from_sample_sigma(sigma: float, rate: float) -> float:
+    """Noise density of a white sequence of `sigma` per sample at `rate` Hz: sigma / sqrt(rate) [2].
+
+    The one converter between the two spellings of white noise; `sample_sigma_from_density` undoes it.
+    """
+    return sigma / math.sqrt(rate)
+
+
+def sample_sigma_from_density(density: float, rate: float) -> float:
+    """1 sigma per sample of white noise of a density at `rate` Hz."""
+    return density * math.sqrt(rate)
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """The errors that measured increments have, but for white noise: bias (o, 6) of gyros and accelerometers, at the
+    start of some intervals, rad/s, m/s2; scale (6,) of their scale factors; cross (2, 3, 3) gains across the axes of
+    each; force (3, 3) gains of the gyros from specific force, rad/s/(m/s2); clipped (2,): samples beyond the range of
+    each. Of several runs along a last axis."""
+
+    bias: np.ndarray
+    scale: np.ndarray
+    cross: np.ndarray
+    force: np.ndarray
+    clipped: np.ndarray
+
+
+def simulate(
+    rng: np.random.Generator, dtheta: np.ndarray, dv: np.ndarray, dt: float, gyro: Triad, accel: Triad
+) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
+    """Measured increments dtheta, dv (n, 3) of one run, and the errors behind them at the start of every interval and
+    at the end (n + 1, 6)."""
+    every = np.arange(dtheta.shape[0] + 1)
+    out_dtheta, out_dv, errors = simulate_lanes((rng,), 1, dtheta, dv, dt, gyro, accel, every)
+    fields = {name: getattr(errors, name)[..., 0] for name in SensorErrors.__dataclass_fields__}
+    return out_dtheta[..., 0], out_dv[..., 0], SensorErrors(**fields)
+
+
+def simulate_lanes(
+    rngs: tuple[np.random.Generator, ...],
+    count: int,
+    dtheta: np.ndarray,
+    dv: np.ndarray,
+    dt: float,
+    gyro: Triad,
+    accel: Triad,
+    at: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
+    """Measured increments (n, 3, W) of the first `count` of W runs, from exact ones dtheta, dv (n, 3), or those of each
+    run (n, 3, W), and the errors behind them at the start of the intervals `at` (o,): bias (o, 6, W), scale (6, W)
+    and so on. Raises ValueError for intervals out of order, or that are none."""
+    if at.size and (at[0] < 0 or at[-1] > dtheta.shape[0] or np.any(np.diff(at) < 0)):
+        raise ValueError("biases are asked for at intervals in order, from the first to the end of the last")
+    from navsim.core.noise import corrupt  # compiled code only when something is really simulated
+
+    lanes = len(rngs)
+    acting = dv.reshape(dv.shape[0], 3, -1)[..., :count]
+    dtheta, dv = (imperfections.felt_through(m, dt, t.further) for m, t in ((dtheta, gyro), (dv, accel)))
+    constant, scale = np.zeros((6, lanes)), np.zeros((6, lanes))
+    for lane, rng in enumerate(rngs[:count]):
+        for first, triad in ((0, gyro), (3, accel)):
+            drawn = triad.bias * rng.standard_normal(3)
+            constant[first : first + 3, lane] = drawn if triad.fixed_bias is None else triad.fixed_bias
+        for first, triad in ((0, gyro), (3, accel)):
+            if triad.scale > 0.0:
+                scale[first : first + 3, lane] = triad.scale * rng.standard_normal(3)
+    white = math.sqrt(dt) * np.array([gyro.noise_density, accel.noise_density])
+    markov = np.array([gyro.markov, accel.markov])
+    decay = np.exp(-dt / np.array([gyro.markov_time, accel.markov_time]))
+    exact = [m.reshape(m.shape[0], 3, -1) for m in (dtheta, dv)]
+    out_dtheta, out_dv = (np.empty((m.shape[0], 3, lanes)) for m in exact)
+    bias = np.empty((at.size, 6, lanes))
+    corrupt(
+        rngs, count, *exact, dt, constant, 1.0 + scale, white, markov, decay, at, out_dtheta, out_dv, bias
+    )  # fmt: skip
+    errors = SensorErrors(bias, scale, np.zeros((2, 3, 3, lanes)), np.zeros((3, 3, lanes)), np.zeros((2, lanes)))
+    if gyro.further.there or accel.further.there:
+        felt, forced = (m[..., :count] for m in exact)
+        _go_on(rngs[:count], felt, forced, acting, dt, (gyro, accel), at, (out_dtheta, out_dv), errors)
+    return out_dtheta, out_dv, errors
+
+
+def _go_on(
+    rngs: tuple[np.random.Generator, ...],
+    dtheta: np.ndarray,
+    dv: np.ndarray,
+    acting: np.ndarray,
+    dt: float,
+    triads: tuple[Triad, Triad],
+    at: np.ndarray,
+    measured: tuple[np.ndarray, np.ndarray],
+    errors: SensorErrors,
+) -> None:
+    """Add the `imperfections` of sensors to increments measured without them (n, 3, W), and to their errors, in place;
+    dtheta, dv (n, 3, W or 1): as they are felt. acting: dv before the accelerometers' own response, which the gyros
+    know nothing of."""
+    count, lanes = dtheta.shape[0], len(rngs)
+    middle = dt * (np.arange(count) + 0.5)
+    shaken = imperfections.shaking(triads[1].further.vibration, rngs, count, dt)
+    force = acting if shaken is None else acting + shaken
+    for number, (triad, felt, all_out) in enumerate(zip(triads, (dtheta, dv), measured, strict=True)):
+        what, out, part = triad.further, all_out[..., :lanes], slice(3 * number, 3 * number + 3)
+        gains = Gains.drawn(what, number, rngs)
+        errors.cross[number, ..., :lanes] = gains.cross
+        if number == 0:
+            errors.force[..., :lanes] = gains.force
+        out += gains.adds(felt, force, dt)
+        if what.drifts:
+            out += dt * gains.drift(what, middle)
+            errors.bias[:, part, :lanes] += gains.drift(what, dt * at)
+        if what.walk > 0.0:
+            walk = imperfections.walks(what, number, rngs, count, dt)
+            out += dt * walk[:-1]
+            errors.bias[:, part, :lanes] += walk[at]
+        for term, (_, time) in enumerate(what.flicker):
+            flicker = imperfections.flickering(what, number, term, rngs, count, dt)
+            out += dt * flicker[:-1]
+            if time >= FAST:  # faster ones are noise to the state of a bias
+                errors.bias[:, part, :lanes] += flicker[at]
+        if number == 1 and shaken is not None:
+            out += shaken
+        if what.lines:
+            out += imperfections.periodic(what, number, rngs, count, dt)
+        if what.quantum > 0.0:
+            imperfections.in_quanta(out, what, number, rngs)
+        if math.isfinite(what.largest):
+            errors.clipped[number, :lanes] = imperfections.within_range(out, what, dt)
+
+
+def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:
+    """Closed form of the Allan variance of the modelled rate error at the cluster times tau, s [1], on average over
+    runs.
+
+    White noise, the exponentially correlated term, quantum, random walk and ramp of the bias, lines. A constant bias
+    does not show; the vibration of the place is left out.
+    """
+    tau, what = np.asarray(tau, dtype=float), triad.further
+    out = triad.noise_density**2 / tau + what.quantum**2 / 4.0 / tau**2 + what.walk**2 * tau / 3.0
+    out += 0.5 * (what.ramp * tau) ** 2
+    for amplitude, frequency in what.lines:
+        x = np.pi * frequency * tau
+        out += amplitude**2 * (np.sin(x) ** 2 / x) ** 2
+    for sigma, time in triad.markovs:
+        out += sigma**2 * _markov_variance(tau / time)
+    return np.asarray(out)
+
+
+def _markov_variance(x: np.ndarray) -> np.ndarray:
+    """Allan variance of a Gauss-Markov process of unit variance at x correlation times [1]."""
+    return np.asarray(2.0 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x)))
+
+
+MARKOV_PEAK = 1.892618, 0.617364
+"""Where the Allan deviation of a Markov bias is largest, in correlation times, and how large, in its 1 sigma [1]."""
+
+
+def markov_of_lowest(lowest: float, density: float, time: float) -> float:
+    """1 sigma of the Markov bias of a correlation time, s, whose Allan deviation, with white noise of a density beside
+    it, is `lowest` at its peak: what data sheets print as bias instability. nan where the white noise alone is more."""
+    at, height = MARKOV_PEAK
+    left = lowest**2 - density**2 / (at * time)
+    return math.sqrt(left) / height if left > 0.0 else math.nan
+
+
+_FLAT = 17.0
+"""Largest ratio of neighbouring correlation times: Markov terms and white noise add up to a flat curve within 10 %."""
+_SAMPLES = 4.0
+"""Intervals between samples over which flicker noise begins to be flat."""
+
+
+def flicker_of_lowest(lowest: float, density: float, time: float, interval: float) -> tuple[tuple[float, float], ...]:
+    """Flicker noise: 1 sigma and correlation time, s, of Gauss-Markov terms, the slowest first, whose sum with white
+    noise of a density has the Allan deviation `lowest` from where white noise ends to the peak of the slowest.
+
+    time: correlation time of the slowest, s. interval: between samples, s; faster terms than they show are left out.
+    The Allan deviation is exact at the peak of each term. nan where the white noise alone is more.
+    """
+    at, _ = MARKOV_PEAK
+    # at 2.5 times where the white noise is as much its share of the variance is 40 %
+    fastest = min(time, max(2.5 * (density / lowest) ** 2, _SAMPLES * interval) / at)
+    count = 1 + math.ceil(math.log(time / fastest) / math.log(_FLAT))
+    for terms in range(count, 1, -1):
+        times = np.geomspace(time, fastest, terms)
+        peaks = at * times
+        variance = np.linalg.solve(_markov_variance(peaks[:, None] / times), lowest**2 - density**2 / peaks)
+        if (variance > 0.0).all():
+            return tuple((math.sqrt(v), float(t)) for v, t in zip(variance, times, strict=True))
+    return ((markov_of_lowest(lowest, density, time), time),)

@@ -1,0 +1,1 @@
+"""Trajectories of the aircraft, and the air that it flies in."""

@@ -1,0 +1,151 @@
+"""How gusts and turbulence move an aircraft about its route, along one axis of its course at a time.
+
+The air carries an aircraft along, late by the time that its force needs, and guidance brings it back (`air.carried`).
+Scales and lags are those of the height and the airspeed of the moment, of the route; on the ground they stay what they
+were at touchdown, while the ground takes the air's hold. Equations: `docs/theory/air.md`, section 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays import earth
+from navsim.core.arrays.processes import exponential
+from navsim.trajectory.air import TURBULENCE_LOWEST, Air, Gust, Process, carried, dryden, level_axes, through
+from navsim.trajectory.course import LATERAL, VERTICAL, Course, Walk
+from navsim.trajectory.kinematics import Trajectory
+
+STRETCHES = 64
+"""At most, of time, within which scales and lags count for the same."""
+_ALONG_FLIGHT = (1, 0, 2)
+"""Which of u, v, w is across the course, along it, up."""
+_NODES = 3
+"""Of the Gauss-Legendre rule for a gust in a step."""
+
+
+@dataclass(frozen=True)
+class Buffeting:
+    """What gusts along one axis of the course make of an aircraft at times (k,), s.
+
+    which: (k,) the stretch of time that each is in. lag: (m,) of those, s; loop: s, see `Response`. rows: (m, n) what
+    makes the turbulence, m/s, of the first states of its `walk`; n is 0, and walk None, without turbulence. gust: (k,)
+    discrete gusts, m/s; met: (k, 3) or (k, 5) states of `carried` in them.
+    """
+
+    which: np.ndarray
+    lag: np.ndarray
+    loop: float
+    rows: np.ndarray
+    walk: Walk | None
+    gust: np.ndarray
+    met: np.ndarray
+
+    def moved(self, states: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """The way off the route with its first two derivatives (3, k, W), m, and the speed through the air that the
+        nose follows with its rate (2, k, W), m/s, of no size where none does; states (k, n, W) of the walk."""
+        gust, met = self.blowing(states), self.met[..., None]
+        if states is not None:
+            met = met + states[:, self.rows.shape[1] :]
+        place, speed, nose = met[:, 1], met[:, 2], met[:, 3:]
+        acceleration = (gust - met[:, 0]) / self.lag[self.which, None] + self.guided(np.stack([place, speed]))
+        return np.stack([place, speed, acceleration]), nose.transpose(1, 0, 2)
+
+    def blowing(self, states: np.ndarray | None) -> np.ndarray:
+        """Gusts and turbulence (k, W), m/s, beside the mean wind; states (k, n, W) of the walk."""
+        gust = self.gust[:, None]
+        if states is None:
+            return gust
+        return np.asarray(gust + np.einsum("kn,knw->kw", self.rows[self.which], states[:, : self.rows.shape[1]]))
+
+    def guided(self, moved: np.ndarray) -> np.ndarray:
+        """The acceleration (k, W), m/s2, with which guidance answers a way and its derivative (2 or more, k, W); of the
+        derivatives of both it is its rate."""
+        return np.asarray(-(2.0 * moved[1] + moved[0] / self.loop) / self.loop)
+
+
+def buffeting(air: Air, trajectory: Trajectory, time: np.ndarray, course: Course) -> dict[int, Buffeting]:
+    """That of each axis of the course along which there is any, at times (k,), s, equally spaced."""
+    if air.turbulence is None and not air.gusts:
+        return {}
+    which, middle = _stretches(course)
+    height, airspeed = course.of_air(middle)
+    lags = air.response.lags(airspeed)
+    step = float(time[1] - time[0])
+    points, shares = np.polynomial.legendre.leggauss(_NODES)
+    within = time[:-1, None] + 0.5 * step * (1.0 + points)
+    sampled = gust_components(air.gusts, trajectory, time, course, time)
+    between = gust_components(air.gusts, trajectory, within.ravel(), course, time).reshape(*within.shape, 3)
+    out = {}
+    for axis, lag in enumerate(lags):
+        nose = air.response.nose_lag if axis in (LATERAL, VERTICAL) else None
+        systems = [carried(float(one), air.response.loop, nose) for one in lag]
+        rows, walk = np.empty((lag.size, 0)), None
+        if air.turbulence is not None:
+            k = _ALONG_FLIGHT[axis]
+            sigma = air.turbulence.sigmas(height)[:, k] * course.airborne[0, middle]
+            gusts = [dryden(float(t), k > 0) for t in air.turbulence.time_scales(height, airspeed)[:, k]]
+            rows = np.stack([s * row for s, (_, row) in zip(sigma, gusts, strict=True)])
+            met_with = zip(gusts, rows, systems, strict=True)
+            walk = Walk.of([through(gust, row, system) for (gust, _), row, system in met_with], which[:-1], step)
+        elif not between[..., axis].any():
+            continue
+        met = _met(systems, which[:-1], step, points, shares, between[..., axis])
+        out[axis] = Buffeting(which, lag, air.response.loop, rows, walk, sampled[:, axis], met)
+    return out
+
+
+def _stretches(course: Course) -> tuple[np.ndarray, np.ndarray]:
+    """Which stretch each time is in (k,), and the time in the middle of each (m,): of height, of airspeed and of the
+    ground's hold as much changes in one as in another."""
+    height, airspeed = course.of_air(np.arange(course.height.shape[1]))
+    logs = np.log(np.maximum(height, TURBULENCE_LOWEST)), np.log(airspeed), course.airborne[0]
+    change = np.concatenate([[0.0], np.cumsum(sum(np.abs(np.diff(one)) for one in logs))])
+    share = change / change[-1] if change[-1] > 0.0 else change
+    which = np.unique(np.minimum((STRETCHES * share).astype(np.int64), STRETCHES - 1), return_inverse=True)[1]
+    first = np.searchsorted(which, np.arange(which[-1] + 1))
+    last = np.append(first[1:], which.size) - 1
+    return which, (first + last) // 2
+
+
+def gust_components(
+    gusts: tuple[Gust, ...], trajectory: Trajectory, t: np.ndarray, course: Course, time: np.ndarray
+) -> np.ndarray:
+    """Discrete gusts across the course, along it and up (n, 3), m/s, at times (n,), as far as the ground lets them;
+    course: at other times (k,)."""
+    out = np.zeros((t.size, 3))
+    if not gusts:
+        return out
+    ahead, right = level_axes(trajectory.path.jet(t)[:, 1])
+    up = np.array([0.0, 0.0, -1.0])
+    frame = trajectory.frame
+    north, east, _ = earth.ned_matrix(earth.llh_from_ecef(frame.origin)) @ frame.axes
+    mean = trajectory.wind.mean(t)
+    speed = np.linalg.norm(mean, axis=1, keepdims=True)
+    directions = {"north": north, "east": east, "along": ahead, "right": right, "up": up}
+    directions["wind"] = np.divide(mean, speed, out=np.zeros_like(mean), where=speed > 0.0)
+    airborne = np.interp(t, time, course.airborne[0])
+    for gust in gusts:
+        airspeed = 1.0 / float(np.interp(gust.start, time, course.slowness[0]))
+        blows = (airborne * gust.at(t, airspeed))[:, None] * directions[gust.towards]
+        for axis, unit in enumerate((right, ahead, up)):
+            out[:, axis] += np.sum(blows * unit, axis=1)
+    return out
+
+
+def _met(
+    systems: list[Process], which: np.ndarray, step: float, points: np.ndarray, shares: np.ndarray, gust: np.ndarray
+) -> np.ndarray:
+    """States (k, n) of linear systems from rest, by the one of each step, which (k - 1,), driven by a gust (k - 1, q)
+    that is given at points of a rule for the interval -1 ... 1 in each step."""
+    a, b = np.stack([s.a for s in systems]), np.stack([s.b for s in systems])
+    transition = exponential(a * step)
+    left = 0.5 * step * (1.0 - points)
+    kick = 0.5 * step * shares[:, None] * np.stack([(exponential(a * t) @ b[..., None])[..., 0] for t in left], axis=1)
+    added = np.einsum("kq,kqn->kn", gust, kick[which])
+    out = np.zeros((which.size + 1, a.shape[1]))
+    begin = int(np.argmax(gust.any(axis=1))) if gust.any() else which.size
+    for k, piece in enumerate(which[begin:], begin):
+        out[k + 1] = transition[piece] @ out[k] + added[k]
+    return out

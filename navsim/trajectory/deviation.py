@@ -1,0 +1,272 @@
+"""How flown ways deviate from a reference, each run in its own way: flight-technical error, turbulence, gusts,
+estimates that are steered by.
+
+`Air` says what there is (`navsim.trajectory.air`); along a trajectory it becomes `Disturbance`, which draws a
+`Departure` for each run; `deviated` is the motion of an aircraft on it. Equations: `docs/theory/air.md`, sections 3 to
+5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays import earth
+from navsim.trajectory.air import GRAVITY, Air, Deviation, Process, through, two_lags
+from navsim.trajectory.buffeting import Buffeting, buffeting
+from navsim.trajectory.course import ALONG, LATERAL, VERTICAL, Course, Walk
+from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
+from navsim.trajectory.steering import Held, acceleration, steered
+
+_GRADIENT_STEP = 100.0
+"""Baseline of the differences of gravity, m."""
+_TURBULENCE = 3
+"""What is added to the number of an axis for the random stream of turbulence along it."""
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A product with its first two derivatives (3, ...), of factors with theirs (3, ...)."""
+    return np.stack([a[0] * b[0], a[1] * b[0] + a[0] * b[1], a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]])
+
+
+@dataclass(frozen=True)
+class Departure:
+    """Deviations of runs at times (k,), s, equally spaced: way (k, 9, W) place (m), velocity and acceleration along
+    path axes; turn (k, 6, W) Gibbs vector of the attitude in the reference's body axes, and its rate. gust (k, 3, W):
+    wind beside the mean one, m/s, to the right of the course, along it, up."""
+
+    time: np.ndarray
+    way: np.ndarray
+    turn: np.ndarray
+    gust: np.ndarray
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`way` and `turn` at times (m,): between samples the quintic, and the cubic, of both ends."""
+        first, s, h = self._since(time)
+        p0, v0, a0, c3, c4, c5 = self._quintic(first, h)
+        place = p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
+        velocity = v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
+        acceleration = a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+        (p0, v0), (p1, v1) = (np.split(self.turn[i], 2, axis=1) for i in (first, first + 1))
+        c2, c3 = (3.0 * (p1 - p0) / h - 2.0 * v0 - v1) / h, (-2.0 * (p1 - p0) / h + v0 + v1) / h**2
+        turn = p0 + s * (v0 + s * (c2 + s * c3))
+        rate = v0 + s * (2.0 * c2 + s * 3.0 * c3)
+        return np.concatenate([place, velocity, acceleration], axis=1), np.concatenate([turn, rate], axis=1)
+
+    def place(self, time: np.ndarray) -> np.ndarray:
+        """Of `way` the place (m, 3, W) at times (m,)."""
+        first, s, h = self._since(time)
+        p0, v0, a0, c3, c4, c5 = self._quintic(first, h)
+        return np.asarray(p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))))
+
+    def gust_at(self, time: np.ndarray) -> np.ndarray:
+        """`gust` at times (m,): between samples on the straight line."""
+        first, s, h = self._since(time)
+        return np.asarray(self.gust[first] + s / h * (self.gust[first + 1] - self.gust[first]))
+
+    def _since(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """The samples before times (m,), the time since them (m, 1, 1), and that between samples."""
+        h = float(self.time[1] - self.time[0])
+        first = np.clip(np.searchsorted(self.time, time + 1e-9, side="right") - 1, 0, self.time.size - 2)
+        return first, np.clip(time - self.time[first], 0.0, h)[:, None, None], h
+
+    def _quintic(self, first: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+        """Place, velocity, acceleration at samples, and the three coefficients that lead to those at the next ones."""
+        (p0, v0, a0), (p1, v1, a1) = (np.split(self.way[i], 3, axis=1) for i in (first, first + 1))
+        away, b0, b1 = p1 - p0, 0.5 * h * a0, 0.5 * h * a1
+        c3 = (10.0 * away / h - 6.0 * v0 - 4.0 * v1 - 3.0 * b0 + b1) / h**2
+        c4 = (-15.0 * away / h + 8.0 * v0 + 7.0 * v1 + 3.0 * b0 - 2.0 * b1) / h**3
+        c5 = (6.0 * away / h - 3.0 * (v0 + v1) - b0 + b1) / h**4
+        return p0, v0, a0, c3, c4, c5
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What a trajectory meets at times (k,), s, equally spaced: `of` makes it. walks: by the number of their random
+    stream. buffeting: by the axis. gradient: (k, 3, 3) of gravity along path axes, 1/s2. pitches: whether the nose
+    follows the path."""
+
+    time: np.ndarray
+    frame: Frame
+    course: Course
+    air: Air
+    walks: dict[int, Walk]
+    buffeting: dict[int, Buffeting]
+    gradient: np.ndarray
+    pitches: bool
+
+    @classmethod
+    def of(cls, air: Air, trajectory: Trajectory, time: np.ndarray) -> Disturbance:
+        """That of some air around a trajectory."""
+        course, step = Course.of(trajectory, time), float(time[1] - time[0])
+        same = np.zeros(time.size - 1, np.int64)
+        walks = {}
+        for number, deviation in enumerate((air.lateral, air.along, air.vertical)):
+            if deviation is not None:
+                process = deviation.process()
+                if number == LATERAL:
+                    process = through(process, np.array([0.0, 0.0, 1.0]), two_lags(air.response.bank_lag))
+                walks[number] = Walk.of([process], same, step)
+        buffeted = buffeting(air, trajectory, time, course)
+        walks |= {_TURBULENCE + axis: one.walk for axis, one in buffeted.items() if one.walk is not None}
+        position = trajectory.path.jet(time)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin
+        return cls(
+            time, trajectory.frame, course, air, walks, buffeted, _gradient(position, trajectory.frame),
+            trajectory.pitch_follows_path,
+        )  # fmt: skip
+
+    def drawn(
+        self, rngs: dict[int, tuple[np.random.Generator, ...]], count: int, lanes: int, known: Held | None = None
+    ) -> Departure:
+        """Departures of the first `count` of so many runs, W; rngs: W generators for each of the walks; known: the
+        errors of estimates that aircraft are steered by, None where nobody steers by them."""
+        way, turn = np.zeros((self.time.size, 9, lanes)), np.zeros((self.time.size, 6, lanes))
+        course, air = self.course, self.air
+        states = {number: walk.drawn(rngs[number], count) for number, walk in self.walks.items()}
+        if air.lateral is not None:
+            self._across(air.lateral, states[LATERAL], way, turn)
+        if air.along is not None:
+            scale = air.along.scale(course.height)[..., None]
+            _add(way, _product(scale, states[ALONG].transpose(1, 0, 2)), course.ahead)
+        if air.vertical is not None:
+            scale = _product(air.vertical.scale(course.height), course.airborne)[..., None]
+            up = _product(scale, states[VERTICAL].transpose(1, 0, 2))
+            for order in range(3):
+                way[:, 3 * order + 2] -= up[order]
+            if self.pitches:  # the nose follows the way through the air
+                self._turn(turn, 1, up[1], up[2])
+        gust = np.zeros((self.time.size, 3, lanes))
+        for axis, met in self.buffeting.items():
+            own = states.get(_TURBULENCE + axis)
+            gust[:, axis] = met.blowing(own)
+            self._buffeted(axis, met, own, way, turn)
+        if known is not None:
+            self._steered(known, way, turn)
+        return Departure(self.time, way, turn, gust)
+
+    def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:
+        """Adds a deviation across the course: the nose follows the way, the bank its acceleration."""
+        scale = deviation.scale(self.course.height)[..., None]
+        of_states = states.transpose(1, 0, 2)
+        right = _product(scale, of_states[:3])
+        _add(way, right, self.course.right)
+        self._turn(turn, 2, right[1], right[2])
+        self._bank(turn, scale[0] * of_states[3], scale[1] * of_states[3] + scale[0] * of_states[4])
+
+    def _buffeted(
+        self, axis: int, met: Buffeting, states: np.ndarray | None, way: np.ndarray, turn: np.ndarray
+    ) -> None:
+        """Adds what gusts along an axis of the course make: the nose follows the way through the air, late, the bank is
+        that of guidance; at the runway's height none of the way up and down is left."""
+        moved, nose = met.moved(states)
+        if axis == VERTICAL:
+            airborne = self.course.airborne[..., None]
+            moved = _product(_product(airborne, self.course.free()[..., None]), moved)
+            for order in range(3):
+                way[:, 3 * order + 2] -= moved[order]
+            if self.pitches:
+                self._turn(turn, 1, airborne[0] * nose[0], airborne[1] * nose[0] + airborne[0] * nose[1])
+            return
+        _add(way, moved, self.course.right if axis == LATERAL else self.course.ahead)
+        if axis == LATERAL:
+            self._turn(turn, 2, *nose)
+            self._bank(turn, met.guided(moved), met.guided(moved[1:]))
+
+    def _steered(self, known: Held, way: np.ndarray, turn: np.ndarray) -> None:
+        """Adds what guidance by estimates makes; nose and bank as of a flight-technical error."""
+        loop, lag = self.air.follow, self.air.response.bank_lag
+        assert loop is not None
+        step, row = float(self.time[1] - self.time[0]), acceleration(lag)
+        across, else_ = steered(loop, lag, lag), steered(loop, lag, None)
+
+        def moved(process: Process, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Place with two derivatives (3, k, W) along unit vectors (m, 3), and all states (n, k, W)."""
+            amount = np.einsum("maw,ma->mw", known.values, direction)
+            states = known.drives(process, amount, self.time.size, step).transpose(1, 0, 2)
+            return np.stack([states[1], states[2], np.tensordot(row, states[:3], axes=1)]), states
+
+        right, states = moved(across, self.course.right[0, known.first])
+        _add(way, right, self.course.right)
+        self._turn(turn, 2, right[1], right[2])
+        self._bank(turn, states[3], states[4])
+        _add(way, moved(else_, self.course.ahead[0, known.first])[0], self.course.ahead)
+        high, _ = moved(else_, np.broadcast_to([0.0, 0.0, -1.0], (known.first.size, 3)))
+        up = _product(self.course.airborne[..., None], high)
+        for order in range(3):
+            way[:, 3 * order + 2] -= up[order]
+        if self.pitches:
+            self._turn(turn, 1, up[1], up[2])
+
+    def _bank(self, turn: np.ndarray, acceleration: np.ndarray, rate: np.ndarray) -> None:
+        """Adds the bank for an acceleration to the right (k, W), m/s2, and its rate, m/s3, as far as the aircraft
+        flies."""
+        airborne = self.course.airborne[..., None]
+        turn[:, 0] += airborne[0] * acceleration * (0.5 / GRAVITY)
+        turn[:, 3] += (airborne[1] * acceleration + airborne[0] * rate) * (0.5 / GRAVITY)
+
+    def _turn(self, turn: np.ndarray, axis: int, speed: np.ndarray, acceleration: np.ndarray) -> None:
+        """Adds the turn about a body axis of a nose that follows a speed (k, W) across its way, m/s."""
+        slow, slower = self.course.slowness[..., None]
+        turn[:, axis] += 0.5 * slow * speed
+        turn[:, 3 + axis] += 0.5 * (slow * acceleration + slower * speed)
+
+
+def _add(way: np.ndarray, amount: np.ndarray, direction: np.ndarray) -> None:
+    """Adds to a `way` (k, 9, W) an amount (3, k, W) along a level unit vector (3, k, 3), with two derivatives each."""
+    for axis in range(2):
+        part = _product(amount, direction[..., axis, None])
+        for order in range(3):
+            way[:, 3 * order + axis] += part[order]
+
+
+def _gradient(position: np.ndarray, frame: Frame) -> np.ndarray:
+    """Change of gravity by place (k, 3, 3), along path axes, 1/s2, at positions (k, 3), ECEF, m."""
+    half = 0.5 * _GRADIENT_STEP
+    columns = [
+        (earth.gravity_ecef(position + half * axis) - earth.gravity_ecef(position - half * axis)) / _GRADIENT_STEP
+        for axis in frame.axes.T
+    ]
+    return np.ascontiguousarray(frame.axes.T @ np.stack(columns, axis=-1))
+
+
+def deviated(reference: Motion, frame: Frame, way: np.ndarray, turn: np.ndarray) -> Motion:
+    """The motion of W runs, one after the other (W m), that deviate from a reference (m,) by `way` (m, 9, W), `turn`
+    (m, 6, W), see `Departure`."""
+    lanes = way.shape[2]
+    place, velocity, acceleration, gibbs, rate = (
+        part.transpose(2, 0, 1).reshape(-1, 3) for part in (*np.split(way, 3, axis=1), *np.split(turn, 2, axis=1))
+    )
+
+    def each(values: np.ndarray) -> np.ndarray:
+        return np.tile(values, (lanes, *[1] * (values.ndim - 1)))
+
+    to_ecef = frame.axes.T
+    old = each(reference.position_ecef)
+    position, speed = old + place @ to_ecef, velocity @ to_ecef
+    llh = earth.llh_from_ecef(position)
+    felt = acceleration @ to_ecef + 2.0 * np.cross(EARTH_RATE, speed)
+    felt -= earth.gravity_at(llh) - earth.gravity_ecef(old)
+    turned = _of_gibbs(gibbs)
+    c_eb = each(reference.c_eb)
+    force = each(reference.specific_force) + np.einsum("nji,nj->ni", c_eb, felt)
+    scale = 2.0 / (1.0 + np.sum(gibbs**2, axis=1, keepdims=True))
+    own = np.einsum("nji,nj->ni", turned, each(reference.angular_rate))
+    return Motion(
+        time=each(reference.time),
+        position_ecef=position,
+        velocity_ecef=each(reference.velocity_ecef) + speed,
+        llh=llh,
+        c_eb=c_eb @ turned,
+        specific_force=np.einsum("nji,nj->ni", turned, force),
+        angular_rate=own + scale * (rate - np.cross(gibbs, rate)),
+    )
+
+
+def _of_gibbs(h: np.ndarray) -> np.ndarray:
+    """Rotation matrices (n, 3, 3) of Gibbs vectors (n, 3)."""
+    zero = np.zeros(h.shape[0])
+    x, y, z = h.T
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    scale = 2.0 / (1.0 + np.sum(h**2, axis=1))
+    return np.eye(3) + scale[:, None, None] * (cross + cross @ cross)

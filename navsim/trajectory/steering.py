@@ -1,0 +1,60 @@
+"""An aircraft that is steered by its estimate: what its navigation errors make of the way that it flies.
+
+Guidance sees how far the estimate is off the route, not the truth; so the truth goes where the error of the estimate
+is, late by guidance's loop. Equations: `docs/theory/air.md`, section 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays.processes import exponential
+from navsim.trajectory.air import Process, through, two_lags
+
+
+def steered(loop: float, lag: float, bank_lag: float | None) -> Process:
+    """An aircraft whose estimate is off by what drives it, m: what guidance commands, late by its `loop`, s; its place,
+    m, and the speed of that, m/s, behind two lags of `lag` s; with a bank_lag the bank that its acceleration across
+    takes, as an acceleration, m/s2, behind two lags of its own, and the rate of that."""
+    own = through(Process(np.array([[-1.0 / loop]]), np.array([1.0 / loop])), np.ones(1), two_lags(lag))
+    return own if bank_lag is None else through(own, acceleration(lag), two_lags(bank_lag))
+
+
+def acceleration(lag: float) -> np.ndarray:
+    """The row (3,) that makes an acceleration, m/s2, of the first states of `steered`."""
+    return np.array([1.0, -1.0, -2.0 * lag]) / lag**2
+
+
+@dataclass(frozen=True)
+class Held:
+    """Errors of estimates as guidance knows them, truth - estimate: values (m, 3, W), m, along path axes, each from one
+    of the samples `first` (m,), increasing from 0 on, until the next."""
+
+    first: np.ndarray
+    values: np.ndarray
+
+    @classmethod
+    def of(cls, first: np.ndarray, values: np.ndarray) -> Held:
+        """Those of outputs at samples (m,), several of which may be the same, of which the last is; an estimate that is
+        no number any more is that of the last output that was one, and before the first of those nothing is known."""
+        known = np.where(np.isfinite(values).all(axis=1), np.arange(first.size)[:, None], -1)
+        last = np.maximum.accumulate(known, axis=0)
+        kept = np.take_along_axis(values, np.maximum(last, 0)[:, None], axis=0)
+        of_samples = np.append(first[1:] != first[:-1], True)
+        return cls(first[of_samples], np.where(last[:, None] >= 0, kept, 0.0)[of_samples])
+
+    def drives(self, process: Process, amount: np.ndarray, samples: int, step: float) -> np.ndarray:
+        """States (samples, n, W) of a process from rest that amounts (m, W) of these errors drive, at samples so many s
+        apart: exact."""
+        n, lengths = process.a.shape[0], np.diff(np.append(self.first, samples - 1))
+        # powers of the transition and of what a held error adds, as one matrix
+        both = np.zeros((n + 1, n + 1))
+        both[:n, :n], both[:n, n] = process.a, process.b
+        powers = exponential(both * (step * np.arange(1, int(lengths.max(initial=1)) + 1)[:, None, None]))
+        out = np.zeros((samples, n, amount.shape[1]))
+        for first, length, held in zip(self.first, lengths, amount, strict=True):
+            since = powers[:length, :n]
+            out[first + 1 : first + 1 + length] = since[..., :n] @ out[first] + since[..., n:] * held
+        return out
