@@ -314,6 +314,7 @@ def pages_of(kind: str) -> dict[str, str]:
     return out | {f"{kind}/{top.key}.md": "\n".join(_section(kind, top, every, 1)) for top in tops}
 
 
+@functools.cache
 def pages() -> dict[str, str]:
     """All generated pages, by their names in docs/reference."""
     out = result_file.pages()

@@ -12,6 +12,7 @@ import re
 import textwrap
 import types
 import typing
+from functools import cache
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
@@ -154,6 +155,7 @@ whole = BeforeValidator(_whole)
 Version = Annotated[Literal[1], whole]
 
 
+@cache
 def _docstrings(model: type[BaseModel]) -> dict[str, str]:
     """What stands below the fields in a class's own source."""
     (written,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body

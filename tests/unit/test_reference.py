@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import re
 import sys
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,6 +24,7 @@ from tests.conftest import ROOT
 sys.path.insert(0, str(ROOT / "scripts"))  # one script imports another
 
 
+@cache
 def script(name: str) -> ModuleType:
     """A script of the tree as a module."""
     spec = importlib.util.spec_from_file_location(f"script_{name}", ROOT / "scripts" / f"{name}.py")
