@@ -210,34 +210,3 @@ def memory(plan: Plan) -> list[Line]:
     beside = f"{few}: {small / 1e6:.0f} MB, {many}: {large / 1e6:.0f} MB"
     what = f"memory of {many} runs (`--keep none`, `eskf`, 12 s) against {few}"
     return [Line(what, (large / small,), beside, 1.3, at_most=True)]
-
-
-def estimates(plan: Plan) -> list[Line]:
-    """How long studies say that they will take, against how long they do, whichever is longer over the other."""
-    from navsim.scenario.load import read
-    from navsim.study.budget.estimate import SPREAD
-    from navsim.study.budget.landing import landing
-    from navsim.study.budget.studies import tables
-    from navsim.study.executor import threads
-    from navsim.study.landing import prepare
-
-    case, cores = prepare(*read(SCENARIO)), threads().workers
-    count, rows = plan.size(1000, 64), plan.size(400, 5)
-    lines = []
-    for what, told, job in (
-        (
-            f"{count} landings",
-            landing(case.scenario, case.environment, count, "errors", cores).time_s,
-            runs(now(), count),
-        ),
-        (
-            f"`navsim table2`, {rows} runs a row",
-            tables(rows, cores).time_s,
-            now().command("table2", "-o", ".", "--runs", str(rows)),
-        ),
-    ):
-        (took,) = alternate(1, job)
-        off = tuple(max(told / s, s / told) for s in took)
-        beside = f"told {told:.3g} s, {seconds('took', took)}"
-        lines.append(Line(f"the estimate of its time: {what}", off, beside, float(SPREAD), at_most=True))
-    return lines

@@ -72,7 +72,6 @@ SECTIONS: dict[str, Section] = {
     "first": _of(processes.first_run),
     "workers": _of(processes.workers),
     "memory": _of(processes.memory),
-    "estimates": _of(processes.estimates),
     "filter": _filters,
     "states": _states,
     "dops": _dops,

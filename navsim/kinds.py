@@ -14,18 +14,22 @@ from navsim.words import command
 class Kind:
     """command: computes a file of it. noun: what such a file is called. section: the model of the file (a
     `scenario.base.Section`), "" where there is no file. job: what makes the job of it (`study.job.Opener`), "" where
-    the command alone knows how. view: how its results are shown (`report.view.View`). All as "module:name"."""
+    the command alone knows how. check: what warns of what its section says, reading its files as whoever computes it
+    does (`study.job.Check`), "" where the section says all. view: how its results are shown (`report.view.View`). All
+    as "module:name"."""
 
     command: str
     view: str
     section: str = ""
     job: str = ""
     noun: str = "scenario"
+    check: str = ""
 
 
 KINDS = {
     "landing": Kind(
         "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.study.jobs.landing:job",
+        check="navsim.study.foreseen:told",
     ),
     "mls-elevation": Kind(
         "run", "navsim.companions.elevation.report:VIEW", "navsim.companions.elevation.scenario:Elevation",
@@ -41,14 +45,15 @@ KINDS = {
     ),
     "sweep": Kind(
         "sweep", "navsim.report.sweep:VIEW", "navsim.scenario.sweep:Sweep", "navsim.study.jobs.sweep:SweepJob", "study",
+        "navsim.study.jobs.sweep:check",
     ),
     "optimize": Kind(
         "optimize", "navsim.report.optimize:VIEW", "navsim.scenario.optimize:Optimize",
-        "navsim.study.jobs.optimize:OptimizeJob", "study",
+        "navsim.study.jobs.optimize:OptimizeJob", "study", "navsim.study.jobs.optimize:check",
     ),
     "replay": Kind(
         "replay", "navsim.report.replay:VIEW", "navsim.scenario.replay:Replay", "navsim.study.jobs.replay:ReplayJob",
-        "log",
+        "log", "navsim.study.jobs.replay:check",
     ),
     "table2": Kind("table2", "navsim.report.table2:VIEW"),
     "integrity-table": Kind("integrity-table", "navsim.report.integrity_table:VIEW"),

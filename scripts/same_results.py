@@ -30,6 +30,11 @@ RENAMED: dict[str, str] = {}
 """Paths of datasets and groups in results of A, each with its path in results of B."""
 EXCEPTED = ("navsim_version", "created")
 """Attributes that name the version and the time of computation."""
+_OF_THE_CLOCK = re.compile(
+    rb"^compiling the kernels.*\n|^.* s used.*\n|^.*PGM / RUN BY / DATE *\n|about [\d.]+ s on this .*?timed\), ",
+    re.MULTILINE,
+)
+"""What files say of the time: kernels that the cache lacked, progress, dates, how long work takes."""
 _OF_THE_FORMAT = ("DIMENSION_LIST", "REFERENCE_LIST")
 """Attributes with references to places in the file, which netCDF keeps for dimensions."""
 
@@ -216,10 +221,8 @@ def owner(file: Path) -> str:
 
 
 def printed(file: Path) -> bytes:
-    """Contents of a file without lines that say what the kernel cache lacked."""
-    return b"".join(
-        line for line in file.read_bytes().splitlines(True) if not line.startswith(b"compiling the kernels")
-    )
+    """Contents of a file without what tells the time of its making."""
+    return _OF_THE_CLOCK.sub(b"", file.read_bytes())
 
 
 def compare(a: Path, b: Path, names: Sequence[str]) -> list[str]:

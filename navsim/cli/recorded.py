@@ -178,7 +178,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
     from navsim.scenario.load import read
     from navsim.scenario.source import InputError
     from navsim.study import landing, source_clock
-    from navsim.study.budget.landing import landing as estimated
+    from navsim.study.landing.estimate import landing as estimated
     from navsim.study.live import Block, Session
 
     def ask(section: Any, sources: Any) -> None:

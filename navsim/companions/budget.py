@@ -8,16 +8,10 @@ from navsim.companions.azimuth import study as azimuth
 from navsim.companions.azimuth.scenario import Azimuth
 from navsim.companions.elevation import study as elevation
 from navsim.companions.elevation.scenario import Elevation
-from navsim.study.budget.estimate import BASE_MEMORY, BASE_TIME, NUMBER, VARIABLE, WRITING, Budget
+from navsim.study.budget.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budget
 
-_RUN_TIME = 20e-6
-"""Seconds a run of a companion's filter takes whatever its length."""
-_STEP_TIME, _ATC_TIME, _AZIMUTH_TIME, _MAP_TIME = 0.1e-6, 7e-6, 9e-6, 0.6e-6
-"""Seconds a step of the elevation filter; a scan of all filters of a tracking case; a scan of a filter of the map."""
-_COVARIANCE_TIME = 60e-6
-"""Seconds a step of a filter's covariance takes, with that of its true errors."""
-_FEW_S = 5.0
-"""So long the rest of a study may take, s, that is timed by a block of what it counts."""
+_COVARIANCE_STEPS = 600
+"""Steps of a run of the elevation filter that take as long as one of its covariance with that of its true errors."""
 _AZIMUTH_MEMORY = 850
 """A scan of a run of the azimuth scenario: draws, reports, ten filters' histories, bytes."""
 
@@ -34,28 +28,23 @@ def mls_elevation(scenario: Elevation, runs: int | None = None) -> Budget:
     flares = len(elevation.FLARE_SOURCES) * len(scenario.flare.rate_variances_deg2_s2)
     kept = nominal * (2 + 2 * filters) + nominal * (1 + 2 * orders) + azimuth_ * (2 + 2 * azimuth_filters)
     kept += flare * (5 + 2 * flares)
-    covariances = nominal * (filters + orders) + azimuth_ * azimuth_filters + flare * flares
     steps = section.steps * (1 + 3 * n * n + 2 * n) + 4 * section.experiments
     result = NUMBER * (steps + kept + 4300) + 84 * VARIABLE
     # covariances are made one filter after the other
     memory = flown * (n + 3) + section.steps * 8 * n * n + kept + max(nominal, azimuth_, flare) * (4 * n * n + 8)
-    time = _experiments_time(scenario, runs) + _COVARIANCE_TIME * covariances
-    return Budget(
-        BASE_TIME + 1.0 + time + 1e-5 * section.steps, BASE_MEMORY + NUMBER * memory + WRITING * result, result
-    )
-
-
-def _experiments_time(scenario: Elevation, runs: int | None) -> float:
-    section = scenario.montecarlo
-    of_each = runs or section.runs
-    return section.experiments * of_each * (section.steps * _STEP_TIME + _RUN_TIME)
+    return Budget(BASE_MEMORY + NUMBER * memory + WRITING * result, result)
 
 
 def mostly_experiments(scenario: Elevation, runs: int | None = None) -> bool:
     """Whether a block of the experiments tells how long all of the elevation filter takes: what comes after them takes
-    seconds, or a third of their time at most."""
-    rest = mls_elevation(scenario, runs).time_s - _experiments_time(scenario, runs)
-    return rest < max(BASE_TIME + _FEW_S, _experiments_time(scenario, runs) / 3.0)
+    a third of their time at most."""
+    section = scenario.montecarlo
+    filters = len(scenario.nominal.rate_variances_deg2_s2) + len(elevation.ORDERS)
+    covariances = scenario.nominal_steps * (filters + len(scenario.nominal.first_order_variances_deg2))
+    covariances += scenario.azimuth_steps * len(scenario.azimuth.rate_variances_deg2_s2)
+    flares = len(elevation.FLARE_SOURCES) * len(scenario.flare.rate_variances_deg2_s2)
+    covariances += elevation.flare_steps(scenario) * flares
+    return 3 * _COVARIANCE_STEPS * covariances < section.experiments * (runs or section.runs) * section.steps
 
 
 def atc_tracking(scenario: Atc, runs: int | None = None) -> Budget:
@@ -71,11 +60,9 @@ def atc_tracking(scenario: Atc, runs: int | None = None) -> Budget:
     # the study of the data link flies the first case with exact reports, then by age, unknown and known
     study_runs = scenario.link.study_runs if atc.linked(scenario) else 0
     ages = len(scenario.link.study_latencies_s)
-    study = study_runs * scans[0] * 2 * (1 + 2 * ages)
     result += NUMBER * 100 * (1 + ages) + 7 * VARIABLE
     present = max([NUMBER * count * numbers * k for k in scans] + [NUMBER * study_runs * numbers * scans[0]])
     return Budget(
-        BASE_TIME + (count * sum(scans) + study) * _ATC_TIME,
         BASE_MEMORY + present + (1.0 + WRITING) * result + _circuit_memory(scenario.circuit.duration_s),
         result,
     )
@@ -90,18 +77,12 @@ def azimuth_tracking(scenario: Azimuth, runs: int | None = None) -> Budget:
     errors = NUMBER * sum(k * f * (count + 1) for k, f in zip(scans, filters, strict=True))
     truth = NUMBER * 9 * (1 + int(scenario.circuit.duration_s * 10.0))
     result = errors + NUMBER * (2 * sum(scans) + count) + truth + 3000 + (32 + 17.5 * len(scans)) * VARIABLE
-    ages = len(scenario.latencies_s)
-    time = count * sum(scans) * _AZIMUTH_TIME * (every + 2 * ages) / 18.0
     present = count * max(scans)
     if azimuth.mapped(scenario):
         section = scenario.map
         of_map = [section.runs * scenario.circuit.scans(period) for period in section.periods_s]
-        cases = len(section.azimuth_sigmas_deg) + len(section.latencies_s)
-        tunings = len(section.singer_sigmas_m_s2) + len(section.residual_sigmas_m_s2)
-        time += sum(of_map) * cases * tunings * _MAP_TIME
         present = max(present, *of_map)
     return Budget(
-        BASE_TIME + time,
         BASE_MEMORY + present * _AZIMUTH_MEMORY + WRITING * result + _circuit_memory(scenario.circuit.duration_s),
         result,
     )

@@ -48,7 +48,10 @@ class CompanionJob:
         return []
 
     def prepare(self, executor: Executor, allow: Allow) -> None:
-        allow(self._budget(self.section, self.options.runs))
+        allow(self.estimate())
+
+    def estimate(self) -> Budget:
+        return self._budget(self.section, self.options.runs)
 
     def described(self) -> str:
         return f"a study of kind {self.section.kind}"

@@ -2,7 +2,7 @@
 steps of its own: its work comes line by line and ends when the source does.)
 
 opened      from the validated file and what the command line says beside it, cheap
-prepared    files read, the extent known and allowed, what all of the work shares made
+prepared    files read, memory and disk estimated (`estimate`) and allowed, what all of the work shares made
 run         pieces of it kept in a store, done by an executor, to a result
 """
 
@@ -51,10 +51,10 @@ class Options:
 
 
 class Allow(Protocol):
-    """Told what the work will take before anything of its size is made; raises where it is not to be. final: more will
-    not be known. at_most: the work may end earlier by itself."""
+    """Told what the work will take before anything of its size is made; raises where it is not to be. at_most: the
+    work may end earlier by itself."""
 
-    def __call__(self, budget: Budget, final: bool = True, at_most: bool = False) -> None: ...
+    def __call__(self, budget: Budget, at_most: bool = False) -> None: ...
 
 
 class Tell(Protocol):
@@ -112,6 +112,12 @@ class Job(Protocol):
 
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         """Do the work, going on from what the store has. Raises JobError, ResultError, PartialError."""
+
+
+class Check(Protocol):
+    """Warns of what a validated file says: its section, its document. Raises InputError."""
+
+    def __call__(self, section: Any, document: Any) -> list[str]: ...
 
 
 class Opener(Protocol):

@@ -27,12 +27,12 @@ class Request:
     away: str = ""
 
 
-def tell(asked: Request, estimate: Budget, speech: Speech, timed: bool = False) -> None:
-    """Say what work will take. timed: its time is by a block of it that was."""
+def tell(asked: Request, estimate: Budget, speech: Speech, seconds: float | None = None) -> None:
+    """Say what work will take. seconds: from start to end, by a block of it that was timed."""
     from navsim.study.budget.estimate import said as estimated
     from navsim.study.budget.machine import machine
 
-    words = estimated(estimate, machine(asked.target.parent), asked.away, timed)
+    words = estimated(estimate, machine(asked.target.parent), asked.away, seconds)
     speech.say(f"{asked.name}: {'at most ' if asked.at_most else ''}{words}")
 
 

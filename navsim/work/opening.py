@@ -57,57 +57,16 @@ def opened(command: str, source: Source, assignments: Sequence[Assignment], opti
     return job, job.suffix or suffix
 
 
-_LOOKED_AT = 1000
-"""Combinations of a sweep that are checked one by one."""
-
-
 def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section, Document, list[str]]:
     """A scenario, study or log that is right as far as can be told without computing it, the files too that it names,
     and warnings of what would not be used or would be left out. Raises BadInput."""
+    from navsim.kinds import KINDS, named
     from navsim.scenario.load import read_any
 
     with misread():
         section, document = read_any(source, assignments)
-        return section, document, _told(section, document)
-
-
-def _told(section: Section, document: Document) -> list[str]:
-    """Warnings of what a section says. Its files are read as whoever computes it does, a study's base scenario is
-    checked with what the study sets, and its combinations. Raises InputError."""
-    from navsim.scenario.landing import Landing
-    from navsim.scenario.load import base_of
-
-    if isinstance(section, Landing):
-        from navsim.study.foreseen import told
-
-        return told(section, document)
-    if document.data["kind"] == "replay":
-        from navsim.scenario.replay import Replay
-        from navsim.study.replay import read
-
-        assert isinstance(section, Replay)
-        return read(section, document).warnings
-    if document.data["kind"] == "sweep":
-        from navsim.scenario.sweep import Sweep
-        from navsim.study.sweep import plan
-
-        assert isinstance(section, Sweep)
-        whole = plan(section, document, base_of(section, document), seed=1)
-        looked, wrong = whole.invalid(_LOOKED_AT)
-        if not wrong:
-            return whole.warnings
-        settings, error = wrong[0]
-        where = ", ".join(f"{key} = {value}" for key, value in settings.items())
-        of = f"all {looked}" if looked == whole.size else f"{looked} looked at, of {whole.size}"
-        count = f"{len(wrong)} of {of} combinations are no valid scenario and would be left out"
-        return [*whole.warnings, f"{count}; the first, with {where}: {'; '.join(map(str, error.problems))}"]
-    if document.data["kind"] == "optimize":
-        from navsim.scenario.optimize import Optimize
-        from navsim.study.objective import problem
-
-        assert isinstance(section, Optimize)
-        return problem(section, document, base_of(section, document)).warnings
-    return []
+        check = KINDS[document.data["kind"]].check
+        return section, document, named(check)(section, document) if check else []
 
 
 def target_of(output: Path | None, default: str) -> Path:

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from navsim.study.partial import Store
 
 
+_SHELL_TIME = 0.5
+"""Seconds of a process beside preparing its work and doing it."""
+
+
 @dataclass(frozen=True)
 class Order:
     """What is to be done with a job. options: as the job has them. figures: see `target.figure_folder`; plain: none of
@@ -98,48 +102,47 @@ def _prepare(
     from navsim.results.findings import several
 
     away = f"on {several(executor.workers, 'worker')} of {executor.name}" if executor.name else ""
-    final_ones: list[tuple[Request, Budget]] = []
+    estimates: list[tuple[Request, Budget]] = []
 
-    def allow(budget: Budget, final: bool = True, at_most: bool = False) -> None:
+    def allow(budget: Budget, at_most: bool = False) -> None:
         asked = Request(name, target, order.over_budget, at_most, away)
-        afford(asked, budget, listener.speech, order.dry_run and final)
-        if final:
-            final_ones.append((asked, budget))
+        afford(asked, budget, listener.speech, order.dry_run)
+        estimates.append((asked, budget))
 
     with failures(name):
         job.prepare(executor, allow)
     for warning in job.warnings:
         listener.speech.warn(warning)
-    return final_ones[-1]
+    return estimates[-1]
 
 
 def _told(name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor) -> None:
     """Say what a job would take: its time by a block of it that is done, where that needs nothing to be compiled."""
     from navsim.core import jit
-    from navsim.study.budget.estimate import SHELL_TIME
     from navsim.work.timed import seconds_of
 
     begun = time.monotonic()
     asked, budget = _prepare(name, job, target, order, listener, executor)
-    seconds = None
-    if jit.is_warm(job.kernels):
+    seconds, why = None, "this work is not done in parts that take the same time"
+    if not jit.is_warm(job.kernels):
+        why = "its kernels are not compiled yet, which takes about a minute"
+    else:
         prepared = time.monotonic() - begun
         with failures(name):
             seconds = seconds_of(job, executor)
-    if seconds is not None:
-        budget = replace(budget, time_s=SHELL_TIME + prepared + seconds)
-    tell(asked, budget, listener.speech, timed=seconds is not None)
-    if not jit.is_warm(job.kernels):
-        first = "compiling the kernels of this kind of computation, the first time, takes about a minute more"
-        listener.speech.say(first)
+        if seconds is not None:
+            seconds += _SHELL_TIME + prepared
+    tell(asked, budget, listener.speech, seconds)
+    if seconds is None:
+        listener.speech.say(f"{name}: its time is not estimated: {why}")
     listener.speech.say(f"{name}: {job.described()}; would write {target}")
-    if kept := _begun_before(job, target, budget.time_s, order.options.fresh):
+    if kept := _begun_before(job, target, seconds, order.options.fresh):
         listener.speech.say(kept)
 
 
-def _begun_before(job: Job, target: Path, seconds: float, fresh: bool) -> str:
+def _begun_before(job: Job, target: Path, seconds: float | None, fresh: bool) -> str:
     """What of a job was finished before, and what is left of it, in words; "" where nothing lies there. seconds: that
-    all of it takes."""
+    all of it takes, where that is known."""
     from navsim.results.atomic_write import partial_folder
     from navsim.study.budget.estimate import duration
     from navsim.study.partial import PartialError, begun_before
@@ -159,9 +162,10 @@ def _begun_before(job: Job, target: Path, seconds: float, fresh: bool) -> str:
         parts = f"{begun.pieces} finished steps and {begun.analyses} analyses"
         return f"{folder}: begun before; {parts} are kept, and are not made again"
     left = max(job.pieces - begun.pieces, 0)
-    remaining = duration(seconds * left / job.pieces)
-    parts = f"{begun.pieces} of {job.pieces} pieces of the {job.work}"
-    return f"{folder}: begun before; {parts} are kept, what remains to be computed takes {remaining}"
+    kept = f"{folder}: begun before; {begun.pieces} of {job.pieces} pieces of the {job.work} are kept"
+    if seconds is None:
+        return kept
+    return f"{kept}, what remains to be computed takes {duration(seconds * left / job.pieces)}"
 
 
 def _computed(

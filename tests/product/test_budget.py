@@ -16,13 +16,13 @@ from navsim.scenario.load import read, read_for
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.study import landing
 from navsim.study.budget.estimate import Budget
-from navsim.study.budget.landing import further
-from navsim.study.budget.landing import landing as estimated
 from navsim.study.executor import threads
 from navsim.study.job import Job, Opener, Options
 from navsim.study.jobs.integrity_table import IntegrityTableJob
 from navsim.study.jobs.table2 import Table2Job
 from navsim.study.landing.covariance import budget
+from navsim.study.landing.estimate import further
+from navsim.study.landing.estimate import landing as estimated
 from navsim.study.partial import Store
 from tests.conftest import LANDINGS, SCENARIOS
 from tests.helpers import case
@@ -102,7 +102,7 @@ def estimate(line: str, keys: Sequence[str]) -> Budget:
         opener: Opener = named(KINDS[document.data["kind"]].job)
         job = opener(section, document, Options(runs=runs, keep=given.get("--keep")))
 
-    def allow(budget: Budget, final: bool = True, at_most: bool = False) -> None:
+    def allow(budget: Budget, at_most: bool = False) -> None:
         told.append(budget)
 
     job.prepare(threads(2), allow)

@@ -1,4 +1,4 @@
-"""An estimate of time, memory and disk, and how it is said."""
+"""An estimate of memory and disk, and how it is said, with the time where a block of the work was timed."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from dataclasses import dataclass
 
 from navsim.study.budget.machine import Machine
 
-SPREAD, TIMED_SPREAD = 3, 1.5
-"""The factor within which the time is told: machines, caches and what else runs on them differ by that, and by the
-second where a block of the work itself was timed (`scripts/dry_runs.py`)."""
+SPREAD = 1.5
+"""The factor within which the time is told (`scripts/dry_runs.py`)."""
 
 NUMBER = 8
 BASE_MEMORY = 200e6
 """The process with its libraries and kernels, bytes."""
-BASE_TIME, SHELL_TIME = 1.5, 0.5
-"""Seconds of any work, with kernels to be loaded; of a process beside preparing its work and doing it."""
 VARIABLE = 2900
 """What a variable of one dimension adds to a file beside its numbers, bytes: name, units, where its chunks are."""
 AXIS = 520
@@ -31,12 +28,10 @@ BATCH_FILE = 12_000
 class Budget:
     """What a study will take.
 
-    time_s: from start to end, s, within a factor of SPREAD, or of TIMED_SPREAD. memory_bytes: the most the process
-    holds at once, within a factor of two. result_bytes: the files that stay, without figures. partial_bytes: what
-    finished work takes beside the result until it is complete.
+    memory_bytes: the most the process holds at once, within a factor of two. result_bytes: the files that stay,
+    without figures. partial_bytes: what finished work takes beside the result until it is complete.
     """
 
-    time_s: float
     memory_bytes: float
     result_bytes: float
     partial_bytes: float = 0.0
@@ -57,15 +52,15 @@ def lacking(estimate: Budget, here: Machine, kept: float = 0.0) -> list[str]:
     return out
 
 
-def said(estimate: Budget, here: Machine, where: str = "", timed: bool = False) -> str:
-    """The estimate in words. where: the work is done, if not here. timed: its time is by a block of the work."""
+def said(estimate: Budget, here: Machine, where: str = "", seconds: float | None = None) -> str:
+    """The estimate in words. where: the work is done, if not here. seconds: of the work, by a block that was timed."""
     parts = f", {size(estimate.partial_bytes)} of it until the result is complete" if estimate.partial_bytes else ""
     cores = f"on this machine's {here.cores} core{'' if here.cores == 1 else 's'}"
-    how = f"within a factor of {TIMED_SPREAD}, by a block that was timed" if timed else f"within a factor of {SPREAD}"
-    return (
-        f"{duration(estimate.time_s, 2 if timed else 1)} {where or cores} ({how}), about "
-        f"{size(estimate.memory_bytes)} of memory, {size(estimate.disk_bytes)} on disk{parts}"
-    )
+    time = ""
+    if seconds is not None:
+        how = f"within a factor of {SPREAD:g}, by a block that was timed"
+        time = f"{duration(seconds, 2)} {where or cores} ({how}), "
+    return f"{time}about {size(estimate.memory_bytes)} of memory, {size(estimate.disk_bytes)} on disk{parts}"
 
 
 def size(count: float) -> str:

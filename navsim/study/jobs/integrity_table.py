@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from navsim.gnss.signals import Environment
 from navsim.results.result import Sort
+from navsim.results.schema import MOST_LEVELS
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 from navsim.study import integrity_table, landing
-from navsim.study.budget.studies import levels_of_subsets
+from navsim.study.budget.estimate import NUMBER, VARIABLE, WRITING, Budget
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, JobError, Outcome, Tell
+from navsim.study.landing.estimate import extent, shared_memory
 from navsim.study.partial import Store
+
+_TEXTS = 6400
+"""Scenario and study in the attributes of a result, bytes."""
+_LEVEL_MEMORY = 200
+"""A pair of sources at an epoch then, bytes."""
 
 
 class IntegrityTableJob:
@@ -44,13 +51,16 @@ class IntegrityTableJob:
 
     def prepare(self, executor: Executor, allow: Allow) -> None:
         def ask(scenario: Landing, sources: Environment) -> None:
-            allow(levels_of_subsets(scenario, sources))
+            allow(self.estimate(scenario, sources))
 
         self.case = landing.prepare(self.section, self.document, ask)
         try:
             self.watched = integrity_table.watched(self.case)
         except ValueError as error:
             raise JobError(str(error)) from None
+
+    def estimate(self, scenario: Landing, sources: Environment) -> Budget:
+        return estimated(scenario, sources)
 
     def described(self) -> str:
         here = self.watched
@@ -64,3 +74,14 @@ class IntegrityTableJob:
 
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         return Outcome(integrity_table.compute(self.case, self.watched, self.seed, tell))
+
+
+def estimated(scenario: Landing, sources: Environment) -> Budget:
+    """What is possible by rank, and the levels of subsets of the satellites in an approach."""
+    here = extent(scenario, sources)
+    separated = scenario.integrity is not None and scenario.integrity.method != "chi2"
+    result = _TEXTS + NUMBER * MOST_LEVELS + (20 if separated else 18) * VARIABLE
+    return Budget(
+        shared_memory(here) + _LEVEL_MEMORY * MOST_LEVELS * here.sources**2 + WRITING * result,
+        result,
+    )

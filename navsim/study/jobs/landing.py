@@ -9,11 +9,12 @@ from navsim.results.result import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, Sort
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 from navsim.study import landing
-from navsim.study.budget.landing import landing as estimated
+from navsim.study.budget.estimate import Budget
 from navsim.study.ensemble import BATCH, Until
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.landing import rare
+from navsim.study.landing.estimate import landing as estimated
 from navsim.study.partial import Store
 from navsim.words import option
 
@@ -43,10 +44,12 @@ class _Prepared:
 
     def _prepare(self, runs: int, keep: str, executor: Executor, allow: Allow, at_most: bool) -> None:
         def ask(scenario: Landing, sources: Environment) -> None:
-            budget = estimated(scenario, sources, runs, keep, executor.workers, executor.away)
-            allow(budget, at_most=at_most)
+            allow(self.estimate(scenario, sources, runs, keep, executor), at_most)
 
         self.case = landing.prepare(self.section, self.document, ask)
+
+    def estimate(self, scenario: Landing, sources: Environment, runs: int, keep: str, executor: Executor) -> Budget:
+        return estimated(scenario, sources, runs, keep, executor.workers, executor.away)
 
     @property
     def warnings(self) -> list[str]:

@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from navsim.results.result import ONE_RUN, SEVERAL_RUNS, ResultError, Sort
-from navsim.study.budget.estimate import BASE_MEMORY, BASE_TIME, BUILT_IN_MEMORY, VARIABLE, WRITING, Budget
+from navsim.study.budget.estimate import BASE_MEMORY, BUILT_IN_MEMORY, VARIABLE, WRITING, Budget
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Outcome, Tell
 from navsim.study.landing import Case, merge
 from navsim.study.partial import Store
-
-_BYTE_TIME = 1.5e-8
-"""Seconds a byte of the parts, read twice, added up and written."""
 
 
 class MergeJob:
@@ -36,11 +33,7 @@ class MergeJob:
         return self.case.warnings
 
     def prepare(self, executor: Executor, allow: Allow) -> None:
-        size = sum(file.stat().st_size for file, _ in self.parts)
-        numbers = sum(v.data.nbytes for _, one in self.parts for path, v in one.variables.items() if "/part/" in path)
-        image = min(size, BUILT_IN_MEMORY) * WRITING
-        variables = len(self.parts[0][1].variables) * VARIABLE
-        allow(Budget(BASE_TIME + _BYTE_TIME * size, BASE_MEMORY + 3.0 * numbers + image, float(size + variables)))
+        allow(self.estimate())
         for file, one in self.parts:
             try:
                 merge.read_through(one)
@@ -49,6 +42,13 @@ class MergeJob:
             except ValueError as error:
                 raise OptionError(f"{file}: {error}") from None
         self.case = merge.case_of(self.parts, self._folder)
+
+    def estimate(self) -> Budget:
+        size = sum(file.stat().st_size for file, _ in self.parts)
+        numbers = sum(v.data.nbytes for _, one in self.parts for path, v in one.variables.items() if "/part/" in path)
+        image = min(size, BUILT_IN_MEMORY) * WRITING
+        variables = len(self.parts[0][1].variables) * VARIABLE
+        return Budget(BASE_MEMORY + 3.0 * numbers + image, float(size + variables))
 
     def described(self) -> str:
         return merge.described(self.parts)

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 
 from navsim.gnss.signals import Environment
 from navsim.results.result import Result, Sort
 from navsim.results.schema import LARGE, OBJECTIVE_QUANTITIES
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
-from navsim.scenario.optimize import Optimize
+from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.source import Document
 from navsim.study import optimize
-from navsim.study.budget import studies as estimates
-from navsim.study.budget.estimate import Budget
+from navsim.study.budget.estimate import BASE_MEMORY, NUMBER, VARIABLE, Budget
 from navsim.study.confirmation import RUNS
 from navsim.study.executor import Away, Executor
 from navsim.study.job import Allow, Options, Outcome, Tell
 from navsim.study.journal import Journal
+from navsim.study.landing.estimate import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, extent
 from navsim.study.objective import UNMET, PlacementProblem, load_of, problem
 from navsim.study.partial import Store
-from navsim.study.search import COARSE, FULL
+from navsim.study.search import CHUNK, COARSE, FULL
+from navsim.study.sources import glide_epochs
 from navsim.study.watch import Progress, Watch
+
+_JUDGED_MEMORY = 70
+"""A site of a placement at an epoch while rules are judged, bytes."""
 
 
 class OptimizeJob:
@@ -43,16 +47,15 @@ class OptimizeJob:
 
     def prepare(self, executor: Executor, allow: Allow) -> None:
         self._watch = Watch(time_limit=self.options.time_limit)
-        asked: list[Budget] = []
 
         def ask(scenario: Landing, sources: Environment) -> None:
-            asked.append(estimates.posing(self.section, scenario, sources))
-            allow(asked[0], final=False)
+            allow(self.estimate(scenario, sources))
 
         self.posed = problem(self.section, self.document, self.base, ask)
         self._runs = RUNS if self.options.runs is None else self.options.runs
-        time = asked[0].time_s + estimates.search_time(self.posed) + estimates.confirming_time(self.posed, self._runs)
-        allow(replace(asked[0], time_s=time), at_most=True)
+
+    def estimate(self, scenario: Landing, sources: Environment) -> Budget:
+        return estimated(self.section, scenario, sources)
 
     def described(self) -> str:
         return f"{self.section.objective} for {list(self.section.counts)} pseudolites"
@@ -98,3 +101,30 @@ def said(progress: Progress, unit: str, large: bool = False, quick: bool = False
         best += f" at s, l1 {at} m"
     remaining = "time left not known yet" if progress.remaining is None else f"at most {progress.remaining:.0f} s left"
     return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"
+
+
+def estimated(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
+    """What a search for placements takes."""
+    here = extent(scenario, sources)
+    starts = 1 if study.period is None else study.period.count
+    most = max(study.counts)
+    # a map is judged at one go, choices of sites in chunks
+    at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.counts}
+    judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.counts)
+    signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
+    glide = int(glide_epochs(scenario, scenario.trajectory())[1].sum())  # epochs by which placements are judged
+    ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
+    judged = _JUDGED_MEMORY * judged_places * glide * ruled
+    result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 46 * VARIABLE
+    flown = 0.0
+    if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
+        flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
+    return Budget(
+        BASE_MEMORY + signals + judged + flown,
+        result,
+    )
+
+
+def check(section: Optimize, document: Document) -> list[str]:
+    """Warnings of a search: its base scenario is checked with what the study sets. Raises InputError."""
+    return problem(section, document, base_of(section, document)).warnings

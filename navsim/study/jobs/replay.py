@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from navsim.results.findings import several
 from navsim.results.result import Sort
+from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario.replay import Replay
 from navsim.scenario.source import Document
 from navsim.study import replay
-from navsim.study.budget.studies import recorded
+from navsim.study.budget.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budget
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.partial import Store
 from navsim.words import option
+
+_READ_MEMORY = 600
+"""A sample or fix of a recording while it is read and judged, bytes."""
+_SPAN_MEMORY = 400
+"""An outage, bytes."""
+_REPLAYED_MEMORY = 3000
+"""An output or fix of a replayed flight, bytes."""
 
 
 class ReplayJob:
@@ -37,7 +45,10 @@ class ReplayJob:
 
     def prepare(self, executor: Executor, allow: Allow) -> None:
         self.recording = replay.prepare(self.section, self.document)
-        allow(recorded(self.recording))
+        allow(self.estimate())
+
+    def estimate(self) -> Budget:
+        return estimated(self.recording)
 
     def described(self) -> str:
         here = self.recording
@@ -51,3 +62,26 @@ class ReplayJob:
 
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         return Outcome(replay.compute(self.recording, tell))
+
+
+def estimated(recording: replay.Recording) -> Budget:
+    """A recorded flight that was read and aligned."""
+    samples, fixes = recording.samples.time.size, recording.fixes.time.size
+    lasts = float(recording.samples.time[-1]) - recording.alignment.time
+    rate = recording.scenario.filter.output_rate_hz
+    outputs = fixes + 1.0 if rate == "fixes" else lasts * rate
+    outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
+    smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
+    result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE
+    memory = (
+        _READ_MEMORY * (samples + fixes)
+        + _SPAN_MEMORY * outages
+        + smoothed * _REPLAYED_MEMORY * (outputs + fixes)
+        + WRITING * result
+    )
+    return Budget(BASE_MEMORY + memory, result)
+
+
+def check(section: Replay, document: Document) -> list[str]:
+    """Warnings of a log, whose files are read. Raises InputError."""
+    return replay.read(section, document).warnings

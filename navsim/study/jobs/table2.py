@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from navsim.results.result import Sort
+from navsim.scenario.load import read
+from navsim.scenario.shipped import path
 from navsim.study import table2
-from navsim.study.budget.studies import tables
+from navsim.study.budget.estimate import NUMBER, VARIABLE, WRITING, Budget
+from navsim.study.ensemble import BATCH
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, Outcome, Tell
+from navsim.study.landing.ensemble import HISTORIES, history_bytes
+from navsim.study.landing.estimate import STATISTICS, extent, shared_memory, sums_bytes
 from navsim.study.partial import Store
+from navsim.study.sources import environment
 
 
 class Table2Job:
@@ -26,7 +32,10 @@ class Table2Job:
         return []
 
     def prepare(self, executor: Executor, allow: Allow) -> None:
-        allow(tables(self.runs, executor.workers))
+        allow(self.estimate())
+
+    def estimate(self) -> Budget:
+        return estimated(self.runs)
 
     def described(self) -> str:
         return f"{self.extent} rows of {self.runs} run(s)"
@@ -37,3 +46,21 @@ class Table2Job:
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         found = table2.compute_all(self.seed, self.runs, executor, tell)
         return Outcome(table2.result(found, self.seed, self.runs))
+
+
+def estimated(runs: int) -> Budget:
+    """Table 2 of the paper: every row under every calibration."""
+    memory, points = 0.0, 0
+    for calibration in table2.CALIBRATIONS:
+        scenario, document = read(path(calibration.name), table2.ROWS[-1].assignments())
+        sources, scenario, _ = environment(scenario, document)
+        here = extent(scenario, sources)
+        for i in range(len(table2.ROWS)):
+            keep = "errors" if i in table2.CURVES else "none"
+            # no partial work is kept: histories stay in memory
+            held = runs * sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
+            sums = -(-runs // BATCH) * sums_bytes(here)
+            memory = max(memory, shared_memory(here) + held + sums + 3 * STATISTICS * runs)
+        points = max(points, here.epochs)
+    result = NUMBER * points * (1 + 2 * len(table2.CURVES)) + 10_000 + 44 * VARIABLE
+    return Budget(memory + WRITING * result, result)

@@ -11,7 +11,7 @@ from navsim.gnss.events import PSEUDOLITES
 from navsim.gnss.receiver import epochs
 from navsim.gnss.signals import Environment
 from navsim.results.schema import SKY_TIMES
-from navsim.scenario.filter import SUM
+from navsim.scenario.filter import SMOOTHERS, SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import believed_latency, times_of
 from navsim.simulation.exclusion import MOST_KEPT, STRETCH
@@ -19,7 +19,6 @@ from navsim.simulation.landing_covariance import SOURCES
 from navsim.simulation.sensors import true_states
 from navsim.study.budget.estimate import (
     BASE_MEMORY,
-    BASE_TIME,
     BATCH_FILE,
     BUILT_IN_MEMORY,
     NUMBER,
@@ -42,33 +41,10 @@ COLUMNS = 52
 """Numbers of a run that its result keeps for merging."""
 PUSHED = 8
 """Numbers that a result keeps of a pushed run."""
-_PUSHED_TIME = 1.5
-"""Times as long as another a run takes that is pushed."""
-
-SAMPLE_TIME, FIX_TIME = 0.25e-6, 3e-6
-"""Seconds a sample, and a fix, of a run of a filter among as many as fly at once."""
-WAY_TIME, WAY = 0.05e-6, 40
-"""Seconds a draw at a sample of a run's own way, and numbers that its way has at a sample."""
-SMOOTHING = {"rts": 4.0, "map": 10.0}
-"""Times as long a run of a smoother takes."""
-COMPONENTS = 0.25
-"""Part of the components that a Gaussian sum may have that it has on average: 2 to 6 of 20 in the shipped scenarios."""
+WAY = 40
+"""Numbers that a run's own way has at a sample."""
 FLOWN = 60
 """Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
-SIGHT_TIME, RIDGE_TIME = 3e-6, 5e-6
-"""Seconds a source of signals at an epoch, from orbits to what is seen of it, and a ridge of the terrain at one."""
-_BANK_TIME, _WATCHED_TIME = 0.07, 0.085
-"""Parts of a covariance analysis that the gains of a filter take by which the filter is watched, and of a run that its
-fixes do."""
-_DRAW_TIME = 0.4e-6
-"""Seconds a draw of the errors of a fix."""
-_PREPARED_TIME = 16e-6
-"""Seconds a sample of what all runs share."""
-_EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
-"""Seconds an epoch of the covariance analysis, a source of signals at it, and a sample."""
-_WANDER_TIME, _PRESSURE_TIME = 0.25e-3, 30e-6
-"""Seconds an epoch of the analysis at which clocks of pseudolites wander, however many, and a sample where the pressure
-of a barometric altimeter has errors that last."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +56,7 @@ class Extent:
     each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges; whether
     inertial sensors have errors beyond those that are drawn with the noise; whether runs have ways of their own, of
     which discrete gusts draw nothing; signals that interfere with the sources', none where nothing is said of it;
-    corners of the horizon; ridges of the terrain; whether clocks of pseudolites wander, and whether pressure has errors
-    that last; states beside the clock's that belong to no group of three."""
+    states beside the clock's that belong to no group of three."""
 
     samples: int
     epochs: int
@@ -100,10 +75,6 @@ class Extent:
     imperfect: bool = False
     ways: bool = False
     interfering: int | None = None
-    corners: int = 0
-    ridges: int = 0
-    wandering: bool = False
-    pressing: bool = False
     single: int = 0
 
     def sizes(self) -> dict[str, int]:
@@ -132,7 +103,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     if of_ground:
         clocks.add(sources.pseudolites.clock)
     scales = 1 if sources.effects.one_clock else len(clocks)
-    jamming, pressure = sources.jamming, scenario.barometric_altimeter
+    jamming = sources.jamming
     lasting = scenario.lasting_states(names // 2)  # about half of a sky is received
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
@@ -150,10 +121,6 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         any(triad.further.there for triad in scenario.imu.triads()),
         scenario.air() is not None,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
-        0 if sources.mask.horizon is None else sources.mask.horizon.azimuth.size,
-        len(sources.terrain),
-        scenario.pseudolites.clock_noise is not None and of_ground > 0,
-        pressure is not None and (pressure.qnh_sigma_hpa > 0.0 or pressure.drift_m > 0.0),
         (lasting if scenario.filter.tight else 0) + scenario.height_states,
     )  # fmt: skip
 
@@ -191,12 +158,6 @@ def landing(
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources + (here.samples if keep == "all" else 0))
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
-        BASE_TIME
-        + prepared(here)
-        + -(-runs // WIDTH) * WIDTH * run_time(scenario, here) / workers
-        + 2e-9 * streamed
-        + _sampling_time(scenario, here)
-        + bank_time(here),
         shared_memory(here) + held + 3 * STATISTICS * runs + sums + image,
         result,
         runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
@@ -215,24 +176,6 @@ def _waiting(scenario: Landing) -> float:
     return max(of_fixes, *map(believed_latency, scenario.aiding()), 0.0)
 
 
-def run_time(scenario: Landing, here: Extent) -> float:
-    """Seconds of one run on one core."""
-    # of a sky about half is received
-    weighed = here.epochs * max(1.0, 0.5 * here.ranged) + here.aided + here.ahead
-    flown = here.samples + here.epochs * _waiting(scenario) * scenario.imu.rate_hz
-    once = SAMPLE_TIME * flown + FIX_TIME * weighed
-    once += WAY_TIME * here.deviating * here.samples
-    if not here.ranged:
-        once *= 1.0 + _WATCHED_TIME * here.filters
-    flights = 2.0 if scenario.steered else 1.0
-    return flights * times_as_long(scenario.filter.kind, scenario.filter.gaussian_sum.components) * once
-
-
-def times_as_long(kind: str, components: int) -> float:
-    """How many times as long as with one Gaussian a run takes with a kind of estimator."""
-    return max(1.0, COMPONENTS * components) if kind == SUM else SMOOTHING.get(kind, 1.0)
-
-
 def flying_memory(scenario: Landing, here: Extent) -> float:
     """What a worker holds of the runs that it flies at once, bytes."""
     kept = sum(history_bytes(name, here.sizes()) for name in HISTORIES["all"])
@@ -241,7 +184,7 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
         of_one += NUMBER * 15 * here.samples
     if here.ways:
         of_one += NUMBER * ((WAY + here.deviating) * here.samples + here.epochs * (60 + 2 * here.sources))
-    if scenario.filter.kind in SMOOTHING:  # its whole flight: five covariances at every instant
+    if scenario.filter.kind in SMOOTHERS:  # its whole flight: five covariances at every instant
         of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
     if scenario.filter.kind == SUM:
         of_one += NUMBER * 2 * here.states**2 * scenario.filter.gaussian_sum.components
@@ -249,21 +192,6 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
         of_one += NUMBER * FLOWN * STRETCH * here.sources
     of_one += NUMBER * MOST * here.filters * here.epochs
     return WIDTH * of_one + (MOST_KEPT if here.settled else 0)
-
-
-def _sampling_time(scenario: Landing, here: Extent) -> float:
-    """Seconds for the risks beyond the levels, of as many faults as there are sources, and some more."""
-    tails = None if scenario.integrity is None else scenario.integrity.tails
-    return 0.0 if tails is None else 3 * len(tails.at_s) * 1.5 * tails.samples * (here.sources + 4) * _DRAW_TIME
-
-
-def bank_time(here: Extent) -> float:
-    """Seconds for the gains and levels of the filters that watch the filter."""
-    return _BANK_TIME * here.filters * analysis_time(here)
-
-
-def prepared(here: Extent) -> float:
-    return _PREPARED_TIME * here.samples + here.epochs * (SIGHT_TIME * here.sources + RIDGE_TIME * here.ridges)
 
 
 def shared_memory(here: Extent) -> float:
@@ -348,7 +276,6 @@ def _analysed(scenario: Landing, sources: Environment, here: Extent) -> Budget:
     of_states = (errors + 4) * here.states
     result = _common_bytes(scenario, here) + NUMBER * outputs * (8 + of_states) + 110 * VARIABLE
     return Budget(
-        BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here) + bank_time(here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
         result,
     )
@@ -363,17 +290,9 @@ def _pushed(scenario: Landing, here: Extent, runs: int, workers: int, away: bool
     flying = 2 * TASK_BYTES if away else workers * flying_memory(scenario, here) + pushes
     numbers = (NUMBER * PUSHED + STATISTICS) * runs
     batches = -(-runs // BATCH)
-    time = -(-runs // WIDTH) * WIDTH * run_time(scenario, here) * _PUSHED_TIME / workers
     return Budget(
-        BASE_TIME + prepared(here) + analysis_time(here) + time,
         shared_memory(here) + ANALYSED_MEMORY * here.epochs + flying
         + 3 * STATISTICS * runs + WRITING * numbers,
         numbers + 24 * VARIABLE,
         runs * STATISTICS + batches * BATCH_FILE if runs > BATCH else 0.0,
     )  # fmt: skip
-
-
-def analysis_time(here: Extent) -> float:
-    weighed = here.epochs + here.aided + here.ahead
-    lasting = here.wandering * _WANDER_TIME * here.epochs + here.pressing * _PRESSURE_TIME * here.samples
-    return lasting + weighed * _EPOCH_TIME + here.epochs * _SLOPE_TIME * here.sources + _ANALYSED_TIME * here.samples
