@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 import navsim
+from navsim.landing.study import covariance_analysis, prepare
 from navsim.scenario.load import read
-from navsim.study.landing import covariance_analysis, prepare
 
 case = prepare(*read(Path(sys.argv[1]), sys.argv[2:]))
 covariance_analysis(case)

@@ -9,8 +9,8 @@ from pathlib import Path
 from kernels import landing
 from measure import Curve, Job, Plan, alternate, seconds, spread, table, timed
 
-from navsim.study.executor import threads
-from navsim.study.landing import fly_all
+from navsim.landing.study import fly_all
+from navsim.runner.executor import threads
 
 GOLDEN_DEG = 137.50776405
 """Azimuth from one source to the next, so that any number of them are spread."""

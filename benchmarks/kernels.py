@@ -16,9 +16,9 @@ from navsim.core.lanes import WIDTH
 from navsim.estimation.estimate import fly, in_all_lanes
 from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import ESKF, TFG, ImuData, Truth, empty_account, start
+from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
 from navsim.simulation.landing import exact_start, table_of_fixes
-from navsim.study.landing import Case, prepare
 
 RIVAL_SECONDS = (12.0, 2.0)
 """Length of flight given to the slowest rival, s, in full and in brief; its time per step does not depend on it."""
@@ -184,9 +184,9 @@ def by_states(plan: Plan) -> tuple[list[Line], Curve]:
 
 def placements(plan: Plan) -> list[Line]:
     """DOPs of 200 x 200 placements of two pseudolites at 121 epochs, 12 sources: 4.84 million solutions."""
+    from navsim.landing.sources import environment
+    from navsim.optimization.placement import RunwayPlane
     from navsim.simulation.geometry import glide_geometry
-    from navsim.study.placement import RunwayPlane
-    from navsim.study.sources import environment
 
     scenario, document = read(SCENARIO, ["pseudolites.frame=runway", "pseudolites.count=0", "sky.mask_deg=0"])
     sources, scenario, _ = environment(scenario, document)
@@ -223,8 +223,8 @@ def placements(plan: Plan) -> list[Line]:
 
 def analysis(plan: Plan) -> list[Line]:
     """Linear covariance analysis against runs of the same landing."""
-    from navsim.study.executor import threads
-    from navsim.study.landing import covariance_analysis, fly_all
+    from navsim.landing.study import covariance_analysis, fly_all
+    from navsim.runner.executor import threads
 
     case, count = landing("receiver.rate_hz=1"), plan.size(2000, 64)
     (linear,) = warmed(timed(lambda: covariance_analysis(case)))

@@ -161,10 +161,10 @@ def workers(plan: Plan) -> list[Line]:
 
 def _engine(plan: Plan) -> list[Line]:
     """The same without the process around it; batches are kept on disk as they are finished."""
+    from navsim.landing.study import fly_all, prepare
+    from navsim.runner.checkpoint import Store
+    from navsim.runner.executor import threads
     from navsim.scenario.load import read
-    from navsim.study.executor import threads
-    from navsim.study.landing import fly_all, prepare
-    from navsim.study.partial import Store
 
     case, count = prepare(*read(SCENARIO)), plan.size(1000, 64)
     with tempfile.TemporaryDirectory() as place:

@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from navsim.api.calls import validate as validate
     from navsim.api.result import ResultFile as ResultFile
     from navsim.api.result import load as load
-    from navsim.work.errors import BadInput as BadInput
-    from navsim.work.errors import NavsimError as NavsimError
-    from navsim.work.errors import RunFailed as RunFailed
+    from navsim.runner.errors import BadInput as BadInput
+    from navsim.runner.errors import NavsimError as NavsimError
+    from navsim.runner.errors import RunFailed as RunFailed
 
 _PLACES = {
     **dict.fromkeys(("run", "sweep", "optimize", "replay", "validate", "schema", "NavsimWarning"), "navsim.api.calls"),
     **dict.fromkeys(("load", "ResultFile"), "navsim.api.result"),
-    **dict.fromkeys(("NavsimError", "BadInput", "RunFailed"), "navsim.work.errors"),
+    **dict.fromkeys(("NavsimError", "BadInput", "RunFailed"), "navsim.runner.errors"),
 }
 """Where the names for users stand; imported when they are asked for (PEP 562)."""
 

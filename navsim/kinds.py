@@ -13,9 +13,9 @@ from navsim.words import command
 @dataclass(frozen=True)
 class Kind:
     """command: computes a file of it. noun: what such a file is called. section: the model of the file (a
-    `scenario.base.Section`), "" where there is no file. job: what makes the job of it (`study.job.Opener`), "" where
+    `scenario.base.Section`), "" where there is no file. job: what makes the job of it (`runner.job.Opener`), "" where
     the command alone knows how. check: what warns of what its section says, reading its files as whoever computes it
-    does (`study.job.Check`), "" where the section says all. view: how its results are shown (`report.view.View`). All
+    does (`runner.job.Check`), "" where the section says all. view: how its results are shown (`report.view.View`). All
     as "module:name"."""
 
     command: str
@@ -28,8 +28,8 @@ class Kind:
 
 KINDS = {
     "landing": Kind(
-        "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.study.jobs.landing:job",
-        check="navsim.study.foreseen:told",
+        "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.landing.job:job",
+        check="navsim.landing.preflight:told",
     ),
     "mls-elevation": Kind(
         "run", "navsim.companions.elevation.report:VIEW", "navsim.companions.elevation.scenario:Elevation",
@@ -44,16 +44,16 @@ KINDS = {
         "navsim.companions.jobs:azimuth_tracking",
     ),
     "sweep": Kind(
-        "sweep", "navsim.report.sweep:VIEW", "navsim.scenario.sweep:Sweep", "navsim.study.jobs.sweep:SweepJob", "study",
-        "navsim.study.jobs.sweep:check",
+        "sweep", "navsim.report.sweep:VIEW", "navsim.scenario.sweep:Sweep", "navsim.sweeps.job:SweepJob", "study",
+        "navsim.sweeps.job:check",
     ),
     "optimize": Kind(
         "optimize", "navsim.report.optimize:VIEW", "navsim.scenario.optimize:Optimize",
-        "navsim.study.jobs.optimize:OptimizeJob", "study", "navsim.study.jobs.optimize:check",
+        "navsim.optimization.job:OptimizeJob", "study", "navsim.optimization.job:check",
     ),
     "replay": Kind(
-        "replay", "navsim.report.replay:VIEW", "navsim.scenario.replay:Replay", "navsim.study.jobs.replay:ReplayJob",
-        "log", "navsim.study.jobs.replay:check",
+        "replay", "navsim.report.replay:VIEW", "navsim.scenario.replay:Replay", "navsim.replays.job:ReplayJob",
+        "log", "navsim.replays.job:check",
     ),
     "table2": Kind("table2", "navsim.report.table2:VIEW"),
     "integrity-table": Kind("integrity-table", "navsim.report.integrity_table:VIEW"),

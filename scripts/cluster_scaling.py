@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from navsim.core.jit import is_warm
+from navsim.landing import study as landing
+from navsim.landing.ensemble import LandingStudy
+from navsim.runner.batches import AHEAD, BATCH, TASK_BYTES, TASK_S, save
+from navsim.runner.checkpoint import Store
+from navsim.runner.cluster import Cluster
 from navsim.scenario.load import read
-from navsim.study import landing
-from navsim.study.cluster import Cluster
-from navsim.study.ensemble import AHEAD, BATCH, TASK_BYTES, TASK_S, save
-from navsim.study.landing.ensemble import LandingStudy
-from navsim.study.partial import Store
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "cluster-measured.md"
@@ -50,7 +50,7 @@ class Costs:
 
     @property
     def batches(self) -> int:
-        """Batches of a task, as `study.ensemble` makes them."""
+        """Batches of a task, as `runner.batches` makes them."""
         return max(1, int(min(TASK_S / self.flown_s, TASK_BYTES / self.size)))
 
     def client_s(self) -> float:

@@ -12,9 +12,9 @@ import measured
 import numpy as np
 
 from navsim.core.states import ACCEL, GYRO
+from navsim.landing.study import Case, covariance_analysis, fly_all, prepare
+from navsim.runner.executor import threads
 from navsim.scenario.load import read
-from navsim.study.executor import threads
-from navsim.study.landing import Case, covariance_analysis, fly_all, prepare
 
 ROOT = Path(__file__).resolve().parent.parent
 RUNS = 2000

@@ -14,9 +14,9 @@ from pathlib import Path
 import measured
 import numpy as np
 
+from navsim.landing.study import Case, covariance_analysis, fly_all, prepare
+from navsim.runner.executor import threads
 from navsim.scenario.load import read
-from navsim.study.executor import threads
-from navsim.study.landing import Case, covariance_analysis, fly_all, prepare
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared" / "data"

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from navsim.study.executor import threads
+from navsim.runner.executor import threads
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "dry-runs-measured.md"

@@ -27,9 +27,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from navsim.core.states import A_D, GYRO, NAMES, N, display_name
+from navsim.landing.study import Case, fly_all, prepare
+from navsim.runner.executor import threads
 from navsim.scenario.load import read
-from navsim.study.executor import threads
-from navsim.study.landing import Case, fly_all, prepare
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENARIOS = ROOT / "scenarios"
@@ -207,7 +207,7 @@ def fly(case: Case, seed: int, first: int, runs: int) -> Found:
     )  # fmt: skip
 
 
-DECIDING = ("core", "trajectory", "gnss", "sensors", "estimation", "simulation", "study/landing")
+DECIDING = ("core", "trajectory", "gnss", "sensors", "estimation", "integrity", "simulation", "landing")
 """Folders of the package that decide the numbers of a run."""
 
 

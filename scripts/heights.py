@@ -12,10 +12,10 @@ import measured
 import numpy as np
 
 from navsim.core import states
+from navsim.landing.study import Case, fly_all, prepare
+from navsim.runner.executor import threads
+from navsim.runner.statistics import consistency_band
 from navsim.scenario.load import read
-from navsim.study.executor import threads
-from navsim.study.landing import Case, fly_all, prepare
-from navsim.study.statistics import consistency_band
 
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 512

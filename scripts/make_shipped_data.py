@@ -31,11 +31,11 @@ from navsim.formats.rinex_write import navigation_lines
 from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass, glonass_broadcast, gps
 from navsim.gnss.constellations.systems import GLONASS, GPS
+from navsim.landing import study as landing
 from navsim.scenario.load import read
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.sensors import imu
 from navsim.simulation.landing import measured, receiver_fixes
-from navsim.study import landing
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
 DAY = datetime.date(2018, 9, 13)

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from navsim.core import states
-from navsim.study.executor import threads
-from navsim.study.landing import Case, covariance_analysis, fly_all
+from navsim.landing.study import Case, covariance_analysis, fly_all
+from navsim.runner.executor import threads
 
 ROOT = Path(__file__).resolve().parent.parent
 CODE = ("navsim", "scenarios", "scripts")

@@ -15,9 +15,9 @@ import measured
 import numpy as np
 
 from navsim.core import states
+from navsim.landing.case import rms_window
+from navsim.landing.study import Case, covariance_analysis, prepare
 from navsim.scenario.load import read
-from navsim.study.landing import Case, covariance_analysis, prepare
-from navsim.study.landing.case import rms_window
 
 ROOT = Path(__file__).resolve().parent.parent
 RUNS = 200

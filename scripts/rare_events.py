@@ -13,11 +13,12 @@ import measured
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from navsim.landing import rare
+from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all, prepare
+from navsim.runner.executor import threads
+from navsim.runner.statistics import weighted_share
 from navsim.scenario.load import read
 from navsim.simulation.rare import proposal
-from navsim.study.executor import threads
-from navsim.study.landing import Case, covariance_analysis, covariance_result, fly_all, prepare, rare
-from navsim.study.statistics import weighted_share
 
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 41

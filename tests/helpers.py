@@ -9,9 +9,9 @@ from types import ModuleType
 
 import numpy as np
 
+from navsim.landing import study as landing
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read
-from navsim.study import landing
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENARIOS = ROOT / "scenarios"

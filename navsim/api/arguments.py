@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar, get_args, get_type_hints
 
-from navsim.work.errors import BadInput, said
-from navsim.work.opening import Keep, Method, SweepMethod
+from navsim.runner.errors import BadInput, said
+from navsim.runner.opening import Keep, Method, SweepMethod
 
 F = TypeVar("F", bound=Callable[..., Any])
 PathLike = str | os.PathLike[str]

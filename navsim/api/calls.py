@@ -23,15 +23,15 @@ from navsim.api.arguments import (
     spelled,
 )
 from navsim.api.result import ResultFile
+from navsim.runner import opening, steps
+from navsim.runner.errors import BadInput, RunFailed, misread, said
+from navsim.runner.reporter import Listener, Speech
+from navsim.runner.requirements import Demands
 from navsim.words import of_python
-from navsim.work import opening, steps
-from navsim.work.errors import BadInput, RunFailed, misread, said
-from navsim.work.required import Demands
-from navsim.work.speech import Listener, Speech
 
 if TYPE_CHECKING:
+    from navsim.runner.job import Tell
     from navsim.scenario.load import Assignment, Source
-    from navsim.study.job import Tell
 
 Scenario = PathLike | Mapping[str, Any]
 """A file, or what would stand in one."""
@@ -115,7 +115,7 @@ def _made(command: str, scenario: Scenario, asked: dict[str, Any], heard: list[s
     import shutil
 
     from navsim.results.findings import of
-    from navsim.study.job import Options
+    from navsim.runner.job import Options
 
     taken = {name: value for name, value in asked.items() if name in Options.__dataclass_fields__}
     options = Options(**taken)

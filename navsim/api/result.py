@@ -11,8 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from navsim.runner.errors import BadInput, RunFailed, said
 from navsim.words import of_python
-from navsim.work.errors import BadInput, RunFailed, said
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,7 +64,7 @@ def _read(path: Path) -> Result:
         try:
             return read(path)
         except ResultError as error:
-            from navsim.work.opening import scenario_instead
+            from navsim.runner.opening import scenario_instead
 
             raise BadInput(said(scenario_instead(path) or error)) from None
 

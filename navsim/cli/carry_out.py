@@ -1,4 +1,4 @@
-"""What every command that computes does with its job: `navsim.work`, for a person at a terminal."""
+"""What every command that computes does with its job: `navsim.runner`, for a person at a terminal."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from navsim.cli.common import AT_TERMINAL, leaving, print_shown, progress
 from navsim.cli.ending import say
 from navsim.cli.findings import warn
 from navsim.cli.options import Care, Required
-from navsim.work import steps
-from navsim.work.required import Demands
-from navsim.work.speech import Listener
+from navsim.runner import steps
+from navsim.runner.reporter import Listener
+from navsim.runner.requirements import Demands
 
 if TYPE_CHECKING:
     from navsim.results.result import Result
-    from navsim.study.job import Job, Options, Tell
+    from navsim.runner.job import Job, Options, Tell
 
 _OBJECTS = 20_000
 """New objects between two looks for cycles among them while work is done: every random stream that a kernel has drawn
@@ -43,7 +43,7 @@ def resuming(folder: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be done with a job. options: as the job has them. figures: see `work.target.figure_folder`."""
+    """What is to be done with a job. options: as the job has them. figures: see `runner.target.figure_folder`."""
 
     care: Care
     required: Required

@@ -17,13 +17,13 @@ import typer
 
 from navsim.cli import ending, log
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
-from navsim.work.speech import Speech
+from navsim.runner.reporter import Speech
 
 if TYPE_CHECKING:
     from navsim.report.table import Table
     from navsim.results.result import Result
-    from navsim.study.job import Tell
-    from navsim.work.target import Written
+    from navsim.runner.job import Tell
+    from navsim.runner.target import Written
 
 
 AT_TERMINAL = Speech(say, lambda warning: say(f"warning: {warning}"))
@@ -32,8 +32,8 @@ AT_TERMINAL = Speech(say, lambda warning: say(f"warning: {warning}"))
 
 @contextmanager
 def leaving() -> Iterator[None]:
-    """While it lasts, what users are told of as an error (`navsim.work.errors`) ends the command."""
-    from navsim.work.errors import BadInput, NavsimError
+    """While it lasts, what users are told of as an error (`navsim.runner.errors`) ends the command."""
+    from navsim.runner.errors import BadInput, NavsimError
 
     try:
         yield
@@ -95,7 +95,7 @@ class _Standing:
                      used_s=round(used, 1), left_s=None if left is None else round(left, 1))  # fmt: skip
 
     def _line(self, finished: int, words: str, used: float, left: float | None) -> str:
-        from navsim.study.budget.estimate import duration
+        from navsim.runner.estimate import duration
 
         remaining = "" if left is None else f", {duration(left)} left"
         return f"{finished} of {self._extent} {self._unit}, {used:.0f} s used{remaining}{words and f'; {words}'}"
@@ -129,7 +129,7 @@ def read_result(path: Path) -> Result:
     try:
         return read(path)
     except ResultError as error:
-        from navsim.work.opening import scenario_instead
+        from navsim.runner.opening import scenario_instead
 
         leave(BAD_INPUT, scenario_instead(path) or error)
 

@@ -16,10 +16,10 @@ from navsim.cli.completion import SHELLS, script
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.options import set_option
 from navsim.kinds import KINDS, OF_FILES
+from navsim.runner.errors import BadInput
+from navsim.runner.opening import checked, schema_of
 from navsim.scenario import shipped
 from navsim.scenario.shipped import names
-from navsim.work.errors import BadInput
-from navsim.work.opening import checked, schema_of
 
 
 def validate(

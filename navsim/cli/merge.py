@@ -12,8 +12,8 @@ from navsim.cli.carry_out import Wanted, carry_out
 from navsim.cli.common import leave, leaving, read_result
 from navsim.cli.ending import BAD_INPUT
 from navsim.cli.options import Care, JsonOption, Required, dry_run_option, figures_option
-from navsim.work.errors import failures
-from navsim.work.opening import target_of
+from navsim.runner.errors import failures
+from navsim.runner.opening import target_of
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ def merge(
 
     The parts must have the same scenario, seed and --keep, and contain each run once, in any order.
     """
-    from navsim.study.job import Options
-    from navsim.study.jobs.merge import MergeJob
+    from navsim.landing.merge_job import MergeJob
+    from navsim.runner.job import Options
 
     results = [(file, read_result(file)) for file in parts]
     with leaving():

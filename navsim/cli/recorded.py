@@ -30,16 +30,16 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
-from navsim.work.afford import Request, afford
-from navsim.work.opening import opened as opened_job
-from navsim.work.opening import target_of
-from navsim.work.target import begun, check_target, save
+from navsim.runner.opening import opened as opened_job
+from navsim.runner.opening import target_of
+from navsim.runner.resources import Request, afford
+from navsim.runner.target import begun, check_target, save
 
 if TYPE_CHECKING:
-    from navsim.study.live import Session
+    from navsim.replays.live import Session
 
 _KERNELS = "live"
-"""The name of those that a live session takes, as of `study.job.Job`."""
+"""The name of those that a live session takes, as of `runner.job.Job`."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def replay(
 
     Aligns the INS, tunes the noise, and reports innovations and the drift during simulated outages.
     """
-    from navsim.study.job import Options
+    from navsim.runner.job import Options
 
     options = Options(require=required.require)
     with leaving():
@@ -138,8 +138,8 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
         check_target(failed, sort, care.force)
     from navsim.core import jit
+    from navsim.replays import live as flying
     from navsim.results.findings import kept
-    from navsim.study import live as flying
 
     with leaving():
         session = _session(scenario, given, care, target)
@@ -174,12 +174,13 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
 
 def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Session:
     """The landing ready to be flown with what comes."""
+    from navsim.landing import study as landing
+    from navsim.landing.estimate import landing as estimated
+    from navsim.replays import source_clock
+    from navsim.replays.live import Block, Session
     from navsim.scenario.filter import SMOOTHERS
     from navsim.scenario.load import read
     from navsim.scenario.source import InputError
-    from navsim.study import landing, source_clock
-    from navsim.study.landing.estimate import landing as estimated
-    from navsim.study.live import Block, Session
 
     def ask(section: Any, sources: Any) -> None:
         afford(Request(scenario, target, care.over_budget), estimated(section, sources), AT_TERMINAL)

@@ -24,7 +24,7 @@ from navsim.cli.common import (
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
-from navsim.work.target import figure_folder
+from navsim.runner.target import figure_folder
 
 if TYPE_CHECKING:
     from navsim.results.result import Result

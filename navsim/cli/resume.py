@@ -52,8 +52,8 @@ def resume(
     Scenario, files and code must be unchanged. Give options on figures, clusters, overwriting and logs again.
     """
     from navsim.cli.main import app
-    from navsim.study.partial import PartialError, begun_by
-    from navsim.work.errors import BadInput, said
+    from navsim.runner.checkpoint import PartialError, begun_by
+    from navsim.runner.errors import BadInput, said
 
     with leaving():
         try:

@@ -25,7 +25,7 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
-from navsim.work.opening import Keep, Method, opened, target_of
+from navsim.runner.opening import Keep, Method, opened, target_of
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class RunOptions:
 
 def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care: Care) -> None:
     """Simulate a scenario: write a result file and figures, print a summary."""
-    from navsim.study.job import Options
+    from navsim.runner.job import Options
 
     options = Options(
         given.seed, given.runs, given.first_run, given.until, given.keep, given.method, given.workers,

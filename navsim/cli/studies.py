@@ -25,8 +25,8 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
-from navsim.work.errors import failures
-from navsim.work.opening import SweepMethod, opened, target_of
+from navsim.runner.errors import failures
+from navsim.runner.opening import SweepMethod, opened, target_of
 
 StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)]
 
@@ -65,7 +65,7 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: C
 
     After an interruption the same command continues from the finished combinations.
     """
-    from navsim.study.job import Options
+    from navsim.runner.job import Options
 
     options = Options(
         given.seed, given.runs, method=given.method, workers=given.workers, scheduler=given.scheduler,
@@ -109,7 +109,7 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
 
     The study may ask for several numbers of pseudolites. After an interruption the same command continues.
     """
-    from navsim.study.job import Options
+    from navsim.runner.job import Options
 
     options = Options(given.seed, given.runs, scheduler=given.scheduler, time_limit=given.time_limit, fresh=given.fresh)
     with leaving():
@@ -136,8 +136,8 @@ def table2(given: Table2Options, care: Care) -> None:
 
     Exits with code 1 if claim C3 or the direction of C4 fails.
     """
-    from navsim.study.job import Options
-    from navsim.study.jobs.table2 import Table2Job
+    from navsim.landing.table2_job import Table2Job
+    from navsim.runner.job import Options
 
     options = Options(given.seed, given.runs, workers=given.workers)
     wanted = Wanted(care, Required(), options, given.output, given.dry_run)
@@ -176,10 +176,10 @@ def integrity_table(
     By rank: a fix, fault detection, fault exclusion. By protection levels on the glide (`integrity` of the scenario):
     the share of epochs with both levels within the alert limits.
     """
+    from navsim.landing.integrity_table_job import IntegrityTableJob
+    from navsim.runner.job import Options
     from navsim.scenario import shipped
     from navsim.scenario.load import read
-    from navsim.study.job import Options
-    from navsim.study.jobs.integrity_table import IntegrityTableJob
 
     file = shipped.path("landing") if scenario is None else scenario
     with leaving(), failures(file):

@@ -8,7 +8,7 @@ from navsim.companions.azimuth import study as azimuth
 from navsim.companions.azimuth.scenario import Azimuth
 from navsim.companions.elevation import study as elevation
 from navsim.companions.elevation.scenario import Elevation
-from navsim.study.budget.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budget
+from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budget
 
 _COVARIANCE_STEPS = 600
 """Steps of a run of the elevation filter that take as long as one of its covariance with that of its true errors."""

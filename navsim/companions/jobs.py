@@ -13,11 +13,11 @@ from navsim.companions.azimuth.scenario import Azimuth
 from navsim.companions.elevation import study as elevation
 from navsim.companions.elevation.scenario import Elevation
 from navsim.results.result import Result, Sort
+from navsim.runner.checkpoint import Store
+from navsim.runner.estimate import Budget
+from navsim.runner.executor import Executor
+from navsim.runner.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.scenario.source import Document
-from navsim.study.budget.estimate import Budget
-from navsim.study.executor import Executor
-from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
-from navsim.study.partial import Store
 
 
 class Compute(Protocol):

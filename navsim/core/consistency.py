@@ -16,8 +16,9 @@ ROUNDING = 1e-8
 def sum_ratios(error, sigma, limits, squares, known, beyond, steps):
     """Sum what consistency tests need of z = error / sigma over runs.
 
-    The sums are pairwise, those of `study.sums` for a block of so many runs. There is no ratio where error or sigma is
-    not finite, nor where sigma is 0 and the error rounding; it is inf where sigma is 0 and the error is larger.
+    The sums are pairwise, those of `runner.exact_sums` for a block of so many runs. There is no ratio where error or
+    sigma is not finite, nor where sigma is 0 and the error rounding; it is inf where sigma is 0 and the error is
+    larger.
 
     Parameters
     ----------

@@ -160,7 +160,7 @@ class History(NamedTuple):
     def sigma(self) -> np.ndarray:
         """1 sigma of the errors (o, n); nan where a variance is negative."""
         o, n, _, *lanes = self.covariance.shape
-        with np.errstate(invalid="ignore"):  # what is no covariance is found and said (`study.findings`)
+        with np.errstate(invalid="ignore"):  # what is no covariance is found and said (`runner.findings`)
             return np.sqrt(self.covariance.reshape(o, n * n, *lanes)[:, :: n + 1])
 
 

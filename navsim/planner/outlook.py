@@ -17,15 +17,16 @@ from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import dops, geometry_covariance
 from navsim.gnss.signals import build_signals
 from navsim.gnss.sky import Horizon
+from navsim.landing import integrity
+from navsim.landing.case import Case
+from navsim.landing.sources import environment, glide_epochs
+from navsim.landing.study import prepare
+from navsim.landing.tree import geometry_summary
+from navsim.optimization.analyses import LevelScreen, Prepared, glimpsed
+from navsim.optimization.placement import RunwayPlane
+from navsim.optimization.problem import of_geometry
 from navsim.planner.proposal import PlannedScenario
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.study.analyses import LevelScreen, Prepared, glimpsed
-from navsim.study.landing import integrity, prepare
-from navsim.study.landing.case import Case
-from navsim.study.landing.tree import geometry_summary
-from navsim.study.objective import of_geometry
-from navsim.study.placement import RunwayPlane
-from navsim.study.sources import environment, glide_epochs
 
 
 @dataclass(frozen=True)

@@ -24,12 +24,12 @@ from navsim.core.states import MOST
 from navsim.estimation.carried_errors import Route, carry_differences
 from navsim.estimation.observations import FIX
 from navsim.integrity import separation
+from navsim.integrity.fixes import ReceiverFixes, solved
+from navsim.integrity.monitoring import faults_of, fix_of
 from navsim.integrity.separation import Allocation, Levels, SeparationWatch, SolutionSpread
 from navsim.integrity.solution import turned
-from navsim.simulation.fixes import ReceiverFixes, solved
 from navsim.simulation.landing import Flight
 from navsim.simulation.landing_covariance import AlongTruth, along_belief, excess, responses, route_of_filter
-from navsim.simulation.monitoring import faults_of, fix_of
 
 _ROUNDING = 1e-5
 """A variance of a difference below zero by so much of that without some sources is rounding."""

@@ -48,9 +48,11 @@ from navsim.gnss.heavier import HeavierNoise
 from navsim.gnss.receiver import Receiver, wander
 from navsim.gnss.signals import Environment, build_signals, true_positions
 from navsim.gnss.sky import enu_matrix
+from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
+from navsim.integrity.fix_exclusion import Excluder, SettledFixes
+from navsim.integrity.fixes import ReceiverFixes, left_over, solved
 from navsim.sensors import imu
-from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.curvature import (
     NEGLIGIBLE,
@@ -61,8 +63,6 @@ from navsim.simulation.curvature import (
     near_passes,
     shifted,
 )
-from navsim.simulation.exclusion import Excluder, SettledFixes
-from navsim.simulation.fixes import ReceiverFixes, left_over, solved
 from navsim.simulation.flown import Flown, Ways
 from navsim.simulation.lasting import FixErrors, RangeErrors, as_noise
 from navsim.simulation.sensors import true_values

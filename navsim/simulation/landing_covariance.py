@@ -37,9 +37,9 @@ from navsim.estimation.records import OUTPUT, Events, ImuData
 from navsim.gnss.lasting import LastingErrors
 from navsim.gnss.pseudorange import Signals
 from navsim.gnss.transmitter import WanderingClocks
+from navsim.integrity.fix_slopes import slopes
 from navsim.simulation.aiding import Aid
 from navsim.simulation.curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
-from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
     Flight,

@@ -23,9 +23,9 @@ from navsim.estimation.beliefs import LastingBelief
 from navsim.estimation.observations import FIX, RANGE
 from navsim.gnss.lasting import SUMS, LastingError
 from navsim.gnss.pseudorange import Signals
+from navsim.integrity.fix_slopes import slopes
+from navsim.integrity.fixes import solved
 from navsim.simulation.curvature import Curvature, fix_forms
-from navsim.simulation.fix_slopes import slopes
-from navsim.simulation.fixes import solved
 
 STATES, INFLATED, IGNORED = "states", "inflate", "none"
 """What a filter does about errors that last: follows them, takes what is measured for noisier, nothing."""

@@ -13,12 +13,12 @@ import pytest
 from navsim.core.arrays.attitude import dcm_from_quaternion
 from navsim.estimation.records import TFG
 from navsim.formats.recorded_data import Fixes, Samples
+from navsim.replays import alignment
+from navsim.replays import flight as simulated
+from navsim.replays import study as replay
+from navsim.replays.alignment import Alignment, Search
 from navsim.results import findings
 from navsim.scenario.load import read_replay
-from navsim.simulation import alignment
-from navsim.simulation import replay as simulated
-from navsim.simulation.alignment import Alignment, Search
-from navsim.study import replay
 from navsim.trajectory.recorded import RecordedTrajectory
 from tests.conftest import SCENARIOS
 from tests.recordings import circuit, quadrotor, record, ride, smooth_steps, write_flight

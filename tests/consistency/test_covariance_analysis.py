@@ -10,11 +10,11 @@ import pytest
 
 from navsim.core import states
 from navsim.gnss.signals import build_signals
+from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all
+from navsim.runner.batches import Ensemble
+from navsim.runner.executor import threads
 from navsim.simulation import landing_covariance
 from navsim.simulation.landing_covariance import SOURCES
-from navsim.study.ensemble import Ensemble
-from navsim.study.executor import threads
-from navsim.study.landing import Case, covariance_analysis, covariance_result, fly_all
 from tests.helpers import case
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")

@@ -15,11 +15,12 @@ from navsim.core import earth as point
 from navsim.core.arrays import earth
 from navsim.formats import export
 from navsim.formats.export import true_antenna
+from navsim.landing import study as landing
+from navsim.replays import study as replay
 from navsim.report.quantities import fix_errors
 from navsim.results.result import Result
+from navsim.runner.executor import threads
 from navsim.scenario.load import read_replay
-from navsim.study import landing, replay
-from navsim.study.executor import threads
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

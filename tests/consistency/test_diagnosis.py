@@ -19,11 +19,11 @@ from navsim.formats import conventions
 from navsim.formats.conventions import BODY_AXES, GnssConvention, ImuConvention
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.recording import read_fixes, read_imu
+from navsim.replays import study as replay
+from navsim.replays.diagnosis import NEVER_JUDGED, Log, diagnose, examine, ways
+from navsim.replays.wild_fixes import plausible
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
-from navsim.study import replay
-from navsim.study.diagnosis import NEVER_JUDGED, Log, diagnose, examine, ways
-from navsim.study.wild_fixes import plausible
 from tests.mistakes import MISTAKES, Made, needs
 from tests.recordings import circuit, drive, hills, quadrotor, record, straight
 from tests.recordings import write_recording as table

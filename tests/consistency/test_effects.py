@@ -11,10 +11,10 @@ import pytest
 from navsim.core.lanes import WIDTH
 from navsim.gnss import atmosphere, timescales
 from navsim.gnss.signals import build_signals
+from navsim.landing import study as landing
+from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
-from navsim.study import landing
-from navsim.study.executor import threads
 from tests.helpers import case, scenario
 
 BASE = ("sky.source=nominal", "receiver.rate_hz=1", "pseudolites.count=1")

@@ -25,10 +25,10 @@ from navsim.estimation.records import (
     Truth,
     empty_account,
 )
+from navsim.landing.case import Case
+from navsim.landing.study import fly_all
+from navsim.runner.executor import threads
 from navsim.simulation import landing
-from navsim.study.executor import threads
-from navsim.study.landing import fly_all
-from navsim.study.landing.case import Case
 from tests.helpers import case
 
 SEED = 3821

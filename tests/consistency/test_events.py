@@ -12,12 +12,12 @@ import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.events import Event, RangeFault, Scene, Silence, happened
+from navsim.integrity.monitoring import ALARM, QUIET
+from navsim.landing import study as landing
+from navsim.landing.study import Case, covariance_analysis
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
-from navsim.simulation.monitoring import ALARM, QUIET
-from navsim.study import landing
-from navsim.study.landing import Case, covariance_analysis
 from tests.consistency.test_tight_landings import flown
 from tests.helpers import SCENARIOS, case
 

@@ -15,14 +15,15 @@ from navsim.core.arrays.earth import ned_matrix
 from navsim.estimation.records import NOT_USED
 from navsim.gnss.sky import unit_vector
 from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms
+from navsim.integrity.monitoring import ALARM, EXCLUDED, QUIET
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.solution import Independent, rows_of, solve
+from navsim.landing import integrity
+from navsim.landing.ensemble import UNWEIGHED, LandingStudy
+from navsim.landing.study import Case
 from navsim.results.result import read
+from navsim.runner.statistics import share_interval
 from navsim.simulation import landing as simulation
-from navsim.simulation.monitoring import ALARM, EXCLUDED, QUIET
-from navsim.study.landing import Case, integrity
-from navsim.study.landing.ensemble import UNWEIGHED, LandingStudy
-from navsim.study.statistics import share_interval
 from tests.consistency.test_tight_landings import flown
 from tests.consistency.test_watched_fixes import anew, brief, reference
 from tests.helpers import SCENARIOS

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.study.executor import Executor, threads
-from navsim.study.landing import fly_all
-from navsim.study.landing.ensemble import HISTORIES
-from navsim.study.partial import Store
+from navsim.landing.ensemble import HISTORIES
+from navsim.landing.study import fly_all
+from navsim.runner.checkpoint import Store
+from navsim.runner.executor import Executor, threads
 from tests.helpers import case
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from navsim.core.states import A_D
-from navsim.study.executor import threads
-from navsim.study.landing import Case, fly_all
+from navsim.landing.study import Case, fly_all
+from navsim.runner.executor import threads
 from tests.conftest import LANDINGS
 from tests.helpers import case
 

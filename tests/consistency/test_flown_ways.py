@@ -13,14 +13,14 @@ from navsim.core import attitude, states, strapdown
 from navsim.core.arrays import earth
 from navsim.core.lanes import WIDTH
 from navsim.gnss.signals import build_signals
+from navsim.landing.ensemble import LandingStudy
+from navsim.landing.result import result as summarised
+from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
+from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.flown import Flown, Ways
 from navsim.simulation.landing import World, fly
-from navsim.study.executor import threads
-from navsim.study.landing import covariance_analysis, fly_all
-from navsim.study.landing.ensemble import LandingStudy
-from navsim.study.landing.result import result as summarised
 from navsim.trajectory.deviation import Departure
 from navsim.trajectory.kinematics import integrate
 from navsim.trajectory.steering import Held, steered

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from navsim.core.streams import generator
+from navsim.landing.result import result
+from navsim.landing.study import findings, fly_all
+from navsim.runner.executor import threads
 from navsim.scenario.base import DEG_H, MG
 from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
 from navsim.scenario.sensors import ImuPreset, TrueAccelerometer, TrueGyro
@@ -25,8 +28,6 @@ from navsim.sensors.imu import (
     simulate,
 )
 from navsim.sensors.imu_errors import Imperfections
-from navsim.study.executor import threads
-from navsim.study.landing import findings, fly_all, result
 from tests.helpers import case, scenario
 
 RATE = 100.0

@@ -13,10 +13,10 @@ import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh
 from navsim.gnss.constellations.constellation import carriers
+from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
-from navsim.study.landing import Case
 from tests.helpers import SCENARIOS, case, scenario
 from tests.layout import as_declared
 from tests.product.test_run import navsim

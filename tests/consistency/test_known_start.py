@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from navsim.replays import study as replay
 from navsim.results import findings
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
-from navsim.study import replay
 from tests.consistency.test_replay import errors, flown
 from tests.recordings import LATENCY, write_flight
 

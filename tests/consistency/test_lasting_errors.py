@@ -15,11 +15,11 @@ from navsim.estimation.clock import ReceiverClock
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.gnss.lasting import LastingErrors, mapped
+from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
+from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import exact_start, fly
-from navsim.study.executor import threads
-from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case, cross
 from tests.layout import as_declared

@@ -16,12 +16,12 @@ from typer.testing import CliRunner
 from navsim.cli.main import app
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
 from navsim.formats.recorded_data import Samples
+from navsim.replays import flight as simulated
+from navsim.replays import study as replay
 from navsim.report.page.flights import replays
 from navsim.report.replay import figures, lost_spans, tables
 from navsim.results import findings
 from navsim.results.result import Result
-from navsim.simulation import replay as simulated
-from navsim.study import replay
 from navsim.trajectory.recorded import RecordedTrajectory
 from tests.consistency.test_replay import GIVEN, errors, flown, without
 from tests.recordings import circuit, drive, quadrotor, record, ride, smooth_steps, write_flight, write_recording

@@ -16,12 +16,13 @@ from scipy.integrate import quad
 
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.gnss.constellations.constellation import carriers
+from navsim.landing import integrity_table
+from navsim.landing.study import Case, covariance_analysis, covariance_result
+from navsim.optimization import problem as objective
 from navsim.results.result import read as read_result
 from navsim.scenario.load import read_study, resolved_yaml
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
-from navsim.study import integrity_table, objective
-from navsim.study.landing import Case, covariance_analysis, covariance_result
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case, scenario
 from tests.layout import as_declared
@@ -333,7 +334,7 @@ def test_placements_by_strength(tmp_path: Path) -> None:
                  f"pseudolites={json.dumps({'frame': 'runway', 'cn0_reference_m': 300.0, 'sites': sites})}",
                  "interference={pseudolites: {}}", "method=covariance")  # fmt: skip
     result = covariance_result(flown, covariance_analysis(flown), 1)
-    from navsim.study.sweep import filter_outputs
+    from navsim.sweeps.study import filter_outputs
 
     expected = filter_outputs(result)["lateral_touchdown"]
     assert here.objective(np.array([places]))[0] == pytest.approx(expected, rel=1e-12)

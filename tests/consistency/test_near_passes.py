@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.landing.case import rms_window
+from navsim.landing.study import Case, covariance_analysis, prepare
 from navsim.scenario.load import read
 from navsim.simulation.landing_covariance import CURVATURE
-from navsim.study.landing import Case, covariance_analysis, prepare
-from navsim.study.landing.case import rms_window
 from tests.conftest import SCENARIOS
 from tests.helpers import load_script
 

@@ -17,8 +17,8 @@ from navsim.formats.text import Dropped, FileError
 from navsim.gnss import timescales
 from navsim.gnss.constellations import gps
 from navsim.gnss.constellations.systems import GALILEO, GPS, SYSTEMS
-from navsim.study.recorded_ranges import read_messages, read_ranges
-from navsim.study.single_point import PositioningOptions, Solution, solve
+from navsim.replays.recorded_ranges import read_messages, read_ranges
+from navsim.replays.single_point import PositioningOptions, Solution, solve
 
 UTC = timescales.posix(2018, 9, 13, 12)
 START = float(timescales.gps_from_utc(UTC))

@@ -16,8 +16,14 @@ from hypothesis import strategies as st
 from navsim.core.arrays.earth import ecef_from_llh
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.pseudolite import NEAREST, TRACK_STEP, Track
+from navsim.landing.case import world_of
+from navsim.landing.sources import on_glide
+from navsim.landing.study import covariance_analysis, covariance_result
+from navsim.landing.tree import base
+from navsim.optimization import problem as objective
 from navsim.results.draft import Draft
 from navsim.results.schema import COVARIANCE
+from navsim.runner.findings import LANDING
 from navsim.scenario.base import Section
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read_study
@@ -27,13 +33,7 @@ from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.simulation.geometry import Geometry
 from navsim.simulation.landing import World, receiver_fixes
 from navsim.simulation.landing_covariance import AnalysisError
-from navsim.study import objective
-from navsim.study.findings import LANDING
-from navsim.study.landing import covariance_analysis, covariance_result
-from navsim.study.landing.case import world_of
-from navsim.study.landing.tree import base
-from navsim.study.sources import on_glide
-from navsim.study.sweep import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs, plan
+from navsim.sweeps.study import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs, plan
 from tests.helpers import SCENARIOS, case, scenario
 
 FLAG = st.booleans()

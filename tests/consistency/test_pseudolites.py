@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from navsim.gnss import code_loop
+from navsim.landing.case import Case
+from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.report import tables
 from navsim.results.result import Result
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import measured
-from navsim.study.landing import covariance_analysis, covariance_result
-from navsim.study.landing.case import Case
 from tests.conftest import ROOT
 from tests.helpers import case, scenario
 

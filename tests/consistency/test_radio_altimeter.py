@@ -9,12 +9,12 @@ import pytest
 
 from navsim.core import states
 from navsim.estimation import records
+from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.findings import of
 from navsim.results.result import read
+from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.aiding import aids_of
-from navsim.study.executor import threads
-from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 from tests.layout import as_declared

@@ -12,12 +12,12 @@ from scipy import stats
 from navsim.core.lanes import WIDTH
 from navsim.core.streams import generator
 from navsim.estimation.estimate import in_all_lanes
+from navsim.integrity.monitoring import ALARM, QUIET
+from navsim.landing.ensemble import LandingStudy
+from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
-from navsim.simulation.monitoring import ALARM, QUIET
-from navsim.study.landing import Case
-from navsim.study.landing.ensemble import LandingStudy
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
 from tests.product.test_run import navsim

@@ -10,12 +10,13 @@ import pytest
 from scipy.special import ndtri
 
 from navsim.core.lanes import WIDTH
+from navsim.landing import rare
+from navsim.landing.rare import Edge
+from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all
+from navsim.runner.executor import threads
+from navsim.runner.statistics import share_interval, weighted_share
 from navsim.simulation.landing import draw
 from navsim.simulation.rare import proposal, pushed
-from navsim.study.executor import threads
-from navsim.study.landing import Case, covariance_analysis, covariance_result, fly_all, rare
-from navsim.study.landing.rare import Edge
-from navsim.study.statistics import share_interval, weighted_share
 from tests.helpers import case
 
 LINEAR = (

@@ -18,16 +18,17 @@ from navsim.formats.recorded_data import Ranges, Samples
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import read_obs
 from navsim.gnss.constellations.systems import SYSTEMS
+from navsim.landing import study as landing
+from navsim.replays import study as replay
+from navsim.replays.recorded_ranges import _steadied
+from navsim.replays.single_point import PositioningOptions, solve
 from navsim.results import findings
 from navsim.results.result import Result, write
+from navsim.runner.executor import threads
 from navsim.scenario.load import read, read_replay
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import draw
-from navsim.study import landing, replay
-from navsim.study.executor import threads
-from navsim.study.recorded_ranges import _steadied
-from navsim.study.single_point import PositioningOptions, solve
 from navsim.trajectory.kinematics import Motion
 from tests.helpers import case
 

@@ -14,13 +14,13 @@ import pytest
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.estimation.records import REJECTED, TFG
 from navsim.formats.conventions import FIX_SIGMAS
+from navsim.replays import flight as simulated
+from navsim.replays import study as replay
 from navsim.results import findings
 from navsim.results.result import Result
+from navsim.runner.statistics import gate_limits
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
-from navsim.simulation import replay as simulated
-from navsim.study import replay
-from navsim.study.statistics import gate_limits
 from tests.recordings import LATENCY, parked_before, quadrotor, record, sentences_of, write_flight, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -102,7 +102,7 @@ def test_a_latency_at_its_bound_is_told(tmp_path: Path) -> None:
 
 def test_a_tuning_that_has_not_converged_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_flight(tmp_path, duration=60.0)
-    monkeypatch.setattr("navsim.study.tuning.EVALUATIONS", 12)
+    monkeypatch.setattr("navsim.replays.tuning.EVALUATIONS", 12)
     result = flown(tmp_path / "log.yaml")
     assert any("had not converged after 12 flights" in text for text in remarks(result))
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.landing.integrity import glide_of
+from navsim.landing.requirements import MET, NOT_MET, UNDECIDED, Fulfilment, _of_shares
 from navsim.results.result import Result, read
+from navsim.runner.statistics import rms_interval_of_means, share_interval
 from navsim.scenario.requirements import RiskRequirement
-from navsim.study.landing.integrity import glide_of
-from navsim.study.landing.requirements import MET, NOT_MET, UNDECIDED, Fulfilment, _of_shares
-from navsim.study.statistics import rms_interval_of_means, share_interval
 from navsim.trajectory.go_around import GO_AROUND
 from tests.helpers import SCENARIOS, case, scenario
 from tests.layout import as_declared

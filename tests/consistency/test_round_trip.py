@@ -13,11 +13,12 @@ from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.estimation.estimate import FILTER_KINDS
 from navsim.formats.export import export
 from navsim.formats.simulated_log import differences
+from navsim.landing import study as landing
+from navsim.replays import study as replay
 from navsim.results import findings
 from navsim.results.result import Result
+from navsim.runner.executor import threads
 from navsim.scenario.load import read_replay
-from navsim.study import landing, replay
-from navsim.study.executor import threads
 from tests.helpers import case
 
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCELEROMETER_BIAS, SIGMA = 1e-7, 1e-8, 1e-9, 1e-11, 1e-10, 1e-8

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from navsim.core import states
+from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
-from navsim.study.executor import threads
-from navsim.study.landing import covariance_analysis, fly_all
+from navsim.runner.executor import threads
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 from tests.layout import as_declared

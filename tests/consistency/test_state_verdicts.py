@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 
 from navsim.core.states import A_D
+from navsim.landing.case import Case
+from navsim.landing.consistency import evaluate_states, ratios_of_runs
+from navsim.landing.result import result
+from navsim.landing.study import covariance_analysis, covariance_result, fly_all
 from navsim.report import tables
 from navsim.report.compare import compared
 from navsim.report.table import Table
 from navsim.results.findings import of
 from navsim.results.result import Result
+from navsim.runner.consistency import Ratios
+from navsim.runner.executor import threads
+from navsim.runner.requirements import Demands, wanting
 from navsim.simulation.landing import Run
-from navsim.study.consistency import Ratios
-from navsim.study.executor import threads
-from navsim.study.landing import covariance_analysis, covariance_result, fly_all, result
-from navsim.study.landing.case import Case
-from navsim.study.landing.consistency import evaluate_states, ratios_of_runs
-from navsim.work.required import Demands, wanting
 from tests.helpers import case
 
 # small errors, in which one Gaussian is true

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from navsim.landing.case import Case
+from navsim.landing.result import result
+from navsim.landing.study import covariance_analysis, covariance_result, fly_all
 from navsim.report import tables
 from navsim.results.findings import of
-from navsim.study.executor import threads
-from navsim.study.landing import covariance_analysis, covariance_result, fly_all, result
-from navsim.study.landing.case import Case
+from navsim.runner.executor import threads
 from tests.helpers import case
 
 BRIEF = ("imu.rate_hz=20", "receiver.rate_hz=1", "duration_s=40")

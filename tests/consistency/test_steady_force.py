@@ -7,8 +7,8 @@ import pytest
 
 from navsim.core.states import A_D, ATT, POS, VEL, N
 from navsim.estimation import records, steady_force
-from navsim.study.executor import threads
-from navsim.study.landing import fly_all
+from navsim.landing.study import fly_all
+from navsim.runner.executor import threads
 from tests.helpers import case, cross
 
 DEG = np.pi / 180.0

@@ -15,22 +15,22 @@ from navsim.core.arrays.horizon import crossings, reach
 from navsim.formats.export import export
 from navsim.gnss.interference import horizon
 from navsim.gnss.sky import enu_matrix, unit_vector
+from navsim.landing.preflight import through_ridges
+from navsim.landing.study import Case, covariance_analysis, covariance_result
+from navsim.landing.tree import base
+from navsim.optimization import problem as objective
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.report.ridges import ShownRidge, clipped, flown_over, seen_skyline, shown_ridges
 from navsim.report.tables import summary_table
 from navsim.results.result import Result
 from navsim.results.schema import COVARIANCE
+from navsim.runner.opening import checked
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import load
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
-from navsim.study import objective
-from navsim.study.foreseen import through_ridges
-from navsim.study.landing import Case, covariance_analysis, covariance_result
-from navsim.study.landing.tree import base
-from navsim.study.sweep import SweepStudy, filter_outputs, plan
-from navsim.work.opening import checked
+from navsim.sweeps.study import SweepStudy, filter_outputs, plan
 from tests.helpers import SCENARIOS, case
 
 EAST, WEST = {"name": "east", "s_m": 600, "l1_m": 500}, {"name": "west", "s_m": -600, "l1_m": 500}

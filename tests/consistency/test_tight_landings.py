@@ -11,10 +11,11 @@ import pytest
 from navsim.core import states
 from navsim.core.arrays import chi_square
 from navsim.estimation.records import NOT_USED, REJECTED, USED
+from navsim.integrity.monitoring import ALARM
+from navsim.landing.result import result
+from navsim.landing.study import Case, covariance_analysis, fly_all
+from navsim.runner.executor import threads
 from navsim.simulation.landing import Run
-from navsim.simulation.monitoring import ALARM
-from navsim.study.executor import threads
-from navsim.study.landing import Case, covariance_analysis, fly_all, result
 from tests.helpers import case
 
 SEED = 907

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from navsim.gnss.transmitter import WanderingClocks
+from navsim.landing.study import covariance_analysis
 from navsim.simulation.landing import measured
 from navsim.simulation.landing_covariance import along_truth
 from navsim.simulation.sensitivity import carried, sensitivity
-from navsim.study.landing import covariance_analysis
 from tests.helpers import case
 
 LIGHT = 299792458.0

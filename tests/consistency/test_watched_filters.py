@@ -12,15 +12,16 @@ from scipy.stats import binom
 
 from navsim.core.arrays import chi_square
 from navsim.core.lanes import WIDTH
+from navsim.integrity import monitoring
+from navsim.integrity.monitoring import ALARM, NO_FIX, QUIET
+from navsim.landing import integrity
+from navsim.landing.study import Case
 from navsim.results.draft import Draft
 from navsim.results.schema import COVARIANCE
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
-from navsim.simulation import monitoring
 from navsim.simulation.filter_bank import LEAST, FilterBank
 from navsim.simulation.landing import Flight, draw, fly_inputs
-from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET
-from navsim.study.landing import Case, integrity
 from tests.consistency.test_tight_landings import flown, silence
 from tests.helpers import case
 

@@ -15,17 +15,18 @@ from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.core.lanes import WIDTH
 from navsim.estimation.estimate import in_all_lanes
 from navsim.gnss.sky import unit_vector
+from navsim.integrity import monitoring
+from navsim.integrity.monitoring import ALARM, NO_FIX, QUIET, UNTESTED
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, along, coincidences, levels
 from navsim.integrity.solution import Independent, rows_of, solve
+from navsim.landing import integrity
+from navsim.landing.ensemble import LandingStudy
+from navsim.landing.study import Case
 from navsim.report import quantities
 from navsim.results.result import read
+from navsim.runner.statistics import share_interval
 from navsim.simulation import landing as simulation
-from navsim.simulation import monitoring
-from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, UNTESTED
-from navsim.study.landing import Case, integrity
-from navsim.study.landing.ensemble import LandingStudy
-from navsim.study.statistics import share_interval
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared

@@ -9,10 +9,10 @@ import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.core.lanes import WIDTH
+from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
 from navsim.simulation.curvature import Curvature, fix_forms, shifted
 from navsim.simulation.landing import believed_measurements, receiver_fixes
-from navsim.study.landing import Case, prepare
 from tests.conftest import SCENARIOS
 
 SITE = ("receiver.rate_hz=2", "imu.rate_hz=10", "receiver.lever_arm_m=[0, 0, 0]", "pseudolites.count=1",

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from navsim.study.executor import threads
-from navsim.study.landing import fly_all
+from navsim.landing.study import fly_all
+from navsim.runner.executor import threads
 from tests.conftest import Within
 from tests.helpers import case
 from tests.oracle.textbook_filter import Sensors, SteadyForce, TextbookFilter, attitude, ecef

@@ -17,10 +17,10 @@ from navsim.formats.export import _runway, export
 from navsim.formats.recording import read_fixes
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import read_obs
+from navsim.landing import study as landing
+from navsim.replays.single_point import PositioningOptions, solve
 from navsim.results.result import Result, ResultError, read
-from navsim.study import landing
-from navsim.study.executor import threads
-from navsim.study.single_point import PositioningOptions, solve
+from navsim.runner.executor import threads
 from tests.conftest import Within
 from tests.forks import navsim
 from tests.helpers import SCENARIOS, case
@@ -464,8 +464,8 @@ def test_places_of_a_sweep_are_those_of_landings(tmp_path: Path) -> None:
 
 
 def test_a_replay_as_map_and_table(tmp_path: Path) -> None:
+    from navsim.replays import study as replay
     from navsim.scenario.load import read_replay
-    from navsim.study import replay
     from tests.recordings import write_flight
 
     write_flight(tmp_path, duration=30.0)

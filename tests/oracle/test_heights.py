@@ -13,10 +13,10 @@ import pytest
 
 from navsim.core import geoid, states
 from navsim.core.arrays.earth import llh_from_ecef
+from navsim.landing.study import covariance_analysis, fly_all
+from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.sensors import pressure
-from navsim.study.executor import threads
-from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import DATA, Within
 from tests.helpers import case, scenario
 

@@ -16,13 +16,13 @@ from navsim.integrity import forms
 from navsim.integrity.claims import possible
 from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms
 from navsim.integrity.innovations import InnovationTest, SteadyWalk, detection
+from navsim.integrity.monitoring import QUIET
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent, silent_apart
 from navsim.integrity.separation import Allocation, Fault, Levels, levels
 from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
+from navsim.landing.integrity import REGIONS, Asked, regions
 from navsim.scenario.integrity import OPERATIONS, LimitsSection
-from navsim.simulation.monitoring import QUIET
-from navsim.study.landing.integrity import REGIONS, Asked, regions
 from tests.conftest import DATA, Within
 
 EAST, NORTH, UP = range(3)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon
 
+from navsim.optimization.problem import PlacementProblem, problem
+from navsim.optimization.study import search
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
-from navsim.study.objective import PlacementProblem, problem
-from navsim.study.optimize import search
 from tests.conftest import SCENARIOS
 
 SKIES = {
@@ -158,7 +158,7 @@ def test_sites_are_chosen_from_all_combinations(tmp_path: Path) -> None:
         every = places[np.array(list(itertools.combinations(range(14), count)))]
         assert found[count].value == pytest.approx(float(here.value(every).min()), rel=1e-12)
         assert found[count].every
-    import navsim.study.search as module
+    import navsim.optimization.search as module
 
     tried, module.ALL_CHOICES = module.ALL_CHOICES, 10
     try:
@@ -190,7 +190,7 @@ def test_errors_of_the_filter_as_objective(tmp_path: Path) -> None:
     coarse = coarse[here.rules.violation(coarse[:, None]) <= 0.0]
     found = search(here, 1)[1]
     assert found.value <= float(here.value(coarse[:, None]).min()) * 1.001
-    from navsim.study.landing import covariance_analysis, covariance_result
+    from navsim.landing.study import covariance_analysis, covariance_result
     from tests.helpers import case
 
     s, l1 = found.places[0]

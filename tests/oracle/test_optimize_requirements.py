@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.landing.study import covariance_analysis, judged_without_runs
+from navsim.optimization.problem import PlacementProblem, load_of, merit, problem
+from navsim.optimization.search import Found
+from navsim.optimization.study import search
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
-from navsim.study.landing import covariance_analysis, judged_without_runs
-from navsim.study.objective import PlacementProblem, load_of, merit, problem
-from navsim.study.optimize import search
-from navsim.study.search import Found
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 
@@ -132,7 +132,7 @@ def test_sites_under_requirements_are_all_tried(tmp_path: Path) -> None:
         assert found[count].every
         assert (found[count].value, found[count].load) == (judged.objective[best], judged.load[best])
         np.testing.assert_array_equal(found[count].places, every[best])
-    import navsim.study.search as module
+    import navsim.optimization.search as module
 
     tried, module.ALL_WATCHED = module.ALL_WATCHED, 10
     try:

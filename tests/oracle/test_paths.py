@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.landing.case import crossing_times
 from navsim.results.schema import HEIGHTS
 from navsim.scenario.source import InputError
-from navsim.study.landing.case import crossing_times
 from navsim.trajectory.path import NoSuchPath, Path, ended
 from navsim.trajectory.waypoints import Turn, Waypoint, cruise, turn
 from tests.conftest import DATA, Within

@@ -10,11 +10,12 @@ import pytest
 from navsim.core import states
 from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.strapdown import navigate
+from navsim.landing import study as landing
+from navsim.replays import study as replay
 from navsim.results.result import write
+from navsim.runner.executor import threads
 from navsim.scenario.load import read, read_replay
 from navsim.scenario.source import InputError
-from navsim.study import landing, replay
-from navsim.study.executor import threads
 from navsim.trajectory.kinematics import tangent_frame
 from navsim.trajectory.recorded import recorded_trajectory
 from tests.consistency.test_lost_filters import shifted

@@ -16,7 +16,7 @@ from navsim.formats.rinex_obs import Observations, read_obs
 from navsim.formats.sp3 import read_sp3
 from navsim.gnss.constellations import glonass_broadcast, gps
 from navsim.gnss.constellations.systems import GALILEO, GLONASS, GPS, SYSTEMS
-from navsim.study.single_point import PositioningOptions, solve
+from navsim.replays.single_point import PositioningOptions, solve
 from tests.conftest import DATA, Within
 
 FOLDER = "data/esbc_2020177"

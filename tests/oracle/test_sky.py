@@ -20,9 +20,9 @@ from navsim.gnss.constellations import gps, walker
 from navsim.gnss.constellations.design import design
 from navsim.gnss.constellations.systems import BEIDOU, GALILEO, GPS, QZSS, SYSTEMS, System
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
+from navsim.landing.study import prepare
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
-from navsim.study.landing import prepare
 from tests.conftest import DATA, SCENARIOS, Within
 
 BROADCAST = "data/esbc_2020177/ESBC00DNK_R_20201770000_01D_MN.rnx.gz"

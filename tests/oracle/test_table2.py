@@ -9,7 +9,7 @@ import pymap3d
 import pytest
 import yaml
 
-from navsim.study.table2 import (
+from navsim.landing.table2 import (
     CALIBRATIONS,
     PUBLISHED_DOPS,
     PUBLISHED_SKO,

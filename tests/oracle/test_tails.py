@@ -14,7 +14,7 @@ from navsim.integrity.risk import silent
 from navsim.integrity.separation import Allocation, Fault, Levels, levels
 from navsim.integrity.solution import Independent, MonitoredFix, solve
 from navsim.integrity.tails import SeparationTest, TailCase, sampled, under_separations, under_squares, worst_size
-from navsim.study.statistics import share_interval
+from navsim.runner.statistics import share_interval
 from tests.conftest import Within
 from tests.oracle.test_integrity import CASE, UP, cases, raim, rows_towards
 

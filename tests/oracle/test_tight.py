@@ -22,6 +22,7 @@ from navsim.estimation.observations import FIX, RANGE, Measurements, RangeTable
 from navsim.estimation.records import ESKF, FILTERS, FilterModel, History, ImuData, schedule, start
 from navsim.gnss.receiver import wander
 from navsim.gnss.sky import unit_vector
+from navsim.landing.study import Case, covariance_analysis
 from navsim.simulation.landing import (
     draw,
     exact_clock,
@@ -30,7 +31,6 @@ from navsim.simulation.landing import (
     table_of_ranges,
     without_noise,
 )
-from navsim.study.landing import Case, covariance_analysis
 from tests.conftest import DATA, Within
 from tests.helpers import case
 

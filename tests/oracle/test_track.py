@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.landing import study as landing
+from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
-from navsim.study import landing
-from navsim.study.executor import threads
 from navsim.trajectory.kinematics import Trajectory, Wind, tangent_frame
 from navsim.trajectory.recorded import largest, smoothed_path
 from tests.conftest import Within

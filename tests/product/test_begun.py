@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from navsim.results.atomic_write import partial_folder
-from navsim.study.executor import threads
-from navsim.study.job import Options
-from navsim.study.partial import Store
-from navsim.work import opening
+from navsim.runner import opening
+from navsim.runner.checkpoint import Store
+from navsim.runner.executor import threads
+from navsim.runner.job import Options
 from tests.conftest import SCENARIOS
 from tests.product.test_run import navsim
 from tests.product.test_sweep import BASE, study

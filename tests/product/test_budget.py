@@ -10,20 +10,20 @@ from pathlib import Path
 import pytest
 
 from navsim.kinds import KINDS, named
+from navsim.landing import study as landing
+from navsim.landing.covariance import budget
+from navsim.landing.estimate import further
+from navsim.landing.estimate import landing as estimated
+from navsim.landing.integrity_table_job import IntegrityTableJob
+from navsim.landing.table2_job import Table2Job
 from navsim.results.result import write
+from navsim.runner.checkpoint import Store
+from navsim.runner.estimate import Budget
+from navsim.runner.executor import threads
+from navsim.runner.job import Job, Opener, Options
 from navsim.scenario import shipped
 from navsim.scenario.load import read, read_for
 from navsim.simulation.landing_covariance import SOURCES
-from navsim.study import landing
-from navsim.study.budget.estimate import Budget
-from navsim.study.executor import threads
-from navsim.study.job import Job, Opener, Options
-from navsim.study.jobs.integrity_table import IntegrityTableJob
-from navsim.study.jobs.table2 import Table2Job
-from navsim.study.landing.covariance import budget
-from navsim.study.landing.estimate import further
-from navsim.study.landing.estimate import landing as estimated
-from navsim.study.partial import Store
 from tests.conftest import LANDINGS, SCENARIOS
 from tests.helpers import case
 

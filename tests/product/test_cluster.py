@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from navsim.results.result import read
+from navsim.runner.executor import Lost
 from navsim.scenario import load
 from navsim.scenario.source import InputError
-from navsim.study.executor import Lost
 from tests import forks
 from tests.conftest import SCENARIOS
 from tests.forks import Running, navsim
@@ -186,7 +186,7 @@ def test_search_is_that_of_one_machine(cluster: Cluster, place: Path) -> None:
 
 
 def test_errors_of_workers_come_back_as_they_are(cluster: Cluster, tmp_path: Path) -> None:
-    from navsim.study.cluster import Cluster as Pool
+    from navsim.runner.cluster import Cluster as Pool
 
     file = tmp_path / "a.yaml"
     file.write_text("kind: landing\nversion: 1\n")
@@ -265,7 +265,7 @@ def test_a_worker_of_another_version_is_refused(cluster: Cluster, place: Path) -
 
 
 def test_a_late_worker_of_another_version_is_named(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    from navsim.study import cluster as module
+    from navsim.runner import cluster as module
 
     pool = module.Cluster(cluster.address)
     try:
@@ -314,8 +314,8 @@ def test_a_schedulers_file_that_is_not_whole(
     content: bytes, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is read again for a while, since a scheduler may be about to write it."""
-    from navsim.study import cluster as module
-    from navsim.study.job import OptionError
+    from navsim.runner import cluster as module
+    from navsim.runner.job import OptionError
 
     monkeypatch.setattr(module, "CONNECT_S", 0.3)
     file = tmp_path / "scheduler.json"
@@ -330,8 +330,8 @@ def test_a_schedulers_file_that_is_not_whole(
 
 @pytest.mark.parametrize("file", ["/dev/zero", "/proc/self/pagemap", "."])
 def test_a_schedulers_file_that_is_none(file: str) -> None:
-    from navsim.study import cluster as module
-    from navsim.study.job import OptionError
+    from navsim.runner import cluster as module
+    from navsim.runner.job import OptionError
 
     with pytest.raises(OptionError, match="cannot be read: "):
         module.Cluster(file)

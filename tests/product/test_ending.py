@@ -101,7 +101,7 @@ def test_signals_in_a_row_show_no_traceback(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "module",
-    ["typer", "navsim.cli.run", "pydantic", "navsim.scenario.landing", "navsim.study.landing", "numba"],
+    ["typer", "navsim.cli.run", "pydantic", "navsim.scenario.landing", "navsim.landing.study", "numba"],
 )
 def test_signals_during_the_start_show_no_traceback(module: str, tmp_path: Path) -> None:
     """As a module begins to be imported. Python itself listens before navsim can; so does it here until the first line
@@ -139,7 +139,7 @@ def key(*_):
     kept.append(weakref.ref(thing, interrupted))
     return {{}}
 kept = []
-from navsim.study import landing
+from navsim.landing import study as landing
 landing.partial_key = key
 main()
 """

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from navsim.results.result import read
-from navsim.study.ensemble import BATCH
+from navsim.runner.batches import BATCH
 from tests import forks
 from tests.conftest import SCENARIOS
 from tests.forks import Ended, navsim

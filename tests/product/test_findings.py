@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 
 from navsim.estimation.records import NOT_USED
+from navsim.landing import study as landing
+from navsim.landing.ensemble import LandingStudy
+from navsim.optimization.problem import problem
 from navsim.results.findings import CONSISTENT, FIX, Finding, kept, of
 from navsim.results.result import Result, ResultError, Variable, read, write
+from navsim.runner import findings as judging
+from navsim.runner.batches import Batch, Ensemble
+from navsim.runner.executor import threads
 from navsim.scenario.load import read as read_scenario
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.sweep import Sweep
 from navsim.simulation.landing import Run
-from navsim.study import findings as judging
-from navsim.study import landing, sweep
-from navsim.study.ensemble import Batch, Ensemble
-from navsim.study.executor import threads
-from navsim.study.landing.ensemble import LandingStudy
-from navsim.study.objective import problem
+from navsim.sweeps import study as sweep
 from tests.conftest import SCENARIOS
 from tests.product.test_run import navsim, warnings_of
 

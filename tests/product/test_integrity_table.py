@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from navsim.integrity.monitoring import Snapshot
+from navsim.landing import integrity_table
+from navsim.landing.integrity import glide_of
 from navsim.results.findings import of
 from navsim.results.result import read
-from navsim.simulation.monitoring import Snapshot
-from navsim.study import integrity_table
-from navsim.study.landing.integrity import glide_of
 from tests.conftest import SCENARIOS
 from tests.forks import navsim
 from tests.helpers import case

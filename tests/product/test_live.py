@@ -32,14 +32,14 @@ from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import ImuData, schedule
 from navsim.formats.export import export
 from navsim.formats.stream import Lines, StreamError, opened
+from navsim.landing import study as landing
+from navsim.replays import live as flying
+from navsim.replays.live import Session
+from navsim.replays.source_clock import start_time
 from navsim.results.result import read
+from navsim.runner.executor import threads
 from navsim.sensors import imu
 from navsim.simulation.landing import measured, receiver_fixes, table_of_fixes
-from navsim.study import landing
-from navsim.study import live as flying
-from navsim.study.executor import threads
-from navsim.study.live import Session
-from navsim.study.source_clock import start_time
 from tests.forks import shared
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared

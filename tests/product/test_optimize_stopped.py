@@ -13,9 +13,9 @@ import pytest
 
 from navsim.__main__ import main
 from navsim.cli import common
+from navsim.optimization import job
+from navsim.optimization import progress as watch
 from navsim.results.result import read
-from navsim.study import watch
-from navsim.study.jobs import optimize as job
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared
 

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from navsim.optimization import problem as objective
+from navsim.optimization import study as optimize
+from navsim.runner.checkpoint import PartialError
+from navsim.runner.executor import threads
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
 from navsim.scenario.sweep import Sweep
-from navsim.study import objective, optimize
-from navsim.study.executor import threads
-from navsim.study.partial import PartialError
-from navsim.study.sweep import SweepStudy, compute, partial_key, plan, sweep_result
+from navsim.sweeps.study import SweepStudy, compute, partial_key, plan, sweep_result
 from tests.helpers import SCENARIOS
 
 GPS = """******** Week 911 almanac for PRN-{prn:02d} ********

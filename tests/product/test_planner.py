@@ -25,14 +25,14 @@ import pytest
 import yaml
 
 from navsim.core.arrays.earth import llh_from_ecef
+from navsim.landing.study import prepare
+from navsim.optimization.analyses import glimpsed, screened
 from navsim.planner.orders import Known, WrongOrder, read_order
 from navsim.planner.outlook import QUANTITIES, Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.planner.server import MOST_PAGES
 from navsim.results.result import read
 from navsim.scenario.source import InputError, load
-from navsim.study.analyses import glimpsed, screened
-from navsim.study.landing import prepare
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim
 from tests.product.conftest import opened

@@ -23,12 +23,12 @@ import pytest
 
 from navsim.cli.completion import SHELLS, UNTIL
 from navsim.kinds import OF_FILES
+from navsim.landing.ensemble import stopping_rule
+from navsim.landing.rare import stopping_rule as rare_rule
 from navsim.scenario import names, shipped
 from navsim.scenario.load import section
 from navsim.scenario.published import ANY, DIALECT, identity, published
 from navsim.scenario.source import load
-from navsim.study.landing.ensemble import stopping_rule
-from navsim.study.landing.rare import stopping_rule as rare_rule
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import found_first, navsim, shared
 

@@ -22,7 +22,7 @@ from navsim.cli.options import Care, Required
 from navsim.cli.recorded import ReplayOptions
 from navsim.cli.run import RunOptions
 from navsim.cli.studies import OptimizeOptions, SweepOptions
-from navsim.study.ensemble import BATCH
+from navsim.runner.batches import BATCH
 from tests.conftest import ROOT, SCENARIOS
 from tests.product.test_run import navsim as command
 from tests.product.test_run import stored
@@ -469,7 +469,7 @@ def test_the_log_takes_what_is_no_warning(tmp_path: Path, caplog: pytest.LogCapt
     assert "damaged piece(s) of an earlier attempt were computed again" in caplog.text
 
 
-NOT_READ = ("numpy", "scipy", "xarray", "pandas", "pydantic", "navsim.study", "navsim.core", "navsim.gnss")
+NOT_READ = ("numpy", "scipy", "xarray", "pandas", "pydantic", "navsim.landing", "navsim.core", "navsim.gnss")
 """What mypy is spared: it takes minutes, and no type of the interface is there."""
 USER = """
 from pathlib import Path

@@ -31,16 +31,16 @@ from navsim.companions.elevation import report as elevation
 from navsim.companions.elevation import study as elevation_study
 from navsim.core import states
 from navsim.formats.export import choose_run, export
+from navsim.landing import study as landing
 from navsim.report import figures, limits, live, optimize, printing, quantities, sweep, tables
 from navsim.report.landing import VIEW
 from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import Table, console
 from navsim.results.result import Result, ResultError, Variable, read, write
+from navsim.runner.executor import threads
 from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.scenario.sweep import Sweep
-from navsim.study import landing
-from navsim.study import sweep as sweep_study
-from navsim.study.executor import threads
+from navsim.sweeps import study as sweep_study
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

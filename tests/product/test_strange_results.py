@@ -20,6 +20,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from navsim.cli.main import app
+from navsim.landing import study as landing
 from navsim.results import checksum as seal
 from navsim.results import hdf5
 from navsim.results.result import (
@@ -36,9 +37,8 @@ from navsim.results.result import (
     write_bytes,
     write_text,
 )
-from navsim.study import landing
-from navsim.study.executor import threads
-from navsim.study.partial import PartialError
+from navsim.runner.checkpoint import PartialError
+from navsim.runner.executor import threads
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

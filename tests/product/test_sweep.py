@@ -12,8 +12,8 @@ import pytest
 import xarray as xr
 from PIL import Image
 
+from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.results.result import read
-from navsim.study.landing import covariance_analysis, covariance_result
 from tests import forks
 from tests.conftest import SCENARIOS
 from tests.forks import navsim

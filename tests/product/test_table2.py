@@ -11,9 +11,9 @@ import pytest
 import xarray as xr
 from PIL import Image
 
+from navsim.landing import table2 as study
 from navsim.report.table2 import cells
 from navsim.results.result import read
-from navsim.study import table2 as study
 from tests.layout import as_declared
 from tests.product.test_run import navsim
 

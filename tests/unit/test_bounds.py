@@ -11,6 +11,7 @@ import pytest
 from pydantic import ValidationError
 
 from navsim.kinds import OF_FILES
+from navsim.replays.tuning import SEARCHED
 from navsim.scenario import shipped
 from navsim.scenario.base import FIX_LATENCIES, Section, validated
 from navsim.scenario.filter import FilterSection
@@ -18,7 +19,6 @@ from navsim.scenario.load import read_any, section
 from navsim.scenario.replay import Gnss
 from navsim.scenario.signals import ReceiverSection
 from navsim.scenario.source import Document, InputError
-from navsim.study.tuning import SEARCHED
 
 FREE = ("set", "values")
 """Keys whose values are those of another file, which has the bounds."""

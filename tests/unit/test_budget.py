@@ -11,13 +11,13 @@ from typer.testing import CliRunner, Result
 
 from navsim.cli.main import app
 from navsim.companions.elevation import study as elevation
+from navsim.landing import study as landing
+from navsim.landing.ensemble import history_bytes
+from navsim.landing.estimate import extent
+from navsim.runner import machine as having
+from navsim.runner.estimate import Budget, Machine, duration, lacking, said, size
 from navsim.scenario.load import read_any
 from navsim.simulation.landing import Run
-from navsim.study import landing
-from navsim.study.budget import machine as having
-from navsim.study.budget.estimate import Budget, Machine, duration, lacking, said, size
-from navsim.study.landing.ensemble import history_bytes
-from navsim.study.landing.estimate import extent
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 
@@ -46,7 +46,7 @@ def test_numbers_of_a_landing_are_those_of_its_arrays(more: tuple[str, ...]) -> 
 
 
 def test_a_scenario_is_asked_about_before_its_arrays_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
-    from navsim.study.landing import case as preparing
+    from navsim.landing import case as preparing
 
     class Refused(Exception):
         pass

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from navsim.landing.confirmation import Candidate, Confirmation, Errors, OfRuns, confirm
 from navsim.results.findings import CONSISTENT
 from navsim.results.schema import FILTER_QUANTITIES
-from navsim.study.confirmation import Candidate, Confirmation, Errors, OfRuns, confirm
 
 
 def errors(value: float) -> Errors:

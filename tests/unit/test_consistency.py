@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from navsim.study import consistency
-from navsim.study.consistency import LIMITS, RatioBand, Ratios, correlation_of, evaluate, simultaneous_band
+from navsim.runner import consistency
+from navsim.runner.consistency import LIMITS, RatioBand, Ratios, correlation_of, evaluate, simultaneous_band
 
 NAMES = ("position_north", "attitude_down", "gyro_bias_z")
 BAND = RatioBand(0.9, 1.1, np.full(3, 50.0))

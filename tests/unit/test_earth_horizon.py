@@ -11,18 +11,18 @@ from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import dops
 from navsim.gnss.interference.horizon import horizon_dip
 from navsim.gnss.signals import build_signals
+from navsim.landing.sources import environment
+from navsim.optimization.problem import problem
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.results.findings import of
+from navsim.runner.executor import threads
+from navsim.runner.opening import checked
 from navsim.scenario.load import read, read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.sweep import Sweep
 from navsim.simulation.geometry import glide_geometry
-from navsim.study import sweep
-from navsim.study.executor import threads
-from navsim.study.objective import problem
-from navsim.study.sources import environment
-from navsim.work.opening import checked
+from navsim.sweeps import study as sweep
 from tests.conftest import SCENARIOS
 from tests.helpers import case, scenario
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from navsim.kinds import OF_FILES
+from navsim.landing.study import prepare
+from navsim.runner.errors import BadInput
+from navsim.runner.opening import checked
 from navsim.scenario.keys import rows
 from navsim.scenario.load import read, section
-from navsim.study.landing import prepare
-from navsim.work.errors import BadInput
-from navsim.work.opening import checked
 from tests.conftest import SCENARIOS
 
 NAMING = [

@@ -36,8 +36,8 @@ from navsim.estimation.records import (
     schedule,
     start,
 )
+from navsim.landing.ensemble import LandingStudy
 from navsim.simulation.landing import exact_start
-from navsim.study.landing.ensemble import LandingStudy
 from tests.helpers import case
 
 WIDTHS = lanes.WIDTHS

@@ -11,6 +11,8 @@ import typer
 from navsim.cli.options import number_option
 from navsim.cli.results import shown_as_stored
 from navsim.core.states import display_name
+from navsim.landing.requirements import untold_by_pushed_runs
+from navsim.landing.study import prepare
 from navsim.report import tables
 from navsim.report.tables import state_verdict
 from navsim.results.findings import several
@@ -18,8 +20,6 @@ from navsim.results.result import Result, Variable
 from navsim.results.schema import SCHEMA_VERSION
 from navsim.scenario.load import read, resolved_yaml
 from navsim.scenario.source import InputError
-from navsim.study.landing import prepare
-from navsim.study.landing.requirements import untold_by_pushed_runs
 from tests.conftest import SCENARIOS
 
 LANDING = SCENARIOS / "landing.yaml"

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.optimization.search_log import Journal
 from navsim.results import atomic_write as whole
 from navsim.results.atomic_write import Occupied, clean, discard, locked, partial_folder, write_whole
-from navsim.study.journal import Journal
-from navsim.study.partial import PartialError, Store
+from navsim.runner.checkpoint import PartialError, Store
 
 KEY = {"seed": 1, "runs": 50}
 PIECE = {"a": np.arange(3.0), "text": np.array(["x", "yy"])}

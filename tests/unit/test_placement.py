@@ -10,11 +10,11 @@ import pytest
 
 from navsim.core.lanes import WIDTH, WIDTHS, in_lanes
 from navsim.core.placement import MEAN, placement_dops
+from navsim.landing.sources import environment
+from navsim.optimization.placement import RunwayPlane, _polygons, surface_height
 from navsim.scenario.load import read
 from navsim.scenario.optimize import Surfaces
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.study.placement import RunwayPlane, _polygons, surface_height
-from navsim.study.sources import environment
 from tests.conftest import SCENARIOS
 
 EPOCHS = np.linspace(0.0, 60.0, 7)

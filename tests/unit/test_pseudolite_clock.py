@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from navsim.gnss.constellations.systems import CLOCKS
+from navsim.optimization.problem import problem
 from navsim.results.findings import of
 from navsim.results.result import Result
+from navsim.runner.executor import threads
+from navsim.runner.opening import checked
 from navsim.scenario.load import read_study, resolved_yaml
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.sweep import Sweep
-from navsim.study import sweep
-from navsim.study.executor import threads
-from navsim.study.objective import problem
-from navsim.work.opening import checked
+from navsim.sweeps import study as sweep
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

@@ -11,10 +11,10 @@ import pytest
 
 from navsim.core.lanes import WIDTH
 from navsim.gnss.code_loop import smooth, smoothed_variance, smoothing_slopes
+from navsim.landing.study import Case
 from navsim.simulation.landing import Flight, Inputs, draw, expected_measurements, fly_inputs
 from navsim.simulation.landing_covariance import AlongTruth, along_truth, analyse
 from navsim.simulation.sensitivity import Slopes, carried, deviations, sensitivity
-from navsim.study.landing import Case
 from tests.helpers import case
 
 AT = 30.0

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.path import Path as Outline
 
+from navsim.landing import study as landing
+from navsim.landing.study import prepare
 from navsim.report.page.sky import beside, sky_paper, skyline
+from navsim.runner.executor import threads
 from navsim.scenario.load import read
-from navsim.study import landing
-from navsim.study.executor import threads
-from navsim.study.landing import prepare
 from tests.helpers import SCENARIOS
 
 WIDE, REACH = 290.0, 1.14

@@ -108,7 +108,7 @@ def test_only_regular_files_are_read(name: str, said: str, tmp_path: Path) -> No
     with pytest.raises(InputError, match=said):
         load(tmp_path / name)
     for key in ("sky.almanac", "sky.navigation", "sky.orbits"):
-        from navsim.study.landing import prepare
+        from navsim.landing.study import prepare
 
         source_of = key.partition(".")[2]
         options = [f"sky.source={source_of}", f"{key}={tmp_path / name}"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from navsim.gnss import timescales
-from navsim.study.source_clock import Kind, Start, StartError, settle, start_time
+from navsim.replays.source_clock import Kind, Start, StartError, settle, start_time
 
 EPOCH = timescales.posix(2018, 9, 13, 12)
 NOON = 43200.0

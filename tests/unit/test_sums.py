@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from navsim.study.sums import Sums, blocks
+from navsim.runner.exact_sums import Sums, blocks
 
 
 @given(first=st.integers(0, 300), count=st.integers(1, 300))

@@ -41,8 +41,8 @@ OTHER_MEANINGS = {
     ("formats/text.py", "E"): "exponents",
     ("report/sky.py", "E"): "east",
     ("report/integrity_table.py", "G"): "the ground may be lost",
-    ("study/diagnosis.py", "R"): "right",
-    ("study/partial.py", "C"): "order of an array",
+    ("replays/diagnosis.py", "R"): "right",
+    ("runner/checkpoint.py", "C"): "order of an array",
 }
 """Where a literal like a system's letter is none."""
 

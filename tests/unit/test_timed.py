@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from navsim.study.executor import Executor, threads
-from navsim.study.job import JobError, Tell
-from navsim.work.timed import BLOCK_S, seconds_of
+from navsim.runner.executor import Executor, threads
+from navsim.runner.job import JobError, Tell
+from navsim.runner.timed import BLOCK_S, seconds_of
 
 
 class Clock:

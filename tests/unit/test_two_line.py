@@ -10,9 +10,9 @@ import pytest
 from navsim.formats.almanac import read_almanac
 from navsim.gnss import atmosphere, timescales
 from navsim.gnss.constellations import systems, tle
+from navsim.landing import study as landing
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
-from navsim.study import landing
 from tests.helpers import SCENARIOS
 
 UTC = timescales.posix(2018, 9, 13)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from navsim.cli import common
-from navsim.study.jobs.optimize import said
-from navsim.study.watch import Progress, Step, TimeUp, Watch
+from navsim.optimization.job import said
+from navsim.optimization.progress import Progress, Step, TimeUp, Watch
 
 
 class Clock:

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from navsim.runner.errors import BadInput
+from navsim.runner.opening import checked
 from navsim.scenario.source import InputError
 from navsim.trajectory import air
-from navsim.work.errors import BadInput
-from navsim.work.opening import checked
 from tests.conftest import SCENARIOS
 from tests.helpers import case, scenario
 

@@ -22,9 +22,9 @@ from navsim.results.draft import Draft
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import ATC
+from navsim.runner.attributes import root_attributes
+from navsim.runner.findings import of_filter
 from navsim.scenario.base import DEG
-from navsim.study.findings import of_filter
-from navsim.study.root import root_attributes
 
 FILTERS = ("full", "adapt", "fix", "singer", "cartesian")
 WINDOWS = ("manoeuvre", "straight")

@@ -21,8 +21,8 @@ from navsim.results.draft import Draft
 from navsim.results.findings import CONSISTENT, Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import ELEVATION
-from navsim.study.findings import doubted, positive
-from navsim.study.root import root_attributes
+from navsim.runner.attributes import root_attributes
+from navsim.runner.findings import doubted, positive
 
 BANDS = ("std_theory", "std_sample", "variance")
 """Ways to read "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the

@@ -1,0 +1,112 @@
+"""Fixes with an alarm, solved anew without what is likely at fault.
+
+Source: `docs/theory/integrity.md`, section 7. Fixes are tried by stretches of the flight that are the same for all
+runs, each begun anew: a run's fix does not depend on when its neighbours have alarms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from navsim.gnss.pseudorange import Signals
+from navsim.integrity import exclusion
+from navsim.integrity.fixes import ReceiverFixes, left_over, solved
+from navsim.integrity.monitoring import RMS, Monitoring, Snapshot, tested_levels
+
+STRETCH = 256
+"""Epochs that are tried together."""
+MOST_KEPT = 2**28
+"""What monitors of what is left may take of memory, bytes; others are made anew for each use."""
+
+
+@dataclass(frozen=True)
+class SettledFixes:
+    """Fixes, the sizes of their errors (e, 2, W), m, their levels (e, 2, W), m, nan where there is no test, and the
+    numbers of the candidates that they are made without (e, W), `exclusion.NOTHING` for none."""
+
+    fixes: ReceiverFixes
+    error: np.ndarray
+    level: np.ndarray
+    excluded: np.ndarray
+
+
+@dataclass(frozen=True)
+class Excluder:
+    """What is done about fixes with an alarm.
+
+    watching: how fixes are watched, with a rule of exclusion. signals: that they are made of. start: (3,) ECEF, where
+    their iteration begins. axes: (e, 3, 3) rows east, north, up at the antenna.
+    """
+
+    watching: Monitoring
+    signals: Signals
+    start: np.ndarray
+    axes: np.ndarray
+    _kept: dict[tuple[int, int], Snapshot] = field(default_factory=dict)
+
+    @cached_property
+    def _heard(self) -> np.ndarray:
+        """Sources that are used at all (s,) bool; nothing is computed with others."""
+        return np.asarray(self.signals.used.any(axis=0))
+
+    @cached_property
+    def _candidates(self) -> np.ndarray:
+        """What each candidate takes away of those (c, s) bool."""
+        names = np.array(self.signals.names)[self._heard]
+        taken = [np.isin(names, one.sources) for one in self.watching.candidates(self.signals)]
+        return np.array(taken, bool).reshape(-1, names.size)
+
+    def settle(
+        self, alarm: np.ndarray, ranges: np.ndarray, rates: np.ndarray, antenna: np.ndarray, settled: SettledFixes
+    ) -> None:
+        """Puts fixes made without a candidate where there is an alarm (e, W) and one is excluded; measurements
+        (e, s, W), antenna (e, 3, W)."""
+        for number, first in enumerate(range(0, alarm.shape[0], STRETCH)):
+            part = slice(first, first + STRETCH)
+            if alarm[part].any():
+                heard = [np.ascontiguousarray(m[part, self._heard]) for m in (ranges, rates)]
+                self._settle_stretch(number, part, alarm[part], [*heard, antenna[part]], settled)
+
+    def _settle_stretch(
+        self, number: int, part: slice, alarm: np.ndarray, measured: list[np.ndarray], settled: SettledFixes
+    ) -> None:
+        ranges, rates, antenna = measured
+        signals = self.signals.at(np.arange(self.signals.time.size)[part]).select(self._heard)
+        taken = (self._candidates[:, None] & signals.used).any(axis=2)
+        tried = np.flatnonzero(taken.any(axis=1))
+        passes, rms = np.zeros((tried.size, *alarm.shape), bool), np.zeros((tried.size, *alarm.shape))
+        left = np.array([(signals.used & ~self._candidates[c]).sum(axis=1) for c in tried]).reshape(tried.size, -1)
+        made: list[tuple[ReceiverFixes, np.ndarray, Snapshot]] = []
+        for i, c in enumerate(tried):
+            kept = np.where(self._candidates[c][:, None], np.nan, ranges)
+            fixes = solved(self.start, signals, kept, rates)
+            residual, error = left_over(signals, antenna, self.axes[part], kept, fixes.llh, fixes.clocks)
+            monitor = self._monitor(number, int(c), signals)
+            there = (taken[c] & monitor.tested)[:, None] & ~np.isnan(fixes.llh[:, 0])
+            passes[i] = alarm & there & (monitor.statistic(residual) <= monitor.threshold[:, None])
+            rms[i] = np.sqrt(np.nansum(residual**2, axis=1) / np.maximum(left[i], 1)[:, None])
+            made.append((fixes, error, monitor))
+        if self.watching.exclusion == RMS:
+            chosen = exclusion.least_rms(passes, rms, left)
+        else:
+            chosen = exclusion.alone(passes, exclusion.contained(self._candidates[tried], signals.used))
+        for i, (fixes, error, monitor) in enumerate(made):
+            mine = chosen == i
+            if not mine.any():
+                continue
+            for has, gets in zip((*settled.fixes, settled.error), (*fixes, error), strict=True):
+                np.copyto(has[part], gets, where=mine.reshape(len(mine), *[1] * (has.ndim - 2), -1))
+            np.copyto(settled.level[part], tested_levels(monitor)[..., None], where=mine[:, None])
+            settled.excluded[part][mine] = tried[i]
+
+    def _monitor(self, number: int, candidate: int, signals: Signals) -> Snapshot:
+        """What watches a stretch of the flight without a candidate."""
+        if (number, candidate) in self._kept:
+            return self._kept[number, candidate]
+        without = self.watching.without(self.signals, signals, candidate)
+        if (len(self._kept) + 1) * without.size <= MOST_KEPT:
+            self._kept[number, candidate] = without
+        return without

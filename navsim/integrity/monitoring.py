@@ -1,0 +1,237 @@
+"""What a snapshot monitor says along a landing: levels from the geometry, alarms from what fixes leave of their ranges.
+
+Source: `docs/theory/integrity.md`, section 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+from navsim.gnss.pseudorange import Signals
+from navsim.integrity import separation
+from navsim.integrity.fixes import ReceiverFixes
+from navsim.integrity.innovations import InnovationTest
+from navsim.integrity.residuals import ChiSquareTest, Monitor
+from navsim.integrity.separation import UP, Allocation, SeparationMonitor, SeparationWatch
+from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
+
+NO_FIX, UNTESTED, QUIET, ALARM, EXCLUDED = range(5)
+"""What a monitor says of an epoch: there is no fix, or nothing is received; nothing to test it by, nothing wrong,
+something wrong; something was, and is excluded."""
+DOUBTED = 1.5
+"""By how much more than its levels are of a filter may be uncertain, in 1 sigma, before that is an alarm: its gate
+rejects what they count on."""
+NO_EXCLUSION, RESIDUAL, RMS = "none", "residual", "rms"
+"""Rules by which something is excluded after an alarm."""
+
+
+class Watcher(Protocol):
+    """What watches a landing, whichever way."""
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Protection levels (e, 2), m, horizontal and vertical; inf or nan where there are none."""
+
+    @property
+    def threshold(self) -> np.ndarray:
+        """What `statistic` may be without an alarm (e,)."""
+
+    @property
+    def tested(self) -> np.ndarray:
+        """Where there is a test (e,)."""
+
+    @property
+    def size(self) -> int:
+        """What it takes of memory, about, bytes."""
+
+
+class Snapshot(Watcher, Protocol):
+    """A monitor of the fixes of epochs, each by itself."""
+
+    def statistic(self, residuals: np.ndarray) -> np.ndarray:
+        """What tells a fault (e, W), of residuals (e, s, W) of fixes, m."""
+
+
+class Bank(Watcher, Protocol):
+    """A monitor of the filter, at its outputs."""
+
+    @property
+    def aided(self) -> np.ndarray:
+        """Where the filter is given a fix, or, tightly coupled, a range (e,)."""
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """1 sigma of the filter that levels are of (e, 3), north, east, down, m."""
+
+    def along(self, bearing: float) -> np.ndarray:
+        """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, m; nan where there are none."""
+
+    def statistic(
+        self, innovation: np.ndarray, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
+    ) -> np.ndarray:
+        """What tells a fault (e, W), of innovations (k, MOST, W) that the filter used, nan for others, and of fixes
+        from measurements (e, s, W)."""
+
+
+@dataclass(frozen=True)
+class ExpectedFault:
+    """Sources that fail together, by name, with the probability that they have; see `separation.Fault`."""
+
+    name: str
+    sources: tuple[str, ...]
+    prior: float
+    of: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Monitoring:
+    """How fixes are watched.
+
+    test: by residuals, or the shares of solution separation. faults: that separation expects. nominal: bounds of the
+    biases of sources by their names, m. accuracy: 1 sigma of ranges without a fault by the receiver's. exclusion: rule
+    by which something is excluded after an alarm. drops: whether the filter does without fixes with an alarm.
+    innovations: how those of the filter are watched, if they are. bank: makes what watches the filter of a flight,
+    where it is the filter and not its fixes that is watched.
+    """
+
+    test: ChiSquareTest | Allocation
+    faults: tuple[ExpectedFault, ...]
+    nominal: dict[str, float]
+    accuracy: float
+    exclusion: str = NO_EXCLUSION
+    drops: bool = False
+    innovations: InnovationTest | None = None
+    bank: Callable[[Any], Bank] | None = None
+
+    def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
+        """The faults of sources that are used at all, then those two at once that have to be monitored with them, where
+        a share of what is tolerated is."""
+        if isinstance(self.test, ChiSquareTest):
+            return ()
+        alone = [fault for fault in self.faults if signals.used[:, list(_indices(signals.names, fault.sources))].any()]
+        pairs = separation.coincidences([fault.prior for fault in alone], share * self.test.p_unmonitored)
+        both = [(alone[i], alone[j], (i, j)) for i, j in pairs]
+        return (
+            *alone,
+            *(
+                ExpectedFault(f"{a.name} & {b.name}", (*a.sources, *b.sources), a.prior * b.prior, of)
+                for a, b, of in both
+            ),
+        )
+
+    def candidates(self, signals: Signals) -> tuple[ExpectedFault, ...]:
+        """What may be excluded: each source that is used at all, or each fault that separation expects, but for
+        coincidences."""
+        if self.exclusion == NO_EXCLUSION:
+            return ()
+        if self.exclusion == RESIDUAL and isinstance(self.test, Allocation):
+            return tuple(fault for fault in self.expected(signals) if not fault.of)
+        heard = np.flatnonzero(signals.used.any(axis=0))
+        return tuple(ExpectedFault(signals.names[i], (signals.names[i],), 0.0) for i in heard)
+
+    def without(self, flight: Signals, signals: Signals, candidate: int) -> Snapshot:
+        """The monitor of fixes from these signals, of some epochs of a flight, without a candidate of it. What its
+        levels are allowed to miss is shared by all candidates, and by the fix with all that is used."""
+        candidates = self.candidates(flight)
+        out = candidates[candidate].sources
+        share = 1.0 / (1.0 + len(candidates))
+        test: ChiSquareTest | Allocation
+        if isinstance(self.test, ChiSquareTest):
+            test = replace(self.test, p_md=share * self.test.p_md)
+        else:
+            p_hmi_v, p_hmi_h = share * self.test.p_hmi_vertical, share * self.test.p_hmi_horizontal
+            test = replace(self.test, p_hmi_vertical=p_hmi_v, p_hmi_horizontal=p_hmi_h)
+        # what there is to expect is not a matter of the epochs
+        expected = self.expected(_but(flight, out), share)
+        return self._over(_but(signals, out), expected, test)
+
+    def over(self, signals: Signals) -> Snapshot:
+        """The monitor of the fixes from these signals, of all that are used."""
+        return self._over(signals, self.expected(signals), self.test)
+
+    def _over(self, signals: Signals, expected: Sequence[ExpectedFault], test: ChiSquareTest | Allocation) -> Snapshot:
+        rows, sigma = _geometry(signals)
+        noise = Independent(sigma)
+        if isinstance(test, ChiSquareTest):
+            return Monitor(solve(rows, signals.used, noise), test)
+        nominal = np.broadcast_to([self.nominal[name] for name in signals.names], sigma.shape)
+        faults = faults_of(signals.names, expected)
+        found = separation.levels(rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, test)
+        return SeparationMonitor(found)
+
+
+def runway_levels(watching: Monitoring, monitor: Snapshot, signals: Signals, bearing: float) -> np.ndarray:
+    """Levels (e, 2) of the fixes from these signals across the runway and along it, m.
+
+    monitor: of all that is used. bearing: of the runway, rad.
+    """
+    if isinstance(monitor, Monitor):
+        return monitor.along(bearing)
+    assert isinstance(monitor, SeparationMonitor)
+    assert isinstance(watching.test, Allocation)
+    fix = fix_of(signals)
+    nominal = np.broadcast_to([watching.nominal[name] for name in signals.names], fix.used.shape)
+    priors = np.array([fault.prior for fault in watching.expected(signals)])
+    return separation.along(monitor.found, fix, nominal, priors, watching.test, bearing)
+
+
+def fix_of(signals: Signals) -> MonitoredFix:
+    """The fixes from these signals, as their monitors see them."""
+    rows, sigma = _geometry(signals)
+    return solve(rows, signals.used, Independent(sigma))
+
+
+def _geometry(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (e, s, u), and 1 sigma of ranges (e, s), m; what is not used has neither, and any serve."""
+    los = np.where(signals.used[..., None], signals.los, 0.0)
+    return rows_of(los, signals.clock), np.where(signals.used, signals.fix_sigma, 1.0)
+
+
+def _but(signals: Signals, names: Sequence[str]) -> Signals:
+    """Signals of which some are not used."""
+    return replace(signals, used=signals.used & ~np.isin(signals.names, names))
+
+
+def faults_of(names: Sequence[str], expected: Sequence[ExpectedFault]) -> list[separation.Fault]:
+    """Faults that are expected of sources of these names."""
+    return [separation.Fault(_indices(names, fault.sources), fault.prior, fault.of) for fault in expected]
+
+
+def alerted(status: np.ndarray) -> np.ndarray:
+    """Where the user is told not to trust the position: an alarm, or no fix at all, or nothing received any more."""
+    return (status == ALARM) | (status == NO_FIX)
+
+
+def tested_levels(monitor: Watcher) -> np.ndarray:
+    """Protection levels (e, 2), m, nan where there is no test."""
+    return np.where(monitor.tested[:, None], monitor.levels, np.nan)
+
+
+def vertical_sigma(watching: Monitoring, monitor: Watcher) -> np.ndarray:
+    """1 sigma (e,), m, of the vertical error that is watched, of fixes or of the filter, without a fault; nan where
+    there is none."""
+    if isinstance(monitor, Monitor):
+        return watching.accuracy * np.sqrt(monitor.solution.covariance[:, UP, UP])
+    if isinstance(monitor, SeparationMonitor):
+        return monitor.found.accuracy[:, UP]
+    return cast(Bank, monitor).sigma[:, UP]
+
+
+def threshold_by_faults(monitor: Watcher) -> np.ndarray | None:
+    """Effective monitor threshold (e,), m; None where residuals are tested."""
+    return monitor.found.emt if isinstance(monitor, SeparationWatch) else None
+
+
+def _indices(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, ...]:
+    return tuple(i for i, name in enumerate(names) if name in wanted)
+
+
+def status(tested: np.ndarray, threshold: np.ndarray, statistic: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """What a monitor says of epochs (e, r): tested, threshold (e,) of it, statistic (e, r), fixed (e, r) where there is
+    a fix."""
+    said = np.where(statistic > threshold[:, None], ALARM, QUIET)
+    return np.where(fixed, np.where(tested[:, None], said, UNTESTED), NO_FIX)

@@ -1,0 +1,270 @@
+"""A landing scenario turned into models, ready to be flown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from navsim.core import states
+from navsim.core.lanes import WIDTH
+from navsim.core.states import Block
+from navsim.estimation.beliefs import Beliefs
+from navsim.estimation.estimate import FILTER_KINDS
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.interference.horizon import behind
+from navsim.gnss.signals import Environment, Pseudolites
+from navsim.landing.faults import watching
+from navsim.landing.preflight import Foreseen, modelled
+from navsim.landing.sources import touchdown_time
+from navsim.results.schema import HEIGHTS, RMS_WINDOW
+from navsim.runner.statistics import gate_limits
+from navsim.scenario.base import DEG
+from navsim.scenario.landing import Landing
+from navsim.scenario.signals import ClockNoise
+from navsim.scenario.source import Document
+from navsim.sensors.imu import Triad
+from navsim.simulation.aiding import followed_errors as followed_heights
+from navsim.simulation.landing import (
+    Flight,
+    InitialErrors,
+    Run,
+    World,
+    build_world,
+    fly,
+)
+from navsim.simulation.landing import prepare as prepare_flight
+from navsim.simulation.lasting import fix_blocks, followed_errors
+from navsim.simulation.sensors import followed, gains_that_matter
+from navsim.trajectory.approach import TOUCHDOWN
+from navsim.trajectory.kinematics import Moving
+
+FOOT = 0.3048
+PERCENTILES = (50, 95, 99)
+MOVING = slice(states.POS, states.ATT)
+"""States of position and velocity."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scenario turned into models, ready to be flown any number of times."""
+
+    scenario: Landing
+    trajectory: Moving
+    environment: Environment
+    flight: Flight
+    sky_warnings: list[str] = field(default_factory=list)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings about the input: sky, what is foreseen of the flight, near sources, sensors that never measure."""
+        idle = [aid.sensor.name for aid in self.world.aids if aid.time.size and aid.missing == aid.time.size]
+        said = "measures nothing on this flight, whose heights or attitudes are beyond its limits"
+        near = map(str, self.flight.near_passes)
+        return [*self.sky_warnings, *self.foreseen.warnings, *near, *(f"{name}: {said}" for name in idle)]
+
+    @property
+    def foreseen(self) -> Foreseen:
+        """What of it is known before it is flown."""
+        world = self.world
+        return Foreseen(self.scenario, self.trajectory, self.environment, world.signals, world.filter_time)
+
+    def behind_terrain(self) -> np.ndarray:
+        """At which fixes (e, s) bool terrain hides which sources: satellites that the mask lets pass, pseudolites."""
+        s = self.world.signals
+        hidden = behind(self.environment.terrain, s.position, s.antenna)
+        satellites = slice(0, len(s.names) - len(self.pseudolites.names))
+        hidden[:, satellites] &= self.environment.in_view(s.azimuth, s.elevation, s.antenna)[:, satellites]
+        return hidden
+
+    def over(self, world: World) -> Case:
+        """The same in another world, of the sources that it has now."""
+        flight = replace(self.flight, watching=watching(self.scenario, self.environment))
+        return replace(self, flight=flight.over(world))
+
+    @property
+    def world(self) -> World:
+        """What all its runs share."""
+        return self.flight.world
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states of its filter."""
+        return states.names(self.beliefs.sensors.blocks, [CLOCKS[scale] for scale in self.flight.scales])
+
+    @property
+    def state_units(self) -> tuple[str, ...]:
+        """Their units."""
+        return states.units(self.beliefs.sensors.blocks, len(self.flight.scales))
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups of three states that are judged by themselves."""
+        return tuple(states.slices(self.beliefs.sensors.blocks))
+
+    @cached_property
+    def uncertain(self) -> np.ndarray:
+        """Which states (n,) bool have any uncertainty, in truth or in the filter: an initial sigma, process noise, or
+        states that they are integrals of. Only these are degrees of freedom."""
+        flight, sensors = self.flight, self.beliefs.sensors
+        triads, starts = (flight.gyro, flight.accel), (flight.start, flight.initial)
+        declared = zip(sensors.blocks, sensors.sigma, strict=True)
+        known = [sigma == 0.0 and block.drive == 0.0 for block, sigma in declared]
+        for k, triad in enumerate(triads):  # biases come first
+            known[k] &= triad.initial_sigma() == triad.drive() == 0.0 and not triad.further.there
+        noisy = [
+            bool(sensors.noise[k] > 0.0) or triad.white() > 0.0 or triad.scale > 0.0
+            or not all(here for block, here in zip(sensors.blocks, known, strict=True) if block.triad == k)
+            for k, triad in enumerate(triads)
+        ]  # fmt: skip
+        fixed = flight.initial.fixed is not None and bool(np.any(flight.initial.fixed))
+        attitude = fixed or any(start.attitude > 0.0 for start in starts) or noisy[states.GYROS]
+        velocity = attitude or any(start.velocity > 0.0 for start in starts) or noisy[states.ACCELEROMETERS]
+        position = velocity or any(start.position > 0.0 for start in starts)
+        sizes = [3, 3, 3, *(block.size for block in sensors.blocks)]
+        each = np.repeat([position, velocity, attitude, *np.invert(known)], sizes)
+        return np.append(each, np.ones(len(self.states) - each.size, bool))  # clocks are unknown at the start
+
+    def degrees(self, states_: slice = slice(None)) -> int:
+        """How many of some states, or of all, have any uncertainty."""
+        return int(self.uncertain[states_].sum())
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """What its filter believes."""
+        return self.flight.beliefs
+
+    @property
+    def pseudolites(self) -> Pseudolites:
+        """The pseudolites."""
+        return self.environment.pseudolites
+
+    def fly(self, seed: int, run: int) -> Run:
+        """Run number `run` of the ensemble of `seed`."""
+        return fly(self.flight, seed, [run]).one(0)
+
+    def fly_runs(self, seed: int, first: int, count: int, measured: bool = True) -> Iterator[Run]:
+        """Runs first ... first + count - 1, in order, with their measurements or without; as many at a time as there
+        are lanes."""
+        for begin in range(first, first + count, WIDTH):
+            yield fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)), measured)
+
+
+Ask = Callable[[Landing, Environment], None]
+"""Told a scenario and its sources of signals before anything of their size is made; raises where it is not to be."""
+
+
+def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -> Case:
+    """Build everything the runs share, once `ask` has let it pass.
+
+    Raises InputError for a file of satellites that cannot be used, and what `ask` raises.
+    """
+    trajectory, sources, scenario, warnings = modelled(scenario, document)
+    ask(scenario, sources)
+    gyro, accel = scenario.imu.triads()
+    world = world_of(scenario, trajectory, sources)
+    watched = watching(scenario, sources)
+    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, world), watched)
+    case = Case(scenario, trajectory, sources, flight, warnings)
+    case.foreseen.check(document)
+    return case
+
+
+def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> World:
+    """What all runs of a scenario share, by its duration, rates and receiver."""
+    return build_world(
+        trajectory,
+        sources,
+        scenario.receiver_model(),
+        utc=scenario.epoch.timestamp(),
+        duration=scenario.duration_s,
+        imu_rate=scenario.imu.rate_hz,
+        aiding=scenario.aiding(),
+        air=None if (air := scenario.air()) is None else air[0],
+    )
+
+
+def _initial(scenario: Landing) -> InitialErrors:
+    section = scenario.initial_errors
+    fixed = None
+    if section.fixed is not None:
+        f = section.fixed
+        fixed = np.array([*f.position_m, *f.velocity_m_s, *(a * DEG for a in f.attitude_deg)])
+    return InitialErrors(section.attitude_deg * DEG, section.position_m, section.velocity_m_s, fixed)
+
+
+def _gains(scenario: Landing, world: World, gyro: Triad, accel: Triad) -> tuple[Block, ...]:
+    """The gains of inertial sensors, as the filter believes in them, that it follows: those that are asked for, and of
+    those that the scenario says nothing of the ones that matter on this flight."""
+    dt = float(world.imu_time[1] - world.imu_time[0])
+    large = gains_that_matter(gyro, accel, world.dtheta, world.dv, dt)
+    its = scenario.filter
+    asked = ((its.scale_factors, states.SCALE_FACTORS), (its.misalignments, states.MISALIGNMENTS))
+    return tuple(b for wanted, blocks in asked for b in blocks if (b in large if wanted is None else wanted))
+
+
+def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
+    """What the filter believes, and of the initial errors: what its section leaves out is what the truth has."""
+    section = scenario.filter
+    truth = scenario.initial_errors
+    given = section.initial
+    initial = InitialErrors(
+        (truth.attitude_deg if given.attitude_deg is None else given.attitude_deg) * DEG,
+        truth.position_m if given.position_m is None else given.position_m,
+        truth.velocity_m_s if given.velocity_m_s is None else given.velocity_m_s,
+    )
+    gyro, accel = scenario.imu.triads(section.imu.gyro, section.imu.accelerometer)
+    sensors, lasting = followed(gyro, accel, _gains(scenario, world, gyro, accel)), None
+    if kinds := scenario.signals.errors.models():
+        interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
+        lasting = followed_errors(scenario.about_lasting_errors(), kinds, scenario.duration_s, interval)
+        # those of ranges go by the sources that are received: `simulation.landing.prepare` adds them
+        blocks = () if section.tight else fix_blocks(lasting, kinds, step)
+        sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
+    of_aids = followed_heights(scenario.aiding(), 1.0 / scenario.imu.rate_hz)
+    sensors = replace(
+        sensors, blocks=(*sensors.blocks, *(b for b, _ in of_aids)), sigma=(*sensors.sigma, *(s for _, s in of_aids))
+    )
+    lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
+    beliefs = Beliefs(
+        kind=FILTER_KINDS[section.kind],
+        sensors=sensors,
+        velocity=section.velocity,
+        latency=scenario.receiver.latency_s if section.latency_s is None else section.latency_s,
+        lever_arm=np.array(lever_arm),
+        sigma_scale=section.fix_sigma_scale,
+        gate=gate_limits(section.gate.probability),
+        max_rejected=section.gate.max_rejected,
+        components=section.gaussian_sum.components,
+        widest=section.gaussian_sum.heading_deg * DEG,
+        steady_force=section.steady_force,
+        clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
+        lasting=lasting,
+        reflections=section.fix_errors != "none",
+    )
+    return beliefs, initial
+
+
+def touches_down(case: Case) -> bool:
+    """Whether the flight does within the simulation."""
+    return case.trajectory.path.events.get(TOUCHDOWN, math.inf) <= case.scenario.duration_s
+
+
+def rms_window(case: Case) -> np.ndarray:
+    """Which filter outputs lie in the last seconds before touchdown (t,)."""
+    t, end = case.world.filter_time, touchdown_time(case.scenario, case.trajectory)
+    return (t >= end - RMS_WINDOW - 1e-9) & (t <= end + 1e-9)
+
+
+def crossing_times(case: Case) -> list[float]:
+    """Times when the true height above the runway passes the decision heights, nan where it does not."""
+    return times_at_heights(case, [feet * FOOT for feet in HEIGHTS.values()])
+
+
+def times_at_heights(case: Case, heights: Sequence[float]) -> list[float]:
+    """Times when the true height above the runway last comes down through these, m, 0 for touchdown; nan where it does
+    not before the filter's last output."""
+    return case.foreseen.times_at_heights(heights)

@@ -1,0 +1,196 @@
+"""Confirmation of the best placements by runs: errors by Monte Carlo beside those of the covariance analysis.
+
+A covariance analysis is right to some order alone. A search looks for the position where it is smallest, so it ends
+where the analysis is wrong, if it is wrong anywhere. navsim therefore flies the best placements before it prints them.
+It rejects one whose runs are worse than the analysis, and flies the next best with other runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.landing.result import result
+from navsim.landing.study import Case
+from navsim.landing.study import fly_all as fly_landing
+from navsim.results.draft import Draft
+from navsim.results.findings import CONSISTENT, Finding, of, several
+from navsim.results.result import Result
+from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS
+from navsim.runner.checkpoint import Arrays
+from navsim.runner.executor import Executor
+
+RUNS = 200
+"""Runs of a recommended flight: the interval of an RMS error is 10 % wide to each side."""
+TOLERANCE = 0.1
+"""Runs contradict an analysis if their 95 % interval lies beyond this share of its value."""
+_PARTS = ("horizontal", "vertical")
+"""Errors to report for every objective."""
+
+Errors = Mapping[str, float]
+"""Errors of the filter by name, with the ends of their intervals as `NAME_low`, `NAME_high`."""
+
+
+class OfRuns(NamedTuple):
+    """What runs of a choice say: the filter's errors; the verdict on the sigma of its states, and whether one is too
+    small."""
+
+    errors: Errors
+    verdict: str
+    small: bool
+
+
+Fly = Callable[[np.ndarray, int, int, int], OfRuns]
+"""What runs of a choice say: of what, seed, number of the first run, number of runs."""
+Candidate = Callable[[], tuple[np.ndarray, float] | None]
+"""A choice, a placement (k, 2) or the number of a combination (1,), and its objective by analysis; None where it is
+none after all."""
+APART = 30.0
+"""Least distance between candidates, m: runs that contradict one contradict its neighbours too."""
+CANDIDATES = 12
+"""Largest number of choices to fly until runs agree with the analysis of one."""
+
+
+def filter_outputs(tree: Result | Draft) -> dict[str, float]:
+    """The filter's errors of a landing result, with the ends of their intervals as `NAME_low`, `NAME_high`."""
+    out: dict[str, float] = {}
+    for name in FILTER_QUANTITIES:
+        if name in _PARTS:
+            interval = tree[f"/summary/rms/{name}"]
+        else:
+            axis, height = name.split("_")
+            interval = tree[f"/summary/at/{axis}"][list(HEIGHTS).index(height)]
+        out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
+    return out
+
+
+def fly_case(case: Case, seed: int, first: int, runs: int, executor: Executor) -> Result:
+    """The result of runs first ... first + runs - 1, statistics alone."""
+    return result(case, fly_landing(case, seed, first, runs, executor, keep="none"), seed, keep="none")
+
+
+def of_runs(found: Result) -> OfRuns:
+    """What the result of a landing's runs says."""
+    small = any(one.name == "sigma_of_state" for one in of(found))
+    return OfRuns(filter_outputs(found), str(found["/summary/consistency/verdict"]), small)
+
+
+def interval_of(errors: Errors, name: str) -> np.ndarray:
+    """An error by runs with its 95 % interval: value, low, high (3,)."""
+    return np.array([errors[name], errors[f"{name}_low"], errors[f"{name}_high"]])
+
+
+def is_worse(analysed: float, interval: np.ndarray) -> bool:
+    """Whether the runs are significantly worse than the analysis, by more than `TOLERANCE`."""
+    return bool(interval[1] > (1.0 + TOLERANCE) * analysed)
+
+
+def is_better(analysed: float, interval: np.ndarray) -> bool:
+    """Whether the runs are significantly better than the analysis, by more than `TOLERANCE`."""
+    return bool(interval[2] < (1.0 - TOLERANCE) * analysed)
+
+
+@dataclass(frozen=True)
+class FlownChoice:
+    """A choice, see `Candidate`. analysed: its objective by analysis, nan where that is no error of the filter. errors:
+    by runs, rows objective, horizontal, vertical; columns value, low, high (3, 3). verdict, small: as of `OfRuns`."""
+
+    choice: np.ndarray
+    analysed: float
+    errors: np.ndarray
+    verdict: str
+    small: bool
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether its runs contradict the analysis."""
+        return is_worse(self.analysed, self.errors[0])
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Runs of the best choices. best: the recommended one, with runs that chose nothing. rejected: the others, with the
+    runs that contradicted them. runs: number of runs of each."""
+
+    best: FlownChoice
+    rejected: tuple[FlownChoice, ...]
+    runs: int
+
+    def arrays(self) -> Arrays:
+        """Arrays for storage; `of` restores the object."""
+        every = (self.best, *self.rejected)
+        return {
+            "choice": np.array([one.choice for one in every]), "analysed": np.array([one.analysed for one in every]),
+            "errors": np.array([one.errors for one in every]), "runs": np.array(self.runs),
+            "verdict": np.array([one.verdict for one in every]), "small": np.array([one.small for one in every]),
+        }  # fmt: skip
+
+    @staticmethod
+    def of(arrays: Arrays) -> Confirmation:
+        """Restore the object from `arrays`."""
+        columns = (arrays[name] for name in ("choice", "analysed", "errors", "verdict", "small"))
+        best, *rejected = (
+            FlownChoice(choice, float(value), errors, str(verdict), bool(small))
+            for choice, value, errors, verdict, small in zip(*columns, strict=True)
+        )
+        return Confirmation(best, tuple(rejected), int(arrays["runs"]))
+
+    def findings(self, whose: str, label: Callable[[np.ndarray], str]) -> list[Finding]:
+        """Findings about rejected choices, and about a recommended one whose runs do not agree. whose: prefix of the
+        messages; label: makes the text of a choice."""
+        out = []
+        for one in self.rejected:
+            text = f"{whose}: {label(one.choice)} is rejected: {self._both(one)}"
+            out.append(Finding("rejected_choice", text))
+        if self.best.is_worse:
+            text = f"{whose}: covariance analysis and runs do not agree: {self._both(self.best)}; believe the runs"
+            text += "; nothing else that was flown is better" if self.rejected else ""
+            out.append(Finding("choice_worse_than_analysed", text, (CONSISTENT,)))
+        elif is_better(self.best.analysed, self.best.errors[0]):
+            text = f"{whose}: runs are better than the covariance analysis says: {self._both(self.best)}"
+            out.append(Finding("choice_better_than_analysed", text))
+        if self.best.small:
+            out.append(Finding("sigma_of_state", f"{whose}: {self.best.verdict}", (CONSISTENT,)))
+        return out
+
+    def _both(self, one: FlownChoice) -> str:
+        value, low, high = one.errors[0]
+        runs = several(self.runs, "run")
+        return f"{one.analysed:.3g} m by covariance analysis, {value:.3g} m [{low:.3g}, {high:.3g}] in {runs}"
+
+
+def confirm(candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int, runs: int) -> Confirmation:
+    """Fly candidates, the best by analysis first, until runs agree with the analysis of one, or no remaining analysis
+    is better than the runs so far.
+
+    The function recommends the candidate whose runs agree, unless another one flies better. Each candidate has its own
+    runs. After several candidates, the recommended one is flown once more: the runs that chose it are biased.
+    """
+    tried: list[FlownChoice] = []
+    of_filter = objective in FILTER_QUANTITIES
+
+    def flown(choice: np.ndarray, analysed: float, number: int) -> FlownChoice:
+        errors, verdict, small = fly(choice, seed, number * runs, runs)
+        first = interval_of(errors, objective) if of_filter else np.full(3, np.nan)
+        rows = [first, *(interval_of(errors, name) for name in _PARTS)]
+        return FlownChoice(choice, analysed if of_filter else math.nan, np.array(rows), verdict, small)
+
+    for candidate in candidates:
+        if (found := candidate()) is None:
+            continue
+        if any(found[1] >= one.errors[0, 0] for one in tried):
+            break
+        tried.append(flown(*found, len(tried)))
+        if not tried[-1].is_worse:
+            break
+    best = min(tried, key=lambda one: float(one.errors[0, 0]))
+    if not tried[-1].is_worse and best.errors[0, 2] >= tried[-1].errors[0, 1]:
+        best = tried[-1]
+    rejected = tuple(one for one in tried if one is not best and one.is_worse)
+    if len(tried) > 1:
+        best = flown(best.choice, best.analysed, len(tried))
+    return Confirmation(best, rejected, runs)

@@ -1,0 +1,82 @@
+"""Consistency test of the states of a landing's filter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from navsim.core.consistency import ROUNDING
+from navsim.landing.case import Case
+from navsim.results.draft import Draft
+from navsim.runner.batches import Ensemble
+from navsim.runner.consistency import RatioBand, Ratios, StateVerdict, correlation_of, evaluate, simultaneous_band
+
+EXACT_START = 1e-3
+"""Ratio at time 0 below which a state starts without error, beside the least sigma that a filter starts from."""
+BEYOND = ("beyond_95", "beyond_99_9")
+"""Names of the shares of runs beyond each of `runner.consistency.LIMITS`."""
+
+
+def ratios_of_runs(case: Case, ensemble: Ensemble) -> Ratios:
+    """The ratios of errors to sigma of an ensemble: of the runs that have one, where they are half of all at least."""
+    squares, known = ensemble.total("ratio_square"), ensemble.total("ratio_known")
+    correlation = correlation_of(squares, ensemble.total("ratio_step"))
+    found = _ratios(case, np.sqrt(_of_known(squares, known, ensemble.runs)), ensemble.runs, correlation)
+    fewest = int(known[~np.isnan(found.z)].min(initial=ensemble.runs))
+    return replace(found, runs=fewest, flown=ensemble.runs)
+
+
+def shares_beyond(ensemble: Ensemble) -> np.ndarray:
+    """Shares of those runs (k, t, n) whose error is beyond each of `runner.consistency.LIMITS`."""
+    return _of_known(ensemble.total("ratio_beyond"), ensemble.total("ratio_known"), ensemble.runs)
+
+
+def _of_known(total: np.ndarray, known: np.ndarray, runs: int) -> np.ndarray:
+    """Means of sums over known (t, n) runs; nan where they are less than half of all."""
+    return np.asarray(np.where(2 * known >= runs, total / np.maximum(known, 1), np.nan))
+
+
+def expected_ratios(case: Case, rms: np.ndarray, sigma: np.ndarray) -> Ratios:
+    """The ratios that a covariance analysis expects of true errors (t, n) and the filter's sigma (t, n)."""
+    none = np.where(rms <= ROUNDING, np.nan, np.inf)
+    z = np.divide(rms, sigma, out=none, where=sigma > 0.0)
+    return _ratios(case, z, 0, np.full(rms.shape[1], np.nan))
+
+
+def _ratios(case: Case, z: np.ndarray, runs: int, correlation: np.ndarray) -> Ratios:
+    known = np.where(case.uncertain, z, np.nan)
+    known[0, known[0] < EXACT_START] = np.nan
+    return Ratios(case.world.filter_time, case.states, known, runs, correlation)
+
+
+def evaluate_states(case: Case, ratios: Ratios) -> tuple[RatioBand, StateVerdict]:
+    """The band of a right filter, and the verdict with the scenario's tolerance."""
+    band = simultaneous_band(ratios)
+    return band, evaluate(ratios, band, case.scenario.filter.sigma_tolerance)
+
+
+def put_consistency(draft: Draft, case: Case, ratios: Ratios, beyond: np.ndarray | None) -> None:
+    """Put the ratios, and what is worst of them, into a result. beyond: shares of runs (k, t, n) beyond the limits."""
+    band, verdict = evaluate_states(case, ratios)
+    draft["/consistency/time"] = ratios.time
+    draft["/consistency/state"] = np.array(ratios.names, dtype=object)
+    limits = {"band_low": band.low, "band_high": band.high, "runs": ratios.runs}
+    draft.put("/consistency/z", ratios.z, limits)
+    draft.put("/summary/consistency/verdict", verdict.words, {"tolerance": case.scenario.filter.sigma_tolerance})
+    draft["/summary/consistency/state"] = np.array(ratios.names, dtype=object)
+    draft["/summary/consistency/looks"] = band.looks
+    rows, columns = _largest(ratios.z), np.arange(len(ratios.names))
+    known = ratios.looks > 0
+    least = np.where(known, np.where(np.isnan(ratios.z), np.inf, ratios.z).min(axis=0, initial=np.inf), np.nan)
+    draft["/summary/consistency/worst_z"] = np.where(known, ratios.z[rows, columns], np.nan)
+    draft["/summary/consistency/worst_time"] = np.where(known, ratios.time[rows], np.nan)
+    draft["/summary/consistency/least_z"] = least
+    for name, shares in zip(BEYOND, beyond if beyond is not None else (), strict=False):
+        draft[f"/consistency/{name}"] = np.where(np.isnan(ratios.z), np.nan, shares)
+        draft[f"/summary/consistency/worst_{name}"] = np.where(known, shares[rows, columns], np.nan)
+
+
+def _largest(z: np.ndarray) -> np.ndarray:
+    """At which output (n,) each state has its largest z, 0 for none."""
+    return np.asarray(np.where(np.isnan(z), -np.inf, z).argmax(axis=0))

@@ -1,0 +1,298 @@
+"""Estimates of landings: runs, and covariance analysis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from navsim.core.lanes import WIDTH
+from navsim.core.states import MOST, clock_states
+from navsim.gnss.constellations.systems import OWN
+from navsim.gnss.events import PSEUDOLITES
+from navsim.gnss.receiver import epochs
+from navsim.gnss.signals import Environment
+from navsim.integrity.fix_exclusion import MOST_KEPT, STRETCH
+from navsim.landing.ensemble import HISTORIES, history_bytes
+from navsim.results.schema import SKY_TIMES
+from navsim.runner.batches import BATCH, TASK_BYTES
+from navsim.runner.estimate import (
+    BASE_MEMORY,
+    BATCH_FILE,
+    BUILT_IN_MEMORY,
+    NUMBER,
+    VARIABLE,
+    WRITING,
+    Budget,
+)  # fmt: skip
+from navsim.scenario.filter import SMOOTHERS, SUM
+from navsim.scenario.landing import Landing
+from navsim.simulation.aiding import believed_latency, times_of
+from navsim.simulation.landing_covariance import SOURCES
+from navsim.simulation.sensors import true_states
+
+SAMPLE_MEMORY = 3200
+"""A sample of the inertial sensors in what all runs share and in what leads there, bytes."""
+SIGNAL_MEMORY = 300
+"""A source of signals at an epoch, bytes."""
+ANALYSED_MEMORY = 12_000
+"""An epoch of a covariance analysis, bytes."""
+STATISTICS = 288
+"""What is kept of every run for its statistics, bytes; three times while they are computed."""
+COLUMNS = 52
+"""Numbers of a run that its result keeps for merging."""
+PUSHED = 8
+"""Numbers that a result keeps of a pushed run."""
+WAY = 40
+"""Numbers that a run's own way has at a sample."""
+FLOWN = 60
+"""Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
+    a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
+    while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
+    whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about; draws at
+    each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges; whether
+    inertial sensors have errors beyond those that are drawn with the noise; whether runs have ways of their own, of
+    which discrete gusts draw nothing; signals that interfere with the sources', none where nothing is said of it;
+    states beside the clock's that belong to no group of three."""
+
+    samples: int
+    epochs: int
+    sources: int
+    clocks: int
+    states: int
+    aided: int
+    ahead: float
+    watched: int
+    settled: int
+    ranged: int = 0
+    tried: int = 0
+    filters: int = 0
+    deviating: int = 0
+    limited: int = 0
+    imperfect: bool = False
+    ways: bool = False
+    interfering: int | None = None
+    single: int = 0
+
+    def sizes(self) -> dict[str, int]:
+        """Sizes of the dimensions of a run's histories."""
+        of_clock = clock_states(self.clocks) if self.ranged else 0
+        return {
+            "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
+            "group": (self.states - of_clock - self.single) // 3, "aided": self.aided, "watched": self.watched,
+            "settled": self.settled,
+            "ranged": self.ranged, "loose": 0 if self.ranged else self.epochs,
+            "tried": self.tried,
+            "limited": self.limited, "sample": self.samples,
+            "deviating": self.epochs + 1 if self.ways else 0, "met": self.epochs if self.ways else 0,
+        }  # fmt: skip
+
+
+def extent(scenario: Landing, sources: Environment) -> Extent:
+    """The numbers of a scenario under a sky."""
+    fixes = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
+    clocks = {int(number) for group in sources.satellites for number in group.clock[group.chosen]}
+    of_ground = len(sources.pseudolites.names)
+    names = sum(len(group.names) for group in sources.satellites) + of_ground
+    if sources.listed is not None:
+        clocks |= {int(number) for number in sources.listed.clock[sources.listed.chosen]}
+        names += len(sources.listed.names)
+    if of_ground:
+        clocks.add(sources.pseudolites.clock)
+    scales = 1 if sources.effects.one_clock else len(clocks)
+    jamming = sources.jamming
+    lasting = scenario.lasting_states(names // 2)  # about half of a sky is received
+    return Extent(
+        epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
+        scenario.filter.states(scales, scenario.gain_states + lasting + scenario.height_states),
+        sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
+        fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
+        0 if scenario.integrity is None else fixes.size,
+        0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes.size,
+        names if scenario.filter.tight else 0,
+        0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes.size,
+        # one for each source that is received, about half of a sky, for each system, and some for two at once
+        0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4,
+        scenario.draws_of_way(),
+        2 if scenario.imu.limited() else 0,
+        any(triad.further.there for triad in scenario.imu.triads()),
+        scenario.air() is not None,
+        None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
+        (lasting if scenario.filter.tight else 0) + scenario.height_states,
+    )  # fmt: skip
+
+
+def landing(
+    scenario: Landing, sources: Environment, runs: int = 1, keep: str = "all", workers: int = 1, away: bool = False
+) -> Budget:
+    """A landing by its own method; runs, keep, workers: of Monte Carlo alone. away: whether the workers have memory of
+    their own."""
+    here = extent(scenario, sources)
+    if scenario.method == "covariance":
+        return _analysed(scenario, sources, here)
+    if scenario.method == "rare":
+        return _pushed(scenario, here, runs, workers, away)
+    workers = max(1, min(workers, -(-runs // BATCH)))
+    of_run = sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
+    stored = _stored(here, keep)
+    batches = -(-runs // BATCH)
+    sums = (runs // BATCH + _blocks(runs % BATCH)) * sums_bytes(here)
+    held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1)) + workers * flying_memory(scenario, here)
+    if away:  # what a task brings back, twice
+        held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
+    streamed = runs * stored
+    # beside the sums of each block, once, which entry each of their numbers is
+    part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(here)
+    result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
+    result += NUMBER * (5 + here.sizes()["group"] + 3 * here.states) * (here.epochs + 1)
+    variables = {"none": 119, "errors": 128, "all": 152}[keep] + (27 if runs > 1 else 0)
+    if here.ways:
+        variables += {"none": 16, "errors": 19, "all": 23}[keep]
+    lasting = 0 if scenario.filter.tight else scenario.lasting_states(here.sources)
+    if keep == "all" and lasting:
+        result += NUMBER * MOST * here.epochs * lasting  # their effects on fixes
+        variables += 2
+    result += variables * VARIABLE + NUMBER * (here.epochs + here.sources + (here.samples if keep == "all" else 0))
+    image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
+    return Budget(
+        shared_memory(here) + held + 3 * STATISTICS * runs + sums + image,
+        result,
+        runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
+    )
+
+
+def _blocks(runs: int) -> int:
+    """Of the tree of sums (`runner.exact_sums`) what runs from 0 leave: blocks of powers of two."""
+    return runs.bit_count()
+
+
+def _waiting(scenario: Landing) -> float:
+    """How long the filter waits for late measurements, s."""
+    believed = scenario.filter.latency_s
+    of_fixes = scenario.receiver.latency_s if believed is None else believed
+    return max(of_fixes, *map(believed_latency, scenario.aiding()), 0.0)
+
+
+def flying_memory(scenario: Landing, here: Extent) -> float:
+    """What a worker holds of the runs that it flies at once, bytes."""
+    kept = sum(history_bytes(name, here.sizes()) for name in HISTORIES["all"])
+    of_one = 2 * kept + NUMBER * (6 * here.samples + FLOWN * here.epochs)
+    if here.imperfect:  # increments that vibrate, drifts, walks, gains, quanta
+        of_one += NUMBER * 15 * here.samples
+    if here.ways:
+        of_one += NUMBER * ((WAY + here.deviating) * here.samples + here.epochs * (60 + 2 * here.sources))
+    if scenario.filter.kind in SMOOTHERS:  # its whole flight: five covariances at every instant
+        of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
+    if scenario.filter.kind == SUM:
+        of_one += NUMBER * 2 * here.states**2 * scenario.filter.gaussian_sum.components
+    if here.settled:  # fixes of a stretch without each candidate
+        of_one += NUMBER * FLOWN * STRETCH * here.sources
+    of_one += NUMBER * MOST * here.filters * here.epochs
+    return WIDTH * of_one + (MOST_KEPT if here.settled else 0)
+
+
+def shared_memory(here: Extent) -> float:
+    gains = NUMBER * MOST * here.states * here.filters * (here.epochs * max(1, here.ranged // 2) + here.aided)
+    return BASE_MEMORY + SAMPLE_MEMORY * here.samples + SIGNAL_MEMORY * here.epochs * here.sources + 2 * gains
+
+
+def sums_bytes(here: Extent) -> int:
+    """Sums over a block of runs at every output of the filter, bytes: three, one for each group of states, and for each
+    state the square of its error in sigmas, of how many runs, and how many are beyond two limits of it."""
+    return (3 + here.sizes()["group"] + 4 * here.states) * NUMBER * (here.epochs + 1)
+
+
+def _stored(here: Extent, keep: str) -> float:
+    """What a run adds to the result file by what is kept of it, bytes."""
+
+    def of(*names: str) -> int:
+        return sum(history_bytes(name, here.sizes()) for name in names)
+
+    if keep == "none":
+        return 0
+    errors = (
+        of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
+        + of("deviation", "monitor_statistic", "watched_error", "monitor_level", "innovation_ratio")
+        + here.epochs
+        + here.aided
+        + here.watched
+        + 2 * here.settled
+    )
+    if keep == "errors":
+        return errors
+    # the carrier to noise ratio has the shape of the ranges
+    ranges = of("pseudorange", "range_rate", "pseudorange")
+    return (
+        errors
+        + ranges
+        + here.epochs * here.ranged
+        + of("fix_llh", "fix_velocity", "aided", "antenna", "gust", "delta_angle", "delta_velocity")
+        + of("start_llh", "start_velocity", "start_rpy")
+        + of("filter_fix_llh", "filter_fix_velocity", "filter_fix_covariance")
+        + NUMBER * here.epochs * here.clocks
+    )
+
+
+def _common_bytes(scenario: Landing, here: Extent) -> float:
+    """Truth, geometry, messages: what every result of a landing has, bytes."""
+    truth = (14 if scenario.wind.blows else 10) * (here.samples + 1)
+    geometry = here.epochs * (16 + 3 * here.sources) + SKY_TIMES * (1 + 2 * here.sources) + 2 * here.sources
+    messages = 16 * here.sources * (1 + int(scenario.duration_s / 1800.0))
+    result = NUMBER * (truth + geometry + messages) + 7000
+    if scenario.terrain:  # at how many epochs it hides each source
+        result += VARIABLE + NUMBER * here.sources
+    if here.interfering is not None:  # its ratio and what it leaves of the sources, and which are held
+        result += here.epochs * here.sources * (NUMBER * (here.interfering + 1) + 1)
+    return result
+
+
+def further(scenario: Landing, sources: Environment) -> int:
+    """Sources of error beside `SOURCES` that the covariance analysis finds in a scenario under a sky."""
+    gyro, accel = scenario.imu.triads()
+    pseudolites, signals, sensor = scenario.pseudolites, scenario.signals, scenario.barometric_altimeter
+    drawn = [pseudolites.survey_sigma_m, pseudolites.clock_sigma_ns] if pseudolites.placed() else []
+    wander = pseudolites.clock_noise is not None and bool(pseudolites.placed())
+    if len(set(sources.systems) - {PSEUDOLITES, OWN}) > 1:
+        drawn.append(signals.system_offset_sigma_ns)
+    return (
+        len({state.source for state in true_states(gyro, accel)} - set(SOURCES))
+        + sum(sigma > 0.0 for sigma in drawn)
+        + wander
+        + scenario.filter.tight
+        + len(signals.errors.models())
+        + len(scenario.aiding())
+        + (0 if sensor is None else sum(size > 0.0 for size in (sensor.qnh_sigma_hpa, sensor.drift_m)))
+    )
+
+
+def _analysed(scenario: Landing, sources: Environment, here: Extent) -> Budget:
+    """A covariance analysis."""
+    outputs = here.epochs + 1
+    errors = 1 + len(SOURCES) + further(scenario, sources)  # and what is systematic
+    # the budget's, the mean, the root mean square of all, what the filter believes, and error over that
+    of_states = (errors + 4) * here.states
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (8 + of_states) + 110 * VARIABLE
+    return Budget(
+        shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
+        result,
+    )
+
+
+def _pushed(scenario: Landing, here: Extent, runs: int, workers: int, away: bool) -> Budget:
+    """Runs that are pushed to the edge of a box."""
+    workers = max(1, min(workers, -(-runs // BATCH)))
+    inputs = NUMBER * (6 * here.samples + 3 * here.epochs * here.sources + here.aided)
+    # each worker's inputs are there before and after the push, slopes and shifts of three errors once
+    pushes = inputs * (3 * WIDTH * workers + 6)
+    flying = 2 * TASK_BYTES if away else workers * flying_memory(scenario, here) + pushes
+    numbers = (NUMBER * PUSHED + STATISTICS) * runs
+    batches = -(-runs // BATCH)
+    return Budget(
+        shared_memory(here) + ANALYSED_MEMORY * here.epochs + flying
+        + 3 * STATISTICS * runs + WRITING * numbers,
+        numbers + 24 * VARIABLE,
+        runs * STATISTICS + batches * BATCH_FILE if runs > BATCH else 0.0,
+    )  # fmt: skip

@@ -1,0 +1,72 @@
+"""The faults that a scenario has its fixes watched for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navsim.gnss.signals import Environment
+from navsim.integrity.innovations import InnovationTest
+from navsim.integrity.monitoring import ExpectedFault, Monitoring
+from navsim.integrity.residuals import ChiSquareTest
+from navsim.integrity.separation import Allocation
+from navsim.scenario.integrity import GroundGroup, IntegritySection
+from navsim.scenario.landing import Landing
+from navsim.simulation.filter_bank import FilterBank
+
+
+def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
+    """How a scenario has its fixes watched; pushed runs are not."""
+    section = scenario.integrity
+    if section is None or scenario.method == "rare":
+        return None
+    names = sources.pseudolites.names
+    systems = _systems(sources)
+    # satellites that are not to be used are among the signals all the same
+    nominal = {name: section.b_nom_m for of_group, _ in _satellites(sources) for name in of_group}
+    nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m)
+    drops, asked = section.alarmed_fixes == "drop", section.innovations
+    innovations = None if asked is None else InnovationTest(asked.window_s, asked.p_fa)
+    if section.method == "chi2":
+        test = ChiSquareTest(section.p_fa, section.p_md)
+        return Monitoring(test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops, innovations)
+    faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
+    faults += [ExpectedFault(name, (name,), section.pseudolite_prior()) for name in names]
+    faults += [
+        ExpectedFault(system, members, section.p_constellations.get(system, section.p_constellation))
+        for system, members in systems.items()
+    ]
+    faults += [ExpectedFault("+".join(g.members), g.members, g.prior) for g in _groups(section, names)]
+    return Monitoring(
+        Allocation(
+            section.p_hmi_v, section.p_hmi_h, section.p_fa_v, section.p_fa_h, section.p_unmonitored_max,
+            samples=section.effective_samples,
+        ),
+        tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc, section.exclusion,
+        drops, innovations, FilterBank.of if section.method == "filter" else None,
+    )  # fmt: skip
+
+
+def _groups(section: IntegritySection, pseudolites: tuple[str, ...]) -> tuple[GroundGroup, ...]:
+    if section.ground_groups is not None:
+        return tuple(section.ground_groups)
+    return (GroundGroup(members=pseudolites),) if len(pseudolites) > 1 else ()
+
+
+def _systems(sources: Environment) -> dict[str, tuple[str, ...]]:
+    """Satellites by what they belong to; those that the receiver is not to use are left out."""
+    found: dict[str, list[str]] = {}
+    names = [
+        (name, bool(use))
+        for of_group, chosen in _satellites(sources)
+        for name, use in zip(of_group, chosen, strict=True)
+    ]
+    for (name, use), system in zip(names, sources.systems, strict=False):
+        if use:
+            found.setdefault(system, []).append(name)
+    return {system: tuple(members) for system, members in found.items()}
+
+
+def _satellites(sources: Environment) -> list[tuple[tuple[str, ...], np.ndarray]]:
+    """Names of satellites, group by group, and which of them the receiver is to use."""
+    groups = [(group.names, group.chosen) for group in sources.satellites]
+    return groups if sources.listed is None else [*groups, (sources.listed.names, sources.listed.chosen)]

@@ -1,0 +1,462 @@
+"""What watching the fixes of a landing comes to: levels, alarms, what was available, what misled, as `/integrity` and
+`/summary/integrity`.
+
+Source of the counts: `docs/theory/integrity.md`, section 7.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.gnss.events import Silence
+from navsim.integrity import forms
+from navsim.integrity.exclusion import NOTHING
+from navsim.integrity.monitoring import (
+    ALARM,
+    EXCLUDED,
+    NO_EXCLUSION,
+    NO_FIX,
+    QUIET,
+    alerted,
+    fix_of,
+    runway_levels,
+    tested_levels,
+    vertical_sigma,
+)
+from navsim.integrity.separation import SeparationWatch
+from navsim.landing.case import Case, times_at_heights
+from navsim.landing.sources import on_glide
+from navsim.results.draft import Draft
+from navsim.results.schema import COVARIANCE
+from navsim.runner.batches import Ensemble
+from navsim.runner.checkpoint import Arrays
+from navsim.runner.statistics import mean_interval, share_interval
+from navsim.scenario.base import DEG
+from navsim.scenario.requirements import LevelRequirement, singles
+from navsim.simulation.filter_bank import FilterBank
+from navsim.simulation.landing import Run
+
+WINDOW = 15.0
+"""Length of the stretches for which continuity is counted, s: as ICAO Annex 10, table 3.7.2.4-1 has it."""
+REGIONS = ("nominal", "misleading", "hazardous", "unavailable", "unavailable_misleading", "alarm")
+"""Where a pair of error and level lies in a Stanford diagram, but for those with an alarm."""
+NOMINAL, MISLEADING, HAZARDOUS, UNAVAILABLE, UNAVAILABLE_MISLEADING, ALARMED = range(6)
+EXCLUSIONS = ("correct", "wrong", "needless")
+"""Outcomes of exclusions, by the events that there are at the time: what is left has no part in them; it has; there are
+none."""
+_EARLY = 1e-9
+"""Of times, which are sums of intervals."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of an approach.
+
+    limits: (2,) of the horizontal and the vertical error, m, inf for none. alert: time to alert, s. time: (e,) of the
+    fix epochs, s. glide: (e,) bool, on the glide. due: (e,) bool, where the approach has to be available throughout.
+    """
+
+    limits: np.ndarray
+    alert: float
+    time: np.ndarray
+    glide: np.ndarray
+    due: np.ndarray
+
+
+def glide_of(case: Case) -> np.ndarray:
+    """Which fix epochs are on the glide (e,) bool."""
+    return on_glide(case.scenario, case.trajectory, case.world.signals.time)
+
+
+def spread_over(epochs: np.ndarray, most: int) -> np.ndarray:
+    """So many of epochs (e,) at most, the first and the last among them."""
+    count = min(epochs.size, most)
+    return epochs[np.arange(count) * (epochs.size - 1) // max(count - 1, 1)]
+
+
+def asked_of(case: Case) -> Asked | None:
+    """What the scenario asks, if anything."""
+    section = case.scenario.integrity
+    if section is None or section.limits is None:
+        return None
+    time, glide = case.world.signals.time, glide_of(case)
+    due = glide
+    if section.decision_height_m is not None:
+        (passed,) = times_at_heights(case, [section.decision_height_m])
+        due = glide & (time >= (-math.inf if math.isnan(passed) else passed) - _EARLY)
+    limits = np.array([math.inf if limit is None else limit for limit in section.limits.limits()])
+    return Asked(limits, section.limits.tta_s, time, glide, due)
+
+
+def within(asked: Asked, levels: np.ndarray) -> np.ndarray:
+    """Where levels (..., 2) of tested fixes, nan of others, are below their limits; a limit that is none asks for no
+    level."""
+    return relative_levels(asked, levels) <= 1.0
+
+
+def relative_levels(asked: Asked, levels: np.ndarray) -> np.ndarray:
+    """Levels (..., 2) by their limits, inf where there is none, 0 where none is asked for."""
+    relative = np.where(np.isfinite(levels), levels, np.inf) / np.where(np.isinf(asked.limits), 1.0, asked.limits)
+    return np.where(np.isinf(asked.limits), 0.0, relative)
+
+
+def faulty(case: Case) -> np.ndarray:
+    """Which ranges are wrong by an event (e, s) bool."""
+    signals = case.world.signals
+    out = np.zeros(signals.used.shape, bool)
+    for event in case.environment.events:
+        if not isinstance(event.what, Silence):
+            lasting = (signals.time >= event.begin) & (signals.time < event.end)
+            out |= lasting[:, None] & event.concerns(signals.names, case.environment.systems_of(signals.names))
+    return out & signals.used
+
+
+def outcomes(case: Case) -> np.ndarray:
+    """What it comes to, by `EXCLUSIONS`, to exclude each candidate at each epoch (c + 1, e); `NOTHING` of none, which
+    is the last."""
+    wrong, names = faulty(case), case.world.signals.names
+    taken = np.array([np.isin(names, one.sources) for one in case.flight.candidates]).reshape(-1, 1, len(names))
+    remains = (wrong & ~taken).any(axis=2)
+    came = np.where(wrong.any(axis=1), remains.astype(np.int64), EXCLUSIONS.index("needless"))
+    return np.concatenate([came, np.full((1, wrong.shape[0]), NOTHING)])
+
+
+def tally(case: Case, runs: Run) -> Arrays:
+    """What is counted of each of several runs, on the glide; nothing where nothing watches."""
+    monitor = case.flight.monitor
+    if monitor is None:
+        return {}
+    glide = glide_of(case)
+    status = runs.monitor_status[:, glide]
+    out: Arrays = {
+        "integrity_tested": (status >= QUIET).sum(axis=1),
+        "integrity_alarms": (status == ALARM).sum(axis=1),
+        "integrity_lost": (status == NO_FIX).sum(axis=1),
+    }
+    if watches_innovations(case):
+        out["integrity_innovations"] = (runs.innovation_ratio[:, glide] > 1.0).sum(axis=1)
+    levels = tested_levels(monitor)[None]
+    if excludes(case):
+        excluded, levels = runs.monitor_excluded[:, glide], runs.monitor_level
+        came = outcomes(case)[excluded, np.flatnonzero(glide)]
+        out["integrity_exclusions"] = (came[..., None] == np.arange(len(EXCLUSIONS))).sum(axis=1)
+        if sizes := _levels_required(case):
+            small = [levels[:, glide, axis] <= size for axis, size in sizes]
+            out["integrity_within"] = np.stack(small, axis=2).sum(axis=1)
+    settled = (runs.monitor_status == QUIET) | (runs.monitor_status == EXCLUDED)
+    beyond = settled[..., None] & (runs.watched_error > levels)
+    out["integrity_exceeded"] = beyond[:, glide].sum(axis=1)
+    asked = asked_of(case)
+    if asked is None:
+        return out
+    low = within(asked, levels)
+    available = settled & low.all(axis=2)
+    out["integrity_available"] = available[:, glide].sum(axis=1)
+    if excludes(case):
+        out["integrity_regained"] = (available[:, glide] & (status == EXCLUDED)).sum(axis=1)
+    out["integrity_approach"] = available[:, asked.due].all(axis=1).astype(np.int64) * int(asked.due.any())
+    out["integrity_windows"] = windows(asked.time[glide], available[:, glide])
+    region = regions(asked, levels, runs.monitor_status, runs.watched_error)[:, glide]
+    out["integrity_regions"] = np.stack([(region == i).sum(axis=1) for i in range(len(REGIONS))], axis=2)
+    exceeded = runs.watched_error[:, glide] > asked.limits
+    # a level above its limit has said already that the error may be large
+    misled = exceeded & low[:, glide]
+    out["integrity_misled"] = np.zeros((status.shape[0], 2), np.int64)
+    out["integrity_delay"] = np.full((status.shape[0], 2), np.nan)
+    for run, axis in np.argwhere(misled.any(axis=1)):
+        found = stretches(asked, asked.time[glide], misled[run, :, axis], alerted(status[run]))
+        out["integrity_misled"][run, axis], out["integrity_delay"][run, axis] = found
+    return out
+
+
+def _levels_required(case: Case) -> list[tuple[int, float]]:
+    """Axis and size of the scenario's requirements on levels, in their order."""
+    asked = [one for _, one in singles(case.scenario.requirements) if isinstance(one, LevelRequirement)]
+    return [(("hpl", "vpl").index(one.of), one.below_m) for one in asked]
+
+
+def levels_within(case: Case, ensemble: Ensemble) -> list[np.ndarray] | None:
+    """The shares (3,) of the epochs of the glide whose levels are within what is required, each with its interval;
+    None where all runs have the same levels, since nothing is excluded."""
+    if not (excludes(case) and _levels_required(case) and glide_of(case).any()):
+        return None
+    epochs = np.full(ensemble.runs, int(glide_of(case).sum()))
+    return [share_over_runs(each, epochs) for each in ensemble.per_run("integrity_within").T]
+
+
+def excludes(case: Case) -> bool:
+    """Whether something is excluded after alarms."""
+    watching = case.flight.watching
+    return watching is not None and watching.exclusion != NO_EXCLUSION
+
+
+def is_kept_from_faults(case: Case) -> bool:
+    """Whether runs do without fixes or sources after alarms, and events cause some: what matrices alone, and levels of
+    all sources, do not know."""
+    return (excludes(case) or case.flight.drops) and bool(faulty(case).any())
+
+
+def watches_innovations(case: Case) -> bool:
+    """Whether the filter's innovations are watched."""
+    watching = case.flight.watching
+    return watching is not None and watching.innovations is not None
+
+
+def regions(asked: Asked, levels: np.ndarray, status: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Where in Stanford diagrams, horizontal and vertical, fixes with these errors (r, e, 2) lie (r, e, 2), by
+    `REGIONS`; levels (r or 1, e, 2) of tested ones, status (r, e)."""
+    level = np.where(np.isnan(levels), np.inf, levels)
+    below = error <= level
+    inside = np.where(below, NOMINAL, np.where(error <= asked.limits, MISLEADING, HAZARDOUS))
+    # an error without a fix is no number, and beyond no level
+    outside = np.where(error > level, UNAVAILABLE_MISLEADING, UNAVAILABLE)
+    found = np.where((level <= asked.limits) & np.isfinite(level) & (status != NO_FIX)[..., None], inside, outside)
+    return np.where((status == ALARM)[..., None], ALARMED, found)
+
+
+def windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
+    """How many stretches of `WINDOW` begin available, and in how many of those that does not last (r, 2); available
+    (r, e)."""
+    last = np.searchsorted(time, time + WINDOW + _EARLY, side="right") - 1
+    whole = time + WINDOW <= time[-1] + _EARLY if time.size else np.zeros(0, bool)
+    lost = np.concatenate([np.zeros((available.shape[0], 1), np.int64), np.cumsum(~available, axis=1)], axis=1)
+    begun = available[:, whole]
+    broken = lost[:, last[whole] + 1] - lost[:, np.flatnonzero(whole)] > 0
+    return np.stack([begun.sum(axis=1), (begun & broken).sum(axis=1)], axis=1)
+
+
+def stretches(asked: Asked, time: np.ndarray, misled: np.ndarray, alarm: np.ndarray) -> tuple[int, float]:
+    """Of stretches of time (e,) in which an error is beyond its limit and its level is not: how many got no alert, as
+    of `alerted`, within the time to alert, and the longest wait for one, s, inf where it was due and did not come, nan
+    where none was due. One that lasts to the end, without an alarm, is not forgiven for being short."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], misled, [False]]).astype(np.int8)))
+    late, longest = 0, math.nan
+    for first, end in edges.reshape(-1, 2):
+        alarms = np.flatnonzero(alarm[first:end])
+        lasted = math.inf if end == time.size else float(time[end - 1] - time[first])
+        wait = float(time[first + alarms[0]] - time[first]) if alarms.size else lasted
+        missed = wait > asked.alert + _EARLY
+        late += int(missed)
+        if alarms.size or missed:
+            longest = float(np.fmax(longest, wait if alarms.size else math.inf))
+    return late, longest
+
+
+def described(draft: Draft, case: Case) -> None:
+    """Levels by the geometry, which are the same in all runs, and their summary; nothing where nothing watches."""
+    monitor, watching = case.flight.monitor, case.flight.watching
+    if monitor is None or watching is None:
+        return
+    draft["/integrity/time"] = case.world.signals.time
+    draft["/integrity/threshold"] = monitor.threshold
+    draft["/integrity/sigma_vertical"] = vertical_sigma(watching, monitor)
+    levels = monitor.levels
+    for i, name in enumerate(("hpl", "vpl")):
+        draft[f"/integrity/{name}"] = levels[:, i]
+    if isinstance(monitor, SeparationWatch):
+        expected = case.flight.expected
+        draft["/integrity/fault"] = np.array([fault.name for fault in expected], dtype=object)
+        draft["/integrity/prior"] = np.array([fault.prior for fault in expected], dtype=float)
+        draft["/integrity/monitored"] = monitor.found.monitored.astype(np.int8)
+        draft["/integrity/unmonitored"] = monitor.found.unmonitored
+        draft["/integrity/emt"] = monitor.found.emt
+    glide = glide_of(case)
+    there = np.isfinite(levels[glide]).all(axis=1)
+    draft["/summary/integrity/level_share"] = there.mean() if there.size else math.nan
+    for i, name in enumerate(("hpl", "vpl")):
+        draft[f"/summary/integrity/{name}"] = _numbers(levels[glide][there, i])
+    asked = asked_of(case)
+    if asked is not None:
+        draft["/summary/integrity/hal"], draft["/summary/integrity/val"] = asked.limits
+        draft["/summary/integrity/tta"] = asked.alert
+
+
+def _numbers(values: np.ndarray) -> np.ndarray:
+    """Mean, smallest, largest, median and 95 % of levels (n,); nan of none."""
+    if not values.size:
+        return np.full(5, np.nan)
+    return np.array([values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])])
+
+
+def in_runway_axes(draft: Draft, case: Case) -> None:
+    """Levels across the runway and along it, beside those of `described`; nothing where nothing watches."""
+    flight, bearing = case.flight, case.scenario.runway.heading_deg * DEG
+    if flight.bank is not None:
+        levels = flight.bank.along(bearing)
+    elif flight.snapshot is not None and flight.watching is not None:
+        levels = runway_levels(flight.watching, flight.snapshot, case.world.signals, bearing)
+    else:
+        return
+    there = glide_of(case) & np.isfinite(levels).all(axis=1)
+    for i, name in enumerate(("lateral", "along")):
+        draft[f"/integrity/level_{name}"] = levels[:, i]
+        draft[f"/summary/integrity/level_{name}"] = _numbers(levels[there, i])
+
+
+def compared(draft: Draft, case: Case) -> None:
+    """Levels of the same fixes by the forms of other systems; nothing where none are asked for."""
+    section = case.scenario.integrity
+    if section is None or section.comparison is None:
+        return
+    signals, scenario, station = case.world.signals, case.scenario, section.comparison.gbas
+    fix, found = fix_of(signals), {}
+    if section.comparison.sbas:
+        levels = forms.sbas(fix)
+        found = {"sbas_hpl": levels[:, 0], "sbas_vpl": levels[:, 1]}
+    if station is not None:
+        projection = forms.gbas_projection(fix, scenario.runway.heading_deg * DEG, scenario.glide_path())
+        sigma = np.where(signals.used, signals.fix_sigma, 0.0)
+        ground, b = (np.full(sigma.shape, value) for value in (station.ground_sigma_m, station.b_m))
+        # with the sizes of what each range does, B values add up as they hurt most
+        levels = forms.gbas(
+            np.abs(projection), sigma, ground, b, station.receivers, forms.gbas_factors(station.receivers)
+        ).max(axis=2)
+        levels[~fix.solved] = np.nan
+        found |= {"gbas_lpl": levels[:, 0], "gbas_vpl": levels[:, 1]}
+    glide = glide_of(case)
+    for name, values in found.items():
+        draft[f"/integrity/{name}"] = values
+        draft[f"/summary/integrity/{name}"] = _numbers(values[glide & np.isfinite(values)])
+
+
+def level_outputs(case: Case) -> dict[str, float]:
+    """Levels on the glide for those who need no more, by the names that sweeps have for them."""
+    draft = Draft(COVARIANCE)
+    described(draft, case)
+    out = {"level_share": float(draft["/summary/integrity/level_share"])}
+    for name in ("hpl", "vpl"):
+        numbers = draft[f"/summary/integrity/{name}"]
+        out |= {f"{name}_p95": float(numbers[4]), f"{name}_max": float(numbers[2])}
+    return out
+
+
+def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    """What runs had of it; nothing where nothing watches."""
+    if case.flight.monitor is None:
+        return
+    branch, runs = "/summary/integrity", ensemble.runs
+    tested, alarms = ensemble.per_run("integrity_tested"), ensemble.per_run("integrity_alarms")
+    draft[f"{branch}/tested"], draft[f"{branch}/alarms"] = np.int64(tested.sum()), np.int64(alarms.sum())
+    draft[f"{branch}/alarm_share"] = share_over_runs(alarms, tested)
+    draft[f"{branch}/lost"] = np.int64(ensemble.per_run("integrity_lost").sum())
+    for i, name in enumerate(("horizontal", "vertical")):
+        draft[f"{branch}/exceeded_{name}"] = share_over_runs(ensemble.per_run("integrity_exceeded")[:, i], tested)
+    if watches_innovations(case):
+        found, glide = ensemble.per_run("integrity_innovations"), int(glide_of(case).sum())
+        draft[f"{branch}/innovation_alarms"] = np.int64(found.sum())
+        draft[f"{branch}/innovation_share"] = share_over_runs(found, np.full(runs, glide))
+    if excludes(case):
+        draft["/integrity/candidate"] = np.array([one.name for one in case.flight.candidates], dtype=object)
+        _counted_exclusions(draft, branch, ensemble, alarms)
+    if asked_of(case) is None:
+        return
+    if excludes(case):
+        regained, exclusions = (ensemble.per_run(f"integrity_{name}") for name in ("regained", "exclusions"))
+        draft[f"{branch}/exclusions_available"] = share_over_runs(regained, exclusions.sum(axis=1))
+    epochs = np.full(runs, int(glide_of(case).sum()))
+    windows = ensemble.per_run("integrity_windows")
+    draft[f"{branch}/availability"] = share_over_runs(ensemble.per_run("integrity_available"), epochs)
+    draft[f"{branch}/continuity_risk"] = share_over_runs(windows[:, 1], windows[:, 0])
+    draft[f"{branch}/approaches"] = share_interval(int(ensemble.per_run("integrity_approach").sum()), runs)
+    misled = ensemble.per_run("integrity_misled") > 0
+    delay = ensemble.per_run("integrity_delay")
+    counts = ensemble.per_run("integrity_regions").sum(axis=0)
+    draft[f"{branch}/region"] = np.array(REGIONS)
+    for i, name in enumerate(("horizontal", "vertical")):
+        draft[f"{branch}/hmi_{name}"] = share_interval(int(misled[:, i].sum()), runs)
+        draft[f"{branch}/stanford_{name}"] = counts[i].astype(np.int64)
+    draft[f"{branch}/hmi"] = share_interval(int(misled.any(axis=1).sum()), runs)
+    draft[f"{branch}/time_to_alert"] = np.fmax.reduce(delay, axis=None)
+
+
+def _counted_exclusions(draft: Draft, branch: str, ensemble: Ensemble, alarms: np.ndarray) -> None:
+    """What exclusions came to, of runs with so many other alarms (run,)."""
+    came = ensemble.per_run("integrity_exclusions")
+    for i, name in enumerate(EXCLUSIONS):
+        draft[f"{branch}/exclusions_{name}"] = np.int64(came[:, i].sum())
+    draft[f"{branch}/exclusions"] = np.int64(came.sum())
+    draft[f"{branch}/exclusion_share"] = share_over_runs(came.sum(axis=1), came.sum(axis=1) + alarms)
+    draft[f"{branch}/exclusion_wrong_share"] = share_over_runs(came[:, 1], came[:, :2].sum(axis=1))
+
+
+def share_over_runs(count: np.ndarray, of: np.ndarray) -> np.ndarray:
+    """A share of epochs (run,) of (run,) with the 95 % interval that runs have, for epochs of a run go together: value,
+    low, high; nan without epochs. Where all runs are alike, that of so many runs in which no other was."""
+    total = int(of.sum())
+    if not total:
+        return np.full(3, np.nan)
+    value = float(count.sum()) / total
+    if (count * total == of * count.sum()).all():
+        return share_of_alike(value, count.size)
+    # runs of unlike numbers of epochs: a ratio of means, its error by what is left of each
+    reach = mean_interval((count - value * of) * (count.size / total))
+    return np.array([value, max(0.0, value + reach[1]), min(1.0, value + reach[2])])
+
+
+def share_of_alike(value: float, runs: int) -> np.ndarray:
+    """A share of epochs that was the same in all of so many runs, or in the only one, with the 95 % interval: any other
+    run may come, as rarely as none did."""
+    _, _, rare = share_interval(0, runs)
+    return np.array([value, value * (1.0 - rare), value + rare * (1.0 - value)])
+
+
+def told(case: Case) -> list[str]:
+    """What the user must hear of levels that are not there."""
+    monitor, glide = case.flight.monitor, glide_of(case)
+    section = case.scenario.integrity
+    if monitor is None or section is None or not glide.any():
+        return []
+    lacking = glide & ~np.isfinite(monitor.levels).all(axis=1)
+    if not lacking.any():
+        if not case.flight.expected and section.method != "chi2":
+            return ["integrity: no fault is expected (probabilities 0): nothing is tested, and no level counts"]
+        return _by_inertial_sensors(case, glide)
+    many = f"integrity: no protection level at {lacking.sum()} of {glide.sum()} epochs of the glide"
+    if not isinstance(monitor, SeparationWatch):
+        return [f"{many}: a range is not checked by the others there, or there is no fix"]
+    unmonitored = monitor.found.unmonitored[lacking]
+    worst = int(np.argmax(unmonitored))
+    there = monitor.found.monitored[:, np.flatnonzero(lacking)[worst]]
+    unseen = _named(case, ~there)
+    if unmonitored[worst] <= section.p_unmonitored_max:
+        budget = (section.p_hmi_v + section.p_hmi_h) / section.effective_samples
+        if unmonitored[worst] >= budget:
+            text = f"has the probability {unmonitored[worst]:.2g}, and p_hmi_v and p_hmi_h allow {budget:.2g} in all"
+            return [f"{many}: what is not monitored {text}"]
+        return [f"{many}: there is no fix"]
+    what = f" ({unseen})" if unseen else " (several at once)"
+    return [
+        f"{many}: what is not monitored{what} has the probability {unmonitored[worst]:.2g}; "
+        f"integrity.p_unmonitored_max is {section.p_unmonitored_max:g}"
+    ]
+
+
+def _named(case: Case, which: np.ndarray) -> str:
+    """The first of some expected faults (k,) bool, with their probabilities; "" for none."""
+    names = [
+        f"{fault.name} {fault.prior:g}" for fault, chosen in zip(case.flight.expected, which, strict=True) if chosen
+    ]
+    return f"{', '.join(names[:5])}{', ...' if len(names) > 5 else ''}"
+
+
+def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
+    """What the user must hear of faults that the filter is monitored for by its inertial sensors alone."""
+    bank = case.flight.bank
+    if not isinstance(bank, FilterBank):
+        return []
+    silent = glide & ~bank.aided
+    if silent.any():
+        return [
+            f"integrity: nothing is received at {silent.sum()} of {glide.sum()} epochs of the glide: an alert, and no "
+            "level counts there"
+        ]
+    said = _named(case, (bank.found.monitored & bank.idle)[:, glide].any(axis=1))
+    if not said:
+        return []
+    return [
+        f"integrity: without {said} there is no fix, and what is then left of the filter, its inertial sensors, makes "
+        "the levels grow; p_constellations gives systems probabilities of their own"
+    ]

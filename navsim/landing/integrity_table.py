@@ -1,0 +1,181 @@
+"""What few satellites and pseudolites make possible by rank, and what their protection levels are worth in an approach.
+
+Source: `docs/theory/integrity.md`, sections 6, 7. What is possible is told by numbers of sources alone; levels are of
+subsets of the satellites of an approach, with the first pseudolites of the scenario or none.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core.streams import generator
+from navsim.gnss import events
+from navsim.gnss.pseudorange import Signals
+from navsim.integrity.claims import possible
+from navsim.integrity.monitoring import Monitoring, Snapshot, tested_levels
+from navsim.landing.integrity import Asked, asked_of, glide_of, spread_over, told, within
+from navsim.landing.study import Case
+from navsim.results.draft import Draft
+from navsim.results.findings import kept
+from navsim.results.result import Result
+from navsim.results.schema import INTEGRITY_TABLE, MOST_LEVELS
+from navsim.runner.attributes import root_attributes
+from navsim.runner.findings import notes
+from navsim.simulation.landing import Flight
+
+SATELLITES = (2, 3, 4, 5, 6, 7)
+"""Numbers of satellites, the columns of both tables."""
+PSEUDOLITES = (0, 1, 2)
+"""Numbers of pseudolites, their rows."""
+CELLS = len(PSEUDOLITES) * len(SATELLITES)
+MOST_SUBSETS, MOST_SUBSETS_OF_FILTERS = 60, 12
+"""Where there are more subsets of satellites, so many are drawn; fewer where levels are those of filters, which take a
+second each."""
+_FLAGS = ("fix", "detection", "exclusion", "ground_loss")
+
+
+@dataclass(frozen=True)
+class WatchedGlide:
+    """What levels on the glide are computed from.
+
+    watching: how fixes are watched. asked: the limits. signals: of the epochs with levels. satellites: (n,) numbers of
+    those sources that are used throughout the glide; pseudolites: (k,) of the first ones. epochs: of the whole glide.
+    flight, chosen: where levels are the filter's, all of it, and the numbers of the epochs with levels (m,).
+    """
+
+    watching: Monitoring
+    asked: Asked
+    signals: Signals
+    satellites: np.ndarray
+    pseudolites: np.ndarray
+    epochs: int
+    flight: Flight | None
+    chosen: np.ndarray
+
+    @property
+    def subsets(self) -> int:
+        """How many subsets of satellites are taken at most."""
+        return MOST_SUBSETS if self.flight is None else MOST_SUBSETS_OF_FILTERS
+
+    def monitor(self, sources: np.ndarray) -> Snapshot:
+        """The monitor of fixes from sources with these numbers (m,) alone."""
+        return self.watching.over(_of_these(self.signals, sources))
+
+    def levels(self, sources: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Levels (m, 2) with sources of these numbers alone, of all epochs, and nan where there is no test."""
+        if self.flight is None:
+            monitor = self.monitor(sources)
+            return monitor.levels, tested_levels(monitor)
+        world = self.flight.world
+        bank = self.flight.over(replace(world, signals=_of_these(world.signals, sources))).bank
+        assert bank is not None
+        return bank.levels[self.chosen], tested_levels(bank)[self.chosen]
+
+    def judged(self, sources: np.ndarray) -> np.ndarray:
+        """Of what such sources give (3,): the share of epochs with both levels within their limits; the medians over
+        epochs of the horizontal and the vertical level, m, inf where most have none."""
+        levels, tested = self.levels(sources)
+        levels = np.where(np.isfinite(levels), levels, np.inf)
+        return np.array([within(self.asked, tested).all(axis=1).mean(), *np.median(levels, axis=0)])
+
+
+def _of_these(signals: Signals, sources: np.ndarray) -> Signals:
+    """Signals of which only those with these numbers (m,) are used."""
+    return replace(signals, used=signals.used & np.isin(np.arange(len(signals.names)), sources))
+
+
+def watched(case: Case) -> WatchedGlide:
+    """What levels of a case with limits are computed from. Raises ValueError without a fix epoch on the glide."""
+    watching, asked, glide = case.flight.watching, asked_of(case), np.flatnonzero(glide_of(case))
+    assert watching is not None
+    assert asked is not None
+    if not glide.size:
+        raise ValueError("there is no fix epoch on the glide within duration_s")
+    spread = spread_over(glide, MOST_LEVELS)
+    signals = case.world.signals
+    ground = np.array([system == events.PSEUDOLITES for system in case.environment.systems], bool)
+    throughout = signals.used[glide].all(axis=0)
+    return WatchedGlide(
+        watching, asked, signals.at(spread), np.flatnonzero(throughout & ~ground),
+        np.flatnonzero(ground)[: max(PSEUDOLITES)], glide.size, case.flight if watching.bank else None, spread,
+    )  # fmt: skip
+
+
+def subsets(satellites: np.ndarray, count: int, seed: int, most: int = MOST_SUBSETS) -> np.ndarray:
+    """Subsets (m, count) of so many of satellites (n,): all, of more than `most` so many different ones, by chance."""
+    if math.comb(satellites.size, count) <= most:
+        return np.array(list(itertools.combinations(satellites, count)), int).reshape(-1, count)
+    rng = generator(seed, 0, "subsets", count)
+    found: set[tuple[int, ...]] = set()
+    while len(found) < most:
+        found.add(tuple(sorted(rng.choice(satellites, count, replace=False).tolist())))
+    return np.array(sorted(found))
+
+
+def cells(here: WatchedGlide, seed: int, done: Callable[[int], None]) -> tuple[np.ndarray, np.ndarray]:
+    """Of each cell (pseudolites, satellites, 4), nan where there are too few sources: the share of epochs with levels
+    within their limits of the worst subset, and of the median one, which more than half of the subsets reach; the
+    median HPL and VPL, m, that more than half of them keep. And how many subsets there were (satellites,).
+
+    `done(n)` is told how many cells are finished.
+    """
+    out = np.full((len(PSEUDOLITES), len(SATELLITES), 4), np.nan)
+    taken = np.zeros(len(SATELLITES), int)
+    places = itertools.product(enumerate(SATELLITES), enumerate(PSEUDOLITES))
+    for finished, ((i, count), (k, added)) in enumerate(places):
+        chosen = subsets(here.satellites, count, seed, here.subsets)
+        taken[i] = len(chosen)
+        if len(chosen) and added <= here.pseudolites.size:
+            ground = here.pseudolites[:added]
+            found = np.sort([here.judged(np.concatenate([some, ground])) for some in chosen], axis=0)
+            out[k, i] = found[0, 0], found[(len(found) - 1) // 2, 0], *found[len(found) // 2, 1:]
+        done(finished + 1)
+    return out, taken
+
+
+def compute(case: Case, here: WatchedGlide, seed: int, done: Callable[[int], None] = lambda _: None) -> Result:
+    """Both tables as a result of kind integrity-table; `done(n)` is told how many cells are finished."""
+    draft = Draft(INTEGRITY_TABLE)
+    draft["/pseudolites"], draft["/satellites"] = np.array(PSEUDOLITES), np.array(SATELLITES)
+    flags = [[possible((0,) * n, (0,) * k) for n in SATELLITES] for k in PSEUDOLITES]
+    for name in _FLAGS:
+        draft[f"/possible/{name}"] = np.array([[getattr(each, name) for each in row] for row in flags]).astype(np.int8)
+    found, taken = cells(here, seed, done)
+    for i, name in enumerate(("worst", "median", "hpl", "vpl")):
+        draft[f"/useful/{name}"] = found[..., i]
+    draft["/useful/subsets"] = taken
+    draft["/useful/subsets_of_all"] = np.array([math.comb(here.satellites.size, n) for n in SATELLITES])
+    for name, numbers in (("satellite", here.satellites), ("pseudolite", here.pseudolites)):
+        draft[f"/useful/{name}"] = np.array([here.signals.names[i] for i in numbers], dtype=object)
+    draft["/useful/hal"], draft["/useful/val"] = here.asked.limits
+    if expected := here.watching.expected(here.signals):
+        draft["/useful/fault"] = np.array([fault.name for fault in expected], dtype=object)
+        draft["/useful/prior"] = np.array([fault.prior for fault in expected])
+    draft.put("/glide/time", here.signals.time, {"epochs_of_glide": here.epochs})
+    out = draft.result(root_attributes("integrity-table", seed, case.scenario))
+    out.variables.update(kept(notes([*case.warnings, *told(case), *_several_clocks(here), *_still_jamming(case)])))
+    return out
+
+
+def _still_jamming(case: Case) -> list[str]:
+    """What the user must hear where pseudolites jam."""
+    jamming = case.environment.jamming
+    if jamming is None or jamming.pseudolites is None:
+        return []
+    return ["pseudolites that a row leaves out send all the same, and jam"]
+
+
+def _several_clocks(here: WatchedGlide) -> list[str]:
+    """What the user must hear where flags and levels are not of the same unknowns."""
+    sources = np.concatenate([here.satellites, here.pseudolites])
+    clocks = np.unique(here.signals.clock[sources]).size
+    if clocks < 2:
+        return []
+    return [
+        f"the sources keep {clocks} clocks, each an unknown of the fix; what is possible by rank is told for one clock"
+    ]

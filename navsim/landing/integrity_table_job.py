@@ -1,0 +1,88 @@
+"""The table of what few satellites and pseudolites make possible, and how useful that is in an approach."""
+
+from __future__ import annotations
+
+from navsim.gnss.signals import Environment
+from navsim.landing import integrity_table
+from navsim.landing import study as landing
+from navsim.landing.estimate import extent, shared_memory
+from navsim.results.result import Sort
+from navsim.results.schema import MOST_LEVELS
+from navsim.runner.checkpoint import Store
+from navsim.runner.estimate import NUMBER, VARIABLE, WRITING, Budget
+from navsim.runner.executor import Executor
+from navsim.runner.job import Allow, JobError, Outcome, Tell
+from navsim.scenario.landing import Landing
+from navsim.scenario.source import Document, InputError, Problem
+
+_TEXTS = 6400
+"""Scenario and study in the attributes of a result, bytes."""
+_LEVEL_MEMORY = 200
+"""A pair of sources at an epoch then, bytes."""
+
+
+class IntegrityTableJob:
+    """Flags by rank, levels of subsets of the satellites of a landing; none of the work is kept."""
+
+    sort = Sort("integrity-table")
+    kernels, suffix, unit, work, pieces = "integrity-table", "", "cells", "", 0
+    extent = integrity_table.CELLS
+    even = False  # there are more subsets of some numbers of satellites than of others
+    case: landing.Case
+    watched: integrity_table.WatchedGlide
+
+    def __init__(self, section: Landing, document: Document, seed: int) -> None:
+        """Raises InputError for a scenario without limits."""
+        self.section, self.document, self.seed = section, document, seed
+        if section.integrity is None:
+            raise self._without_limits("integrity", "integrity={method: chi2, limits: %s}")
+        if section.integrity.limits is None:
+            raise self._without_limits("integrity.limits", "integrity.limits=%s")
+
+    def _without_limits(self, key: str, assigned: str) -> InputError:
+        text = (
+            "protection levels are compared with alert limits here, and the scenario has none; give for example "
+            f"--set '{assigned % '{hal_m: 40, val_m: 60, tta_s: 2}'}'"
+        )
+        return InputError([Problem(self.document.place(tuple(key.split("."))), key, text)])
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.case.warnings
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        def ask(scenario: Landing, sources: Environment) -> None:
+            allow(self.estimate(scenario, sources))
+
+        self.case = landing.prepare(self.section, self.document, ask)
+        try:
+            self.watched = integrity_table.watched(self.case)
+        except ValueError as error:
+            raise JobError(str(error)) from None
+
+    def estimate(self, scenario: Landing, sources: Environment) -> Budget:
+        return estimated(scenario, sources)
+
+    def described(self) -> str:
+        here = self.watched
+        return (
+            f"{self.extent} cells, {here.satellites.size} satellites used throughout the glide, "
+            f"{here.pseudolites.size} pseudolite(s), {here.signals.time.size} of {here.epochs} epochs"
+        )
+
+    def key(self) -> dict[str, object]:
+        return {}
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        return Outcome(integrity_table.compute(self.case, self.watched, self.seed, tell))
+
+
+def estimated(scenario: Landing, sources: Environment) -> Budget:
+    """What is possible by rank, and the levels of subsets of the satellites in an approach."""
+    here = extent(scenario, sources)
+    separated = scenario.integrity is not None and scenario.integrity.method != "chi2"
+    result = _TEXTS + NUMBER * MOST_LEVELS + (20 if separated else 18) * VARIABLE
+    return Budget(
+        shared_memory(here) + _LEVEL_MEMORY * MOST_LEVELS * here.sources**2 + WRITING * result,
+        result,
+    )

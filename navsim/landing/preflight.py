@@ -1,0 +1,417 @@
+"""What can be told of a landing before it is flown: what its input is warned of, what refuses it.
+
+Nothing here is compiled: `navsim validate` says it, too.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
+from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
+from navsim.gnss.interference.horizon import flown_under
+from navsim.landing.implausible import implausible, one_direction
+from navsim.scenario.approach import FileApproach
+from navsim.scenario.base import DEG, KeyedError
+from navsim.scenario.box import BoxSection
+from navsim.scenario.events import EventSection
+from navsim.scenario.integrity import IntegritySection
+from navsim.scenario.landing import Landing
+from navsim.scenario.presets import IMU_SHEETS
+from navsim.scenario.requirements import INTEGRITY, PresetRequirement
+from navsim.scenario.sky import SOURCES_FROM_FILES
+from navsim.scenario.source import Document, InputError, Problem, dotted
+from navsim.trajectory.approach import TOUCHDOWN
+from navsim.trajectory.go_around import GO_AROUND
+from navsim.trajectory.kinematics import Moving
+
+if TYPE_CHECKING:
+    from navsim.gnss.pseudorange import Signals
+    from navsim.gnss.signals import Environment
+
+_ROUGH = 50
+_STEP = 0.2
+"""Between places of a flight that are held against ridges, s."""
+OFF_GROUND = 0.5
+"""Height at touchdown, m, up to which an aircraft has come down: blends at a corner leave as much."""
+_MISPLACED = 5.0
+"""Height of a flight of a file at its touchdown, m, beyond which that is doubted."""
+FOLLOW = "leave `clock` out, which takes the time scale of the satellites,"
+"""What to write instead of a time scale that no satellite keeps."""
+MISPRINT = 1.0
+"""Difference of a published direction of a runway from that between its thresholds that is warned of, deg."""
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """A landing before it is flown. signals: at all its fixes. outputs: times of the filter's, the first at 0, s."""
+
+    scenario: Landing
+    trajectory: Moving
+    environment: Environment
+    signals: Signals
+    outputs: np.ndarray
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the input has to be warned of beside its sky: a landing that does not end on the ground, a box before
+        any fix, sources that are never heard."""
+        out = of_way(self.scenario, self.trajectory)
+        if self.scenario.box is not None and (self.outputs[1:2] > (when := self.box_time)).any():
+            out.append(
+                f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
+                "the first fix: the errors there are those that the filter begins with"
+            )
+        if self.scenario.box is not None and (apart := self._route_outside(self.scenario.box)):
+            out.append(f"box: the route itself is outside {' and '.join(apart)}")
+        hidden = self.environment.behind_terrain(self.signals.antenna)
+        out += _out_of_sight(self.environment, self.signals.antenna) + self._under_horizon()
+        out += self._shadowed() + self._jammed() + self.lone_pseudolite
+        out += _hidden_throughout(self.environment.pseudolites.names, hidden)
+        if (section := self.scenario.integrity) is not None:
+            out += section.unused(self.environment.systems)
+            out += [
+                f"requirements[{i}]: continuity and hazardously misleading information are counted by "
+                f"integrity.limits, which are not those of {each.operation}: undecided; give limits: "
+                f"{{operation: {each.operation}, tta_s: ...}}"
+                for i, each in enumerate(self.scenario.requirements)
+                if isinstance(each, PresetRequirement) and not each.counts_by(section.limits)
+            ]
+            out += [
+                f"requirements[{i}]: levels are not those of {each.operation}, which allows a risk of {INTEGRITY:g} an "
+                f"approach: {self._risk_of_levels(section)}"
+                for i, each in enumerate(self.scenario.requirements)
+                if isinstance(each, PresetRequirement) and not each.levels_are_its_own(section)
+            ]
+        out += [
+            f"events[{i}]: {event.what} of {', '.join(event.sources)}: none of them is received then"
+            for i, event in enumerate(self.scenario.events)
+            if event.what != "silence" and not self._received(event)
+        ]
+        if (jamming := self.environment.jamming) is not None:
+            heard = np.isfinite(self.signals.js).any(axis=(1, 2))
+            out += [
+                f"interference.jammers[{j}]: {jammer.name} is never received: it is off, or beyond the radio horizon"
+                for j, jammer in enumerate(jamming.jammers)
+                if not heard[j]
+            ]
+            stopped = [*itertools.compress(self.environment.names, ~jamming.passed(self.environment.carriers))]
+            if stopped:
+                text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
+                out.append(f"interference.front_end_mhz: {text}")
+        return out
+
+    def _under_horizon(self) -> list[str]:
+        """Warning of a mask below the horizon."""
+        lowest = math.degrees(float(self.environment.horizon_of(self.signals.antenna).min(initial=0.0)))
+        if not (mask := self.scenario.sky.mask_deg) < lowest:
+            return []
+        return [
+            f"sky.mask_deg: {mask:g} deg is below the horizon, which is at {lowest:.2f} deg at lowest: satellites "
+            "below the horizon are not received; give 0 or more"
+        ]
+
+    @cached_property
+    def lone_pseudolite(self) -> list[str]:
+        """Warnings of a pseudolite that is the only source on its time scale."""
+        from navsim.gnss.signals import find_lone_pseudolite
+
+        times = int(find_lone_pseudolite(self.signals, len(self.environment.pseudolites.names)).sum())
+        if not times:
+            return []
+        clock = CLOCKS[self.environment.pseudolites.clock]
+        others = {CLOCKS[c] for c in self.signals.clock[self.signals.used.any(axis=0)]} - {clock}
+        when, instead = f"at {times} of {self.signals.time.size} fixes", f"give `clock: {first_time_scale(others)}`"
+        return [lone_pseudolite_warning(clock, when, instead)]
+
+    @staticmethod
+    def _risk_of_levels(section: IntegritySection) -> str:
+        if section.method == "chi2":
+            return "integrity.method chi2 computes them for a fault that is there (p_md); mhss does for a risk"
+        risk = section.risk_of_levels()
+        return f"integrity.p_hmi_v, p_hmi_h and p_unmonitored_max allow {risk:.3g}"
+
+    def _route_outside(self, box: BoxSection) -> list[str]:
+        """The limits of the box that an error of 0 is beyond."""
+        lower, upper = box.limits(self.box_place)
+        keys = ("lateral_m", "along_m" if box.from_threshold_m is None else "from_threshold_m", "vertical_m")
+        return [key for key, low, high in zip(keys, lower, upper, strict=True) if not low <= 0.0 <= high]
+
+    @cached_property
+    def shadowed(self) -> np.ndarray:
+        """At which fixes (e, s) bool the aircraft is in the way of which sources, see `Environment.shadowed`."""
+        return self.environment.shadowed(self.signals, self.trajectory.motion(self.signals.time).c_eb)
+
+    def _by_name(self, lost: np.ndarray) -> tuple[list[str], str]:
+        """Of sources that are lost at fixes (e, s) bool: at how many, of pseudolites each by itself, and of all
+        satellites together, "" where it is none."""
+        counts = zip(self.signals.names, lost.sum(axis=0).tolist(), strict=True)
+        told = [(name, f"{name} at {times}") for name, times in counts if times]
+        ground, of = self.environment.pseudolites.names, f"of {self.signals.time.size} fixes"
+        satellites = ", ".join(text for name, text in told if name not in ground)
+        return [f"{text} {of}" for name, text in told if name in ground], satellites and f"{satellites} {of}"
+
+    def _shadowed(self) -> list[str]:
+        """Sources that the aircraft is in the way of, by name."""
+        pseudolites, satellites = self._by_name(self.shadowed)
+        return [f"receiver.antenna: the aircraft shadows {text}" for text in (*pseudolites, satellites) if text]
+
+    def _jammed(self) -> list[str]:
+        """Sources that are lost since pseudolites jam, and would not be else, by name."""
+        jamming, signals = self.environment.jamming, self.signals
+        if jamming is None or jamming.pseudolites is None:
+            return []
+        if not (~np.isnan(signals.js).all(axis=0) & ~signals.used).any():  # nothing that arrives is lost
+            return []
+        from navsim.gnss.signals import build_signals
+
+        quiet = replace(self.environment, jamming=replace(jamming, pseudolites=None))
+        motion = self.trajectory.motion(signals.time)
+        without = build_signals(motion, self.scenario.epoch.timestamp(), quiet).used
+        pseudolites, satellites = self._by_name(without & ~signals.used)
+        by = "interference.pseudolites: jammed by pseudolites"
+        return [f"{by}: {text}" for text in (*pseudolites, satellites) if text]
+
+    def _received(self, event: EventSection) -> bool:
+        """Whether any source of an event is, while it lasts."""
+        signals, model = self.signals, event.model()
+        lasting = (signals.time >= model.begin) & (signals.time < model.end)
+        concerned = model.concerns(signals.names, self.environment.systems_of(signals.names))
+        return bool(signals.used[np.ix_(lasting, concerned)].any())
+
+    def times_at_heights(self, heights: Sequence[float]) -> list[float]:
+        """As `passed`; nan where it is not before the filter's last output."""
+        last = self.outputs[-1] + 1e-9
+        return [when if when <= last else math.nan for when in passed(self.scenario, self.trajectory, heights)]
+
+    @cached_property
+    def box_time(self) -> float:
+        """When the height of the scenario's box is passed, s; nan where it is not."""
+        assert self.scenario.box is not None
+        return self.times_at_heights([self.scenario.box.height_m])[0]
+
+    @property
+    def box_place(self) -> float:
+        """Where the route is then, along the runway from the threshold, m."""
+        along = self.trajectory.path.jet(np.array([self.box_time]))[0, 0, 0]
+        return float(along) + self.scenario.runway.aim_point_m
+
+    def check(self, document: Document) -> None:
+        """Raise InputError for a box that is never passed, for more noise of a station than ranges have."""
+        self._check_box(document)
+        self._check_ground(document)
+
+    def _check_box(self, document: Document) -> None:
+        box = self.scenario.box
+        if box is None or not math.isnan(self.box_time):
+            return
+        (when,), last = passed(self.scenario, self.trajectory, [box.height_m]), float(self.outputs[-1])
+        what = f"comes down through {box.height_m:g} m above the runway" if box.height_m else "touches down"
+        after = f"the aircraft {what} at {when:.2f} s, after the filter's last output at {last:g} s"
+        text = f"the aircraft never {what} within duration_s" if math.isnan(when) else after
+        raise InputError([Problem(document.place(("box", "height_m")), "box.height_m", text)])
+
+    def _check_ground(self, document: Document) -> None:
+        """What the ground leaves in a range is a part of it."""
+        section, signals = self.scenario.integrity, self.signals
+        station = None if section is None or section.comparison is None else section.comparison.gbas
+        if station is None or not signals.used.any():
+            return
+        least = float(signals.fix_sigma[signals.used].min())
+        if station.ground_sigma_m > least:
+            path = ("integrity", "comparison", "gbas", "ground_sigma_m")
+            text = f"is a part of each range's sigma, of which the least is {least:.3g} m: at most that"
+            raise InputError([Problem(document.place(path), dotted(path), text)])
+
+
+def lone_pseudolite_warning(clock: str, when: str, instead: str) -> str:
+    """Warning that one pseudolite is the only source on its time scale. when: how often. instead: what to write."""
+    return (
+        f"pseudolites.clock: one pseudolite is the only source on the time scale `{clock}` {when}. Its range "
+        "determines that clock and nothing else, so positions of fixes and DOPs are those without it; "
+        f"{instead} if it is synchronised to the satellites, or add a second pseudolite"
+    )
+
+
+def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
+    """What the way that is flown is warned of, and sections that need no sources of signals to be judged."""
+    out = []
+    touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
+    if touchdown > scenario.duration_s:
+        out.append(
+            f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
+            f"(duration_s: {scenario.duration_s:g}); figures at touchdown are not defined"
+            + (", and requirements judge the part of the glide that is flown" if scenario.requirements else "")
+        )
+    elif isinstance(scenario.approach, FileApproach) and math.isfinite(touchdown):
+        height = -float(trajectory.path.jet(np.array([touchdown]))[0, 0, 2])
+        if abs(height) > _MISPLACED:
+            under = f"{abs(height):.1f} m {'above' if height > 0.0 else 'below'} the runway"
+            out.append(f"approach.touchdown_s: the aircraft is {under} then; figures at touchdown are of there")
+    if abs(off := scenario.runway.misprint_deg) > MISPRINT:
+        side = "right" if off > 0.0 else "left"
+        out.append(
+            f"runway.bearing_deg: the published direction is {abs(off):.1f} deg {side} of that between the "
+            f"thresholds, {scenario.runway.heading_deg:.2f} deg, which is flown"
+        )
+    out += _gains_passed_over(scenario)
+    if (broken_off := trajectory.path.events.get(GO_AROUND, math.inf)) <= scenario.duration_s:
+        out.append(
+            f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
+            "there are not defined, and those of the last seconds before it are of the end of the simulation"
+        )
+    out += implausible(scenario, trajectory) + one_direction(scenario, trajectory)
+    return out + on_pavement(scenario, trajectory) + through_ridges(scenario, trajectory)
+
+
+def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:
+    """Warning of pseudolites that stand on the runway."""
+    runway = scenario.runway
+    sites = ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
+    places = in_heading_axes(sites, scenario.threshold(trajectory.frame), runway.heading_deg * DEG)
+    on = [
+        f"{name} ({along:.1f} m beyond the threshold, {abs(right):.1f} m off the centre line)"
+        for name, (along, right, _) in zip(scenario.pseudolites.names(), places, strict=True)
+        if runway.is_pavement(float(along), float(right))
+    ]
+    if not on:
+        return []
+    most = f"{runway.length_m:g} m by {runway.width_m:g} m (runway.length_m, runway.width_m)"
+    return [f"pseudolites on the pavement of the runway, {most}: {', '.join(on)}; put them beside it"]
+
+
+def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:
+    """What to warn of ridges that the aircraft flies through, below their tops."""
+    if not scenario.terrain:
+        return []
+    time = np.linspace(0.0, scenario.duration_s, max(2, math.ceil(scenario.duration_s / _STEP)))
+    path, threshold = trajectory.motion(time).position_ecef, scenario.threshold(trajectory.frame)
+    out = []
+    for i, ridge in enumerate(scenario.terrain):
+        under = flown_under(ridge.tops(threshold), path)
+        if np.isfinite(under).any():
+            k = int(np.argmax(under))
+            out.append(
+                f"terrain[{i}]: the flight goes through this ridge at {time[k]:.1f} s, {under[k]:.1f} m under its top; "
+                "no aircraft does"
+            )
+    return out
+
+
+def _gains_passed_over(scenario: Landing) -> list[str]:
+    """Warnings of gains of the inertial sensors that the scenario has the filter take for none."""
+    imu, its = scenario.imu, scenario.filter
+    gains = (
+        ("scale_ppm", "scale factors", "scale_factors"), ("misalignment_mrad", "misalignments", "misalignments"),
+    )  # fmt: skip
+    there = [(name, f"filter.{key}: true", keys) for error, name, key in gains if getattr(its, key) is False
+             and (keys := [f"imu.{s}.{error}" for s in ("gyro", "accelerometer") if getattr(getattr(imu, s), error)])]
+    if not there:
+        return []
+    names, cures = (" and ".join(words) for words in zip(*((name, cure) for name, cure, _ in there), strict=True))
+    told = f"which the filter takes for none: give {cures}"
+    if imu.preset in IMU_SHEETS:
+        return [f"imu.preset: {imu.preset} has {names}, {told}"]
+    return [f"{', '.join(key for *_, keys in there for key in keys)}: the sensors have {names}, {told}"]
+
+
+def _out_of_sight(environment: Environment, antenna: np.ndarray) -> list[str]:
+    """Warnings of pseudolites that the curvature of the Earth hides from an antenna (e, 3), ECEF, m, at fixes."""
+    beyond, pseudolites = environment.beyond_horizon(antenna), environment.pseudolites
+    away = np.linalg.norm(ecef_from_llh(pseudolites.llh) - antenna[:, None], axis=2)
+    out = []
+    for name, hidden, far in zip(pseudolites.names, beyond.T, away.T, strict=True):
+        if hidden.any():
+            when = "the whole flight" if hidden.all() else f"{hidden.sum()} of {hidden.size} fixes"
+            nearest = f"{name} is {far[hidden].min() / 1000.0:.3g} km away or more"
+            out.append(
+                f"pseudolites: {nearest}, beyond the radio horizon of {when}, and not received then; give it a "
+                "position nearer by or a higher antenna"
+            )
+    return out
+
+
+def modelled(scenario: Landing, document: Document) -> tuple[Moving, Environment, Landing, list[str]]:
+    """The motion to be flown, the sources of signals, the scenario with the checksums of its files written into it,
+    warnings of its sky. Raises InputError for files that cannot be used, pseudolites that are in the way."""
+    from navsim.landing.sources import environment, trajectory_of
+
+    trajectory, scenario = trajectory_of(scenario, document)
+    if isinstance(scenario.approach, FileApproach):  # of others the scenario itself knows the track
+        try:
+            scenario.pseudolite_sites(trajectory.frame, scenario.track(trajectory))
+        except KeyedError as error:
+            raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
+    return trajectory, *environment(scenario, document, trajectory)
+
+
+def _needs_sources(scenario: Landing) -> bool:
+    """Whether files are to be read, or there is something to be told that goes by the sources of signals."""
+    sky = scenario.sky
+    sections = (
+        sky.source in SOURCES_FROM_FILES, sky.systems, sky.exclude, sky.horizon, scenario.terrain, scenario.box,
+        scenario.events, scenario.integrity, scenario.interference, scenario.receiver.antenna,
+        scenario.signals.system_offsets_ns, scenario.pseudolites.placed(), sky.mask_deg < 0.0,
+    )  # fmt: skip
+    return isinstance(scenario.approach, FileApproach) or any(sections)
+
+
+def told(scenario: Landing, document: Document) -> list[str]:
+    """What a landing is warned of that nobody has prepared yet, but for what sensors beside the receiver measure.
+    Raises InputError as whoever prepares it."""
+    if not _needs_sources(scenario):
+        return [*scenario.unused(), *of_way(scenario, scenario.trajectory())]
+    from navsim.gnss.signals import build_signals
+
+    trajectory, sources, scenario, warnings = modelled(scenario, document)
+    receiver = scenario.receiver_model()
+    fixes = receiver.epochs(scenario.duration_s, scenario.imu.rate_hz)
+    signals = build_signals(trajectory.motion(fixes), scenario.epoch.timestamp(), sources)
+    outputs = np.concatenate([[0.0], fixes + receiver.latency])
+    ahead = Foreseen(scenario, trajectory, sources, signals, outputs)
+    ahead.check(document)
+    return [*warnings, *ahead.warnings]
+
+
+def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> list[float]:
+    """Times when the true height above the runway last comes down through these, m, 0 for touchdown, s; nan where it
+    does not within the flight."""
+    path = trajectory.path
+    touchdown = path.events.get(TOUCHDOWN, math.inf)
+    fine = np.arange(0.0, min(touchdown, scenario.duration_s), 1e-3)
+    climbing = fine >= path.events.get(GO_AROUND, math.inf)
+    if climbing.any():  # to the bottom of the pull-up: what comes after is not passed coming down
+        fine = fine[: int(np.argmax(climbing)) + int(np.argmin(-path.jet(fine[climbing])[:, 0, 2])) + 1]
+    # the last moment above a height is sought among every 50th, then among those that follow it
+    rough = -path.jet(fine[::_ROUGH])[:, 0, 2]
+    down = -float(path.jet(np.array([touchdown]))[0, 0, 2]) if math.isfinite(touchdown) else math.inf
+    times = []
+    for height in heights:
+        last = np.flatnonzero(rough >= height)[-1:] * _ROUGH
+        near = fine[int(last[0]) : int(last[0]) + _ROUGH + 1] if last.size else fine[:0]
+        above = near[-path.jet(near)[:, 0, 2] >= height]
+        if height == 0.0:
+            when = touchdown  # unless the flight ends before
+        elif above.size and above[-1] == fine[-1]:
+            # between the last of the times and the ground; a track may say that it ends in the air
+            when = touchdown if down - height < OFF_GROUND else math.nan
+        else:
+            when = float(above[-1]) if above.size else math.nan
+        times.append(when if when <= scenario.duration_s + 1e-9 else math.nan)
+    return times
+
+
+def _hidden_throughout(names: Sequence[str], hidden: np.ndarray) -> list[str]:
+    """What to warn of pseudolites that terrain hides at all fixes, (e, p) bool."""
+    return [
+        f"terrain: {name} is behind it during the whole flight, and never received"
+        for name, times in zip(names, hidden.T, strict=True)
+        if times.size and times.all()
+    ]

@@ -1,0 +1,387 @@
+"""Whether a landing meets what it has to: a verdict on each of the scenario's `requirements`, as
+`/summary/requirements`.
+
+What a verdict rests on is what the summary of the result says, with its 95 % interval: met where all of it is on the
+right side of what is asked for, not met where all of it is on the wrong one, undecided else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core.arrays import normal
+from navsim.integrity.monitoring import Monitoring, Watcher, tested_levels, threshold_by_faults, vertical_sigma
+from navsim.landing.case import Case, touches_down
+from navsim.landing.integrity import (
+    asked_of,
+    excludes,
+    glide_of,
+    is_kept_from_faults,
+    relative_levels,
+    share_of_alike,
+)
+from navsim.results.draft import Draft
+from navsim.results.schema import COVARIANCE, HEIGHTS, RARE, VERDICTS
+from navsim.runner.statistics import rms_interval_of_means, share_interval
+from navsim.scenario.landing import Landing
+from navsim.scenario.requirements import (
+    AccuracyRequirement,
+    AlertRequirement,
+    AnySingle,
+    AvailabilityRequirement,
+    BoxRequirement,
+    ErrorRequirement,
+    LevelRequirement,
+    PresetRequirement,
+    RiskRequirement,
+    RmsRequirement,
+    ThresholdRequirement,
+    singles,
+)
+from navsim.simulation.landing_covariance import folded_quantile
+
+NOT_MET, UNDECIDED, MET = VERDICTS
+MOST_RUNS = 10**12
+"""Where it is given up to look for a number of runs."""
+_AXES = ("lateral", "along", "vertical")
+
+
+@dataclass(frozen=True)
+class Fulfilment:
+    """What was found of a requirement. value: (3,) with its interval, nan where nothing is known. limit: that is asked
+    for. least: whether it is a lower one. again: the interval that so many runs would give, if they were like these."""
+
+    text: str
+    value: np.ndarray
+    limit: float
+    least: bool = False
+    again: Callable[[int], np.ndarray] | None = None
+    utilisation: float = math.nan
+
+    def verdict(self, value: np.ndarray | None = None) -> str:
+        """Of what was found, or of another value (3,)."""
+        _, low, high = self.value if value is None else value
+        good, bad = (low >= self.limit, high < self.limit) if self.least else (high <= self.limit, low > self.limit)
+        return MET if good else NOT_MET if bad else UNDECIDED
+
+    def more(self, runs: int) -> float:
+        """How many more runs would decide, if they were like these; nan where none would, or where it is decided."""
+        if self.again is None or self.verdict() != UNDECIDED or np.isnan(self.value[0]):
+            return math.nan
+        low, high = runs, 2 * runs
+        while self.verdict(self.again(high)) == UNDECIDED:
+            low, high = high, 2 * high
+            if high > MOST_RUNS:
+                return math.nan
+        while high - low > max(1, low // 100):
+            middle = (low + high) // 2
+            low, high = (middle, high) if self.verdict(self.again(middle)) == UNDECIDED else (low, middle)
+        return float(high - runs)
+
+
+UNKNOWN = np.full(3, np.nan)
+"""Of what a method tells nothing."""
+
+
+def untold_by_pushed_runs(scenario: Landing) -> list[str]:
+    """What the user must hear of requirements that no pushed run tells anything of."""
+    every = singles(scenario.requirements)
+    untold = [said + _statement(one)[0] for said, one in every if not isinstance(one, BoxRequirement)]
+    if not untold:
+        return []
+    return [f"requirements: method rare tells of the box alone; method monte-carlo tells of: {'; '.join(untold)}"]
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A requirement in words. unit: of its figure. limit: what is asked for; least: whether that is a lower limit."""
+
+    text: str
+    unit: str
+    limit: float
+    least: bool
+
+
+def statements(scenario: Landing) -> list[Statement]:
+    """All requirements of a scenario, presets as their parts, in the order in which they are judged."""
+    out = []
+    for before, one in singles(scenario.requirements):
+        text, limit, least = _statement(one)
+        unit = {RmsRequirement: "m", AlertRequirement: "s"}.get(type(one), "1")
+        out.append(Statement(before + text, unit, limit, least))
+    return out
+
+
+Moments = tuple[np.ndarray, np.ndarray]
+"""Of a covariance analysis, mean (h, 3) and 1 sigma (h, 3) of the errors at the heights."""
+
+
+def fulfilments(
+    draft: Draft, case: Case, runs: int, moments: Moments | None = None, within: Sequence[np.ndarray] | None = None
+) -> list[Fulfilment]:
+    """What a summary says of each requirement. Of layout `COVARIANCE` it may lack what an analysis would say, or
+    what a monitor would: nothing is known then of what rests on it. within: see `integrity.levels_within`."""
+    uncounted = _uncounted(case.scenario)
+    shares = iter(within or ())
+    found = []
+    every = singles(case.scenario.requirements)
+    for i, (said, (_, one)) in enumerate(zip(statements(case.scenario), every, strict=True)):
+        nothing = Fulfilment(said.text, UNKNOWN, said.limit, said.least)
+        if isinstance(one, LevelRequirement) and within is not None:
+            found.append(_share_of_epochs(nothing, next(shares), runs))
+        else:
+            known = nothing if i in uncounted else _found(one, draft, case, runs, moments)
+            found.append(replace(known, text=said.text))
+    return found
+
+
+def _uncounted(scenario: Landing) -> set[int]:
+    """Which of the requirements, presets as their parts, speak of counts by other limits than the scenario's."""
+    out, i = set(), 0
+    limits = None if scenario.integrity is None else scenario.integrity.limits
+    for each in scenario.requirements:
+        parts = each.parts() if isinstance(each, PresetRequirement) else (each,)
+        other = isinstance(each, PresetRequirement) and not each.counts_by(limits)
+        out |= {i + k for k, part in enumerate(parts) if other and isinstance(part, RiskRequirement)}
+        i += len(parts)
+    return out
+
+
+def judged(
+    draft: Draft, case: Case, runs: int, moments: Moments | None = None, within: Sequence[np.ndarray] | None = None
+) -> None:
+    """The verdicts, by a summary that is complete otherwise; nothing where nothing is asked for."""
+    found = fulfilments(draft, case, runs, moments, within)
+    if not found:
+        return
+    branch = "/summary/requirements"
+    draft[f"{branch}/requirement"] = np.arange(1, len(found) + 1)
+    draft[f"{branch}/statement"] = np.array([one.text for one in found], dtype=object)
+    draft[f"{branch}/value"] = np.stack([one.value for one in found])
+    draft[f"{branch}/limit"] = np.array([one.limit for one in found])
+    asked = [one for _, one in singles(case.scenario.requirements)]
+    for name in ("what", "of", "at"):
+        draft[f"{branch}/{name}"] = np.array([getattr(one, name, "") for one in asked], dtype=object)
+    draft[f"{branch}/size"] = np.array([getattr(one, "below_m", math.nan) for one in asked])
+    draft[f"{branch}/verdict"] = np.array([one.verdict() for one in found], dtype=object)
+    draft[f"{branch}/more_runs"] = np.array([one.more(runs) for one in found])
+
+
+def _found(one: AnySingle, draft: Draft, case: Case, runs: int, moments: Moments | None) -> Fulfilment:
+    """What a summary says of a requirement."""
+    text, limit, least = _statement(one)
+    nothing = Fulfilment(text, UNKNOWN, limit, least)
+    if isinstance(one, BoxRequirement):
+        return _of_box(nothing, draft, runs)
+    if draft.layout == RARE:
+        return nothing
+    if isinstance(one, LevelRequirement):
+        monitor = case.flight.monitor
+        levels = None if monitor is None else tested_levels(monitor)[:, ("hpl", "vpl").index(one.of)]
+        return _of_epochs(one, nothing, levels, case)
+    if isinstance(one, ThresholdRequirement | AccuracyRequirement):
+        return _of_epochs(one, nothing, sizes_of(one, case.flight.watching, case.flight.monitor), case)
+    if draft.layout == COVARIANCE and isinstance(one, AvailabilityRequirement):
+        return (_available_by_levels if one.what == "availability" else _approaches_by_levels)(one, nothing, case)
+    if draft.layout == COVARIANCE and is_kept_from_faults(case):
+        return nothing
+    if isinstance(one, ErrorRequirement):
+        return _of_error(one, nothing, draft, runs, moments)
+    if isinstance(one, RmsRequirement):
+        return _of_rms(one, nothing, draft, runs) if touches_down(case) else nothing
+    if draft.layout == COVARIANCE:
+        return nothing
+    if isinstance(one, AlertRequirement):
+        return replace(nothing, value=_exactly(float(draft["/summary/integrity/time_to_alert"])))
+    return _of_shares(one, nothing, draft, runs)
+
+
+def _statement(one: AnySingle) -> tuple[str, float, bool]:
+    """A requirement in words, what is asked for, and whether that is a lower limit."""
+    if isinstance(one, ErrorRequirement):
+        height = one.at.replace("ft", " ft")
+        return f"{one.of} error at {height} below {one.below_m:g} m in {100 * one.share:g} % of runs", one.share, True
+    if isinstance(one, RmsRequirement):
+        return f"{one.of} RMS error before touchdown below {one.below_m:g} m", one.below_m, False
+    if isinstance(one, BoxRequirement):
+        return f"outside the box in at most {one.at_most:g} of landings", one.at_most, False
+    if isinstance(one, LevelRequirement):
+        name = one.of.upper()
+        return f"{name} within {one.below_m:g} m at {100 * one.share:g} % of epochs of the glide", one.share, True
+    if isinstance(one, ThresholdRequirement):
+        return f"EMT within {one.below_m:g} m at {100 * one.share:g} % of epochs of the glide", one.share, True
+    if isinstance(one, AccuracyRequirement):
+        error = f"vertical error without a fault within {one.below_m:g} m but for {one.at_most:g}"
+        return f"{error} at {100 * one.share:g} % of epochs of the glide", one.share, True
+    if isinstance(one, AvailabilityRequirement):
+        what = "epochs of the glide" if one.what == "availability" else "approaches throughout"
+        return f"{100 * one.at_least:g} % of {what} available", one.at_least, True
+    if isinstance(one, RiskRequirement):
+        what = "continuity lost in 15 s" if one.what == "continuity" else "hazardously misleading information"
+        return f"{what} with a risk of at most {one.at_most:g}", one.at_most, False
+    return f"an alarm within {one.within_s:g} s", one.within_s, False
+
+
+def _exactly(value: float) -> np.ndarray:
+    return np.full(3, value)
+
+
+def _counted(nothing: Fulfilment, count: int, runs: int) -> Fulfilment:
+    """Of a share of runs."""
+    share = count / runs
+
+    def again(n: int) -> np.ndarray:
+        return share_interval(round(share * n), n)
+
+    return replace(nothing, value=share_interval(count, runs), again=again)
+
+
+def _of_box(nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
+    if draft.layout == RARE:
+        value = draft["/summary/rare/probability"]
+
+        def pushed(n: int) -> np.ndarray:
+            reach = np.log(value[1:] / value[0]) * math.sqrt(runs / n)
+            return np.array([value[0], *(value[0] * np.exp(reach))])
+
+        return replace(nothing, value=value, again=pushed if np.isfinite(value).all() and value[1] > 0.0 else None)
+    if draft.layout == COVARIANCE:  # between the most probable of its sides and the sum of all
+        if "/summary/box/axis_first_order" not in draft:
+            return nothing
+        sides = draft["/summary/box/axis_first_order"]
+        most = min(1.0, float(np.nansum(sides)))
+        return replace(nothing, value=np.array([most, float(np.nanmax(sides)), most]))
+    return _counted(nothing, int(draft["/summary/box/outside"]), runs)
+
+
+def _of_error(
+    one: ErrorRequirement,
+    nothing: Fulfilment,
+    draft: Draft,
+    runs: int,
+    moments: Moments | None,
+) -> Fulfilment:
+    height, axis = list(HEIGHTS).index(one.at), _AXES.index(one.of)
+    if draft.layout == COVARIANCE:
+        mean, sigma = (math.nan, math.nan) if moments is None else (float(moment[height, axis]) for moment in moments)
+        if not math.isfinite(sigma):
+            return nothing
+        share = 1.0 - float(normal.exceedance(np.array(one.below_m), mean, sigma))
+        return replace(
+            nothing, value=_exactly(share), utilisation=folded_quantile(one.share, mean, sigma) / one.below_m
+        )
+    error = draft[f"/summary/at/{one.of}_run"][:, height]
+    if np.isnan(error).all():  # the height is not passed
+        return nothing
+    return _counted(nothing, int((np.abs(error) < one.below_m).sum()), runs)
+
+
+def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
+    if draft.layout == COVARIANCE and f"/summary/rms/{one.of}" not in draft:
+        return nothing
+    value = draft[f"/summary/rms/{one.of}"]
+    if draft.layout == COVARIANCE:
+        return replace(nothing, value=value, utilisation=float(value[0]) / one.below_m)
+    if not np.isfinite(value).all():
+        return replace(nothing, value=value)
+    axes = draft["/summary/rms/position_ned"][:, 0]
+    squares = (axes[:2] if one.of == "horizontal" else axes[2:]) ** 2
+    return replace(nothing, value=value, again=lambda n: rms_interval_of_means(squares, n))
+
+
+def _of_epochs(
+    one: LevelRequirement | ThresholdRequirement | AccuracyRequirement,
+    nothing: Fulfilment,
+    sizes: np.ndarray | None,
+    case: Case,
+) -> Fulfilment:
+    """By the share of the epochs of the glide whose sizes (e,), m, are within what is asked for; nan is not."""
+    glide = glide_of(case)
+    if sizes is None or not glide.any():
+        return nothing
+    sizes = sizes[glide]
+    share = float(np.mean(sizes <= one.below_m))
+    # after an exclusion they are larger, in runs that have one
+    value = np.array([share, 0.0, share]) if excludes(case) else _exactly(share)
+    return replace(nothing, value=value, utilisation=_kept_by(sizes, one.share) / one.below_m)
+
+
+def sizes_of(
+    one: ThresholdRequirement | AccuracyRequirement, watching: Monitoring | None, monitor: Watcher | None
+) -> np.ndarray | None:
+    """What is to stay within a size, at all epochs (e,), m; None where nothing is known of it."""
+    if watching is None or monitor is None:
+        return None
+    if isinstance(one, ThresholdRequirement):
+        threshold = threshold_by_faults(monitor)
+        return None if threshold is None else np.where(monitor.tested, threshold, np.nan)
+    return -normal.quantile(0.5 * one.at_most) * vertical_sigma(watching, monitor)
+
+
+def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
+    """Between all epochs of the glide with levels within their limits, and those of them without a false alarm. What
+    else may cause alarms, runs alone tell: faults, or ranges worse than the monitor holds them for."""
+    asked, monitor, section = asked_of(case), case.flight.monitor, case.scenario.integrity
+    if asked is None or monitor is None or section is None:
+        return nothing
+    relative = relative_levels(asked, tested_levels(monitor))[asked.glide].max(axis=1)
+    if not relative.size:
+        return nothing
+    share = float(np.mean(relative <= 1.0))
+    worse = section.sigma_ratio_acc < 1.0 or section.error_model != "gaussian"
+    if worse or any(event.what != "silence" for event in case.scenario.events):
+        return replace(nothing, value=np.array([share, 0.0, share]))
+    quiet = 1.0 - section.false_alarm()
+    due = one.at_least / quiet
+    return replace(
+        nothing,
+        value=np.array([share, share * quiet, share]),
+        utilisation=_kept_by(relative, due) if due <= 1.0 else math.inf,
+    )
+
+
+def _approaches_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
+    """None, where an epoch that is due has a level beyond its limit; how many have no alarm, runs alone tell."""
+    asked, monitor = asked_of(case), case.flight.monitor
+    if asked is None or monitor is None:
+        return nothing
+    relative = relative_levels(asked, tested_levels(monitor))[asked.due].max(axis=1, initial=0.0)
+    return replace(nothing, value=_exactly(0.0)) if (relative > 1.0).any() else nothing
+
+
+def _kept_by(values: np.ndarray, share: float) -> float:
+    """The smallest size that this share of values (n,) is within, inf where so many are none."""
+    ordered = np.sort(np.where(np.isnan(values), np.inf, values))
+    shares = np.arange(1, ordered.size + 1) / ordered.size
+    return float(ordered[np.searchsorted(shares, share)])
+
+
+def _of_shares(
+    one: AvailabilityRequirement | RiskRequirement, nothing: Fulfilment, draft: Draft, runs: int
+) -> Fulfilment:
+    branch = "/summary/integrity"
+    if one.what in ("approaches", "misleading"):
+        value = draft[f"{branch}/{'hmi' if one.what == 'misleading' else one.what}"]
+        return _counted(nothing, round(float(value[0]) * runs), runs)
+    value = draft[f"{branch}/{'continuity_risk' if one.what == 'continuity' else one.what}"]
+    return _share_of_epochs(nothing, value, runs)
+
+
+def _share_of_epochs(nothing: Fulfilment, share: np.ndarray, runs: int) -> Fulfilment:
+    """Of a share of epochs (3,) of so many runs."""
+    if not np.isfinite(share).all():
+        return replace(nothing, value=np.array([share[0], np.nan, np.nan]))
+    alike = np.array_equal(share, share_of_alike(float(share[0]), runs))
+    half = float(np.abs(share[1:] - share[0]).max())  # the other end may be cut off at 0 or 1
+
+    def again(n: int) -> np.ndarray:
+        if alike:
+            return share_of_alike(float(share[0]), n)
+        reach = half * math.sqrt(runs / n)
+        return np.array([share[0], *np.clip([share[0] - reach, share[0] + reach], 0.0, 1.0)])
+
+    return replace(nothing, value=share, again=again)

@@ -1,0 +1,262 @@
+"""The result of a Monte Carlo study of a landing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from navsim.core import states
+from navsim.core.arrays.earth import llh_from_ecef
+from navsim.estimation.observations import FIX
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.landing import integrity, requirements, tails
+from navsim.landing.box import box_of, counted
+from navsim.landing.case import MOVING, PERCENTILES, Case, rms_window
+from navsim.landing.consistency import put_consistency, ratios_of_runs, shares_beyond
+from navsim.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
+from navsim.landing.tree import accuracy, attributes, base, belief
+from navsim.results.draft import Draft
+from navsim.results.findings import kept
+from navsim.results.result import Result, Stream
+from navsim.results.schema import LANDING, RUNWAY_AXES
+from navsim.runner.batches import Ensemble
+from navsim.runner.merge_state import pack
+from navsim.runner.statistics import (
+    consistency_band,
+    ellipsoid_probability,
+    mean_interval,
+    rms_interval,
+    rms_interval_of_means,
+)
+
+
+def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
+    """The result of an ensemble that was flown with the same `keep`.
+
+    keep: `all` also stores measurements and fixes of every run, `errors` the filter's errors, `none` the
+    statistics alone.
+    """
+    draft = base(case, LANDING)
+    draft["/run"] = np.arange(ensemble.first_run, ensemble.first_run + ensemble.runs)
+    if keep == "all":
+        _receiver(draft, case, ensemble)
+        _measurements(draft, case, ensemble)
+    if keep != "none":
+        _filter(draft, case, ensemble, keep)
+        _aiding(draft, case, ensemble, keep == "all")
+        _watched(draft, case, ensemble)
+    integrity.described(draft, case)
+    integrity.in_runway_axes(draft, case)
+    integrity.compared(draft, case)
+    integrity.counted(draft, case, ensemble)
+    tails.sampled_risks(draft, case, seed)
+    _summary(draft, case, ensemble)
+    requirements.judged(draft, case, ensemble.runs, within=integrity.levels_within(case, ensemble))
+    pack(draft, ensemble)
+    out = draft.result(attributes(case, seed))
+    out.variables.update(kept(findings(case, ensemble)))
+    return out
+
+
+def _history(
+    ensemble: Ensemble, name: str, convert: Callable[[np.ndarray], np.ndarray] = lambda block: block
+) -> Stream:
+    """A kept history as a stream of blocks along the run axis, never in memory as a whole."""
+    first = convert(next(ensemble.blocks(name)))
+    return Stream((ensemble.runs, *first.shape[1:]), first.dtype, lambda: map(convert, ensemble.blocks(name)))
+
+
+def _measurements(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    s = case.world.signals
+    draft["/measurements/time"] = s.time
+    draft["/measurements/source"] = np.array(s.names, dtype=object)
+    draft["/measurements/pseudorange"] = _history(ensemble, "pseudorange")
+    draft["/measurements/range_rate"] = _history(ensemble, "range_rate")
+    draft["/imu/time"] = case.world.imu_time[1:]
+    for name in ("delta_angle", "delta_velocity"):
+        draft[f"/imu/{name}"] = _history(ensemble, name)
+    draft["/measurements/cn0"] = _history(ensemble, "pseudorange", lambda block: np.broadcast_to(s.cn0, block.shape))
+
+
+def _receiver(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    s = case.world.signals
+    clocks = sorted(set(s.clock[np.any(s.used, axis=0)].tolist()))
+    draft["/receiver/clock_name"] = np.array([CLOCKS[c] for c in clocks], dtype=object)
+    draft["/receiver/position_llh"] = _history(ensemble, "fix_llh")
+    draft["/receiver/velocity_ned"] = _history(ensemble, "fix_velocity")
+    if case.world.ways is not None:
+        draft["/receiver/true_position_llh"] = _history(ensemble, "antenna", llh_from_ecef)
+    draft["/receiver/clock"] = _history(ensemble, "fix_clock", lambda block: block[..., clocks])
+
+
+def _filter(draft: Draft, case: Case, ensemble: Ensemble, keep: str) -> None:
+    world = case.world
+    draft["/filter/time"] = world.filter_time
+    draft.put("/filter/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
+    draft["/filter/error"] = _history(ensemble, "error")
+    draft["/filter/sigma"] = _history(ensemble, "sigma")
+    for name, degrees in _nees_degrees(case):
+        draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": degrees})
+    if world.ways is not None:
+        for i, axis in enumerate(RUNWAY_AXES):
+            if keep == "all":
+                draft[f"/filter/gust_{axis}"] = _history(ensemble, "gust", lambda block, i=i: block[..., i])  # type: ignore[misc]
+            draft[f"/filter/deviation_{axis}"] = _history(ensemble, "deviation", lambda block, i=i: block[..., i])  # type: ignore[misc]
+    draft["/filter/epoch"] = world.signals.time
+    most = int(ensemble.per_run("degrees").max())
+    name = "innovation_squared"
+    draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": most})
+    draft["/filter/fix_status"] = _history(ensemble, "status", lambda block: block.astype(np.int8))
+    if keep == "all":
+        _filter_model(draft, case, ensemble)
+    if keep == "all" and case.beliefs.tight:
+        draft["/filter/source"] = np.array(world.signals.names, dtype=object)
+        draft["/filter/range_status"] = _history(ensemble, "range_status", lambda block: block.astype(np.int8))
+
+
+def _filter_model(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    """What the filter starts from, what it takes its sensors for, and what it takes for fixes."""
+    sensors = case.beliefs.sensors
+    for name, history in (("position_llh", "llh"), ("velocity_ned", "velocity"), ("attitude_rpy", "rpy")):
+        draft[f"/filter/start_{name}"] = _history(ensemble, f"start_{history}")
+    draft["/filter/start_sigma"] = np.sqrt(np.diag(case.flight.covariance))
+    others = len(case.states) - states.SENSORS - sum(block.size for block in sensors.blocks)
+    for name, of_block in (("decay", lambda b: b.decay), ("drive", lambda b: b.drive**0.5)):
+        each = np.repeat([of_block(b) for b in sensors.blocks], [b.size for b in sensors.blocks])
+        draft[f"/filter/state_{name}"] = np.concatenate([np.zeros(states.SENSORS), each, np.zeros(others)])
+    for k, name in enumerate(("gyro", "accelerometer")):
+        draft[f"/filter/noise_{name}"] = float(np.sqrt(sensors.noise[k]))
+    if not case.beliefs.tight:
+        draft["/filter/fix_position_llh"] = _history(ensemble, "filter_fix_llh")
+        draft["/filter/fix_velocity_ned"] = _history(ensemble, "filter_fix_velocity")
+        draft["/filter/fix_covariance"] = _history(ensemble, "filter_fix_covariance")
+        if case.flight.lasting_roots.size:
+            followed = [name for block in sensors.blocks if block.triad == FIX for name in block.states]
+            draft["/filter/fix_error"] = np.array(followed, dtype=object)
+            draft["/filter/fix_effect"] = case.flight.lasting_roots
+
+
+def _aiding(draft: Draft, case: Case, ensemble: Ensemble, measured: bool) -> None:
+    """What each sensor beside the receiver measured, and what the filter made of it."""
+    first = 0
+    for aid in case.world.aids:
+        branch, part = f"/aiding/{aid.sensor.name}", slice(first, first + aid.time.size)
+        first, numbers = part.stop, aid.exact.shape[1]
+
+        def of(name: str, part: slice = part, numbers: int = 0, kind: type | None = None) -> Stream:
+            def one(block: np.ndarray) -> np.ndarray:
+                out = block[:, part, :numbers] if numbers else block[:, part]
+                return out if kind is None else out.astype(kind)
+
+            return _history(ensemble, name, one)
+
+        draft[f"{branch}/time"] = aid.time
+        if measured:
+            draft[f"{branch}/number"] = np.array(aid.sensor.numbers)
+            draft.put(f"{branch}/measured", of("aided", numbers=numbers), unit=aid.sensor.unit)
+        draft.put(f"{branch}/innovation_squared", of("aided_squared"), {"degrees_of_freedom": numbers})
+        draft[f"{branch}/status"] = of("aided_status", kind=np.int8)
+
+
+def _watched(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    """What the monitor of the fixes said, and how far off they were."""
+    if case.flight.monitor is None:
+        return
+    draft["/integrity/statistic"] = _history(ensemble, "monitor_statistic")
+    draft["/integrity/status"] = _history(ensemble, "monitor_status", lambda block: block.astype(np.int8))
+    for i, name in enumerate(("horizontal", "vertical")):
+        draft[f"/integrity/error_{name}"] = _history(ensemble, "watched_error", lambda block, i=i: block[..., i])  # type: ignore[misc]
+    if integrity.watches_innovations(case):
+        draft["/integrity/innovation_ratio"] = _history(ensemble, "innovation_ratio")
+    if not integrity.excludes(case):
+        return
+    draft["/integrity/excluded"] = _history(ensemble, "monitor_excluded", lambda block: block.astype(np.int16))
+    for i, name in enumerate(("hpl", "vpl")):
+        draft[f"/integrity/{name}_run"] = _history(ensemble, "monitor_level", lambda block, i=i: block[..., i])  # type: ignore[misc]
+
+
+def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    squares, at = ensemble.per_run("position_square"), ensemble.per_run("at_height")
+
+    def each(mean_squares: np.ndarray) -> np.ndarray:
+        return np.stack([rms_interval_of_means(square, ensemble.runs) for square in mean_squares[:, None]])
+
+    accuracy(
+        draft,
+        each(ensemble.mean("mean_square")[: states.SENSORS]),
+        each(ensemble.mean("rpy_square")),
+        rms_interval(squares[:, :2]),
+        rms_interval(squares[:, 2:3]),
+        np.stack([[rms_interval(at[:, h, [i]] ** 2) for h in range(at.shape[1])] for i in range(3)]),
+    )
+    belief(draft, *(ensemble.mean(name) for name in ("variance", "rpy_variance", "at_variance")))
+    draft["/summary/percentile"] = np.array(PERCENTILES)
+    for i, name in enumerate(RUNWAY_AXES):
+        draft[f"/summary/at/{name}_run"] = at[:, :, i]
+        draft[f"/summary/at/{name}_percentile"] = np.percentile(np.abs(at[:, :, i]), PERCENTILES, axis=0).T
+    for name, first, last in (("horizontal", 0, 2), ("vertical", 2, 3)):
+        size = np.sqrt(squares[:, first:last].sum(axis=1))
+        draft[f"/summary/rms/{name}_percentile"] = np.percentile(size, PERCENTILES)
+
+    if case.world.ways is not None:
+        technical = ensemble.per_run("at_deviation")
+        for i, name in enumerate(RUNWAY_AXES):
+            for kind, values in (("fte", technical[..., i]), ("tse", technical[..., i] + at[..., i])):
+                draft[f"/summary/at/{name}_{kind}_run"] = values
+                each_height = [rms_interval(values[:, [h]] ** 2) for h in range(values.shape[1])]
+                draft[f"/summary/at/{name}_{kind}"] = np.stack(each_height)
+    if (box := box_of(case)) is not None:
+        counted(draft, box, ensemble.per_run("at_box")[:, 0])
+    inside = ensemble.per_run("inside")
+    draft["/summary/coverage/level"] = LEVELS
+    draft["/summary/coverage/position"] = np.clip([mean_interval(inside[:, k]) for k in range(LEVELS.size)], 0.0, 1.0)
+    draft["/summary/coverage/expected"] = np.array([ellipsoid_probability(k, 3) for k in LEVELS])
+    _consistency(draft, case, ensemble)
+
+    for k, aid in enumerate(case.world.aids):
+        sums = [ensemble.per_run(f"aided_{name}")[:, k].sum() for name in ("innovations", "weighed", "rejected")]
+        branch = f"/summary/aiding/{aid.sensor.name}"
+        draft[f"{branch}/nis"] = float(sums[0] / sums[1]) if sums[1] else np.nan
+        draft[f"{branch}/rejected"] = np.int64(sums[2])
+        draft[f"{branch}/missing"] = np.int64(ensemble.runs * aid.missing)
+    if case.flight.limited:
+        for name, total in zip(("gyro", "accelerometer"), ensemble.per_run("clipped").sum(axis=0), strict=True):
+            draft[f"/summary/count/clipped_{name}"] = np.int64(total)
+    for name, value in (
+        ("runs", ensemble.runs),
+        ("fixes", int(ensemble.per_run("fixes").sum())),
+        ("epochs_without_fix", _flaws(ensemble, UNHEARD, UNSOLVED)),
+        ("rejected", _flaws(ensemble, GATED)),
+    ):
+        draft[f"/summary/count/{name}"] = np.int64(value)
+
+
+def _consistency(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    runs, branch = ensemble.runs, "/summary/consistency"
+    draft[f"{branch}/time"] = case.world.filter_time
+    most = int(ensemble.per_run("degrees").max())
+    for name, degrees in (*_nees_degrees(case), ("nis", most)):
+        band = consistency_band(degrees, runs) if degrees else (np.nan, np.nan)
+        draft.put(f"{branch}/{name}", ensemble.mean(name), _of_band(band, degrees))
+    band = consistency_band(3, runs)
+    groups = ensemble.mean("nees_group")
+    draft[f"{branch}/group"] = np.array(case.groups, dtype=object)
+    draft.put(f"{branch}/nees_group", groups, _of_band(band, 3))
+    window = rms_window(case)
+    draft[f"{branch}/mean_group"] = groups[window].mean(axis=0) if window.any() else np.full(len(case.groups), np.nan)
+    put_consistency(draft, case, ratios_of_runs(case, ensemble), shares_beyond(ensemble))
+
+
+def _nees_degrees(case: Case) -> tuple[tuple[str, int], ...]:
+    """Degrees of freedom of the normalised estimation errors squared, by their names."""
+    return ("nees", case.degrees()), ("nees_position_velocity", case.degrees(MOVING))
+
+
+def _of_band(band: tuple[float, float], degrees: int) -> dict[str, float]:
+    return {"band_low": band[0], "band_high": band[1], "degrees_of_freedom": degrees}
+
+
+def _flaws(ensemble: Ensemble, *which: int) -> int:
+    """How often these flaws of fix epochs happened in all runs."""
+    return int(ensemble.per_run("fix_flaws_count")[:, which].sum(dtype=np.int64))

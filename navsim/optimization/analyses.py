@@ -1,0 +1,307 @@
+"""What is found of a placement of pseudolites: its flight is analysed, and the monitor of its fixes asked for levels.
+
+Satellites do not care where pseudolites stand, so a case without any is made ready once, and is given some then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from navsim.gnss.constellations.constellation import Remembering
+from navsim.gnss.signals import Environment, build_signals
+from navsim.gnss.sky import enu_matrix
+from navsim.landing import integrity
+from navsim.landing.case import world_of
+from navsim.landing.confirmation import filter_outputs
+from navsim.landing.integrity import spread_over
+from navsim.landing.requirements import Fulfilment, sizes_of
+from navsim.landing.sources import touchdown_time
+from navsim.landing.study import Case, covariance_analysis, covariance_findings, covariance_summary, judged_without_runs
+from navsim.optimization.placement import Rules, RunwayPlane
+from navsim.results.findings import Finding
+from navsim.results.schema import LARGE
+from navsim.scenario.optimize import LEVEL_OBJECTIVES
+from navsim.scenario.requirements import (
+    AccuracyRequirement,
+    AvailabilityRequirement,
+    LevelRequirement,
+    ThresholdRequirement,
+    singles,
+)
+from navsim.simulation.landing_covariance import Analysis
+from navsim.trajectory.kinematics import Motion
+
+Judge = Callable[[np.ndarray], np.ndarray]
+"""Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""
+COARSE_FIXES = 1.0
+"""Rate of fixes of the coarse analysis, Hz."""
+COARSE_IMU = 10.0
+"""Inertial samples of the coarse analysis, Hz."""
+SCREENED = 8
+"""Epochs of the glide by which levels of many placements are screened."""
+_AT_ONCE = 2048
+"""Epochs of all placements together that are screened at a time."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A flight without pseudolites, ready to be given some.
+
+    heard: (s,) bool, the sources of which anything is heard. share: of the information of one of the receiver's fixes
+    in one of these, as a factor of its sigmas. watched: numbers of the fix epochs that are left (m,), where all that
+    counts are levels, of more; else None. names: of the pseudolites; None for PL1, PL2, ...
+    """
+
+    case: Case
+    motion: Motion
+    heard: np.ndarray
+    share: float
+    watched: np.ndarray | None = None
+    names: tuple[str, ...] | None = None
+
+    @property
+    def axes(self) -> np.ndarray:
+        """East, north, up at the epochs that are left (m, 3, 3) rows, ECEF."""
+        axes = enu_matrix(self.motion.llh)
+        return axes if self.watched is None else axes[self.watched]
+
+    def with_pseudolites(self, llh: np.ndarray) -> Case:
+        """The case with pseudolites at (k, 3) rad, rad, m; of its world only the signals know of them."""
+        names = self.names or tuple(f"PL{i}" for i in range(1, len(llh) + 1))
+        sources = replace(self.case.environment, pseudolites=replace(self.case.pseudolites, names=names, llh=llh))
+        signals = build_signals(self.motion, self.case.scenario.epoch.timestamp(), sources)
+        signals = signals.select(np.concatenate([self.heard, np.full(len(llh), True)]))
+        if self.watched is not None:
+            signals = signals.at(self.watched)
+        # fewer epochs have less to smooth already
+        share = self.share if signals.smoothing is None else self.share**2
+        signals = replace(
+            signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
+            fix_sigma=signals.with_noise(share), fix_rate_sigma=self.share * signals.fix_rate_sigma,
+        )  # fmt: skip
+        return replace(self.case, environment=sources).over(replace(self.case.world, signals=signals))
+
+
+class Analyst:
+    """What is found of placements at one fidelity. flown: for the filter; watched: for levels; each None where nobody
+    asks. The last placement is remembered, since objective and requirements ask for the same."""
+
+    def __init__(self, kept: Rules, flown: Prepared | None, watched: Prepared | None) -> None:
+        self._kept, self._flown, self._watched = kept, flown, watched
+        self._last: tuple[bytes, _Found] | None = None
+
+    def _of(self, places: np.ndarray) -> _Found:
+        key = np.ascontiguousarray(places, np.float64).tobytes()
+        if self._last is None or self._last[0] != key:
+            llh = self._kept.plane.llh(places)
+            cases = [
+                None if flight is None else flight.with_pseudolites(llh) for flight in (self._flown, self._watched)
+            ]
+            self._last = key, _Found(*cases)
+        return self._last[1]
+
+    def judge(self, name: str) -> Judge:
+        """The judge of placements by an error of the filter, or by levels: large for a small share of epochs that have
+        them, inf for one of the others where not all have."""
+
+        def one(places: np.ndarray) -> float:
+            found = self._of(places)
+            if name not in LEVEL_OBJECTIVES:
+                return found.errors[name]
+            share = found.levels["level_share"]
+            if name in LARGE:
+                return 1.0 / share if share > 0.0 else math.inf
+            return found.levels[name] if share == 1.0 else math.inf
+
+        return lambda places: np.array([one(p) for p in places])
+
+    def fulfilments(self, places: np.ndarray) -> list[Fulfilment]:
+        """What is known of the base scenario's requirements with a placement (k, 2)."""
+        return self._of(places).fulfilments
+
+    def findings(self, places: np.ndarray) -> list[Finding]:
+        """What the covariance analysis of a placement (k, 2) finds."""
+        found = self._of(places)
+        assert found.flown is not None
+        return covariance_findings(found.flown, found.analysis)
+
+
+class LevelScreen:
+    """Levels of many placements at once, at some epochs of the glide: objectives and loads that rank them. What is
+    heard of a pseudolite must not depend on where it stands, nor on which it is.
+
+    decided: which requirements of the scenario count (q,) bool, None for none.
+    """
+
+    def __init__(self, plane: RunwayPlane, flight: Prepared, name: str, decided: np.ndarray | None) -> None:
+        self._plane, self._flight, self._name = plane, flight, name
+        asked = singles(flight.case.scenario.requirements)
+        self._asked = [] if decided is None else [one for (_, one), use in zip(asked, decided, strict=True) if use]
+
+    def __call__(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Objectives, where they are levels, and loads (n,) of placements (n, k, 2)."""
+        step = max(_AT_ONCE // SCREENED, 1)
+        parts = [self._of(places[i : i + step]) for i in range(0, len(places), step)]
+        objective, load = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        return objective, load
+
+    def _of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        n, k = places.shape[:2]
+        case = self._flight.with_pseudolites(self._plane.llh(places[0]))
+        signals, watching = case.world.signals, case.flight.watching
+        assert watching is not None
+        e, s = signals.used.shape
+        away = self._plane.ecef(places)[:, None] - signals.antenna[:, None]
+        towards = away / np.linalg.norm(away, axis=-1, keepdims=True)
+        los = np.repeat(signals.los[None], n, axis=0)
+        los[:, :, s - k :] = np.einsum("eij,nekj->neki", self._flight.axes, towards)
+        stacked = replace(
+            signals, los=los.reshape(n * e, s, 3), used=np.tile(signals.used, (n, 1)),
+            fix_sigma=np.tile(signals.fix_sigma, (n, 1)),
+        )  # fmt: skip
+        monitor = watching.over(stacked)
+        levels = np.where(monitor.tested[:, None] & np.isfinite(monitor.levels), monitor.levels, np.inf)
+        levels = np.sort(levels.reshape(n, e, 2), axis=1)
+        load = self._load(levels, case)
+        for one in self._asked:
+            if isinstance(one, ThresholdRequirement | AccuracyRequirement):
+                sizes = sizes_of(one, watching, monitor)
+                assert sizes is not None  # what is not known is not decided
+                ordered = np.sort(np.where(np.isnan(sizes), np.inf, sizes).reshape(n, e), axis=1)
+                load = np.maximum(load, ordered[:, _kept_by(one.share, e)] / one.below_m)
+        return self._objective(levels), load
+
+    def _objective(self, levels: np.ndarray) -> np.ndarray:
+        """Of levels (n, e, 2), the smallest first."""
+        if self._name in LARGE:
+            share = np.isfinite(levels).all(axis=2).mean(axis=1)
+            return np.divide(1.0, share, out=np.full(share.shape, np.inf), where=share > 0.0)
+        of = levels[..., 0 if self._name.startswith("hpl") else 1]
+        return of[:, -1] if self._name.endswith("max") else of[:, _kept_by(0.95, of.shape[1])]
+
+    def _load(self, levels: np.ndarray, case: Case) -> np.ndarray:
+        load = np.zeros(len(levels))
+        for one in self._asked:
+            if isinstance(one, LevelRequirement):
+                at = _kept_by(one.share, levels.shape[1])
+                load = np.maximum(load, levels[:, at, 0 if one.of == "hpl" else 1] / one.below_m)
+            elif isinstance(one, AvailabilityRequirement):
+                asked = integrity.asked_of(case)
+                assert asked is not None
+                at = _kept_by(one.at_least, levels.shape[1])
+                load = np.maximum(load, (levels[:, at] / asked.limits).max(axis=1))
+        return load
+
+
+def _kept_by(share: float, epochs: int) -> int:
+    """Which of ordered values at so many epochs is not passed at this share of them."""
+    return int(np.searchsorted(np.arange(1, epochs + 1) / epochs, share))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A placement, as it is flown and as it is watched."""
+
+    flown: Case | None
+    watched: Case | None
+
+    @cached_property
+    def analysis(self) -> Analysis:
+        assert self.flown is not None
+        return covariance_analysis(self.flown)
+
+    @cached_property
+    def errors(self) -> dict[str, float]:
+        assert self.flown is not None
+        return filter_outputs(covariance_summary(self.flown, self.analysis))
+
+    @cached_property
+    def levels(self) -> dict[str, float]:
+        assert self.watched is not None
+        return integrity.level_outputs(self.watched)
+
+    @cached_property
+    def fulfilments(self) -> list[Fulfilment]:
+        """By whichever of them knows."""
+        known = []
+        if self.watched is not None:
+            known.append(judged_without_runs(self.watched, None))
+        if self.flown is not None:
+            known.append(judged_without_runs(self.flown, self.analysis))
+        return [
+            next((one for one in each if not math.isnan(one.utilisation)), each[0]) for each in zip(*known, strict=True)
+        ]
+
+
+def flown(case: Case, end: float, coarse: bool) -> Prepared:
+    """The flight whose filter is analysed, up to `end`, s."""
+    # levels are those of the receiver's own fixes, whatever the filter is given here
+    unwatched = replace(case, scenario=case.scenario.model_copy(update={"integrity": None}))
+    receiver, imu = case.scenario.receiver.rate_hz, case.scenario.imu.rate_hz
+    return _flight(unwatched, end, *((COARSE_FIXES, COARSE_IMU) if coarse else (receiver, imu)))
+
+
+def watched(case: Case, most: int | None = None) -> Prepared:
+    """The flight whose fixes are watched, on the glide; at so many epochs at most."""
+    return _watched(case, lambda glide: glide if most is None else spread_over(glide, most))
+
+
+def screened(case: Case) -> Prepared:
+    """The same at the middles of some stretches of the glide: how code smoothing begins is not what levels are like."""
+    return _watched(case, lambda glide: glide[np.unique((2 * np.arange(SCREENED) + 1) * glide.size // (2 * SCREENED))])
+
+
+def glimpsed(case: Case) -> Prepared:
+    """The same for pictures that follow a hand: of what a receiver's loops remember, each epoch has the one before it
+    that is as long ago as lost signals wait, not the whole way; with code smoothing as `screened`."""
+    prepared = screened(case)
+    if prepared.watched is None or prepared.case.world.signals.smoothing is not None:
+        return prepared
+    jamming, time = prepared.case.environment.jamming, prepared.case.world.signals.time
+    assert jamming is not None  # else nothing is remembered
+    wait = max(jamming.lock.lose_s, jamming.lock.regain_s)
+    before = np.searchsorted(time, time[prepared.watched] - wait, side="right") - 1
+    kept = np.union1d(prepared.watched, np.maximum(before, 0))
+    motion = case.trajectory.motion(time[kept])
+    return replace(prepared, motion=motion, watched=np.searchsorted(kept, prepared.watched))
+
+
+def _watched(case: Case, chosen: Callable[[np.ndarray], np.ndarray]) -> Prepared:
+    end, scenario = touchdown_time(case.scenario, case.trajectory), case.scenario
+    flight = _flight(case, end, scenario.receiver.rate_hz, scenario.imu.rate_hz)
+    epochs = chosen(np.flatnonzero(integrity.glide_of(flight.case)))
+    if flight.case.world.signals.smoothing is not None or flight.case.environment.jamming is not None:
+        return replace(flight, watched=epochs)  # what a receiver remembers has to be gone through
+    return replace(flight, motion=case.trajectory.motion(flight.case.world.signals.time[epochs]))
+
+
+def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> Prepared:
+    """The flight up to the first fix after `end`, s, with at most these rates, Hz."""
+    scenario = case.scenario
+    receiver, imu = scenario.receiver, scenario.imu
+    fix_rate, imu_rate = min(fix_rate, receiver.rate_hz), min(imu_rate, imu.rate_hz)
+    # the error at a height is interpolated to the output after it
+    duration = min(end + receiver.latency_s + 1.0 / fix_rate + 1.0 / imu_rate, scenario.duration_s)
+    scenario = scenario.model_copy(
+        update={
+            "duration_s": duration,
+            "receiver": receiver.model_copy(update={"rate_hz": fix_rate}),
+            "imu": imu.model_copy(update={"rate_hz": imu_rate}),
+        }
+    )
+    sources: Environment = replace(
+        case.environment,
+        satellites=tuple(replace(g, constellation=Remembering(g.constellation)) for g in case.environment.satellites),
+    )
+    world = world_of(scenario, case.trajectory, sources)
+    return Prepared(
+        replace(case, scenario=scenario, environment=sources).over(world),
+        case.trajectory.motion(world.signals.time),
+        np.any(world.signals.used, axis=0),
+        math.sqrt(fix_rate / receiver.rate_hz),
+    )

@@ -1,0 +1,130 @@
+"""A search for the best placements."""
+
+from __future__ import annotations
+
+import math
+
+from navsim.gnss.signals import Environment
+from navsim.landing.confirmation import RUNS
+from navsim.landing.estimate import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, extent
+from navsim.landing.sources import glide_epochs
+from navsim.optimization import study as optimize
+from navsim.optimization.problem import UNMET, PlacementProblem, load_of, problem
+from navsim.optimization.progress import Progress, Watch
+from navsim.optimization.search import CHUNK, COARSE, FULL
+from navsim.optimization.search_log import Journal
+from navsim.results.result import Result, Sort
+from navsim.results.schema import LARGE, OBJECTIVE_QUANTITIES
+from navsim.runner.checkpoint import Store
+from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, Budget
+from navsim.runner.executor import Away, Executor
+from navsim.runner.job import Allow, Options, Outcome, Tell
+from navsim.scenario.landing import Landing
+from navsim.scenario.load import base_of
+from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
+from navsim.scenario.source import Document
+
+_JUDGED_MEMORY = 70
+"""A site of a placement at an epoch while rules are judged, bytes."""
+
+
+class OptimizeJob:
+    """Placements, their neighbourhoods, maps. The time limit counts from the preparation; an interrupt ends the work
+    with what was found."""
+
+    kernels, suffix, unit, extent, work = "optimize", "", "placements", 0, "analyses"
+    pieces, even = 2, False  # it ends where it has converged
+    posed: PlacementProblem
+
+    def __init__(self, section: Optimize, document: Document, options: Options) -> None:
+        self.section, self.document, self.options = section, document, options
+        self.base = base_of(section, document)
+        self.sort = Sort("optimize")
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.posed.warnings
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        self._watch = Watch(time_limit=self.options.time_limit)
+
+        def ask(scenario: Landing, sources: Environment) -> None:
+            allow(self.estimate(scenario, sources))
+
+        self.posed = problem(self.section, self.document, self.base, ask)
+        self._runs = RUNS if self.options.runs is None else self.options.runs
+
+    def estimate(self, scenario: Landing, sources: Environment) -> Budget:
+        return estimated(self.section, scenario, sources)
+
+    def described(self) -> str:
+        return f"{self.section.objective} for {list(self.section.counts)} pseudolites"
+
+    def key(self) -> dict[str, object]:
+        return optimize.partial_key(self.posed, self.options.seed)
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        unit = OBJECTIVE_QUANTITIES[self.section.objective][0]
+        self._watch.tell = lambda progress: tell(
+            0, said(progress, unit, self.section.objective in LARGE, self.posed.quick)
+        )
+        with executor.pool(executor.workers) as pool:
+            away = pool if isinstance(pool, Away) else None
+            found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store), away, self._runs)
+        result = optimize.optimize_result(self.posed, found, self.options.seed)
+        interrupted = found.stopped == optimize.INTERRUPTED
+        why = "interrupted" if interrupted else f"time limit of {self.options.time_limit:g} s" if found.stopped else ""
+        if why:
+            why += f"; undone: {result.attributes['undone']}"
+        failed = "no placement found meets the requirements" if _unmet(result) else ""
+        return Outcome(result, stopped=why, interrupted=interrupted, failed=failed)
+
+
+def _unmet(result: Result) -> bool:
+    """Whether requirements are met with none of the numbers of pseudolites, although placements had to."""
+    return "/front/met" in result and not result["/front/met"].any()
+
+
+def said(progress: Progress, unit: str, large: bool = False, quick: bool = False) -> str:
+    """Where a search stands in words; unit: of the objective, large: it is the reciprocal of what is made small; quick:
+    levels are all that is analysed."""
+    analysed = sum(progress.tried.get(fidelity, 0) for fidelity in (COARSE, FULL))
+    tried = f"{sum(progress.tried.values())} placements tried"
+    if analysed:
+        tried += f", {analysed} by {'levels' if quick else 'covariance analysis'}"
+    best = "none found yet"
+    if progress.best is not None and progress.places is not None:
+        at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
+        best = f"best {1.0 / progress.best if large else progress.best:.4g}{'' if unit == '1' else f' {unit}'}"
+        if progress.best >= UNMET:
+            best = f"requirements not met yet, the worst of them by a factor of {load_of(progress.best):.4g}"
+        best += f" at s, l1 {at} m"
+    remaining = "time left not known yet" if progress.remaining is None else f"at most {progress.remaining:.0f} s left"
+    return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"
+
+
+def estimated(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
+    """What a search for placements takes."""
+    here = extent(scenario, sources)
+    starts = 1 if study.period is None else study.period.count
+    most = max(study.counts)
+    # a map is judged at one go, choices of sites in chunks
+    at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.counts}
+    judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.counts)
+    signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
+    glide = int(glide_epochs(scenario, scenario.trajectory())[1].sum())  # epochs by which placements are judged
+    ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
+    judged = _JUDGED_MEMORY * judged_places * glide * ruled
+    result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 46 * VARIABLE
+    flown = 0.0
+    if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
+        flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
+    return Budget(
+        BASE_MEMORY + signals + judged + flown,
+        result,
+    )
+
+
+def check(section: Optimize, document: Document) -> list[str]:
+    """Warnings of a search: its base scenario is checked with what the study sets. Raises InputError."""
+    return problem(section, document, base_of(section, document)).warnings

@@ -1,0 +1,78 @@
+"""Analyses of many placements at a time by workers elsewhere, before a search asks for them one by one.
+
+A search goes on by what it found, so it stays here and is the same to the bit; what it is about to ask is analysed
+elsewhere, kept in its journal, and found there.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, wait
+
+import numpy as np
+
+from navsim.optimization.analyses import Judge
+from navsim.optimization.placement import Rules
+from navsim.optimization.search_log import Journal
+from navsim.runner.executor import Away
+
+WORTH_S = 0.5
+"""How long a task lasts at least where there are placements enough, s."""
+_LOOK_S = 0.5
+"""How often the search is told on while it waits, s."""
+Judges = dict[str, dict[str, Judge]]
+"""The judges of each fidelity, by the names they have in the journal."""
+
+
+def _analysed(judges: Judges, fidelity: str, places: np.ndarray) -> tuple[float, dict[str, np.ndarray]]:
+    """What a worker does: the values of placements one by one, as the search would, and seconds a placement."""
+    began = time.perf_counter()
+    found = {
+        name: np.concatenate([np.asarray(judge(places[i : i + 1]), np.float64) for i in range(len(places))])
+        for name, judge in judges[fidelity].items()
+    }
+    return (time.perf_counter() - began) / len(places), found
+
+
+class Ahead:
+    """Has placements (n, k, 2) analysed by a fidelity; their values are in the journal then."""
+
+    def __init__(self, judges: Judges, rules: Rules, journal: Journal, pool: Away, look: Callable[[], None]) -> None:
+        """look: called while it waits; raises where the search is to end."""
+        self._judges, self._rules, self._journal, self._pool, self._look = judges, rules, journal, pool, look
+        self._shared = pool.share(judges)
+        self._seconds: dict[str, float] = {}
+
+    def __call__(self, places: np.ndarray, fidelity: str) -> None:
+        """Raises what the work raises, executor.Lost, PartialError where the journal cannot be kept."""
+        names = tuple(self._judges[fidelity])
+        kept = self._rules.violation(places) <= 0.0  # others are not analysed at all
+        todo = [
+            place
+            for place, usable in zip(places, kept, strict=True)
+            if usable and not all(self._journal.knows(name, place[None]) for name in names)
+        ]
+        seconds = self._seconds.get(fidelity, WORTH_S)
+        size = max(1, int(np.ceil(WORTH_S / max(seconds, 1e-6))))
+        if len(todo) <= size:  # a single task: the search does it itself
+            return
+        flying = {
+            self._pool.submit(_analysed, self._shared, fidelity, some): some
+            for some in (np.array(todo[i : i + size]) for i in range(0, len(todo), size))
+        }
+        try:
+            while flying:
+                ready, _ = wait(flying, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+                for future in ready:
+                    some = flying.pop(future)
+                    seconds, found = future.result()
+                    self._seconds[fidelity] = min(seconds, self._seconds.get(fidelity, seconds))
+                    for name, values in found.items():
+                        for place, value in zip(some, values, strict=True):
+                            self._journal.learn(name, place[None], np.array([value]))
+                self._look()
+        except BaseException:
+            for future in flying:
+                future.cancel()
+            raise

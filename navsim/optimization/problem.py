@@ -1,0 +1,476 @@
+"""What a search for placements makes small, an objective of the geometry, a protection level, or an error of the
+filter; and what placements have to meet.
+
+An error of the filter is a linear covariance analysis of every placement, a level the monitor of its fixes. What does
+not depend on it is done once: the flight (cut where the objective no longer looks), the orbits, the sources that are
+ever heard. It is to be had in three ways, each much dearer as the one before and closer to the truth [1]:
+
+    screens     accuracy of fixes by the geometry kernel: over the last seconds before the objective is read, the glide
+    coarse      covariance analysis with a fix a second of the same information, inertial samples at 10 Hz; levels at
+                some epochs of the glide
+    objective   covariance analysis, and levels, as a landing by itself has them
+
+Requirements are judged as those of landings are (`landing.requirements`). The load of a placement is the largest
+utilisation among them; one of a load above 1 ranks behind all that meet them, by its load [2].
+
+Source: [1] Peherstorfer, Willcox & Gunzburger, Survey of multifidelity methods in uncertainty propagation, inference,
+and optimization, SIAM Review 60 (2018). [2] Deb, An efficient constraint handling method for genetic algorithms,
+Comput. Methods Appl. Mech. Engrg. 186 (2000).
+"""
+
+from __future__ import annotations
+
+import datetime
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.gnss import timescales
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.signals import Environment
+from navsim.landing.case import Ask, crossing_times
+from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
+from navsim.landing.implausible import implausible
+from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
+from navsim.landing.requirements import MET, Fulfilment
+from navsim.landing.sources import environment, glide_epochs, touchdown_time
+from navsim.landing.study import Case, prepare
+from navsim.optimization.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
+from navsim.optimization.placement import Rules, rules
+from navsim.results.findings import Finding
+from navsim.results.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
+from navsim.runner.executor import threads
+from navsim.scenario.base import KeyedError, validated
+from navsim.scenario.landing import Landing
+from navsim.scenario.optimize import DOP_OBJECTIVES, FILTER_DISTANCE, LEVEL_OBJECTIVES, Optimize
+from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singles
+from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
+from navsim.scenario.sweep import FILTER_OUTPUTS
+from navsim.simulation.geometry import Geometry, glide_geometry
+
+BROKEN = 1e9
+"""Objective of a placement that breaks a rule by nothing; more for worse."""
+UNSOLVED = 1e8
+"""Objective of a placement that keeps the rules and leaves an epoch without a fix, or without a level that is the
+objective."""
+UNMET = 1e7
+"""Objective of a placement that misses the requirements by nothing; up to twice that for worse."""
+_LEVELLESS = 1e3
+"""Load of a placement that no size would save, since levels are lacking at too many epochs; up to three times that."""
+_TRACK, _TRACK_MARGIN = 12.0, 0.3
+"""Spacing of the points of the approach that rough rules ask, m, and their margin: 60 m from the aircraft, the nearest
+point is by no more than that nearer than the nearest of those asked."""
+_STRETCHES = (30.0, 15.0, 5.0)
+"""Where the glide is divided to describe its geometry, s before the objective is read."""
+_ALIKE = 5
+"""So many of them where levels alone are analysed."""
+_NO_FIX = 1e4
+"""What an epoch without a fix counts as in ranking placements by their geometry, m."""
+
+
+class Judged(NamedTuple):
+    """Of placements (n,): value, what a search makes small; objective, nan where a rule is broken; load of the
+    requirements, 0 where there are none, nan where a rule is broken."""
+
+    value: np.ndarray
+    objective: np.ndarray
+    load: np.ndarray
+
+
+def merit(objective: np.ndarray, load: np.ndarray, most: float = 1.0) -> np.ndarray:
+    """What a search makes small, of objectives and loads of placements that keep the rules; a load may be `most`."""
+    solved = np.isfinite(objective)
+    unmet = UNMET * (2.0 - most / np.maximum(load, most))
+    return np.where(solved, np.where(load > most, unmet, objective), UNSOLVED)
+
+
+def load_of(value: float) -> float:
+    """The load of a placement that misses the requirements, by its value."""
+    return 1.0 / (2.0 - value / UNMET)
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What placements have to meet. decided: which of the base scenario's requirements (q,) bool levels and covariance
+    analysis decide; the others are left to runs. judge, coarse: what they find of a placement (k, 2), in full and
+    coarsely."""
+
+    decided: np.ndarray
+    judge: Callable[[np.ndarray], list[Fulfilment]]
+    coarse: Callable[[np.ndarray], list[Fulfilment]]
+
+    def load(self, found: Sequence[Fulfilment]) -> float:
+        """The largest utilisation; at most 1 where all that is decided is met."""
+        return max(_load(one) for one, decided in zip(found, self.decided, strict=True) if decided)
+
+
+def _load(one: Fulfilment) -> float:
+    if not math.isfinite(one.utilisation):  # the figure says how far off it is all the same
+        short = one.limit - one.value[0]
+        return _LEVELLESS * (2.0 + (short if math.isfinite(short) else 1.0))
+    # the verdict stands where rounding has the utilisation on the other side
+    if one.verdict() == MET:
+        return min(one.utilisation, 1.0)
+    return min(max(one.utilisation, math.nextafter(1.0, 2.0)), _LEVELLESS)
+
+
+@dataclass(frozen=True)
+class PlacementProblem:
+    """An objective with its rules, and warnings about the sky.
+
+    For what is analysed, an error of the filter or a level, or with requirements: coarse, the objective's quick judge;
+    screens and features, what the geometry says of it (features: (n, f) of placements (n, k, 2), finite); found, the
+    findings of a placement (k, 2); quick: levels are all that is analysed. None and none for objectives of geometry.
+    load, coarse_load: of the requirements. level_screen: of placements of which levels are all that is analysed, where
+    there can be one. ahead: has placements (n, k, 2) analysed by a fidelity (`search.COARSE`, `FULL`) before they are
+    judged one by one, where others can do it at the same time. fly: runs of a placement.
+    """
+
+    study: Optimize
+    scenario: Landing
+    rules: Rules
+    geometry: Geometry
+    objective: Judge
+    warnings: list[str]
+    coarse: Judge | None = None
+    screens: tuple[Judge, ...] = ()
+    features: Judge | None = None
+    found: Callable[[np.ndarray], list[Finding]] | None = None
+    quick: bool = False
+    requirements: Requirements | None = None
+    load: Judge | None = None
+    coarse_load: Judge | None = None
+    level_screen: LevelScreen | None = None
+    ahead: Callable[[np.ndarray, str], None] | None = None
+    fly: Fly | None = None
+
+    @property
+    def flies(self) -> bool:
+        """Whether covariance analyses of the filter judge placements."""
+        return self.found is not None
+
+    @property
+    def analysed(self) -> bool:
+        """Whether placements are analysed one by one: for an error of the filter, levels, requirements."""
+        return self.coarse is not None
+
+    def judged(self, places: np.ndarray, coarse: bool = False) -> Judged:
+        """What the objective, or its quick judge, and the requirements say of placements. Values below UNMET keep all
+        rules, have a solution and meet the requirements."""
+        broken = self.rules.violation(places)
+        judge, load = (self.coarse or self.objective, self.coarse_load) if coarse else (self.objective, self.load)
+        found = Judged(_of_broken(broken), np.full(len(places), np.nan), np.full(len(places), np.nan))
+        if np.any(kept := broken <= 0.0):
+            found.objective[kept] = judge(places[kept])
+            found.load[kept] = 0.0 if load is None else load(places[kept])
+            found.value[kept] = merit(found.objective[kept], found.load[kept])
+        return found
+
+    def value(self, places: np.ndarray) -> np.ndarray:
+        """What a search makes small (n,): the objective, where rules are kept and requirements met, else how badly they
+        are not."""
+        return self.judged(places).value
+
+    def rough_value(self, places: np.ndarray, judge: Judge) -> np.ndarray:
+        """The same by a judge that stands in for the objective, and by rules that ask fewer points of the approach,
+        with a margin that makes up for it."""
+        rough, margin = self._rough_rules
+        broken = rough.violation(places) + margin
+        out = _of_broken(broken)
+        if np.any(kept := broken <= 0.0):
+            values = judge(places[kept])
+            out[kept] = np.where(np.isfinite(values), values, UNSOLVED)
+        return out
+
+    def screened(self, places: np.ndarray) -> np.ndarray:
+        """Values (n,) of placements by their levels at some epochs."""
+        assert self.level_screen is not None
+        objective, load = self.level_screen(places)
+        if self.study.objective in DOP_OBJECTIVES:
+            objective = self.objective(places)
+        return merit(objective, load)
+
+    def shown(self, value: np.ndarray) -> np.ndarray:
+        """The objective as people have it, of what is made small."""
+        return np.asarray(1.0 / value if self.study.objective in LARGE else value)
+
+    @cached_property
+    def _rough_rules(self) -> tuple[Rules, float]:
+        track = self.rules.receiver
+        spacing = np.linalg.norm(np.diff(track, axis=0), axis=1).max(initial=0.0)
+        step = 1 if spacing == 0.0 else max(int(_TRACK / spacing), 1)
+        return replace(self.rules, receiver=track[::step]), _TRACK_MARGIN if step > 1 else 0.0
+
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """The corners of the area, or of what the sites cover, (2,) least and largest s and l1."""
+        if self.study.area is not None:
+            low, high = np.array([self.study.area.s_m, self.study.area.l1_m]).T
+            return low, high
+        sites = self.sites()
+        return sites.min(axis=0), sites.max(axis=0)
+
+    def sites(self) -> np.ndarray:
+        """The sites to choose from (n, 2) s and l1, m."""
+        return np.array([[site.s_m, site.l1_m] for site in self.study.sites])
+
+
+def _of_broken(broken: np.ndarray) -> np.ndarray:
+    """Values of placements that break a rule by so much (n,)."""
+    return np.where(broken > 0.0, BROKEN * (1.0 + np.maximum(broken, 0.0)), np.nan)
+
+
+def problem(study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None) -> PlacementProblem:
+    """The base scenario, the rules and the objective of a study, once `ask` has let it pass. Raises InputError, and
+    what `ask` raises."""
+    bare = base.copy()
+    for key in ("count", "s_m", "l1_m", "sites"):
+        if isinstance(bare.data.get("pseudolites"), dict):
+            bare.data["pseudolites"].pop(key, None)
+    set_value(bare, "pseudolites.count", 0, document.place(("base",)), document.folder)
+    scenario, flies = _posed(study, document, bare)
+    sources, scenario, warnings = environment(scenario, bare)
+    ask(scenario, sources)
+    trajectory = scenario.trajectory()
+    starts = np.array([scenario.epoch.timestamp()])
+    if study.period is not None:
+        starts = starts + np.arange(study.period.count) * study.period.hours * 3600.0 / study.period.count
+        _check_known(sources, starts, document)
+    fixes, counted = glide_epochs(scenario, trajectory)
+    epochs = fixes[counted]
+    if sources.strength_placed and study.objective in DOP_OBJECTIVES:
+        text = (
+            f"{study.objective} is judged by directions alone. With `interference`, or noise by range_law cn0, and "
+            "pseudolites.cn0_reference_m or eirp_dbm, distances of pseudolites matter too. With "
+            "receiver.antenna.mask_deg the attitude of the aircraft matters. Take a level, or an error of the filter"
+        )
+        raise _refused(document, ("objective",), text)
+    if sources.smoothing_placed and study.objective.startswith("fix_"):
+        text = (
+            f"{study.objective} is judged by directions alone; with terrain and receiver.smoothing_s it matters for "
+            "how long pseudolites are seen: take a level, or an error of the filter"
+        )
+        raise _refused(document, ("objective",), text)
+    seen = sources
+    if sources.strength_placed:
+        # by geometry others are only screened
+        seen = sources.by_directions
+        warnings.append(
+            "DOPs are told without `interference`, noise by pseudolites.range_law cn0 and receiver.antenna, which "
+            "depend on where pseudolites are; the objective has them"
+        )
+    geometry = glide_geometry(trajectory, seen, starts, fixes, counted)
+    if 1 in study.counts and (lone := int(geometry.find_lone_pseudolite(1).sum())):
+        equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""
+        clock, when = CLOCKS[sources.pseudolites.clock], f"at {lone} of {len(geometry.receiver)} epochs"
+        warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
+    warnings += implausible(scenario, trajectory)
+    if doubted := scenario.runway.doubted_height("height_m", study.height_m):
+        warnings.append(doubted)
+    if study.objective in FILTER_OUTPUTS and study.constraints.distance_m is None:
+        own = study.constraints.model_copy(update={"distance_m": FILTER_DISTANCE})
+        study = study.model_copy(update={"constraints": own})
+    kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
+    study = study.model_copy(update={"constraints": kept.given})
+    objective: Judge = partial(_of_geometry, study.objective, geometry, kept)
+    fly = partial(_fly, study, bare, document)
+    if study.objective in DOP_OBJECTIVES and not study.constraints.requirements:
+        return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly)
+    watches = study.constraints.requirements or study.objective in LEVEL_OBJECTIVES
+    if watches and scenario.integrity is not None and scenario.integrity.method == "filter":
+        text = "levels of filters take seconds each and are not searched; use integrity.method mhss, then navsim run"
+        raise _refused(document, ("base",), f"{study.base}: {text}")
+    case = prepare(scenario, bare)
+    end = touchdown = touchdown_time(scenario, trajectory)
+    if study.objective not in (*DOP_OBJECTIVES, *LEVEL_OBJECTIVES):
+        end = _read_at(study.objective, case)
+        if not math.isfinite(end):
+            text = f"'{study.objective}' has no value: the flight of {study.base} does not pass there within duration_s"
+            raise _refused(document, ("objective",), f"{text}: {case.scenario.duration_s:g}")
+    until = max(end, touchdown) if study.constraints.requirements else end
+    full, coarse = (
+        Analyst(
+            kept,
+            flown(case, until, rough) if flies else None,
+            watched(case, MOST_LEVELS if rough else None) if watches and case.flight.watching is not None else None,
+        )
+        for rough in (False, True)
+    )
+    first: tuple[Judge, ...] = ()
+    quick = objective
+    if study.objective in DOP_OBJECTIVES:
+        first = (objective,)
+    else:
+        objective, quick = full.judge(study.objective), coarse.judge(study.objective)
+    here = PlacementProblem(
+        study, scenario, kept, geometry, objective, warnings, quick,
+        (*first, *_screens(study.objective, geometry, epochs, end, kept)),
+        _features(geometry, epochs, end, kept, flies),
+        full.findings if flies else None,
+        not flies,
+        fly=fly,
+    )  # fmt: skip
+    if study.constraints.requirements:
+        here = _with_requirements(here, full, coarse, document)
+    placed = sources.placed or sources.sight_placed or sources.singled_out
+    placed = placed or geometry.has_beyond_horizon(kept.plane.ecef(_corners(*here.limits())))
+    if here.quick and epochs.size and not placed:
+        decided = None if here.requirements is None else here.requirements.decided
+        here = replace(here, level_screen=LevelScreen(kept.plane, screened(case), study.objective, decided))
+    return here
+
+
+def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Corners (4, 2) of an area from its least to its largest s and l1."""
+    return np.array([*itertools.product(*zip(low, high, strict=True))])
+
+
+def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing, bool]:
+    """The base scenario, and whether its filter is analysed. Raises InputError where it has not what the study asks
+    for."""
+    of_filter = study.objective not in (*DOP_OBJECTIVES, *LEVEL_OBJECTIVES)
+    if of_filter:
+        set_value(bare, "method", "covariance", document.place(("objective",)), document.folder)
+    scenario = validated(Landing, bare)
+    if study.objective in LEVEL_OBJECTIVES and scenario.integrity is None:
+        text = f"{study.objective} needs `integrity`, which {study.base} does not have"
+        raise _refused(document, ("objective",), text)
+    if scenario.interference is not None:
+        try:
+            scenario.interference.check_turns(max(study.counts))
+        except KeyedError as error:
+            raise _refused(document, ("pseudolites",), str(error)) from None
+    judged, key = study.constraints.requirements, ("constraints", "requirements")
+    if judged and not scenario.requirements:
+        raise _refused(document, key, f"there are no `requirements` in {study.base}")
+    flies = of_filter or (
+        judged and any(isinstance(one, ErrorRequirement | RmsRequirement) for _, one in singles(scenario.requirements))
+    )
+    # of pushed runs nothing watches the fixes
+    if flies != of_filter or (scenario.method == "rare" and (judged or study.objective in LEVEL_OBJECTIVES)):
+        set_value(bare, "method", "covariance", document.place(key), document.folder)
+        scenario = validated(Landing, bare)
+    return scenario, flies
+
+
+def _fly(
+    study: Optimize, bare: Document, document: Document, places: np.ndarray, seed: int, first: int, runs: int
+) -> OfRuns:
+    """What runs say of the base scenario with pseudolites at `places` (k, 2)."""
+    own = bare.copy()
+    own.data["pseudolites"].pop("count")
+    sites = [{"s_m": float(s), "l1_m": float(l1), "height_m": study.height_m} for s, l1 in places]
+    for key, value in (("method", "monte-carlo"), ("pseudolites.frame", "runway"), ("pseudolites.sites", sites)):
+        set_value(own, key, value, document.place(("base",)), document.folder)
+    case = prepare(validated(Landing, own), own)
+    return of_runs(fly_case(case, seed, first, runs, threads()))
+
+
+def _refused(document: Document, key: KeyPath, text: str) -> InputError:
+    return InputError([Problem(document.place(key), dotted(key), text)])
+
+
+def _with_requirements(here: PlacementProblem, full: Analyst, coarse: Analyst, document: Document) -> PlacementProblem:
+    """The same with the base scenario's requirements; without pseudolites it shows which of them are decided."""
+    found = full.fulfilments(np.empty((0, 2)))
+    decided = np.array([not math.isnan(one.utilisation) for one in found])
+    left = [one.text for one, known in zip(found, decided, strict=True) if not known]
+    if not decided.any():
+        text = f"levels and covariance analysis decide none of them: {'; '.join(left)}"
+        raise _refused(document, ("constraints", "requirements"), text)
+    asked = Requirements(decided, full.fulfilments, coarse.fulfilments)
+
+    def judge(by: Callable[[np.ndarray], list[Fulfilment]]) -> Judge:
+        return lambda places: np.array([asked.load(by(one)) for one in places])
+
+    warnings = [*here.warnings]
+    if left:
+        warnings.append(f"requirements that runs alone decide (navsim run) are no constraint here: {'; '.join(left)}")
+    return replace(
+        here, warnings=warnings, requirements=asked, load=judge(asked.judge), coarse_load=judge(asked.coarse)
+    )
+
+
+def _check_known(sources: Environment, starts: np.ndarray, document: Document) -> None:
+    """Raise InputError where a constellation is unknown at some of the starts, POSIX s (n,): the objective would be of
+    fewer satellites there without a word."""
+    for group in sources.satellites:
+        position, _ = group.constellation.state(timescales.gps_from_utc(starts))
+        lost = ~np.isfinite(position[..., 0]).any(axis=1)
+        if lost.any():
+            first = datetime.datetime.fromtimestamp(starts[np.argmax(lost)], datetime.UTC)
+            text = (
+                f"no {group.constellation.system.name} satellite is known at {lost.sum()} of {starts.size} start "
+                f"times, the first of them {first:%Y-%m-%dT%H:%M:%SZ}: the messages or orbits do not reach over the "
+                "period"
+            )
+            raise InputError([Problem(document.place(("period",)), "period", text)])
+
+
+def _of_geometry(name: str, geometry: Geometry, kept: Rules, places: np.ndarray) -> np.ndarray:
+    return of_geometry(name, geometry, kept.plane.ecef(places))
+
+
+def of_geometry(name: str, geometry: Geometry, sites: np.ndarray) -> np.ndarray:
+    """An objective of the geometry (n,) of placements (n, k, 3), ECEF, m; inf where an epoch has no solution."""
+    which = 2 if name.endswith("_max") else 0
+    if name.startswith("fix_"):
+        values, lost = geometry.fix_sigmas(sites)
+        out = values[1 if name == "fix_horizontal" else 2, 0]
+    else:
+        values, lost = geometry.dops(sites)
+        out = values["phv".index(name[0]), which]
+    return np.where(lost == 0, out, np.inf)
+
+
+def _read_at(name: str, case: Case) -> float:
+    """Time at which an error of the filter is read, or the end of the stretch it is taken over, s."""
+    _, _, height = name.partition("_")
+    return (
+        crossing_times(case)[list(HEIGHTS).index(height)] if height else touchdown_time(case.scenario, case.trajectory)
+    )
+
+
+def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> tuple[Judge, ...]:
+    """Judges by the SKO of fixes: of the objective's axis, and in space, over the seconds before it is read; of the
+    axis over the glide up to then. Epochs without a fix count first."""
+    before = time <= end
+    late = before & (time > end - RMS_WINDOW)
+    row = 2 if name.startswith(("v", "fix_vertical")) else 1
+
+    def screen(of: int, part: Geometry, places: np.ndarray) -> np.ndarray:
+        values, lost = part.fix_sigmas(kept.plane.ecef(places))
+        return np.where(lost < len(part.receiver), values[of, 0] + _NO_FIX * lost, np.inf)
+
+    parts = (row, _some(geometry, late)), (row, _some(geometry, before)), (0, _some(geometry, late))
+    return tuple(partial(screen, *part) for part in parts)
+
+
+def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, flies: bool) -> Judge:
+    """Logarithms of the mean SKO of fixes in space, horizontal, vertical, and epochs without a fix, over stretches of
+    the glide before `end`: the filter forgets the earlier ones, by how much differs. Levels are of each epoch by
+    itself: the stretches are alike then."""
+    if flies:
+        edges = [-math.inf, *(end - before for before in _STRETCHES), end]
+    else:
+        edges = [-math.inf, *np.quantile(time, np.arange(1, _ALIKE + 1) / _ALIKE).tolist()]
+    parts = [_some(geometry, (time > first) & (time <= last)) for first, last in itertools.pairwise(edges)]
+    parts = [part for part in parts if len(part.receiver)]
+
+    def features(places: np.ndarray) -> np.ndarray:
+        out = []
+        for part in parts:
+            values, lost = part.fix_sigmas(kept.plane.ecef(places))
+            out += [*np.log(np.where(lost < len(part.receiver), values[:, 0], _NO_FIX)), np.log1p(lost)]
+        return np.stack(out, axis=1)
+
+    return features
+
+
+def _some(geometry: Geometry, epochs: np.ndarray) -> Geometry:
+    """Of these epochs (e,) bool every fifth, which says enough."""
+    return geometry.at(np.flatnonzero(epochs)[::5])

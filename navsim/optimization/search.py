@@ -1,0 +1,805 @@
+"""The search for the best placement of one number of pseudolites.
+
+Objectives of geometry, anywhere in an area: differential evolution [1] (scipy's, whole populations at once through the
+geometry kernel) from several independent starts and from the best place for one more beside the pseudolites found
+before; each is finished by Nelder-Mead down to centimetres. Placements that break a rule rank behind all that keep
+them, by how much they break it [2], so the answer keeps them all. A list of sites: every choice where there are few
+enough, else the best of many greedy choices improved by exchanges.
+
+Errors of the filter, and levels: the accuracy of fixes over parts of the approach, which costs microseconds, says most
+of what the filter, or the monitor, will make of a placement. A surrogate [3], linear in its logarithms with a Gaussian
+process on top, learns the rest from coarse analyses; round by round, the placements it holds best are analysed and it
+learns anew. The best are then judged by the full analysis, which alone decides. Requirements are searched in the same
+way, with any objective: a second surrogate learns their load, and a placement expected not to meet them ranks behind
+all that are [2]. Where levels are all that is analysed no surrogate is needed: differential evolution goes by the
+levels of whole populations at some epochs, the best are analysed and finished by Nelder-Mead. Where the full analysis
+finds the best a little beyond what is allowed, the coarse one is asked for as much less, and the best are judged again.
+
+Sources: [1] Storn & Price, J. Global Optimization 11 (1997). [2] Deb, An efficient constraint handling method for
+genetic algorithms, Comput. Methods Appl. Mech. Engrg. 186 (2000). [3] Jones, Schonlau & Welch, Efficient global
+optimization of expensive black-box functions, J. Global Optimization 13 (1998).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from navsim.landing.confirmation import APART, CANDIDATES
+from navsim.optimization.analyses import Judge
+from navsim.optimization.problem import BROKEN, UNMET, UNSOLVED, Judged, PlacementProblem, merit
+from navsim.optimization.progress import Step, Watch
+from navsim.runner.job import JobError
+from navsim.scenario.optimize import LEVEL_OBJECTIVES
+
+if TYPE_CHECKING:
+    from scipy.optimize import Bounds
+
+ALL_CHOICES = 2_000_000
+"""Choices of sites up to which every one is tried for an objective of geometry; of a filter: ALL_ANALYSED, of levels:
+ALL_WATCHED."""
+ALL_ANALYSED, ALL_WATCHED = 50, 200
+GEOMETRY, LEVELS, COARSE, FULL = "geometry", "levels", "coarse", "full"
+"""Ways of judging a placement: by the geometry kernel, by levels at some epochs, by coarse and by full analysis."""
+CHUNK = 65_536
+"""Choices of sites judged at a time."""
+_POPULATION, _GENERATIONS = 30, 400
+"""Of differential evolution by an objective of geometry: members a coordinate, generations at most."""
+_FINISHING = (100.0, 10.0, 1.0)
+"""Sizes of the simplices of Nelder-Mead, m, and evaluations a coordinate with each."""
+_FINISHING_TRIES = 200
+_MORE = 4000
+"""Places tried for one more beside the pseudolites found before."""
+_SINGLES, _POOL = 4096, 3000
+"""Places for one pseudolite, and placements put together of them, that the search for a filter begins with."""
+_SCREEN_GENERATIONS = 25
+_LEVEL_GENERATIONS, _LEVEL_MORE, _LEVEL_STARTS = 60, 400, 2
+"""The same where levels at some epochs judge, which is next to the coarse analysis; places tried for one more; starts
+beside those of the study's effort, lest what can be met is missed."""
+_TEACHERS = 40
+"""Placements the surrogate learns from at least."""
+_HOPES = 0.0, 1.0
+"""How far a round hopes for what is not known: standard deviations, by turns."""
+_REGION = 4.0
+"""Every second round stays around the best: how far, in distances that new placements keep from the old."""
+
+
+_DIGITS = 2
+"""Digits behind the point, of metres, that places have in tables and files."""
+_ASIDE = (0.01, 0.02, 0.05, 0.1, 0.2)
+"""How far places are moved where rounding makes them break what they kept, m."""
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """How much is analysed coarsely. first: times 16, and 8 a pseudolite, to begin with. learning: a round of the
+    surrogate. finished: best placements that are finished. sizes: of their simplices, m. tries: a coordinate in each.
+    """
+
+    first: int
+    learning: int
+    finished: int
+    sizes: tuple[float, ...]
+    tries: int
+
+    def finishing(self, count: int) -> int:
+        """Analyses that finish the best placements."""
+        return self.finished * len(self.sizes) * self.tries * 2 * count
+
+
+_FLOWN, _WATCHED = _Pace(1, 3, 1, (20.0,), 6), _Pace(3, 10, 3, (100.0, 20.0, 4.0), 15)
+"""Of covariance analyses, and where levels are all that is analysed, which costs less."""
+_AGAIN = 4
+"""How often at most the best are judged again, by requirements that the coarse analysis makes stricter."""
+_HEAVY = 30.0
+"""Loads beyond are taken for this: how far beyond does not lead on."""
+
+
+class NoPlacement(JobError):
+    """The constraints leave no place, or no placement gives a fix at every epoch."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """The best placement of one number of pseudolites. places: (k, 2) s and l1, m. value: its objective, not finite
+    where it has none and misses the requirements. tried: placements judged, by the way of judging. every: every choice
+    of sites was judged by the objective. finished: the search came to its end. load: of the requirements; above 1 no
+    placement was found that meets them, and this one misses the worst of them by least. others: the next best of
+    those analysed (k, 2), the best first, for when runs speak against this one."""
+
+    places: np.ndarray
+    value: float
+    tried: dict[str, int]
+    every: bool
+    finished: bool
+    load: float = 0.0
+    others: tuple[np.ndarray, ...] = ()
+
+    @property
+    def met(self) -> bool:
+        """Whether it meets all requirements that placements are judged by."""
+        return self.load <= 1.0
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """As arrays, of which `of` makes the same again."""
+        return {
+            "places": self.places, "value": np.array(self.value), "every": np.array(self.every),
+            "finished": np.array(self.finished), "way": np.array(list(self.tried)),
+            "tried": np.array(list(self.tried.values())), "load": np.array(self.load),
+            "others": np.array(self.others).reshape(-1, *self.places.shape),
+        }  # fmt: skip
+
+    @staticmethod
+    def of(arrays: dict[str, np.ndarray]) -> Found:
+        """What `arrays` was made of."""
+        tried = dict(zip(arrays["way"].tolist(), arrays["tried"].tolist(), strict=True))
+        every, finished = bool(arrays["every"]), bool(arrays["finished"])
+        others = tuple(arrays["others"])
+        return Found(arrays["places"], float(arrays["value"]), tried, every, finished, float(arrays["load"]), others)
+
+
+class _Best(NamedTuple):
+    """A placement (k, 2) with its value; others, every: as of `Found`."""
+
+    places: np.ndarray
+    value: float
+    others: tuple[np.ndarray, ...] = ()
+    every: bool = False
+
+
+def steps(here: PlacementProblem, count: int, earlier: bool) -> list[Step]:
+    """What a search for `count` pseudolites will do, at most. earlier: there is a placement of fewer."""
+    effort, pace = here.study.effort, _pace(here)
+    rounds = _rounds(count) * effort
+    if here.study.sites:
+        usable = int(np.sum(_usable(here)))
+        choices = math.comb(usable, count)
+        if here.analysed and choices <= _all(here):
+            return [Step(_choosing(count), {FULL: choices})]
+        # greedy choices, and some three rounds of exchanges of every site
+        tried = choices if choices <= ALL_CHOICES else 5 * effort * 4 * count * usable
+        if not here.analysed:
+            return [Step(_choosing(count), {GEOMETRY: tried})]
+        screening = Step(_choosing(count), {GEOMETRY: len(here.screens) * tried})
+        pool = len(here.screens) * min(tried, _POOL)
+        learning = {GEOMETRY: rounds * pool, COARSE: _first(here, count) + rounds * pace.learning}
+        return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(here)})]
+    if not here.analysed:
+        per_start = 2 * count * (_POPULATION * (_GENERATIONS + 1) + len(_FINISHING) * _FINISHING_TRIES)
+        return [Step(_evolving(count), {GEOMETRY: effort * per_start + _MORE * earlier})]
+    evolving = _members(count) * (_SCREEN_GENERATIONS + 1)
+    most = {GEOMETRY: len(here.screens) * (_POOL + evolving + _MORE * earlier)}
+    learning = {COARSE: _first(here, count) + pace.finishing(count)}
+    if here.level_screen is not None:
+        most[LEVELS] = (_LEVEL_STARTS + effort) * _members(count) * (_LEVEL_GENERATIONS + 1) + _LEVEL_MORE * earlier
+    else:
+        learning[COARSE] += rounds * pace.learning
+        learning[GEOMETRY] = rounds * (2 * _POOL + evolving)
+    screening = Step(_screening(count), most)
+    anew = {} if here.requirements is None else {COARSE: _AGAIN * pace.finishing(count)}
+    return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(here), **anew})]
+
+
+def _all(here: PlacementProblem) -> int:
+    """Choices of sites up to which every one is analysed in full."""
+    return ALL_WATCHED if here.quick else ALL_ANALYSED
+
+
+def _pace(here: PlacementProblem) -> _Pace:
+    return _WATCHED if here.quick else _FLOWN
+
+
+def _decisions(here: PlacementProblem) -> int:
+    """Full analyses at the end, the last of the placement at whole centimetres."""
+    return (here.study.effort + 1) * (1 if here.requirements is None else 1 + _AGAIN) + 1
+
+
+def named(count: int) -> str:
+    return f"{count} pseudolite{'' if count == 1 else 's'}"
+
+
+def _choosing(count: int) -> str:
+    return f"{named(count)}, choosing"
+
+
+def _evolving(count: int) -> str:
+    return f"{named(count)}, searching"
+
+
+def _screening(count: int) -> str:
+    return f"{named(count)}, screening by geometry"
+
+
+def _learning(count: int) -> str:
+    return f"{named(count)}, coarse analysis"
+
+
+def _deciding(count: int) -> str:
+    return f"{named(count)}, full analysis"
+
+
+def _members(count: int) -> int:
+    """Size of the populations that look for the best by screens and surrogate."""
+    return 12 * count + 12
+
+
+def _first(here: PlacementProblem, count: int) -> int:
+    """Placements the surrogate begins to learn from."""
+    return _pace(here).first * (16 + 8 * count)
+
+
+class Trials:
+    """Judges placements under the eyes of a watch, as `PlacementProblem` does. searching: the best are offered to the
+    watch."""
+
+    def __init__(self, here: PlacementProblem, watch: Watch, searching: bool) -> None:
+        self._here, self._watch, self._searching = here, watch, searching
+
+    def at_once(self, places: np.ndarray, judge: Judge | None = None, way: str = GEOMETRY) -> np.ndarray:
+        """Values (n,) of placements (n, k, 2) by the objective of geometry or by a judge that stands in for one."""
+        with self._watch.trying(way, len(places)):
+            values = self._here.value(places) if judge is None else self._here.rough_value(places, judge)
+        if judge is None:
+            self._offer(places, values)
+        return values
+
+    def by(self, judge: Judge, way: str = GEOMETRY) -> Judge:
+        """A judge that stands in for the objective, as used here."""
+        return lambda places: self.at_once(places, judge, way)
+
+    def coarse(self, places: np.ndarray) -> Judged:
+        """Placements (n, k, 2) by coarse analysis."""
+        return self._one_by_one(places, COARSE)
+
+    def full(self, places: np.ndarray) -> Judged:
+        """The same by full analysis."""
+        return self._one_by_one(places, FULL)
+
+    def _one_by_one(self, places: np.ndarray, fidelity: str) -> Judged:
+        ahead, out = self._here.ahead, []
+        together = 1 if ahead is None else len(places)
+        for first in range(0, len(places), together):
+            some = places[first : first + together]
+            with self._watch.trying(fidelity, len(some)):
+                if ahead is not None:
+                    ahead(some, fidelity)
+                for i in range(len(some)):
+                    out.append(self._here.judged(some[i : i + 1], coarse=fidelity == COARSE))
+                    self._offer(some[i : i + 1], out[-1].value)
+        return Judged(*map(np.concatenate, zip(*out, strict=True)))
+
+    def _offer(self, places: np.ndarray, values: np.ndarray) -> None:
+        best = int(np.argmin(values))
+        if self._searching and values[best] < UNSOLVED:
+            self._watch.offer(places[best], float(values[best]))
+
+
+def search_one(here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Found:
+    """The best placement of `count` pseudolites. earlier: the best of fewer. Raises NoPlacement, TimeUp."""
+    watch.begin()
+    trials = Trials(here, watch, searching=True)
+    if here.study.sites:
+        choose = _choose_analysed if here.analysed else _choose
+        places, value, others, every = choose(here, count, seed, trials, watch)
+    else:
+        place = _place_analysed if here.analysed else _place
+        places, value, others, every = place(here, count, seed, earlier, trials, watch)
+    if value >= BROKEN or (value >= UNSOLVED and here.requirements is None):
+        what = "protection level" if here.study.objective in LEVEL_OBJECTIVES else "fix"
+        reason = "breaks a rule" if value >= BROKEN else f"leaves epochs of the glide without a {what}"
+        raise NoPlacement(f"{count} pseudolite(s): every placement tried {reason}")
+    if not here.study.sites:
+        judge = (lambda some: trials.full(some).value) if here.analysed else trials.at_once
+        places, value = _printed(places, value, judge)
+    if here.requirements is None:
+        return Found(places, value, watch.tried_since(), every, finished=True, others=others)
+    best = here.judged(places[None])
+    objective, load = float(best.objective[0]), float(best.load[0])
+    return Found(places, objective, watch.tried_since(), every, finished=True, load=load, others=others)
+
+
+def _printed(places: np.ndarray, value: float, judge: Judge) -> tuple[np.ndarray, float]:
+    """A placement at whole centimetres, as tables and files of sites have it, and its value: the nearest, or the best
+    of those beside it where that breaks a rule or misses a requirement that the placement itself does not."""
+    nearest = np.round(places, _DIGITS)
+    worst = next(limit for limit in (UNMET, UNSOLVED, BROKEN) if value < limit)
+    moves = np.eye(places.size).reshape(-1, *places.shape)
+    best, lowest = nearest, float(judge(nearest[None])[0])
+    for size in _ASIDE:
+        if lowest < worst:
+            break
+        beside = np.round(nearest + size * np.concatenate([moves, -moves]), _DIGITS)
+        values = judge(beside)
+        i = int(np.argmin(values))
+        if values[i] < lowest:
+            best, lowest = beside[i], float(values[i])
+    return (best, lowest) if lowest < worst else (places, value)
+
+
+# --- objectives of geometry
+
+
+def _place(
+    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
+) -> _Best:
+    def value(x: np.ndarray) -> float:
+        return float(trials.at_once(x.reshape(1, count, 2))[0])
+
+    bounds = _bounds(here, count)
+    with watch.step(_evolving(count)):
+        candidates = [
+            _evolve(trials.at_once, bounds, np.random.default_rng([seed, count, start]), _GENERATIONS, _POPULATION)[0]
+            for start in range(here.study.effort)
+        ]
+        if earlier is not None and len(earlier) < count:
+            candidates.append(_one_more(here, count, earlier, np.random.default_rng([seed, count, 1000]), trials)[0])
+        best, lowest = candidates[0], math.inf
+        for candidate in candidates:
+            x, reached = _finish(value, candidate.ravel(), bounds, _FINISHING, _FINISHING_TRIES)
+            if reached < lowest:
+                best, lowest = x.reshape(count, 2), reached
+    return _Best(best, lowest)
+
+
+def _bounds(here: PlacementProblem, count: int) -> Bounds:
+    from scipy.optimize import Bounds
+
+    low, high = here.limits()
+    return Bounds(np.tile(low, count), np.tile(high, count))
+
+
+def _evolve(
+    judge: Judge,
+    bounds: Bounds,
+    rng: np.random.Generator,
+    generations: int,
+    popsize: int,
+    init: np.ndarray | None = None,
+) -> np.ndarray:
+    """Differential evolution: the last population (n, k, 2), the best first."""
+    from scipy.optimize import differential_evolution
+
+    def values(x: np.ndarray, /) -> np.ndarray:
+        return judge(x.T.reshape(x.shape[1], -1, 2))
+
+    found = differential_evolution(
+        values,  # type: ignore[arg-type]  # vectorized: a population at once
+        bounds, popsize=popsize, maxiter=generations, tol=1e-7, mutation=(0.4, 0.9), recombination=0.8,
+        vectorized=True, updating="deferred", polish=False, rng=rng,
+        init="sobol" if init is None else init.reshape(len(init), -1),
+    )  # fmt: skip
+    order = np.argsort(found.population_energies, kind="stable")
+    return found.population[order].reshape(order.size, -1, 2)
+
+
+def _one_more(
+    here: PlacementProblem,
+    count: int,
+    earlier: np.ndarray,
+    rng: np.random.Generator,
+    trials: Trials,
+    judge: Judge | None = None,
+) -> np.ndarray:
+    """The placement found for fewer, with the best of many random places added one at a time; the best (20, k, 2)."""
+    low, high = here.limits()
+    places = earlier
+    while True:
+        tries = rng.uniform(low, high, (_MORE, 2))
+        whole = np.concatenate([np.broadcast_to(places, (len(tries), *places.shape)), tries[:, None]], axis=1)
+        ranked = whole[np.argsort(trials.at_once(whole, judge), kind="stable")[:20]]
+        places = ranked[0]
+        if len(places) == count:
+            return ranked
+
+
+def _finish(
+    value: Callable[[np.ndarray], float], start: np.ndarray, bounds: Bounds, sizes: Iterable[float], tries: int
+) -> tuple[np.ndarray, float]:
+    """Nelder-Mead from simplices of these sizes, m, down to a centimetre; at most `tries` a coordinate and simplex."""
+    from scipy.optimize import minimize
+
+    x = np.asarray(start, dtype=float)
+    low, high = bounds.lb, bounds.ub
+    lowest = value(x)
+    for size in sizes:
+        steps = np.where(x + size > high, -size, size)
+        simplex = np.vstack([x, np.clip(x + np.diag(steps), low, high)])
+        found = minimize(
+            value, x, method="Nelder-Mead", bounds=bounds,
+            options={"initial_simplex": simplex, "xatol": 1e-2, "fatol": 1e-9, "maxfev": tries * x.size,
+                     "adaptive": True},
+        )  # fmt: skip
+        if found.fun < lowest:
+            x, lowest = found.x, float(found.fun)
+    return x, lowest
+
+
+def _usable(here: PlacementProblem) -> np.ndarray:
+    """Which sites keep the rules by themselves (n,) bool."""
+    return here.rules.violation(here.sites()[:, None]) <= 0.0
+
+
+def _sites(here: PlacementProblem, count: int) -> np.ndarray:
+    usable = here.sites()[_usable(here)]
+    if len(usable) < count:
+        total = len(here.study.sites)
+        raise NoPlacement(f"only {len(usable)} of {total} sites keep the constraints, {count} are wanted")
+    return usable
+
+
+def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
+    """All choices of `count` out of a number of sites, as indices (n, count)."""
+    choices = itertools.combinations(range(number), count)
+    while chunk := list(itertools.islice(choices, CHUNK)):
+        yield np.array(chunk)
+
+
+def _choose(here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch) -> _Best:
+    """The best `count` of the study's sites."""
+    usable = _sites(here, count)
+    with watch.step(_choosing(count)):
+        if math.comb(len(usable), count) <= ALL_CHOICES:
+            best, lowest = usable[:count], math.inf
+            for chunk in _chunks(len(usable), count):
+                values = trials.at_once(usable[chunk])
+                i = int(np.argmin(values))
+                if values[i] < lowest:
+                    best, lowest = usable[chunk[i]], float(values[i])
+            return _Best(best, lowest, every=True)
+        ranked = _exchanged(usable, count, seed, here.study.effort, trials.at_once)
+        return _Best(usable[ranked[0][1]], ranked[0][0])
+
+
+def _exchanged(usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge) -> list[tuple[float, list[int]]]:
+    """Greedy choices of sites from several starts, each improved by exchanging one site at a time: values and choices,
+    the best first."""
+
+    def fill(others: list[int]) -> tuple[list[int], float]:
+        """The best site beside the others, and the value with it."""
+        free = [i for i in range(len(usable)) if i not in others]
+        values = judge(usable[np.array([[*others, i] for i in free])])
+        i = int(np.argmin(values))
+        return [*others, free[i]], float(values[i])
+
+    rng = np.random.default_rng([seed, count])
+    out = []
+    for start in range(5 * effort):
+        chosen = [] if start == 0 else [int(i) for i in rng.choice(len(usable), count - 1, replace=False)]
+        value = math.inf
+        while len(chosen) < count:
+            chosen, value = fill(chosen)
+        improved = True
+        while improved:
+            improved = False
+            for slot in range(count):
+                other, reached = fill([c for i, c in enumerate(chosen) if i != slot])
+                if reached < value * (1.0 - 1e-12):
+                    chosen, value, improved = other, reached, True
+        out.append((value, chosen))
+    return sorted(out)
+
+
+# --- errors of the filter, levels, requirements
+
+
+class Surrogate:
+    """What coarse analyses have taught of an error of the filter: its logarithm as a linear function of features with
+    a Gaussian process for the rest [3]."""
+
+    _RIDGE = 0.01
+    _LENGTH = 4.0
+    """Distance over which the rest is alike, in standard deviations of the features."""
+    _NUGGET = 1e-2
+    """Variance of what the features do not tell, as a share of that of the rest."""
+
+    def __init__(self, features: np.ndarray, values: np.ndarray) -> None:
+        self._middle, spread = features.mean(axis=0), features.std(axis=0)
+        self._spread = np.where(spread > 0.0, spread, 1.0)
+        self._known = (features - self._middle) / self._spread
+        y = np.log(values)
+        self._mean = y.mean()
+        n = self._known.shape[1]
+        self._slope = np.linalg.solve(
+            self._known.T @ self._known + self._RIDGE * len(y) * np.eye(n), self._known.T @ (y - self._mean)
+        )
+        rest = y - self._mean - self._known @ self._slope
+        self._scale = rest.std()
+        self._inverse = np.linalg.inv(self._alike(self._known) + self._NUGGET * np.eye(len(y)))
+        self._weights = self._inverse @ rest
+
+    def __call__(self, features: np.ndarray, hope: float) -> np.ndarray:
+        """Errors expected (n,) of placements with features (n, f), less `hope` standard deviations of what is not known
+        about them."""
+        x = (features - self._middle) / self._spread
+        alike = self._alike(x)
+        unknown = np.maximum(1.0 - np.einsum("ij,ij->i", alike @ self._inverse, alike), 0.0)
+        return np.exp(self._mean + x @ self._slope + alike @ self._weights - hope * self._scale * np.sqrt(unknown))
+
+    def _alike(self, x: np.ndarray) -> np.ndarray:
+        square = np.sum((x[:, None] - self._known[None]) ** 2, axis=2)
+        return np.exp(-0.5 * square / self._LENGTH**2)
+
+
+class _Learner:
+    """Placements analysed so far and the surrogate they make."""
+
+    def __init__(self, here: PlacementProblem, trials: Trials) -> None:
+        self._here, self._trials = here, trials
+        self.places: list[np.ndarray] = []
+        self._found: list[Judged] = []
+        self.most = 1.0
+        """What a load may be here, so that the full analysis finds it to be no more than 1."""
+
+    def analyse(self, places: Iterable[np.ndarray]) -> None:
+        """Coarse analyses of placements (k, 2)."""
+        if some := list(places):
+            found = self._trials.coarse(np.array(some))
+            self.places += some
+            self._found += [Judged(*(column[i : i + 1] for column in found)) for i in range(len(some))]
+
+    def _column(self, name: str) -> np.ndarray:
+        return np.array([getattr(one, name)[0] for one in self._found])
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Of the placements (n,)."""
+        return self._column("load")
+
+    @property
+    def values(self) -> np.ndarray:
+        """What is made small (n,), with `most`."""
+        values = self._column("value")
+        return np.where(values < BROKEN, merit(self._column("objective"), self.loads, self.most), values)
+
+    def surrogate(self, hope: float, around: np.ndarray | None = None) -> Judge:
+        """The judge made of the better half of what solved and kept the rules, or of what is nearest to a placement."""
+        features, values = self._here.features, self.values
+        assert features is not None
+        order = np.argsort(values, kind="stable")
+        order = order[values[order] < UNSOLVED]
+        if around is not None:
+            gaps = [apart(self.places[i], around) for i in order]
+            order = order[np.argsort(gaps, kind="stable")]
+        known = order[: max(_TEACHERS, order.size // 2)]
+        taught = features(np.array(self.places)[known])
+        objective = Surrogate(taught, self._column("objective")[known])
+        if self._here.requirements is None:
+            return lambda places: objective(features(places), hope)
+        load, most = Surrogate(taught, np.minimum(self.loads[known], _HEAVY)), self.most
+
+        def expected(places: np.ndarray) -> np.ndarray:
+            told = features(places)
+            return merit(objective(told, hope), load(told, hope), most)
+
+        return expected
+
+    @property
+    def solved(self) -> int:
+        """Placements with a value."""
+        return int(np.sum(self.values < UNSOLVED))
+
+    def load_of(self, places: np.ndarray) -> float:
+        """The load found of one of the placements."""
+        return float(self.loads[next(i for i, one in enumerate(self.places) if one is places)])
+
+    def ranked(self) -> list[np.ndarray]:
+        """Placements, the best first."""
+        return [self.places[i] for i in np.argsort(self.values, kind="stable")]
+
+    def apart(self, number: int, gap: float) -> list[np.ndarray]:
+        """The best placement and the next best ones more than `gap` metres away from the better, up to a number."""
+        out: list[np.ndarray] = []
+        for places in self.ranked():
+            if all(apart(places, other) > gap for other in out):
+                out.append(places)
+                if len(out) == number:
+                    break
+        return out
+
+    def new(self, candidates: Iterable[np.ndarray], number: int, gap: float) -> list[np.ndarray]:
+        """The first `number` of the candidates that are `gap` metres away from each other and from all analysed."""
+        out: list[np.ndarray] = []
+        for candidate in candidates:
+            if all(apart(candidate, other) > gap for other in (*self.places, *out)):
+                out.append(candidate)
+                if len(out) == number:
+                    break
+        return out
+
+
+def apart(a: np.ndarray, b: np.ndarray) -> float:
+    """How far the farthest of a placement's pseudolites (k, 2) has to go to make another, whichever goes where, m."""
+    from scipy.optimize import linear_sum_assignment
+
+    gap = np.linalg.norm(a[:, None] - b[None], axis=2)
+    return float(gap[linear_sum_assignment(gap)].max())
+
+
+def _in_turn(lists: Iterable[Iterable[np.ndarray]]) -> Iterator[np.ndarray]:
+    """The first of every list, then the second of every list, and so on."""
+    for row in itertools.zip_longest(*lists):
+        yield from (one for one in row if one is not None)
+
+
+def _rounds(count: int) -> int:
+    """Rounds of the surrogate for each unit of the study's `effort`."""
+    return 2 + 2 * count
+
+
+def _gaps(here: PlacementProblem, count: int) -> np.ndarray:
+    """The distance new placements keep from those analysed, round by round, m."""
+    low, high = here.limits()
+    return np.geomspace(0.02 * float(np.linalg.norm(high - low)), 2.0, _rounds(count) * here.study.effort)
+
+
+def _place_analysed(
+    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
+) -> _Best:
+    rng = np.random.default_rng([seed, count])
+    bounds = _bounds(here, count)
+    size, pace = _members(count), _pace(here)
+    with watch.step(_screening(count)):
+        pool = _pool(here, count, rng)
+        lists: list[Iterable[np.ndarray]] = []
+        for screen in here.screens:
+            judge = trials.by(screen)
+            ranked = pool[np.argsort(judge(pool), kind="stable")]
+            lists += [_evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, ranked[:size]), ranked]
+            if earlier is not None and len(earlier) < count:
+                lists.append(_one_more(here, count, earlier, rng, trials, screen))
+        if here.level_screen is not None:
+            lists = _by_levels(here, count, rng, lists, earlier, trials)
+        lists.append(pool)
+    learner = _Learner(here, trials)
+    with watch.step(_learning(count)):
+        gaps = _gaps(here, count)
+        learner.analyse(
+            learner.new(_in_turn(lists), _first(here, count), gaps[0] if here.level_screen is None else 1.0)
+        )
+        low, high = here.limits()
+        for i, gap in enumerate(gaps):
+            if not learner.solved or here.level_screen is not None:
+                break
+            best = np.array(learner.ranked()[: size // 3])
+            if i % 2:  # around the best, and by turns around the best elsewhere
+                around = learner.apart(2, _REGION * gaps[0])[i // 2 % 2 - 1]
+                near = np.clip(around + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, 2)), low, high)
+                judge = trials.by(learner.surrogate(0.0, around))
+                evolved = near[np.argsort(judge(near), kind="stable")][:size]
+                learner.analyse(learner.new(evolved, pace.learning, 0.2 * gap))
+                continue
+            judge = trials.by(learner.surrogate(_HOPES[i // 2 % len(_HOPES)]))
+            moved = best[rng.integers(min(len(best), 6), size=_POOL)]
+            moved[np.arange(_POOL), rng.integers(count, size=_POOL)] = pool[rng.integers(len(pool), size=_POOL), 0]
+            likely = [some[np.argsort(judge(some), kind="stable")][: size // 3] for some in (pool, moved)]
+            evolved = _evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, np.concatenate([best, *likely]))
+            learner.analyse(learner.new(evolved, pace.learning, gap))
+
+        def value(x: np.ndarray) -> float:
+            learner.analyse([x.reshape(count, 2)])
+            return float(learner.values[-1])
+
+        def refine() -> None:
+            for best in learner.apart(pace.finished, _REGION * gaps[-1]):
+                _finish(value, best.ravel(), bounds, pace.sizes, pace.tries)
+
+        refine()
+    return _decided(learner, count, here, trials, watch, refine)
+
+
+def _by_levels(
+    here: PlacementProblem,
+    count: int,
+    rng: np.random.Generator,
+    screened: list[Iterable[np.ndarray]],
+    earlier: np.ndarray | None,
+    trials: Trials,
+) -> list[Iterable[np.ndarray]]:
+    """Lists of placements, the best of each first, by levels at some epochs; they begin with what is best by screens,
+    and with chance."""
+    judge, bounds, size = trials.by(here.screened, LEVELS), _bounds(here, count), _members(count)
+    promising = np.array(list(itertools.islice(_in_turn(screened), size // 2)))
+    pool = _pool(here, count, rng)
+    out: list[Iterable[np.ndarray]] = []
+    for _ in range(_LEVEL_STARTS + here.study.effort):
+        start = np.concatenate([promising, pool[rng.integers(len(pool), size=size - len(promising))]])
+        out.append(_evolve(judge, bounds, rng, _LEVEL_GENERATIONS, 1, start))
+    if earlier is not None and len(earlier) < count:
+        added = pool[rng.integers(len(pool), size=(_LEVEL_MORE, count - len(earlier))), 0]
+        whole = np.concatenate([np.repeat(earlier[None], len(added), axis=0), added], axis=1)
+        out.append(whole[np.argsort(judge(whole), kind="stable")[:size]])
+    return out
+
+
+def _decided(
+    learner: _Learner,
+    count: int,
+    here: PlacementProblem,
+    trials: Trials,
+    watch: Watch,
+    refine: Callable[[], None] = lambda: None,
+) -> _Best:
+    """The best by the full analysis of the best by the coarse one, 10 m apart. Where none of them meets requirements
+    that the coarse one holds for met, it is made as much stricter, and what is refined by it is judged again."""
+    best, lowest = np.empty((0, 2)), math.inf
+    with watch.step(_deciding(count)):
+        watch.judge_anew()
+        for again in range(1 + _AGAIN):
+            if again:
+                refine()
+            some = learner.apart(here.study.effort + 1, 10.0)
+            found = trials.full(np.array(some))
+            i = int(np.argmin(found.value))
+            if found.value[i] < lowest:
+                best, lowest = some[i], float(found.value[i])
+            expected = np.array([learner.load_of(one) for one in some])
+            if lowest < UNMET or not (expected <= learner.most).any():
+                break
+            learner.most = min(learner.most, float(np.fmin.reduce(expected / found.load)))
+    others = (one for one in learner.apart(CANDIDATES, APART) if apart(one, best) > APART)
+    return _Best(best, lowest, tuple(others)[: CANDIDATES - 1])
+
+
+def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Placements (n, k, 2) all over the area, of places that keep the rules by themselves where there are any."""
+    from scipy.stats.qmc import Sobol
+
+    low, high = here.limits()
+    singles = low + (high - low) * Sobol(2, rng=rng).random(_SINGLES)
+    allowed = singles[here.rules.violation(singles[:, None]) <= 0.0]
+    source = allowed if len(allowed) else singles
+    pool = source[rng.integers(len(source), size=(_POOL, count))]
+    kept = pool[here.rules.violation(pool) <= 0.0]
+    # where next to nothing keeps the rules, evolution begins with what breaks them
+    return kept if len(kept) >= _first(here, count) + _members(count) else pool
+
+
+def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch) -> _Best:
+    """The best `count` of the study's sites by analyses."""
+    usable = _sites(here, count)
+    if math.comb(len(usable), count) <= _all(here):
+        with watch.step(_choosing(count)):
+            choices = usable[np.concatenate(list(_chunks(len(usable), count)))]
+            values = trials.full(choices).value
+        best, *others = np.argsort(values, kind="stable")
+        return _Best(choices[best], float(values[best]), tuple(choices[others[: CANDIDATES - 1]]), every=True)
+    with watch.step(_choosing(count)):
+        ranked = [
+            _screened_choices(usable, count, seed, here.study.effort, trials.by(screen)) for screen in here.screens
+        ]
+    learner, pace = _Learner(here, trials), _pace(here)
+    pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
+    with watch.step(_learning(count)):
+        starts = (usable[list(c)] for c in _in_turn([*ranked, np.random.default_rng([seed, count]).permutation(pool)]))
+        learner.analyse(learner.new(starts, _first(here, count), 0.0))
+        for _ in range(_rounds(count) * here.study.effort):
+            if not learner.solved:
+                break
+            pool = np.unique(np.concatenate([pool, _neighbours(usable, learner.ranked()[0])]), axis=0)
+            order = np.argsort(trials.at_once(usable[pool], learner.surrogate(0.0)), kind="stable")
+            learner.analyse(learner.new((usable[c] for c in pool[order]), pace.learning, 0.0))
+    return _decided(learner, count, here, trials, watch)
+
+
+def _screened_choices(usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge) -> np.ndarray:
+    """The best choices by a judge as indices (n, count), the best first: of all where that can be, else exchanged."""
+    if math.comb(len(usable), count) > ALL_CHOICES:
+        return np.array([chosen for _, chosen in _exchanged(usable, count, seed, effort, judge)])
+    best, values = np.empty((0, count), np.int64), np.empty(0)
+    for chunk in _chunks(len(usable), count):
+        best, values = np.concatenate([best, chunk]), np.concatenate([values, judge(usable[chunk])])
+        order = np.argsort(values, kind="stable")[:_POOL]
+        best, values = best[order], values[order]
+    return best
+
+
+def _neighbours(usable: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """All choices that differ from one by one site, as sorted indices (n, count)."""
+    chosen = [int(np.flatnonzero(np.all(usable == place, axis=1))[0]) for place in places]
+    free = [i for i in range(len(usable)) if i not in chosen]
+    return np.sort([[*chosen[:slot], i, *chosen[slot + 1 :]] for slot in range(len(chosen)) for i in free], axis=1)

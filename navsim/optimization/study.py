@@ -1,0 +1,516 @@
+"""`kind: optimize`: the best placements, how flat the optimum is, accuracy against number; what is found is kept
+wherever the work is stopped. How placements are judged: `optimization.problem`; how they are searched:
+`optimization.search`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from navsim.core.arrays.earth import llh_from_ecef
+from navsim.landing.confirmation import Candidate, Confirmation, confirm
+from navsim.landing.requirements import MET, Fulfilment
+from navsim.optimization.analyses import Judge
+from navsim.optimization.prefetch import Ahead, Judges
+from navsim.optimization.problem import BROKEN, UNMET, UNSOLVED, PlacementProblem, merit
+from navsim.optimization.progress import Step, TimeUp, Watch
+from navsim.optimization.search import COARSE, FULL, GEOMETRY, Found, NoPlacement, Trials, named, search_one, steps
+from navsim.optimization.search_log import Journal
+from navsim.results.draft import Draft
+from navsim.results.findings import Finding, kept
+from navsim.results.result import Result
+from navsim.results.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
+from navsim.runner import findings as judging
+from navsim.runner.attributes import root_attributes
+from navsim.runner.checkpoint import Arrays, code_key
+from navsim.runner.executor import Away
+from navsim.scenario.load import resolved_yaml
+from navsim.sweeps.study import dop_outputs
+
+BEARINGS = np.arange(0.0, 360.0, 45.0)
+"""Directions in which the neighbourhood is explored, degrees from the landing direction, clockwise."""
+LOSSES = (0.01, 0.05)
+"""Losses of the objective that bound the neighbourhood."""
+MAP_POINTS = 61
+ANALYSED_MAP_POINTS, WATCHED_MAP_POINTS = 9, 17
+_REACH = np.geomspace(1.0, 3000.0, 160)
+"""Distances tried in the neighbourhood, m; where placements are analysed every doubling, and between by its curve."""
+_ANALYSED_REACH = 32.0 * 2.0 ** np.arange(-5, 7)
+_ANALYSED_FIRST = 5
+"""Where among them the search outwards or inwards begins."""
+
+TIME_LIMIT, INTERRUPTED = "time limit", "interrupted"
+
+
+@dataclass
+class SearchOutcome:
+    """What a study has come to. found, neighbourhoods, maps: by number of pseudolites, see `neighbourhood` and
+    `objective_map`. without: the objective without pseudolites. confirmed: what runs say of the best placements.
+    stopped: TIME_LIMIT or INTERRUPTED where the work ended early, else empty."""
+
+    without: float
+    found: dict[int, Found] = field(default_factory=dict)
+    neighbourhoods: dict[int, np.ndarray] = field(default_factory=dict)
+    maps: dict[int, np.ndarray] = field(default_factory=dict)
+    confirmed: dict[int, Confirmation] = field(default_factory=dict)
+    stopped: str = ""
+
+    def undone(self, counts: tuple[int, ...]) -> list[str]:
+        """What was left of the work on these numbers of pseudolites."""
+        out = []
+        for what, done in (
+            ("the search", {count for count, found in self.found.items() if found.finished}),
+            ("the neighbourhood", self.neighbourhoods.keys()),
+            ("the map", self.maps.keys()),
+        ):
+            left = [count for count in sorted(counts) if count not in done]
+            if left:
+                out.append(f"{what} for {', '.join(map(str, left))} pseudolite(s)")
+        return out
+
+
+def search(here: PlacementProblem, seed: int, watch: Watch | None = None) -> dict[int, Found]:
+    """The best placement for every number of pseudolites the study asks for. Raises NoPlacement."""
+    watch = watch or Watch()
+    watch.plan(_search_steps(here))
+    return dict(_searches(here, seed, watch, Journal()))
+
+
+def planned(here: PlacementProblem) -> list[Step]:
+    """All steps of the work, each with the most placements it may judge."""
+    return [*_search_steps(here), *(Step(_flying(count), {}) for count in here.study.counts), *_later_steps(here)]
+
+
+def _search_steps(here: PlacementProblem) -> list[Step]:
+    return [step for i, count in enumerate(here.study.counts) for step in steps(here, count, i > 0)]
+
+
+def _searches(here: PlacementProblem, seed: int, watch: Watch, journal: Journal) -> Iterator[tuple[int, Found]]:
+    earlier: np.ndarray | None = None
+    for count in here.study.counts:
+        found = Found.of(journal.step(f"found-{count}", partial(_search_arrays, here, count, seed, earlier, watch)))
+        earlier = found.places
+        yield count, found
+
+
+def _search_arrays(here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Arrays:
+    return search_one(here, count, seed, earlier, watch).arrays()
+
+
+def partial_key(here: PlacementProblem, seed: int) -> dict[str, object]:
+    """What partial work must agree in to be resumed."""
+    text = resolved_yaml(here.study) + resolved_yaml(here.scenario)
+    return {"study_sha256": hashlib.sha256(text.encode()).hexdigest(), "seed": seed, **code_key()}
+
+
+def solve(
+    here: PlacementProblem,
+    seed: int,
+    watch: Watch | None = None,
+    journal: Journal | None = None,
+    pool: Away | None = None,
+    runs: int = 0,
+) -> SearchOutcome:
+    """Placements, then runs of the best, then neighbourhoods, then maps. The time limit of the watch or an interrupt
+    ends the work; what was found until then is kept, the best of a search in progress with it; after the limit it is
+    still flown.
+
+    runs: of the best placement of each number of pseudolites; 0: none is flown. journal: of an earlier attempt, which
+    this one goes on from, to the same outcome. pool: of workers elsewhere, who analyse placements where there are
+    several at a time, if the journal keeps them. Raises NoPlacement where there is none; KeyboardInterrupt where there
+    is none yet; PartialError where the journal cannot be kept; executor.Lost.
+    """
+    watch = watch or Watch()
+    journal = journal or Journal()
+    if pool is not None and journal.keeps and here.coarse is not None:
+        here = replace(here, ahead=Ahead(_judges(here), here.rules, journal, pool, watch.look))
+    if here.coarse is not None:
+        full, coarse = journal.remembering(FULL, here.objective), journal.remembering(COARSE, here.coarse)
+        here = replace(here, objective=full, coarse=coarse)
+    if here.load is not None and here.coarse_load is not None:
+        full, coarse = (
+            journal.remembering(f"{fidelity}-load", judge)
+            for fidelity, judge in ((FULL, here.load), (COARSE, here.coarse_load))
+        )
+        here = replace(here, load=full, coarse_load=coarse)
+    counts = here.study.counts
+    trials = Trials(here, watch, searching=False)
+    watch.plan(planned(here))
+    nothing = np.empty((1, 0, 2))
+    if here.coarse is not None:
+        here.coarse(nothing)  # so that what is timed next is not the loading of kernels
+    outcome = SearchOutcome(float(here.objective(nothing)[0]))
+
+    def step(
+        what: str, count: int, work: Callable[[PlacementProblem, Found, Trials], np.ndarray], best: Found
+    ) -> np.ndarray:
+        return journal.step(f"{what}-{count}", lambda: {what: work(here, best, trials)})[what]
+
+    try:
+        if here.coarse is not None:
+            for fidelity, judge in ((FULL, here.objective), (COARSE, here.coarse)):
+                with watch.trying(fidelity, 1):
+                    judge(nothing)
+        for count, found in _searches(here, seed, watch, journal):
+            outcome.found[count] = found
+        for count in counts if runs else ():
+            with watch.step(_flying(count)):
+                _fly_best(here, outcome, count, seed, runs, journal)
+        for count in counts:
+            best = outcome.found[count]
+            watch.best, watch.places = best.value, best.places
+            with watch.step(_around(count)):
+                outcome.neighbourhoods[count] = step("around", count, neighbourhood, best)
+        for count in counts:
+            best = outcome.found[count]
+            watch.best, watch.places = best.value, best.places
+            with watch.step(_mapping(count)):
+                outcome.maps[count] = step("map", count, objective_map, best)
+    except (TimeUp, KeyboardInterrupt) as stop:
+        outcome.stopped = TIME_LIMIT if isinstance(stop, TimeUp) else INTERRUPTED
+        _keep_unfinished(here, outcome, counts, watch)
+        if not outcome.found:
+            if isinstance(stop, KeyboardInterrupt):
+                raise
+            raise NoPlacement("the time limit passed before any placement that keeps the rules was found") from None
+        if runs and outcome.stopped == TIME_LIMIT:
+            for count in outcome.found.keys() - outcome.confirmed.keys():
+                _fly_best(here, outcome, count, seed, runs, journal)
+    return outcome
+
+
+def _fly_best(
+    here: PlacementProblem, outcome: SearchOutcome, count: int, seed: int, runs: int, journal: Journal
+) -> None:
+    """Fly the best placement of a number of pseudolites; the next best takes its place where runs speak against it."""
+    best = outcome.found[count]
+
+    def work() -> Arrays:
+        assert here.fly is not None
+        others: list[Candidate] = [partial(_analysed, here, one) for one in best.others]
+        candidates: list[Candidate] = [lambda: (best.places, best.value), *others]
+        return confirm(candidates, here.study.objective, here.fly, seed, runs).arrays()
+
+    # a search that was stopped may go on to another placement
+    key = hashlib.sha256(best.places.tobytes()).hexdigest()[:16]
+    found = outcome.confirmed[count] = Confirmation.of(journal.step(f"flown-{count}-{runs}-{key}", work))
+    if found.rejected and not np.array_equal(found.best.choice, best.places):
+        load = float(here.judged(found.best.choice[None]).load[0])
+        outcome.found[count] = replace(best, places=found.best.choice, value=found.best.analysed, load=load)
+
+
+def _analysed(here: PlacementProblem, places: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """A placement (k, 2) with its objective by the full analysis, None where it breaks a rule or misses a
+    requirement."""
+    found = here.judged(places[None])
+    return (places, float(found.objective[0])) if found.value[0] < UNMET else None
+
+
+def _judges(here: PlacementProblem) -> Judges:
+    """The judges of a problem that is analysed, as `solve` names them in the journal."""
+    out: Judges = {}
+    for fidelity, judge, load in ((FULL, here.objective, here.load), (COARSE, here.coarse, here.coarse_load)):
+        assert judge is not None
+        out[fidelity] = {fidelity: judge} | ({} if load is None else {f"{fidelity}-load": load})
+    return out
+
+
+def _keep_unfinished(here: PlacementProblem, outcome: SearchOutcome, counts: tuple[int, ...], watch: Watch) -> None:
+    """The best so far of the number of pseudolites whose search was stopped."""
+    if len(outcome.found) == len(counts) or watch.places is None:
+        return
+    best = here.judged(watch.places[None])
+    if best.value[0] < UNSOLVED:
+        count, objective, load = len(watch.places), float(best.objective[0]), float(best.load[0])
+        outcome.found[count] = Found(watch.places, objective, watch.tried_since(), False, finished=False, load=load)
+
+
+def _flying(count: int) -> str:
+    return f"{named(count)}, flying the best"
+
+
+def _around(count: int) -> str:
+    return f"{named(count)}, neighbourhood"
+
+
+def _mapping(count: int) -> str:
+    return f"{named(count)}, map"
+
+
+def _later_steps(here: PlacementProblem) -> list[Step]:
+    counts = here.study.counts
+    fidelity = COARSE if here.analysed else GEOMETRY
+    reach = _ANALYSED_REACH.size if here.analysed else _REACH.size
+    points = _map_points(here)
+    return [
+        *(Step(_around(count), {fidelity: count * BEARINGS.size * reach}) for count in counts),
+        *(Step(_mapping(count), {fidelity: points * points}) for count in counts),
+    ]
+
+
+def _judged(here: PlacementProblem, best: Found, trials: Trials) -> Judge:
+    """The objective; where placements are analysed the coarse analysis, in proportion so that it is right at the best;
+    inf where there is no solution or requirements are not met."""
+    if here.coarse is None:
+        return trials.at_once
+    there = trials.coarse(best.places[None])
+    scale = best.value / float(there.objective[0])
+    heavier = best.load / float(there.load[0]) if here.requirements is not None else 1.0
+
+    def judge(places: np.ndarray) -> np.ndarray:
+        found = trials.coarse(places)
+        values = merit(scale * found.objective, heavier * found.load)
+        return np.where((found.value < BROKEN) & (values < UNMET), values, np.inf)
+
+    return judge
+
+
+def neighbourhood(here: PlacementProblem, best: Found, trials: Trials) -> np.ndarray:
+    """How far each pseudolite may be moved by itself before the objective worsens, by LOSSES and BEARINGS (k, 2, 8), m,
+    or requirements are no longer met; nan where the area or a rule ends it first, and where they never were."""
+    if not best.met:
+        return np.full((len(best.places), len(LOSSES), BEARINGS.size), np.nan)
+    judge = _judged(here, best, trials)
+    reach = _ANALYSED_REACH if here.analysed else _REACH
+    out = np.full((len(best.places), len(LOSSES), BEARINGS.size), np.nan)
+    for k in range(len(best.places)):
+        for b, bearing in enumerate(np.radians(BEARINGS)):
+            moved = np.repeat(best.places[None], reach.size, axis=0)
+            # s is right of landing, l1 against it
+            moved[:, k, 0] += reach * np.sin(bearing)
+            moved[:, k, 1] -= reach * np.cos(bearing)
+            inside = np.full(reach.size, True)
+            if here.study.area is not None:
+                low, high = here.limits()
+                inside = np.all((moved[:, k] >= low) & (moved[:, k] <= high), axis=1)
+            usable = inside & (here.rules.violation(moved) <= 0.0)
+            blocked = int(np.argmin(usable)) if not usable.all() else reach.size
+            if not blocked:
+                continue
+            if here.analysed:
+                out[k, :, b] = _reached(judge, moved[:blocked], reach, best.value)
+                continue
+            values = judge(moved[:blocked])
+            for i, loss in enumerate(LOSSES):
+                worse = np.flatnonzero(values > best.value * (1.0 + loss))
+                if worse.size:
+                    out[k, i, b] = reach[worse[0]]
+    return out
+
+
+def _reached(judge: Judge, moved: np.ndarray, reach: np.ndarray, value: float) -> np.ndarray:
+    """Distances (2,) at which LOSSES are reached on the way out through `moved` (n, k, 2), nan where they are not.
+
+    From the middle outwards until the larger loss is passed, inwards until the smaller is not; between two distances
+    the loss is taken for a power of the distance, as it is about an optimum.
+    """
+    losses: dict[int, float] = {}
+
+    def loss(i: int) -> float:
+        if i not in losses:
+            losses[i] = float(judge(moved[i : i + 1])[0]) / value - 1.0
+        return losses[i]
+
+    first = min(_ANALYSED_FIRST, len(moved) - 1)
+    inward = first
+    while loss(inward) > LOSSES[0] and inward > 0:
+        inward -= 1
+    outward = first
+    while loss(outward) <= LOSSES[-1] and outward < len(moved) - 1:
+        outward += 1
+    out = np.full(len(LOSSES), np.nan)
+    for j, wanted in enumerate(LOSSES):
+        beyond = [i for i in range(inward, outward + 1) if loss(i) > wanted]
+        if not beyond:
+            continue
+        i = beyond[0]
+        if not np.isfinite(loss(i)):  # a cliff: as far as is known to be on this side of it
+            out[j] = reach[i - 1] if i else 0.0
+            continue
+        if i == 0 or loss(i - 1) <= 0.0:
+            out[j] = reach[i]
+            continue
+        power = np.log(loss(i) / loss(i - 1)) / np.log(reach[i] / reach[i - 1])
+        out[j] = reach[i] * (wanted / loss(i)) ** (1.0 / power)
+    return out
+
+
+def _map_points(here: PlacementProblem) -> int:
+    """Along each axis of a map."""
+    return MAP_POINTS if not here.analysed else WATCHED_MAP_POINTS if here.quick else ANALYSED_MAP_POINTS
+
+
+def map_axes(here: PlacementProblem) -> tuple[np.ndarray, np.ndarray]:
+    """The axes of maps of the objective: s (a,), l1 (b,), m."""
+    low, high = here.limits()
+    points = _map_points(here)
+    return np.linspace(low[0], high[0], points), np.linspace(low[1], high[1], points)
+
+
+def objective_map(here: PlacementProblem, best: Found, trials: Trials) -> np.ndarray:
+    """The objective with the first pseudolite moved over the area (a, b), nan where a rule is broken, or
+    requirements are not met."""
+    s, l1 = map_axes(here)
+    moved = np.repeat(best.places[None], s.size * l1.size, axis=0)
+    moved[:, 0] = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
+    if not best.met:
+        return np.full((s.size, l1.size), np.nan)
+    values = _judged(here, best, trials)(moved)
+    return np.where(values < UNSOLVED, values, np.nan).reshape(s.size, l1.size)
+
+
+def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -> Result:
+    """The optima, their neighbourhoods and the front as a result of kind optimize."""
+    study, found = here.study, outcome.found
+    counts = sorted(found)
+    most = max(counts)
+    unit, quantity = OBJECTIVE_QUANTITIES[study.objective]
+    draft = Draft(OPTIMIZE, {"how": "; by the coarse analysis, in proportion" if here.analysed else ""})
+    draft["/pseudolites"] = np.array(counts)
+    draft["/pseudolite"] = np.arange(1, most + 1)
+    draft["/bearing"] = BEARINGS
+    draft["/loss"] = np.array(LOSSES)
+    draft["/plan/threshold_llh"] = here.rules.plane.threshold
+    values = here.shown(np.array([found[c].value for c in counts]))
+    without = {"without_pseudolites": float(here.shown(np.array(outcome.without)))}
+    draft.put("/front/objective", values, without, unit=unit, quantity=quantity)
+    draft["/front/evaluations"] = np.array([sum(found[c].tried.values()) for c in counts])
+    for fidelity in (COARSE, FULL):
+        draft[f"/front/evaluations_{fidelity}"] = np.array([found[c].tried.get(fidelity, 0) for c in counts])
+    for path, marks in (
+        ("/front/every_choice", [found[c].every for c in counts]),
+        ("/front/finished", [found[c].finished for c in counts]),
+        ("/optimum/explored", [c in outcome.neighbourhoods for c in counts]),
+        ("/map/computed", [c in outcome.maps for c in counts]),
+    ):
+        draft[path] = np.array(marks, dtype=np.int8)
+    places = np.full((len(counts), most, 2), np.nan)
+    llh = np.full((len(counts), most, 3), np.nan)
+    around = np.full((len(counts), most, len(LOSSES), BEARINGS.size), np.nan)
+    margin, tightest = np.empty(len(counts)), np.full(len(counts), "", dtype=object)
+    for i, count in enumerate(counts):
+        best = found[count]
+        places[i, :count] = best.places
+        llh[i, :count] = llh_from_ecef(here.rules.plane.ecef(best.places))
+        if count in outcome.neighbourhoods:
+            around[i, :count] = outcome.neighbourhoods[count]
+        margin[i] = here.rules.violation(best.places[None])[0]
+        if excesses := here.rules.excesses(best.places[None]):
+            tightest[i] = max(excesses, key=lambda rule: float(excesses[rule][0]))
+    for axis, name in enumerate(("s", "l1")):
+        draft[f"/optimum/{name}"] = places[..., axis]
+    for axis, name in enumerate(("latitude", "longitude", "height")):
+        draft[f"/optimum/{name}"] = llh[..., axis]
+    draft["/optimum/neighbourhood"] = around
+    draft["/optimum/violation"] = margin
+    draft["/optimum/tightest_rule"] = tightest
+    others = [dop_outputs(here.geometry, here.rules.plane.ecef(found[c].places)[None]) for c in counts]
+    for name in others[0]:
+        draft[f"/optimum/{name}"] = np.array([o[name][0] for o in others])
+    s, l1 = map_axes(here)
+    draft["/map/s"] = s
+    draft["/map/l1"] = l1
+    maps = here.shown(np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts]))
+    draft.put("/map/objective", maps, unit=unit, quantity=quantity)
+    _flown(draft, outcome, unit, quantity)
+    unmet = _requirements(draft, here, outcome)
+    attributes = root_attributes(
+        "optimize", seed, here.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
+        undone="; ".join(outcome.undone(study.counts)),
+    )  # fmt: skip
+    out = draft.result(attributes)
+    flown = [each for c, one in sorted(outcome.confirmed.items()) for each in one.findings(named(c), _at)]
+    out.variables.update(kept(judging.notes(here.warnings) + _findings(here, outcome) + flown + unmet))
+    return out
+
+
+def _at(places: np.ndarray) -> str:
+    return f"the placement at s, l1 {', '.join(f'({s:.2f}, {l1:.2f})' for s, l1 in places)} m"
+
+
+def _flown(draft: Draft, outcome: SearchOutcome, unit: str, quantity: str) -> None:
+    """What runs say of the best placements, and of those that they spoke against."""
+    counts = sorted(outcome.found)
+    errors, runs = np.full((len(counts), 3, 3), np.nan), np.zeros(len(counts), np.int64)
+    known = {count: outcome.confirmed[count] for count in counts if count in outcome.confirmed}
+    for i, count in enumerate(counts):
+        if count in known:
+            errors[i], runs[i] = known[count].best.errors, known[count].runs
+    draft["/flown/runs"] = runs
+    verdicts = [known[count].best.verdict if count in known else "" for count in counts]
+    draft["/flown/verdict"] = np.array(verdicts, dtype=object)
+    draft.put("/flown/objective", errors[:, 0], unit=unit, quantity=quantity)
+    for i, name in enumerate(("horizontal", "vertical"), 1):
+        draft[f"/flown/{name}"] = errors[:, i]
+    rejected = [(count, one) for count, found in known.items() for one in found.rejected]
+    if not rejected:
+        return
+    places = np.full((len(rejected), max(counts), 2), np.nan)
+    for i, (count, one) in enumerate(rejected):
+        places[i, :count] = one.choice
+    draft["/rejected/rejected"] = np.arange(1, len(rejected) + 1)
+    draft["/rejected/pseudolites"] = np.array([count for count, _ in rejected])
+    for axis, name in enumerate(("s", "l1")):
+        draft[f"/rejected/{name}"] = places[..., axis]
+    draft.put("/rejected/analysed", np.array([one.analysed for _, one in rejected]), unit=unit, quantity=quantity)
+    draft.put("/rejected/flown", np.array([one.errors[0] for _, one in rejected]), unit=unit, quantity=quantity)
+
+
+def _requirements(draft: Draft, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
+    """What becomes of the requirements with each number of pseudolites and without any, and what of them no placement
+    meets; nothing where there are none."""
+    asked = here.requirements
+    if asked is None:
+        return []
+    counts = sorted(outcome.found)
+    places = [np.empty((0, 2)), *(outcome.found[c].places for c in counts)]
+    judged = [asked.judge(each) for each in places]
+    met = np.array([asked.load(each) <= 1.0 for each in judged])
+    statements = np.array([one.text for one in judged[0]], dtype=object)
+    value = np.array([[one.value[0] for one in each] for each in judged])
+    verdict = np.array([[one.verdict() for one in each] for each in judged], dtype=object)
+    utilisation = np.array([[one.utilisation for one in each] for each in judged])
+    draft["/requirements/requirement"] = np.arange(1, statements.size + 1)
+    draft["/requirements/statement"] = statements
+    draft["/requirements/limit"] = np.array([one.limit for one in judged[0]])
+    draft["/requirements/decided"] = asked.decided.astype(np.int8)
+    for name, data in (("value", value), ("verdict", verdict), ("utilisation", utilisation)):
+        draft[f"/requirements/{name}"], draft[f"/requirements/{name}_without"] = data[1:], data[0]
+    draft["/front/met"], draft["/front/met_without"] = met[1:].astype(np.int8), np.int8(met[0])
+    fewest = next((number for number, good in zip((0, *counts), met, strict=True) if good), -1)
+    draft["/front/fewest"] = np.int64(fewest)
+    out = []
+    for i, count in enumerate(counts, start=1):
+        if met[i]:
+            continue
+        missed = [
+            f"{text} ({_missed(one)})"
+            for text, one, decided in zip(statements, judged[i], asked.decided, strict=True)
+            if decided and one.verdict() != MET
+        ]
+        every = "every choice of sites was tried" if outcome.found[count].every else "of those tried"
+        said = f"{named(count)}: no placement meets the requirements ({every}); the nearest misses {'; '.join(missed)}"
+        out.append(Finding("requirements", said, (), len(missed), int(asked.decided.sum())))
+    return out
+
+
+def _missed(one: Fulfilment) -> str:
+    """A figure that is not what is asked for, in words."""
+    figure = f"{one.value[0]:.4g} of {one.limit:g}"
+    if not np.isfinite(one.utilisation):
+        return f"{figure}, no size would do"
+    return f"{figure}; {100.0 * (one.utilisation - 1.0):.3g} % beyond the size"
+
+
+def _findings(here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
+    """What the full analysis finds in the best placements; nothing in those judged by geometry."""
+    if here.found is None:
+        return []
+    counts = sorted(outcome.found)
+    marked = np.array([judging.marks(f.name for f in here.found(outcome.found[c].places)) for c in counts])
+    return judging.among(marked, "best placements", lambda i: named(counts[i]))

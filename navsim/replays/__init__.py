@@ -1,0 +1,1 @@
+"""Recorded and live flights through the filter."""

@@ -1,0 +1,733 @@
+"""A recorded flight through the filter: increments from samples, fixes as they came, nothing simulated.
+
+A fix that arrived late is used for the time it was valid, and the answer at each output time is what could be known
+then: see `estimation.filter_loop`. Where samples are missing, the flight goes on with interpolated motion and a process
+noise that knows it; smoothing carries across.
+
+A flight has several parts where the filter cannot go on: samples are missing for longer than the attitude survives, or
+the filter contradicts its fixes for so long that it is lost. Each part starts anew, and is filtered or smoothed by
+itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core import covariance, states
+from navsim.core.arrays import earth
+from navsim.core.arrays.attitude import dcm_from_quaternion, roll_pitch_yaw
+from navsim.core.dop import geometry_covariance
+from navsim.estimation import error_state
+from navsim.estimation.beliefs import Beliefs, with_unknown_clock
+from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
+from navsim.estimation.observations import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
+from navsim.estimation.records import NOT_USED, REJECTED, TIME_TOLERANCE, ImuData, by_epoch, schedule, start
+from navsim.formats.recorded_data import Fixes, Ranges, Samples
+from navsim.replays.alignment import Alignment
+
+_ACCELERATION = 5.0
+"""1 sigma of what an aircraft may accelerate between a fix and the alignment, m/s2."""
+_STALE = 3.0
+"""A start is taken from the fix after the alignment where the one before it is older by this, s."""
+SURVIVED = np.radians(15.0)
+"""1 sigma of attitude after missing samples up to which a filter goes on, rad."""
+CONTRADICTED, LEAST_REJECTED = 0.75, 3
+"""Share of the fixes, and their number, that a filter rejects which contradicts them."""
+RETURNED = 0.5
+"""Two jumps cancel where their sum is below this share of the larger one."""
+RELAPSE = 60.0
+"""A filter that contradicts its fixes again within this time, s, had a wrong attitude."""
+GAP, CONTRADICTION = "no samples", "the filter contradicted its fixes"
+"""Why a filter is lost."""
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """What the sensors measured: imu_time (n + 1,) s; dtheta, dv (n, 3) increments; gaps: (first sample, length s) of
+    missing samples; rate_scatter, force_scatter: (3,) 1 sigma of the samples."""
+
+    imu_time: np.ndarray
+    dtheta: np.ndarray
+    dv: np.ndarray
+    gaps: tuple[tuple[int, float], ...]
+    rate_scatter: np.ndarray
+    force_scatter: np.ndarray
+
+
+@dataclass(frozen=True)
+class KnownStart:
+    """A state of the navigation that is known instead of aligned: time s; navigation (NAV_N,) of the IMU; sigma (9,) 1
+    sigma of position, velocity and attitude along north, east, down, m, m/s, rad."""
+
+    time: float
+    navigation: np.ndarray
+    sigma: np.ndarray
+
+    @property
+    def alignment(self) -> Alignment:
+        """The attitude and gyro biases as of an alignment that is finished at once; nothing is said of how good the
+        biases are: a filter knows it."""
+        attitude = self.navigation[states.NAV_QUAT : states.NAV_HELD]
+        covariance = np.diag(self.sigma[states.ATT : states.SENSORS] ** 2)
+        gyro_bias = self.navigation[states.NAV_GYRO : states.NAV_ACCEL]
+        return Alignment(self.time, attitude, covariance, gyro_bias, np.full(3, np.nan), self.time, self.time)
+
+
+@dataclass(frozen=True)
+class PartStart:
+    """Where a part of a flight starts: alignment; llh, velocity (3,): of the fix nearest to it, carried on to it over
+    age seconds; derived: (3,) s over which positions gave the components of that velocity, 0 where they are known;
+    own: (6,) 1 sigma of the fix that the receiver gives, nan where it does not; effect: (6, k) as of `Fixes`; kept:
+    navigation (NAV,) and covariance (n, n) of the filter before, whose attitude and biases are kept; known: a state
+    that takes the place of all of it.
+    """
+
+    alignment: Alignment
+    llh: np.ndarray
+    velocity: np.ndarray
+    age: float
+    derived: np.ndarray
+    own: np.ndarray
+    effect: np.ndarray
+    kept: tuple[np.ndarray, np.ndarray] | None = None
+    known: KnownStart | None = None
+
+    @classmethod
+    def at(cls, known: KnownStart) -> PartStart:
+        """At a state that is known."""
+        llh, velocity = known.navigation[states.NAV_LLH : states.NAV_VEL], known.navigation[states.NAV_VEL :][:3]
+        return cls(known.alignment, llh, velocity, 0.0, np.zeros(3), np.full(6, np.nan), np.empty((6, 0)), known=known)
+
+
+@dataclass(frozen=True)
+class RecordedFlight(Sensed):
+    """A recording ready for the filter, from the alignment on.
+
+    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), covariance (m, 6, 6), nan where unknown;
+    effect (m, 6, k) as of `Fixes`; speed, course (m,) over ground, m/s, rad, from the positions where no velocity is
+    known. ranges: of each epoch (m,) that the fixes are solved from, where they are known; an epoch without a fix has
+    nan in its place. start: the first one; restart: the next one at or after a time, None where there is none.
+    patience: s of contradiction after which a filter is lost.
+    """
+
+    arrival: np.ndarray
+    llh: np.ndarray
+    velocity: np.ndarray
+    speed: np.ndarray
+    course: np.ndarray
+    start: PartStart
+    restart: Callable[[float], PartStart | None]
+    patience: float
+    covariance: np.ndarray
+    effect: np.ndarray
+    ranges: Ranges | None = None
+
+    @property
+    def breaks(self) -> tuple[tuple[float, float], ...]:
+        """Begin and end, s, of the missing samples that the attitude does not survive: within them the rate was
+        anywhere within its scatter over the flight."""
+        scatter = np.sqrt(np.mean(self.rate_scatter**2))
+        return tuple(
+            (float(self.imu_time[k]), float(self.imu_time[k + 1]))
+            for k, length in self.gaps
+            if scatter * length > SURVIVED
+        )
+
+
+@dataclass(frozen=True)
+class LostSpan:
+    """When the output of a filter is worthless: from `begin` to `end`, s, and why. jump: (3,) m, NED, the fixes less
+    the prediction at the end, nan where none is known; ended: whether no part of the flight comes after it."""
+
+    begin: float
+    end: float
+    why: str
+    jump: np.ndarray
+    ended: bool = False
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What the filter made of a flight, at the times it was asked for: time (t,), navigation (t, NAV), sigma (t, n);
+    and of each fix (m,): innovation and its 1 sigma (m, 6), innovation_squared, degrees, status, as of `History`. Of a
+    tightly coupled filter these are of the ranges of an epoch, but for the innovations of its fix, which is not used;
+    range_innovation, range_status: (m, s, 2) pseudorange and range rate, m, m/s, (m, s), else of no size; log_sigma
+    (m,): sum of the logarithms of the 1 sigmas of the innovations that are counted. rejected: (m,) how many
+    measurements the gate rejected, which innovation_squared, degrees and log_sigma of ranges do not count; flown: (m,)
+    whether a part of the flight has the fix; lost: when the output is worthless."""
+
+    time: np.ndarray
+    navigation: np.ndarray
+    sigma: np.ndarray
+    innovation: np.ndarray
+    innovation_sigma: np.ndarray
+    innovation_squared: np.ndarray
+    degrees: np.ndarray
+    status: np.ndarray
+    log_sigma: np.ndarray
+    range_innovation: np.ndarray
+    range_status: np.ndarray
+    rejected: np.ndarray
+    flown: np.ndarray
+    lost: tuple[LostSpan, ...]
+
+    @property
+    def rpy(self) -> np.ndarray:
+        """Roll, pitch, yaw (t, 3), rad."""
+        return roll_pitch_yaw(dcm_from_quaternion(self.navigation[:, states.NAV_QUAT : states.NAV_HELD]))
+
+    def surprise(self, counted: np.ndarray, of_rejected: np.ndarray) -> float:
+        """Minus the logarithm of the likelihood of the counted fixes' innovations, up to a constant.
+
+        The determinant of an innovation covariance is taken as the product of its diagonal: the noise of the fixes is
+        uncorrelated, and what the filter's own uncertainty adds is small beside it. A rejected measurement counts
+        `of_rejected`, () of all or (m,) of each fix, however far off it is: as one of another, wide distribution.
+        """
+        seen = counted & (self.degrees > 0) & (self.status != REJECTED)
+        told = 0.5 * np.sum(self.innovation_squared[seen]) + np.sum(self.log_sigma[seen])
+        return float(told + np.sum((of_rejected * self.rejected)[counted]))
+
+
+def increments(samples: Samples, begin: float, longest_gap: float, averaged: bool) -> Sensed:
+    """What the sensors measured from `begin` (s) on.
+
+    longest_gap: s between samples from which on they count as missing. averaged: a sample is the mean since the one
+    before; otherwise increments are the trapezoid of the samples at both ends.
+    """
+    keep = samples.time >= begin
+    imu_time = np.concatenate([[begin], samples.time[keep]])
+    imu_time = imu_time[np.concatenate([[True], np.diff(imu_time) > 1e-6])]
+    step = np.diff(imu_time)[:, None]
+    if averaged:
+        sample = np.searchsorted(samples.time, imu_time[1:])
+        rate, force = samples.rate[sample], samples.force[sample]
+    else:
+        rate, force = (0.5 * (ends[1:] + ends[:-1]) for ends in samples.at(imu_time))
+    lost = np.flatnonzero(step[:, 0] > longest_gap)
+    return Sensed(
+        imu_time=imu_time,
+        dtheta=rate * step,
+        dv=force * step,
+        gaps=tuple((int(k), float(step[k, 0])) for k in lost),
+        rate_scatter=samples.rate[keep].std(axis=0),
+        force_scatter=samples.force[keep].std(axis=0),
+    )
+
+
+def prepare(
+    sensed: Sensed,
+    fixes: Fixes,
+    alignment: Alignment,
+    latency: float,
+    ranges: Ranges | None = None,
+    align: Callable[[float], Alignment | None] = lambda _: None,
+    patience: float = np.inf,
+    known: KnownStart | None = None,
+) -> RecordedFlight:
+    """The flight after an alignment, or from a known state on.
+
+    latency: age of the fixes when they came, s; where it is negative they are stamped too early by as much, and come
+    when they are valid. sensed: from the alignment on. ranges: that the fixes are from, of their epochs and of others,
+    if they are known. align: the next alignment at or after a time, s. patience: as of the flight. known: the state
+    that the alignment is of, where it is known.
+    """
+    begin = alignment.time
+    early = max(0.0, -latency)
+    late = fixes.time + early
+    valid = fixes.time - latency
+    end = float(sensed.imu_time[-1]) + TIME_TOLERANCE
+    inside = (valid > begin) & (late <= end)
+    filled, over = fixes.with_velocity()
+
+    def start_at(aligned: Alignment) -> PartStart:
+        return _start_at(aligned, fixes, filled, over, latency, float(sensed.imu_time[-1]))
+
+    def restart(time: float) -> PartStart | None:
+        again = align(time)
+        return None if again is None or again.time >= sensed.imu_time[-2] else start_at(again)
+
+    arrival, llh, own = late[inside], fixes.llh[inside], fixes.velocity[inside]
+    covariance = np.full((fixes.time.size, 6, 6), np.nan) if fixes.covariance is None else fixes.covariance
+    covariance = covariance[inside]
+    effect = np.empty((fixes.time.size, 6, 0)) if fixes.effect is None else fixes.effect
+    effect = effect[inside]
+    north, east = filled.velocity[inside, :2].T
+    speed, course = np.linalg.norm(filled.velocity[inside, :2], axis=1), np.arctan2(east, north)
+    if ranges is not None:
+        due = ranges.time - latency
+        ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time + early <= end)))
+        solved = np.isin(ranges.time + early, arrival)
+        arrival = ranges.time + early
+        llh, own, speed, course, covariance, effect = (
+            _among(values, solved) for values in (llh, own, speed, course, covariance, effect)
+        )
+    return RecordedFlight(
+        **vars(sensed),
+        arrival=arrival,
+        llh=llh,
+        velocity=own,
+        speed=speed,
+        course=course,
+        start=start_at(alignment) if known is None else PartStart.at(known),
+        restart=restart,
+        patience=patience,
+        covariance=covariance,
+        effect=effect,
+        ranges=ranges,
+    )
+
+
+def _start_at(
+    alignment: Alignment, fixes: Fixes, filled: Fixes, over: np.ndarray, latency: float, last: float
+) -> PartStart:
+    """The start at an alignment by the fix nearest to it; filled, over: as of `Fixes.with_velocity`; last: the end of
+    the flight, s."""
+    begin, valid = alignment.time, fixes.time - latency
+    known = np.isfinite(filled.velocity).all(axis=1)
+    before = np.flatnonzero(known & (valid <= begin + 1e-9))
+    after = np.flatnonzero(known & (valid > begin) & (fixes.time <= last))
+    at = int(before[-1] if before.size else after[0])
+    if after.size and begin - valid[at] > valid[after[0]] - begin + _STALE:
+        at = int(after[0])
+    velocity = filled.velocity[at]
+    ahead = begin - float(valid[at])
+    here = earth.llh_from_ecef(
+        earth.ecef_from_llh(fixes.llh[at]) + ahead * earth.ned_matrix(fixes.llh[at]).T @ velocity
+    )
+    derived = np.where(np.isnan(fixes.velocity[at]), over[at], 0.0)
+    own = np.full(6, np.nan) if fixes.covariance is None else np.sqrt(np.diag(fixes.covariance[at]))
+    effect = np.empty((6, 0)) if fixes.effect is None else fixes.effect[at]
+    return PartStart(alignment, here, velocity, abs(ahead), derived, own, effect)
+
+
+def _among(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Values (k, ...) at the k places that are there (m,), nan at the others."""
+    out = np.full((there.size, *values.shape[1:]), np.nan)
+    out[there] = values
+    return out
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What all parts of a flight are flown with, as `fly` takes it."""
+
+    flight: RecordedFlight
+    beliefs: Beliefs
+    fix_sigma: np.ndarray
+    times: np.ndarray
+    withheld: np.ndarray
+    range_sigma: tuple[float, float] | None
+
+    @property
+    def ranges(self) -> Ranges | None:
+        """The ranges that a tightly coupled filter takes."""
+        return self.flight.ranges if self.beliefs.tight else None
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part of a flight: numbers (k,) of the fixes in it and when they came, s; what the filter made of them, and its
+    covariance (t, n, n)."""
+
+    rows: np.ndarray
+    arrival: np.ndarray
+    seen: Replayed
+    covariance: np.ndarray
+
+
+def fly(
+    flight: RecordedFlight,
+    beliefs: Beliefs,
+    fix_sigma: np.ndarray,
+    times: np.ndarray,
+    until: float = np.inf,
+    withheld: np.ndarray | None = None,
+    range_sigma: tuple[float, float] | None = None,
+) -> Replayed:
+    """The flight through a filter or smoother, part by part.
+
+    fix_sigma: (6,) of position and velocity of the fixes, north, east, down, m, m/s. times: (t,) at which to answer,
+    beside those when fixes came. until: end early, s. withheld: (m,) bool, fixes, or the ranges of their epochs, that
+    the filter is not given (their innovation is nan). range_sigma: of pseudoranges (m) and range rates (m/s) overhead,
+    for a tightly coupled filter. Raises ArithmeticError where a smoother's covariance fails, ValueError for a tightly
+    coupled filter without ranges or their sigmas.
+    """
+    if beliefs.tight and (flight.ranges is None or range_sigma is None):
+        raise ValueError("a tightly coupled filter needs ranges and their sigmas")
+    withheld = np.zeros(flight.arrival.size, bool) if withheld is None else withheld
+    given = _Given(flight, beliefs, fix_sigma, times, withheld, range_sigma)
+    until = min(until, float(flight.imu_time[-1]))
+    parts: list[_Part] = []
+    lost: list[LostSpan] = []
+    begin: PartStart | None = flight.start
+    while begin is not None and begin.alignment.time < until:
+        missing = next((gap for gap in flight.breaks if gap[0] >= begin.alignment.time), None)
+        end = until if missing is None else min(until, missing[0])
+        part = _fly_part(given, begin, end)
+        streak = _contradiction(part, flight.patience)
+        gap = None if streak is None else _gap_before(flight, begin, part, streak[0])
+        if gap is not None:
+            taken = _taken_after(given, begin, end, gap)
+            part, streak = (_fly_part(given, begin, gap[0]) if taken is None else taken), None
+            missing = gap if taken is None else missing
+        if streak is not None:
+            first, last = (float(part.arrival[i]) for i in streak)
+            part = _fly_part(given, begin, last)
+            jump = part.seen.innovation[streak[1], :3]
+            begin = _after_contradiction(given, part, streak, lost, jump)
+            lost.append(_lost(begin, first, last, CONTRADICTION, jump, until))
+        elif missing is not None and missing[1] <= until:
+            begin = flight.restart(missing[1])
+            lost.append(_lost(begin, missing[0], missing[1], GAP, np.full(3, np.nan), until))
+        else:
+            begin = None
+        parts.append(part)
+    return _joined(given, parts, tuple(lost), int(np.sum(flight.arrival <= until + 1e-9)))
+
+
+def _gap_before(flight: RecordedFlight, begin: PartStart, part: _Part, first: int) -> tuple[float, float] | None:
+    """Begin and end, s, of the missing samples after which a filter rejects all fixes, `first` being the first of
+    them, of the rows of the part; None where it was well before."""
+    used = np.flatnonzero((part.seen.degrees > 0) & (part.seen.status != REJECTED))
+    well = max([begin.alignment.time, *part.arrival[used[used < first]]])
+    spans = [(float(flight.imu_time[k]), float(flight.imu_time[k + 1])) for k, _ in flight.gaps]
+    earliest, latest = max(well, begin.alignment.time), part.arrival[first]
+    return next((gap for gap in spans if gap[0] >= begin.alignment.time and earliest <= gap[1] <= latest), None)
+
+
+def _taken_after(given: _Given, begin: PartStart, end: float, gap: tuple[float, float]) -> _Part | None:
+    """The part flown without the gate, if no fix would be rejected but in the time after a gap, s: a manoeuvre that was
+    not seen is larger than a filter takes it for, and nothing else is wrong. Else None."""
+    beliefs = given.beliefs
+    if beliefs.tight:
+        return None
+    part = _fly_part(replace(given, beliefs=replace(beliefs, gate=np.full_like(beliefs.gate, np.inf))), begin, end)
+    settling = (part.arrival >= gap[1]) & (part.arrival <= gap[1] + given.flight.patience)
+    beyond = part.seen.innovation_squared > beliefs.gate[part.seen.degrees]
+    return None if np.any(beyond & ~settling) else part
+
+
+def _lost(begin: PartStart | None, first: float, last: float, why: str, jump: np.ndarray, until: float) -> LostSpan:
+    """What was lost from `first` to the next start, or to the end of the flight."""
+    end = until if begin is None else max(last, begin.alignment.time)
+    return LostSpan(first, min(end, until), why, jump, ended=begin is None)
+
+
+def _contradiction(part: _Part, patience: float) -> tuple[int, int] | None:
+    """The first fixes of a part, of its rows, that the filter rejects, nearly all of them, for `patience` seconds:
+    first and last of them."""
+    seen = part.seen
+    weighed = seen.degrees > 0 if not seen.range_status.size else (seen.range_status != NOT_USED).any(axis=1)
+    of_ranges = 2 * (seen.range_status == REJECTED).sum(axis=1) > (seen.range_status != NOT_USED).sum(axis=1)
+    rejected = of_ranges if seen.range_status.size else seen.status == REJECTED
+    rows = np.flatnonzero(rejected & weighed)
+    time = part.arrival[rows]
+    so_far, all_so_far = np.cumsum(rejected), np.cumsum(weighed)
+    earliest = np.searchsorted(time, time - patience + 1e-9, side="right") - 1
+    for i, j in zip(np.flatnonzero(earliest >= 0), earliest[earliest >= 0], strict=True):
+        first, last = rows[j], rows[i]
+        count = so_far[last] - so_far[first] + 1
+        if count >= LEAST_REJECTED and count >= CONTRADICTED * (all_so_far[last] - all_so_far[first] + 1):
+            return int(first), int(last)
+    return None
+
+
+def _after_contradiction(
+    given: _Given, part: _Part, streak: tuple[int, int], lost: list[LostSpan], jump: np.ndarray
+) -> PartStart | None:
+    """The start after fixes that the filter contradicted, at the last of them; lost: so far.
+
+    Where the fixes have moved as the inertial sensors say, either they or the position are off by a constant, and
+    attitude and biases are kept. Otherwise, and where a filter was lost the same way shortly before, the attitude is
+    searched anew.
+    """
+    flight, seen = given.flight, part.seen
+    first, last = streak
+    time = float(part.arrival[last])
+    change = seen.innovation[last] - seen.innovation[first]
+    squared = change**2 / (seen.innovation_sigma[last] ** 2 + seen.innovation_sigma[first] ** 2)
+    known = np.isfinite(squared)
+    agree = known.sum() >= 3 and float(squared[known].sum()) <= given.beliefs.gate[known.sum()]
+    before = [one for one in lost if one.why == CONTRADICTION and time - one.end < RELAPSE]
+    if not agree or (before and not _cancel(before[-1].jump, jump)):
+        return flight.restart(time)
+    nav, covariance = seen.navigation[-1], part.covariance[-1]
+    fix = int(part.rows[last])
+    velocity = flight.velocity[fix].copy()
+    unknown = np.isnan(velocity)
+    velocity[unknown] = nav[states.NAV_VEL : states.NAV_QUAT][unknown]
+    age = given.beliefs.latency
+    here = earth.ecef_from_llh(flight.llh[fix]) + age * earth.ned_matrix(flight.llh[fix]).T @ velocity
+    att, sigma = slice(states.ATT, states.ATT + 3), np.sqrt(np.diag(covariance))
+    aligned = Alignment(
+        time, nav[states.NAV_QUAT : states.NAV_HELD], covariance[att, att], nav[states.NAV_GYRO : states.NAV_ACCEL],
+        sigma[states.GYRO : states.GYRO + 3], time, time,
+    )  # fmt: skip
+    own = np.sqrt(np.diag(flight.covariance[fix]))
+    return PartStart(
+        aligned, earth.llh_from_ecef(here), velocity, age, np.zeros(3), own, flight.effect[fix], (nav, covariance)
+    )
+
+
+def _cancel(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two jumps (3,) lead back to where the first began."""
+    return bool(np.linalg.norm(one + other) < RETURNED * max(np.linalg.norm(one), np.linalg.norm(other)))
+
+
+def _joined(given: _Given, parts: list[_Part], lost: tuple[LostSpan, ...], count: int) -> Replayed:
+    """The parts of a flight as one, with its first `count` fixes; what no part has of them is not used."""
+    last = -np.inf
+    kept = []
+    for part in parts:
+        kept.append(part.seen.time > last)
+        last = float(part.seen.time[-1])
+    of_outputs = {
+        name: np.concatenate([getattr(part.seen, name)[keep] for part, keep in zip(parts, kept, strict=True)])
+        for name in ("time", "navigation", "sigma")
+    }
+    of_fixes = {}
+    for name, nothing in (
+        ("innovation", np.nan), ("innovation_sigma", np.nan), ("innovation_squared", np.nan), ("degrees", 0),
+        ("status", NOT_USED), ("log_sigma", 0.0), ("range_innovation", np.nan), ("range_status", NOT_USED),
+        ("rejected", 0), ("flown", False),
+    ):  # fmt: skip
+        like = getattr(parts[0].seen, name)
+        whole = np.full((count, *like.shape[1:]), nothing, like.dtype)
+        for part in parts:
+            whole[part.rows] = getattr(part.seen, name)
+        of_fixes[name] = whole
+    return Replayed(**of_outputs, **of_fixes, lost=_merged(lost))
+
+
+def _merged(lost: tuple[LostSpan, ...]) -> tuple[LostSpan, ...]:
+    """The same where fixes that left for a while and came back are one time: those in between were off."""
+    out: list[LostSpan] = []
+    for one in lost:
+        if out and out[-1].why == one.why == CONTRADICTION and _cancel(out[-1].jump, one.jump):
+            one = replace(one, begin=out.pop().begin, jump=np.full(3, np.nan))
+        out.append(one)
+    return tuple(out)
+
+
+def _cut(flight: RecordedFlight, begin: float, end: float) -> tuple[ImuData, slice]:
+    """The increments from `begin` to at least `end`, s, and of which intervals they are; the first is cut in
+    proportion."""
+    first = int(np.searchsorted(flight.imu_time, begin + 1e-9, side="right")) - 1
+    last = max(first + 1, int(np.searchsorted(flight.imu_time, end - 1e-9)))
+    within = slice(first, last)
+    time, dtheta, dv = flight.imu_time[first : last + 1], flight.dtheta[within], flight.dv[within]
+    if begin > time[0] + 1e-9:
+        share = (time[1] - begin) / (time[1] - time[0])
+        time, dtheta, dv = time.copy(), dtheta.copy(), dv.copy()
+        time[0] = begin
+        dtheta[0] *= share
+        dv[0] *= share
+    return ImuData(time, dtheta, dv), within
+
+
+def _fly_part(given: _Given, begin: PartStart, end: float) -> _Part:
+    """A flight from a start to `end`, s, as of `fly`."""
+    flight, beliefs, fix_sigma, times = given.flight, given.beliefs, given.fix_sigma, given.times
+    imu, within = _cut(flight, begin.alignment.time, end)
+    at = float(imu.time[0])
+    rows = np.flatnonzero((flight.arrival - beliefs.latency > at) & (flight.arrival <= end + 1e-9))
+    arrival, withheld, count = flight.arrival[rows], given.withheld[rows], rows.size
+    wanted = np.unique(times[(times > at + beliefs.latency) & (times <= end + 1e-9)])
+    outputs = np.unique(np.concatenate([imu.time[:1], arrival, wanted]))
+    llh, velocity = flight.llh[rows], flight.velocity[rows]
+    llh[withheld] = np.nan
+    valid = np.maximum(arrival - beliefs.latency, at)
+    # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
+    gaps = any(within.start <= k < within.stop for k, _ in flight.gaps)
+    kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and gaps else beliefs.kind
+    noise = beliefs.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma)
+    known = valid if is_smoother(kind) else arrival
+    tables: dict[int, FixTable | RangeTable] = {}
+    scales: tuple[int, ...] = ()
+    heard = np.zeros((count, 0), bool)
+    ranges = given.ranges
+    if ranges is not None and given.range_sigma is not None:
+        scales, ranges = ranges.clocks, ranges.take(rows)
+        heard = np.isfinite(ranges.pseudorange) & ~withheld[:, None]
+        noise = _noise_of_fixes(ranges, llh, given.range_sigma, noise)
+        tables[RANGE] = _table_of(ranges, heard, scales, given.range_sigma, beliefs.lever_arm)
+    tables[PROBE if beliefs.tight else FIX] = FixTable(llh, velocity, noise, beliefs.lever_arm, flight.effect[rows])
+    epoch = np.nonzero(heard)[0]
+    events = schedule(outputs, (PROBE if beliefs.tight else FIX, valid, known), (RANGE, valid[epoch], known[epoch]))
+    densities = _noise(flight, beliefs)
+    densities = densities if densities.shape[0] == 1 else densities[within]
+    model = replace(beliefs, kind=kind).model(densities, scales)
+    history = estimate(
+        imu,
+        Measurements.of(tables),
+        events,
+        start(*_start(flight, begin, beliefs, fix_sigma, scales, ranges), model.components, heard.shape[1]),
+        model,
+    )
+    if is_smoother(kind) and lost(history):
+        raise ArithmeticError("the smoother lost the positive covariance of its flight")
+    weighed = events.rows(PROBE if beliefs.tight else FIX)
+    squared, degrees, status = (m[weighed] for m in (history.innovation_squared, history.degrees, history.status))
+    each = np.where(np.isfinite(history.innovation_sigma), history.innovation_sigma, 1.0)  # 1 where there is none
+    log_sigma = np.log(each).sum(axis=1)
+    of_ranges = np.full((*heard.shape, 2), np.nan)
+    range_status = np.zeros(heard.shape, np.int64)
+    logs, rejected = log_sigma[weighed], (status == REJECTED).astype(np.int64)
+    if beliefs.tight:
+        table = np.full(heard.shape, -1)
+        table[heard] = events.rows(RANGE)
+        passed = history.status != REJECTED
+        squared, degrees, status, range_status = by_epoch(
+            table, np.where(passed, history.innovation_squared, np.nan), np.where(passed, history.degrees, 0),
+            history.status,
+        )  # fmt: skip
+        of_ranges[heard] = history.innovation[table[heard], :2]
+        logs = np.where((table >= 0) & passed[table], log_sigma[table], 0.0).sum(axis=1)
+        rejected = (range_status == REJECTED).sum(axis=1)
+    seen = Replayed(
+        outputs, history.navigation, history.sigma(), history.innovation[weighed], history.innovation_sigma[weighed],
+        squared, degrees, status, logs, of_ranges, range_status, rejected, np.full(count, True), (),
+    )  # fmt: skip
+    return _Part(rows, arrival, seen, history.covariance)
+
+
+def own_or_usual(covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Covariance of fixes (m, 6, 6): the receiver's own, nan where it gives none, else by 1 sigma (6,)."""
+    unknown = np.isnan(covariance)
+    return np.where(unknown, np.where(unknown.all(axis=2)[..., None], np.diag(sigma**2), 0.0), covariance)
+
+
+def _noise_of_fixes(ranges: Ranges, llh: np.ndarray, sigma: tuple[float, float], otherwise: np.ndarray) -> np.ndarray:
+    """Covariance of position and velocity (m, 6, 6), NED, of fixes llh (m, 3) by the geometry of their ranges;
+    otherwise: where that has no solution."""
+    here = np.where(np.isfinite(llh), llh, 0.0)
+    away = np.einsum("mij,msj->msi", earth.ned_matrix(here), ranges.position - earth.ecef_from_llh(here)[:, None])
+    los = away[..., [1, 0, 2]] * [1.0, 1.0, -1.0] / np.linalg.norm(away, axis=2, keepdims=True)
+    los = np.where(np.isfinite(ranges.pseudorange)[..., None], los, np.nan)
+    out = otherwise.copy()
+    one_clock, ned = np.zeros_like(ranges.clock), [1, 0, 2]
+    sign = np.outer([1.0, 1.0, -1.0], [1.0, 1.0, -1.0])
+    for first, clock, weight in (
+        (0, ranges.clock, (sigma[0] * ranges.slant) ** -2.0),
+        (3, one_clock, np.full(ranges.slant.shape, sigma[1] ** -2.0)),
+    ):
+        solution, unknowns = geometry_covariance(los, clock, weight)
+        solved = (unknowns > 0) & np.isfinite(llh[:, 0])
+        block = slice(first, first + 3)
+        turned = solution[:, :3, :3][:, ned][:, :, ned] * sign
+        out[solved, block, block] = turned[solved]
+    return out
+
+
+def _table_of(
+    ranges: Ranges, heard: np.ndarray, scales: tuple[int, ...], sigma: tuple[float, float], lever_arm: np.ndarray
+) -> RangeTable:
+    """The ranges that are heard (m, s) as a filter with the clock of these time scales takes them."""
+    source = np.nonzero(heard)[1]
+    slant = ranges.slant[heard]
+    return RangeTable(
+        ranges.position[heard], ranges.velocity[heard], ranges.distance[heard], sigma[0] * slant,
+        np.full(slant.size, sigma[1]), source, np.searchsorted(scales, ranges.clock[source]),
+        ranges.pseudorange[heard], ranges.range_rate[heard], lever_arm, np.empty((source.size, 0)),
+    )  # fmt: skip
+
+
+def _start(
+    flight: RecordedFlight,
+    begin: PartStart,
+    beliefs: Beliefs,
+    fix_sigma: np.ndarray,
+    scales: tuple[int, ...],
+    ranges: Ranges | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Navigation state (NAV,) and covariance (n, n) at the alignment; the start position is the antenna's less the
+    lever arm, its accelerometer biases are zero unless they are kept; scales: whose clock the filter follows; ranges:
+    those of the part, in order."""
+    if begin.known is not None:
+        nav, matrix = begin.known.navigation, beliefs.sensors.covariance(begin.known.sigma)
+        return _with_clock(nav, matrix, begin, ranges, scales)
+    alignment = begin.alignment
+    nav = np.zeros(states.NAV_N)
+    nav[states.NAV_LLH : states.NAV_VEL] = begin.llh
+    nav[states.NAV_VEL : states.NAV_QUAT] = begin.velocity
+    nav[states.NAV_QUAT : states.NAV_HELD] = alignment.quaternion
+    nav[states.NAV_GYRO : states.NAV_ACCEL] = alignment.gyro_bias
+    if begin.kept is not None:
+        nav[states.NAV_ACCEL : states.NAV_N] = begin.kept[0][states.NAV_ACCEL : states.NAV_N]
+    error_state.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ beliefs.lever_arm))
+    position_sigma, fix_velocity_sigma = np.split(np.where(np.isnan(begin.own), fix_sigma, begin.own), 2)
+    matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *beliefs.sensors.sigma], 3) ** 2)
+    # since the fix the aircraft may have accelerated, and it turns about the antenna
+    gained = _ACCELERATION * begin.age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(beliefs.lever_arm)
+    derived = begin.derived
+    velocity_sigma = 2.0 * fix_velocity_sigma
+    unknown = derived > 0.0
+    velocity_sigma[unknown] = (
+        np.sqrt(2.0) * position_sigma[unknown] / derived[unknown] + 0.5 * _ACCELERATION * derived[unknown]
+    )
+    for first, variance in (
+        (states.POS, (2.0 * position_sigma) ** 2 + (0.5 * gained * begin.age) ** 2),
+        (states.VEL, velocity_sigma**2 + gained**2),
+        (states.GYRO, alignment.gyro_sigma**2),
+    ):
+        matrix[np.arange(first, first + 3), np.arange(first, first + 3)] = variance
+    att = slice(states.ATT, states.ATT + 3)
+    matrix[att, att] = alignment.covariance
+    if begin.kept is not None:
+        inertial = slice(states.ATT, states.N)
+        matrix[inertial, inertial] = begin.kept[1][inertial, inertial]
+    # the start is off by what lasts in the errors of its fix
+    moving, lasting = slice(states.POS, states.ATT), slice(states.N, states.N + begin.effect.shape[1])
+    matrix[moving, moving] += begin.effect @ begin.effect.T
+    matrix[moving, lasting] = -begin.effect
+    matrix[lasting, moving] = -begin.effect.T
+    return _with_clock(nav, matrix, begin, ranges, scales)
+
+
+def _with_clock(
+    nav: np.ndarray, matrix: np.ndarray, begin: PartStart, ranges: Ranges | None, scales: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The start of a filter that follows the clock of these time scales, if there are any."""
+    if not scales or ranges is None:
+        return nav, matrix
+    clock = _first_clock(begin, ranges, scales)
+    return np.concatenate([nav, clock]), with_unknown_clock(matrix, len(scales))
+
+
+def _first_clock(begin: PartStart, ranges: Ranges, scales: tuple[int, ...]) -> np.ndarray:
+    """Biases and drift of the clock (c,) as the first ranges of each time scale have them, by the start position and
+    velocity: good to a flight's way until then, beside 10 km that the filter takes it for."""
+    here = earth.ecef_from_llh(begin.llh)
+    moving = earth.ned_matrix(begin.llh).T @ begin.velocity
+    away = ranges.position - here
+    distance = np.linalg.norm(away, axis=2)
+    bias = ranges.pseudorange - distance
+    rate = ranges.range_rate - np.sum(away / distance[..., None] * (ranges.velocity - moving), axis=2)
+    rate = np.where(np.isfinite(bias), rate, np.nan)
+    out = []
+    for scale in scales:
+        own = bias[:, ranges.clock == scale]
+        heard = own[np.isfinite(own).any(axis=1)]
+        out.append(float(np.nanmedian(heard[0])) if heard.size else 0.0)  # else nothing of it comes
+    some = rate[np.isfinite(rate).any(axis=1)]
+    # without a range rate nothing is known of the drift, which the filter believes
+    return np.array([*out, float(np.nanmedian(some[0])) if some.size else 0.0])
+
+
+def _noise(flight: RecordedFlight, beliefs: Beliefs) -> np.ndarray:
+    """White densities of each IMU interval (n, 2), or one row where no samples are missing.
+
+    In an interval without samples rate and specific force were anywhere within their scatter over the flight. As white
+    noise that leads to the same variances of velocity and attitude in the end.
+    """
+    sensors = beliefs.sensors.noise[None]
+    if not flight.gaps:
+        return sensors
+    out = np.repeat(sensors, flight.dtheta.shape[0], axis=0)
+    for interval, length in flight.gaps:
+        out[interval, covariance.NOISE_GYRO] += np.mean(flight.rate_scatter**2) * length
+        out[interval, covariance.NOISE_ACCEL] += np.mean(flight.force_scatter**2) * length
+    return out

@@ -1,0 +1,87 @@
+"""A recorded flight."""
+
+from __future__ import annotations
+
+from navsim.replays import study as replay
+from navsim.results.findings import several
+from navsim.results.result import Sort
+from navsim.runner.checkpoint import Store
+from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budget
+from navsim.runner.executor import Executor
+from navsim.runner.job import Allow, OptionError, Options, Outcome, Tell
+from navsim.scenario.filter import SMOOTHERS
+from navsim.scenario.replay import Replay
+from navsim.scenario.source import Document
+from navsim.words import option
+
+_READ_MEMORY = 600
+"""A sample or fix of a recording while it is read and judged, bytes."""
+_SPAN_MEMORY = 400
+"""An outage, bytes."""
+_REPLAYED_MEMORY = 3000
+"""An output or fix of a replayed flight, bytes."""
+
+
+class ReplayJob:
+    """Read, aligned, tuned, flown through the filter; none of the work is kept."""
+
+    suffix, unit, work, pieces, even = "", "tuning flights", "", 0, False  # it ends where it has converged
+    recording: replay.Recording
+
+    def __init__(self, section: Replay, document: Document, options: Options) -> None:
+        if options.require:
+            raise OptionError(f"{option('require')}: a recorded flight has no requirements")
+        self.section, self.document = section, document
+        self.sort = Sort("replay")
+        self.kernels = f"replay-{section.filter.kind}-{section.filter.coupling}"
+
+    @property
+    def extent(self) -> int:
+        return replay.extent(self.recording)
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.recording.warnings
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        self.recording = replay.prepare(self.section, self.document)
+        allow(self.estimate())
+
+    def estimate(self) -> Budget:
+        return estimated(self.recording)
+
+    def described(self) -> str:
+        here = self.recording
+        return (
+            f"{several(here.samples.time.size, 'sample')}, {several(here.fixes.time.size, 'fix')}, "
+            f"aligned at {here.alignment.time:.2f} s with data up to {here.alignment.until:.2f} s"
+        )
+
+    def key(self) -> dict[str, object]:
+        return {}
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        return Outcome(replay.compute(self.recording, tell))
+
+
+def estimated(recording: replay.Recording) -> Budget:
+    """A recorded flight that was read and aligned."""
+    samples, fixes = recording.samples.time.size, recording.fixes.time.size
+    lasts = float(recording.samples.time[-1]) - recording.alignment.time
+    rate = recording.scenario.filter.output_rate_hz
+    outputs = fixes + 1.0 if rate == "fixes" else lasts * rate
+    outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
+    smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
+    result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE
+    memory = (
+        _READ_MEMORY * (samples + fixes)
+        + _SPAN_MEMORY * outages
+        + smoothed * _REPLAYED_MEMORY * (outputs + fixes)
+        + WRITING * result
+    )
+    return Budget(BASE_MEMORY + memory, result)
+
+
+def check(section: Replay, document: Document) -> list[str]:
+    """Warnings of a log, whose files are read. Raises InputError."""
+    return replay.read(section, document).warnings

@@ -1,0 +1,346 @@
+"""Partial work on disk: what a study has finished, so that after a kill the same command goes on from there.
+
+The work of a study lies in the folder `RESULT.partial`. `key.json` says whose it is, `command.json` by which command
+line it is computed; every piece is a file of arrays, written whole or not at all. The key comes first, and folders go
+by one renaming, so there are no pieces without a key.
+
+A piece is a `.npz`, that is a zip archive, which holds a CRC-32 of each array. Its comment is the SHA-256 of the study,
+the piece's name and the names, sizes and CRC-32 of all arrays. Nothing of a piece is used that the comment and the
+CRC-32 do not vouch for, so one that is damaged, of another study or under another name does not count.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import re
+import shlex
+import struct
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+import navsim
+from navsim.core.jit import digest
+from navsim.results.atomic_write import discard, replacing, write_whole
+from navsim.words import again, option, switch
+
+_HASHED = {
+    "scenario_sha256": "settings of the scenario",
+    "study_sha256": "settings of the study",
+    "kernels": "compiled code",
+    "sources": "code of navsim",
+    "files": "satellite files",
+}
+"""Parts of keys that tell a reader nothing."""
+_KEY_FILE = "key.json"
+_COMMAND_FILE = "command.json"
+_BY_HAND = "repeat the command by hand"
+JOURNAL = "journal.txt"
+"""The file of `optimization.search_log` in the folder."""
+
+_OWN = re.compile(
+    rf"{re.escape(_KEY_FILE)}|{re.escape(_COMMAND_FILE)}|{re.escape(JOURNAL)}|[a-z0-9_-]+\.(npz|sha256)|\..*"
+)
+"""Names that partial work has (`.sha256` in earlier versions), and those that begin with a dot: temporary files, and
+what file managers leave."""
+
+_LOCAL_HEADER = struct.Struct("<26xHH")
+"""What stands before an array in a zip archive: at its end the lengths of the name and the extra field that follow."""
+_NPY_LENGTH = slice(8, 10)
+"""Where an array's own header, of version 1.0, says how long the rest of it is; little-endian."""
+
+_DAMAGED = (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, struct.error)
+"""What reading raises of a piece that is lost, unreadable or damaged; the last three of a directory that is none."""
+
+Arrays = dict[str, np.ndarray]
+
+
+class PartialError(Exception):
+    """A folder of partial work that belongs to another study, or cannot be written."""
+
+
+def code_key() -> dict[str, object]:
+    """The part of every key that says which code the work was done by."""
+    package = Path(navsim.__file__).parent
+    sources = hashlib.sha256()
+    for source in sorted(package.rglob("*.py")):  # what a piece holds is decided by more than the kernels
+        sources.update(f"{source.relative_to(package)}\0".encode() + source.read_bytes())
+    return {"navsim_version": navsim.__version__, "kernels": digest(), "sources": sources.hexdigest()[:16]}
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """An array of a piece that was found whole, or written, by this process.
+
+    start, size: where its bytes lie in the file. crc: their CRC-32.
+    """
+
+    piece: Path
+    start: int
+    size: int
+    crc: int
+
+    def read(self) -> np.ndarray:
+        """The array. Raises PartialError where it is no more what it was."""
+        try:
+            with open(self.piece, "rb") as file:
+                return self.read_from(file)
+        except (OSError, ValueError) as error:
+            what = f"was damaged or removed while the study ran ({error})"
+            raise PartialError(f"{self.piece}: {what}; {again()} computes it again") from None
+
+    def read_from(self, file: io.BufferedReader) -> np.ndarray:
+        """The array, of the piece that was opened. Raises OSError, ValueError where it is damaged."""
+        content = np.empty(self.size, np.uint8)
+        file.seek(self.start)
+        if file.readinto(content.data) != self.size or zlib.crc32(content.data) != self.crc:
+            raise ValueError("a checksum does not fit")
+        header = io.BytesIO(content.data[: _NPY_LENGTH.stop + int.from_bytes(content.data[_NPY_LENGTH], "little")])
+        np.lib.format.read_magic(header)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(header)
+        return content[header.tell() :].view(dtype).reshape(shape)
+
+
+class Store:
+    """The folder of partial work of one study.
+
+    identity: of the study, 32 bytes. redone: pieces that were there and did not count.
+    """
+
+    def __init__(self, folder: Path, key: dict[str, Any], fresh: bool) -> None:
+        """Open or create the folder. Raises PartialError where another study's work lies there."""
+        self.folder = folder
+        self.redone = 0
+        mine = json.dumps(key, sort_keys=True, indent=1)
+        self.identity = hashlib.sha256(mine.encode()).digest()
+        try:
+            if others := _others(folder):
+                raise PartialError(
+                    f"{folder}: partial work is to lie there, but it holds {others[0]!r}, which is not navsim's; move "
+                    f"that away, or choose another {option('output')}"
+                )
+            if fresh:
+                discard(folder)
+            if _has_work(folder):
+                _compare(folder, mine, key)
+            else:  # at most a key, perhaps cut: nobody's work
+                folder.mkdir(parents=True, exist_ok=True)
+                write_whole(folder / _KEY_FILE, mine.encode())
+            for leftover in folder.glob(".*.tmp"):
+                leftover.unlink()
+            self._known = {file.name for file in folder.glob("*.npz")}
+        except OSError as error:
+            raise PartialError(f"{folder}: partial work cannot be kept there: {error.strerror or error}") from None
+
+    def note(self, command: Sequence[str]) -> None:
+        """Keep the command line by which the study is computed, its words after the program, for `begun_by`. Raises
+        PartialError where the disk does not take it, or the working folder was removed."""
+        try:
+            told = {"command": list(command), "folder": os.getcwd(), "work": str(self.folder.absolute())}
+            write_whole(self.folder / _COMMAND_FILE, json.dumps(told, indent=1).encode())
+        except OSError as error:
+            raise PartialError(f"{self.folder}: the command cannot be kept: {error.strerror or error}") from None
+
+    def file(self, name: str) -> Path:
+        """Where a piece is kept."""
+        path = self.folder / f"{name}.npz"
+        assert _OWN.fullmatch(path.name), f"{path.name} would be taken for the file of another program"
+        return path
+
+    def find(self, name: str) -> dict[str, Kept] | None:
+        """The arrays of a piece, which was read as a whole; None where there is none that counts."""
+        path = self.file(name)
+        if path.name not in self._known:
+            return None
+        try:
+            with open(path, "rb") as file:
+                found = self._found(name, file)
+                for kept in found.values():
+                    kept.read_from(file)
+            return found
+        except _DAMAGED:
+            self.redone += 1
+            return None
+
+    def read(self, name: str) -> Arrays | None:
+        """The arrays of a piece in memory; None where there is none that counts. Raises PartialError where it was
+        damaged just now."""
+        found = self.find(name)
+        return None if found is None else {array: kept.read() for array, kept in found.items()}
+
+    def write(self, name: str, arrays: Arrays) -> dict[str, Kept]:
+        """Keep a finished piece. Raises PartialError where the disk does not take it."""
+        path = self.file(name)
+        try:
+            # a piece that a loss of power cut does not count; waiting for the disk would keep a worker from flying
+            with replacing(path, durable=False) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+                for member, array in arrays.items():
+                    with archive.open(f"{member}.npy", "w", force_zip64=True) as file:
+                        _write_array(file, np.asarray(array, order="C"))
+                archive.comment = self._checksum(name, archive)
+        except OSError as error:
+            raise PartialError(f"{path}: cannot be written: {error.strerror or error}") from None
+        try:
+            with open(path, "rb") as written:
+                return self._found(name, written)
+        except _DAMAGED as error:
+            raise PartialError(
+                f"{path}: was damaged or removed while the study ran ({error}); {again()} computes it again"
+            ) from None
+
+    def holds_work(self) -> bool:
+        """Whether something finished is kept."""
+        try:
+            return _has_work(self.folder)
+        except OSError:  # whatever is there cannot be read now, nor gone on from
+            return False
+
+    def remove(self) -> None:
+        """Delete the folder: the result is complete."""
+        with contextlib.suppress(OSError):  # what stays is whole, and the same command would only be quicker
+            if not _others(self.folder):
+                discard(self.folder)
+
+    def _checksum(self, name: str, archive: zipfile.ZipFile) -> bytes:
+        """What the comment of an archive is to be."""
+        members = [(member.filename, member.file_size, member.CRC) for member in archive.infolist()]
+        return hashlib.sha256(self.identity + repr((name, members)).encode()).hexdigest().encode()
+
+    def _found(self, name: str, file: io.BufferedReader) -> dict[str, Kept]:
+        """The arrays that a piece says it has. Raises OSError, ValueError where the comment does not vouch for it, and
+        what `zipfile` does with what is no archive."""
+        found = {}
+        with zipfile.ZipFile(file) as archive:
+            if archive.comment != self._checksum(name, archive):
+                raise ValueError("the checksum does not fit")
+            for member in archive.infolist():
+                file.seek(member.header_offset)
+                lengths = _LOCAL_HEADER.unpack(file.read(_LOCAL_HEADER.size))
+                start = member.header_offset + _LOCAL_HEADER.size + sum(lengths)
+                found[member.filename.removesuffix(".npy")] = Kept(self.file(name), start, member.file_size, member.CRC)
+        return found
+
+
+@dataclass(frozen=True)
+class Command:
+    """What began a study. words: of the command line, after the program. folder: in which it was given."""
+
+    words: tuple[str, ...]
+    folder: Path
+
+
+def _check_owner(file: Path) -> None:
+    """Raise PartialError where a folder or file is another user's: it would decide what this user computes."""
+    status = file.stat()
+    if status.st_uid not in (0, os.geteuid()):
+        raise PartialError(f"{file}: belongs to user {status.st_uid}, and says what you would compute; {_BY_HAND}")
+    if status.st_mode & 0o002:
+        raise PartialError(f"{file}: everybody may write it, and it says what you would compute; {_BY_HAND}")
+
+
+def begun_by(folder: Path) -> Command:
+    """The command line whose work lies in a folder, as it is written there: `check_key` and the command's own target
+    say whether it is of this work. Raises PartialError where none is known, or it would not go on from this work."""
+    if not folder.is_dir():
+        beside = folder.with_name(f"{folder.name}.partial")
+        if beside.is_dir():
+            raise PartialError(f"{folder}: no folder of partial work; its own is {beside}: give that")
+        raise PartialError(f"{folder}: no folder of partial work, RESULT.h5.partial; none is left of a complete result")
+    file = folder / _COMMAND_FILE
+    if not file.exists():
+        begun = "it was begun from Python, or by an earlier version"
+        what = begun if (folder / _KEY_FILE).exists() else "no partial work of navsim lies there"
+        raise PartialError(f"{folder}: {what}: there is no {_COMMAND_FILE}, so no command is known")
+    try:
+        for each in (folder, file):
+            _check_owner(each)
+        told = json.loads(file.read_bytes())
+        words, place, work = tuple(told["command"]), Path(told["folder"]), Path(told["work"])
+        if not words or not all(isinstance(word, str) and word.isprintable() for word in words):
+            raise ValueError
+        if not place.is_absolute() or not work.is_absolute():
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise PartialError(f"{file}: cannot be read or is damaged; {_BY_HAND}") from None
+    command = f"in {place}: navsim {shlex.join(words)}"
+    if folder.resolve() != work.resolve():
+        raise PartialError(f"{folder}: was moved there from {work}, where its command would look for it ({command})")
+    if not place.is_dir():
+        raise PartialError(f"{folder}: the folder in which its command was given is gone ({command})")
+    return Command(words, place)
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What an earlier attempt has left. pieces: finished ones. analyses: lines of the journal of a search."""
+
+    pieces: int
+    analyses: int
+
+
+def begun_before(folder: Path, key: dict[str, Any]) -> Begun | None:
+    """What of a study lies in its folder, which stays as it is; None where nothing does. Whether each piece is whole is
+    left to who uses it. Raises PartialError where another study's work lies there, or it cannot be read."""
+    try:
+        if not _has_work(folder):
+            return None
+        _compare(folder, json.dumps(key, sort_keys=True, indent=1), key)
+        journal = folder / JOURNAL
+        analyses = journal.read_bytes().count(b"\n") if journal.exists() else 0
+        return Begun(sum(1 for _ in folder.glob("*.npz")), analyses)
+    except OSError as error:
+        raise PartialError(f"{folder}: partial work cannot be read there: {error.strerror or error}") from None
+
+
+def check_key(folder: Path, key: dict[str, Any]) -> None:
+    """Raise PartialError where the work in a folder is not of the study with this key."""
+    _compare(folder, json.dumps(key, sort_keys=True, indent=1), key)
+
+
+def _has_work(folder: Path) -> bool:
+    """Whether something finished lies in a folder of partial work."""
+    return any(file.stat().st_size for kind in ("*.npz", JOURNAL) for file in folder.glob(kind))
+
+
+def _write_array(file: IO[bytes], array: np.ndarray) -> None:
+    """As `numpy.save` does, which copies all it writes. Raises ValueError for objects."""
+    if array.dtype.hasobject:
+        raise ValueError("partial work holds numbers and text, no objects")
+    np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(array))
+    file.write(array.reshape(-1).view(np.uint8).data)
+
+
+def _others(folder: Path) -> list[str]:
+    """Names in a folder that no partial work has, if there is such a folder; without those that file managers and
+    network disks put anywhere, which begin with a dot."""
+    names = os.listdir(folder) if folder.is_dir() else []
+    return [name for name in sorted(names) if not _OWN.fullmatch(name)]
+
+
+def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
+    """Raise PartialError where the folder's key is not this one."""
+    try:
+        theirs = (folder / _KEY_FILE).read_text()
+        if theirs == mine:
+            return
+        other = json.loads(theirs)
+        parts = [
+            f"other {_HASHED[k]}" if k in _HASHED else f"{k} {other[k]!r} there, {v!r} here"
+            for k, v in key.items()
+            if k in other and other[k] != v
+        ]
+        if other.keys() != key.keys():
+            parts.insert(0, "a study of another kind, or of an earlier version")
+        whose = f"partial work of another study lies there ({'; '.join(parts)})"
+    except (OSError, ValueError, AttributeError, TypeError):
+        whose = f"partial work lies there whose {_KEY_FILE} is missing or damaged"
+    raise PartialError(f"{folder}: {whose}; {switch('fresh')} discards it")

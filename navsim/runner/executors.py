@@ -1,0 +1,45 @@
+"""Where the work of a job is done: threads of this machine, or a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from navsim.runner.errors import BadInput, failures, said
+from navsim.runner.reporter import Speech
+from navsim.words import option
+
+if TYPE_CHECKING:
+    from navsim.runner.executor import Executor
+    from navsim.runner.job import Options
+
+INSTALL = "pip install 'navsim-landing[cluster]'"
+
+
+@contextmanager
+def workplace(options: Options, speech: Speech) -> Iterator[Executor]:
+    """The workers that options ask for; the connection to a cluster ends with the context. Raises BadInput, and
+    RunFailed where nobody answers."""
+    from navsim.runner.executor import threads
+
+    if options.scheduler is None:
+        yield threads(options.workers)
+        return
+    scheduler = option("scheduler")
+    if options.workers is not None:
+        raise BadInput(said(f"{option('workers')}: threads of this machine; with {scheduler} the cluster has its own"))
+    try:
+        from navsim.runner.cluster import Cluster, connected
+        from navsim.runner.cluster import executor as of
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] not in ("cloudpickle", "dask", "distributed"):
+            raise
+        message = f"{scheduler} works on a Dask cluster, and Dask is not installed here: {INSTALL}"
+        raise BadInput(said(message)) from None
+    with failures(scheduler):
+        cluster = Cluster(options.scheduler)
+    with connected(cluster):
+        if not cluster.workers:
+            speech.say(f"{options.scheduler}: no worker is there yet; waiting for one")
+        yield of(cluster)

@@ -1,0 +1,92 @@
+"""What the machine has left for this process: memory, disk, cores."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from navsim.runner.executor import threads
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What there is: memory and disk free for the process, bytes, None where nothing tells; cores it may use."""
+
+    memory_bytes: float | None
+    disk_bytes: float | None
+    cores: int
+
+
+def machine(folder: Path) -> Machine:
+    """What this process may still take of its machine; folder: where files will go, or would once it is made."""
+    place = folder.absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    try:
+        disk = float(shutil.disk_usage(place).free)
+    except OSError:  # a file system that does not tell: what does not fit is found out while writing
+        disk = None
+    return Machine(available_memory(), disk, threads().workers)
+
+
+def available_memory(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float | None:
+    """What the process may hold in all, with what it holds already, bytes: the least of what the machine has left, what
+    its control groups (v1 or v2) and its own limit allow. None where nothing tells."""
+    own = (_integer(proc / "self/statm", 1) or 0) * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
+    limits = [_process_limit(proc), *(left + own for left in _group_memory(proc, groups))]
+    left = _field(proc / "meminfo", "MemAvailable:")
+    limits.append(None if left is None else 1024.0 * left + own)
+    if left is None and "SC_PHYS_PAGES" in getattr(os, "sysconf_names", {}):
+        limits.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
+    return min((limit for limit in limits if limit is not None), default=None)
+
+
+def _process_limit(proc: Path) -> float | None:
+    """What is left of the limit of the address space for memory that is held, bytes."""
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return None
+    page = os.sysconf("SC_PAGE_SIZE")
+    mapped, held = ((_integer(proc / "self/statm", i) or 0) * page for i in (0, 1))
+    return float(limit - mapped + held)
+
+
+def _group_memory(proc: Path, groups: Path) -> list[float]:
+    """What the control groups of the process leave of their limits, bytes."""
+    found = []
+    for line in _lines(proc / "self/cgroup"):
+        parts = line.split(":", 2)
+        if len(parts) < 3 or (parts[1] and "memory" not in parts[1].split(",")):
+            continue
+        version2 = not parts[1]
+        root = groups if version2 else groups / "memory"
+        names = ("memory.max", "memory.current") if version2 else ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        folder = root / parts[2].lstrip("/")
+        # a container often sees its own group as the root, whatever the process is told
+        for place in (folder, *(parent for parent in folder.parents if parent == root or root in parent.parents)):
+            most, used = _integer(place / names[0]), _integer(place / names[1])
+            if most is not None and used is not None and most < 2**60:
+                # the cache of files is given up before anything else
+                cache = _field(place / "memory.stat", "inactive_file") or 0.0
+                found.append(float(most) - used + cache)
+    return found
+
+
+def _lines(file: Path) -> list[str]:
+    try:
+        return file.read_text().splitlines()
+    except (OSError, UnicodeDecodeError):  # another system: it has no such file, and nothing is told by it
+        return []
+
+
+def _integer(file: Path, column: int = 0) -> int | None:
+    words = " ".join(_lines(file)).split()
+    return int(words[column]) if len(words) > column and words[column].isdecimal() else None
+
+
+def _field(file: Path, name: str) -> float | None:
+    words = next((line.split() for line in _lines(file) if line.startswith(name)), [])
+    return float(words[1]) if len(words) > 1 and words[1].isdecimal() else None

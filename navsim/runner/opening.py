@@ -1,0 +1,88 @@
+"""From a file, or its contents, to its job."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from navsim.runner.errors import BadInput, failures, misread, said
+from navsim.words import option
+
+if TYPE_CHECKING:
+    from navsim.runner.job import Job, Options
+    from navsim.scenario.base import Section
+    from navsim.scenario.load import Assignment, Source
+    from navsim.scenario.source import Document
+
+
+Keep = Literal["errors", "all", "none"]
+"""What is stored of each run."""
+Method = Literal["monte-carlo", "covariance", "rare"]
+"""How a landing is flown."""
+SweepMethod = Literal["dop", "covariance", "monte-carlo"]
+"""How a sweep judges each combination."""
+
+
+def scenario_instead(path: Path) -> str:
+    """Of a file that is no result: what takes it, where it is a scenario or study; "" of any other."""
+    from navsim.kinds import OF_FILES, advice
+    from navsim.scenario.source import InputError, load
+
+    if path.suffix not in (".yaml", ".yml"):
+        return ""
+    try:
+        kind = str(load(path).data.get("kind"))
+    except InputError:  # not even readable as YAML: what it is no result for is said elsewhere
+        return ""
+    return f"{path}: is no result but {advice(kind, path)}" if kind in OF_FILES else ""
+
+
+def opened(command: str, source: Source, assignments: Sequence[Assignment], options: Options) -> tuple[Job, str]:
+    """The job of what `command` computes, and the suffix of its result's name where that is not by the file's own
+    method. Raises BadInput."""
+    from navsim.kinds import KINDS, named
+    from navsim.scenario.load import own_method, read_for
+    from navsim.scenario.source import Setting
+
+    given, suffix = [*assignments], ""
+    with failures(source):
+        if options.method is not None and (own := own_method(source, assignments)) is not None:
+            given.append(Setting("method", options.method))
+            suffix = "" if own == options.method else f"_{options.method}"
+        if command == "sweep" and options.runs is not None:
+            given.append(Setting("runs", options.runs))
+        section, document = read_for(command, source, given)
+        job: Job = named(KINDS[document.data["kind"]].job)(section, document, options)
+    return job, job.suffix or suffix
+
+
+def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section, Document, list[str]]:
+    """A scenario, study or log that is right as far as can be told without computing it, the files too that it names,
+    and warnings of what would not be used or would be left out. Raises BadInput."""
+    from navsim.kinds import KINDS, named
+    from navsim.scenario.load import read_any
+
+    with misread():
+        section, document = read_any(source, assignments)
+        check = KINDS[document.data["kind"]].check
+        return section, document, named(check)(section, document) if check else []
+
+
+def target_of(output: Path | None, default: str) -> Path:
+    """The result's path: as given, else results/<default>.h5. Raises BadInput where its folder is not there."""
+    if output is not None and not output.parent.is_dir():
+        create = f"no such folder; create it first or choose another {option('output')}"
+        raise BadInput(said(f"{output.parent}: {create}"))
+    return output or Path("results") / f"{default}.h5"
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """The JSON Schema of files of a kind, or of `any`. Raises BadInput."""
+    from navsim.kinds import OF_FILES
+    from navsim.scenario.base import hint
+    from navsim.scenario.published import ANY, published
+
+    if kind not in (*OF_FILES, ANY):
+        raise BadInput(said(f"{kind!r} is no kind of scenario; {hint(kind, [*OF_FILES, ANY])}"))
+    return published(kind)

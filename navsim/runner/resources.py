@@ -1,0 +1,67 @@
+"""What work will take, told and held against the machine before anything is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from navsim.runner.errors import BadInput, said
+from navsim.runner.reporter import Speech
+from navsim.words import switch
+
+if TYPE_CHECKING:
+    from navsim.runner.estimate import Budget
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of an estimate. name: of the scenario or study. target: the result's path. over_budget: what is
+    lacking is warned of. at_most: the work may end earlier by itself, so the estimate alone refuses nothing. away:
+    workers of another place that do the work, in words, "" for this machine's."""
+
+    name: object
+    target: Path
+    over_budget: bool
+    at_most: bool = False
+    away: str = ""
+
+
+def tell(asked: Request, estimate: Budget, speech: Speech, seconds: float | None = None) -> None:
+    """Say what work will take. seconds: from start to end, by a block of it that was timed."""
+    from navsim.runner.estimate import said as estimated
+    from navsim.runner.machine import machine
+
+    words = estimated(estimate, machine(asked.target.parent), asked.away, seconds)
+    speech.say(f"{asked.name}: {'at most ' if asked.at_most else ''}{words}")
+
+
+def afford(asked: Request, estimate: Budget, speech: Speech, shown: bool = False) -> None:
+    """Raise BadInput where the machine lacks memory or disk for it, unless that is to be warned of. shown: the estimate
+    is told then, and of work that may end earlier by itself what is lacking, too."""
+    from navsim.runner.estimate import lacking
+    from navsim.runner.machine import machine
+
+    here = machine(asked.target.parent)
+    lack = lacking(estimate, here, _kept(asked.target) if estimate.partial_bytes else 0.0)
+    if not lack or (asked.at_most and not shown):
+        return
+    wanting = f"{asked.name}: needs {', and '.join(lack)}"
+    if asked.at_most:
+        speech.warn(f"{wanting}, where it does not end early")
+    elif asked.over_budget:
+        speech.warn(wanting)
+    else:
+        if shown:
+            tell(asked, estimate, speech)
+        raise BadInput(said(f"{wanting}; {switch('over_budget')} computes it nevertheless"))
+
+
+def _kept(target: Path) -> float:
+    """Size of the partial work that lies beside the target already, bytes."""
+    from navsim.results.atomic_write import partial_folder
+
+    try:
+        return float(sum(file.stat().st_size for file in partial_folder(target).iterdir()))
+    except OSError:  # none there, or another process is at work in it: then all of it is still to come
+        return 0.0

@@ -1,0 +1,281 @@
+"""What is done with a job (`navsim.runner.job`), whoever asks for it: from a checked target to written files."""
+
+from __future__ import annotations
+
+import shlex
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING
+
+from navsim.runner.errors import BadInput, RunFailed, failures, said
+from navsim.runner.executors import workplace
+from navsim.runner.reporter import Listener
+from navsim.runner.requirements import Demands, wanting
+from navsim.runner.resources import Request, afford, tell
+from navsim.runner.target import Written, begun, check_target, figure_folder, refuse_other, save
+from navsim.words import again, switch
+
+if TYPE_CHECKING:
+    from navsim.results.result import Result
+    from navsim.runner.checkpoint import Store
+    from navsim.runner.estimate import Budget
+    from navsim.runner.executor import Executor
+    from navsim.runner.job import Job, Options
+
+
+_SHELL_TIME = 0.5
+"""Seconds of a process beside preparing its work and doing it."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be done with a job. options: as the job has them. figures: see `target.figure_folder`; plain: none of
+    one run either, unless a folder is given. force: overwrite a result of another sort. over_budget: compute what the
+    machine seems too small for. dry_run: only say what it would take. command: the words of the command line after
+    the program, by which it is gone on with; empty where there is none. resumed: the folder of partial work to go on
+    with, which must be this job's; None where the job may begin."""
+
+    options: Options
+    figures: str | Path | None = None
+    plain: bool = False
+    force: bool = False
+    over_budget: bool = False
+    dry_run: bool = False
+    command: Sequence[str] = ()
+    resumed: Path | None = None
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What came of it. known: warnings that were said before. warnings: of how it ended. stopped: that it ended before
+    all was done, and why; kept: where finished work is then; both "" where it did not. interrupted: by the user.
+    failed: why it fails although the result is complete, "" where it does not."""
+
+    result: Result
+    target: Path
+    written: Written
+    known: Sequence[str]
+    warnings: Sequence[str]
+    stopped: str
+    kept: str
+    interrupted: bool
+    failed: str
+
+
+def carry_out(name: object, job: Job, target: Path, order: Order, listener: Listener) -> Finished | None:
+    """Do a job and write its result, or only say what it would take; None then.
+
+    name: of the file, for messages. target: the result's path. Raises BadInput, RunFailed.
+    """
+    from navsim.results.result import SEVERAL_RUNS
+
+    _check_resumed(target, order)
+    check_target(target, job.sort, order.force)
+    drawing = figure_folder(order.figures, target, order.plain or job.sort.runs == SEVERAL_RUNS)
+    with workplace(order.options, listener.speech) as executor:
+        if order.dry_run:
+            _told(name, job, target, order, listener, executor)
+            return None
+        with begun(target, job.kernels, listener.speech):
+            _load_ahead(job.kernels, listener.ahead)
+            _prepare(name, job, target, order, listener, executor)
+            return _computed(name, job, target, order, listener, executor, drawing)
+
+
+def _check_resumed(target: Path, order: Order) -> None:
+    """Raise BadInput, before anything is touched, where a resumed command works elsewhere than in its folder."""
+    from navsim.results.atomic_write import partial_folder
+
+    if order.resumed is not None and (own := partial_folder(target)).resolve() != order.resumed.resolve():
+        where = f"would write {target}, whose work lies in {own}"
+        raise BadInput(said(f"{order.resumed}: its command {where}; if you mean that, give the command itself"))
+
+
+def _prepare(
+    name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor
+) -> tuple[Request, Budget]:
+    """Prepare a job; returns what it was found to take."""
+    from navsim.results.findings import several
+
+    away = f"on {several(executor.workers, 'worker')} of {executor.name}" if executor.name else ""
+    estimates: list[tuple[Request, Budget]] = []
+
+    def allow(budget: Budget, at_most: bool = False) -> None:
+        asked = Request(name, target, order.over_budget, at_most, away)
+        afford(asked, budget, listener.speech, order.dry_run)
+        estimates.append((asked, budget))
+
+    with failures(name):
+        job.prepare(executor, allow)
+    for warning in job.warnings:
+        listener.speech.warn(warning)
+    return estimates[-1]
+
+
+def _told(name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor) -> None:
+    """Say what a job would take: its time by a block of it that is done, where that needs nothing to be compiled."""
+    from navsim.core import jit
+    from navsim.runner.timed import seconds_of
+
+    begun = time.monotonic()
+    asked, budget = _prepare(name, job, target, order, listener, executor)
+    seconds, why = None, "this work is not done in parts that take the same time"
+    if not jit.is_warm(job.kernels):
+        why = "its kernels are not compiled yet, which takes about a minute"
+    else:
+        prepared = time.monotonic() - begun
+        with failures(name):
+            seconds = seconds_of(job, executor)
+        if seconds is not None:
+            seconds += _SHELL_TIME + prepared
+    tell(asked, budget, listener.speech, seconds)
+    if seconds is None:
+        listener.speech.say(f"{name}: its time is not estimated: {why}")
+    listener.speech.say(f"{name}: {job.described()}; would write {target}")
+    if kept := _begun_before(job, target, seconds, order.options.fresh):
+        listener.speech.say(kept)
+
+
+def _begun_before(job: Job, target: Path, seconds: float | None, fresh: bool) -> str:
+    """What of a job was finished before, and what is left of it, in words; "" where nothing lies there. seconds: that
+    all of it takes, where that is known."""
+    from navsim.results.atomic_write import partial_folder
+    from navsim.runner.checkpoint import PartialError, begun_before
+    from navsim.runner.estimate import duration
+
+    folder = partial_folder(target)
+    if not job.pieces or not folder.exists():
+        return ""
+    if fresh:
+        return f"{folder}: work of an earlier attempt lies there and would be discarded"
+    try:
+        begun = begun_before(folder, job.key())
+    except PartialError as error:
+        raise BadInput(said(error)) from None
+    if begun is None:
+        return ""
+    if not job.even:
+        parts = f"{begun.pieces} finished steps and {begun.analyses} analyses"
+        return f"{folder}: begun before; {parts} are kept, and are not made again"
+    left = max(job.pieces - begun.pieces, 0)
+    kept = f"{folder}: begun before; {begun.pieces} of {job.pieces} pieces of the {job.work} are kept"
+    if seconds is None:
+        return kept
+    return f"{kept}, what remains to be computed takes {duration(seconds * left / job.pieces)}"
+
+
+def _computed(
+    name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor, drawing: Path | None
+) -> Finished:
+    from navsim.core import jit
+
+    store = _store(job, target, order)
+    former = _which(target)
+    refused = False
+
+    def kept() -> str:
+        if store is None or not store.holds_work():
+            return f"nothing of it is kept; {again()} begins anew"
+        if refused:
+            way = f"move {target} away, or give {switch('force')}: {again()} then writes them, computing nothing anew"
+            return f"finished {job.work} are kept in {store.folder}; {way}"
+        resume = f", or navsim resume {shlex.quote(str(store.folder))}" if order.command else ""
+        return f"finished {job.work} are kept in {store.folder}; {again()} goes on from there{resume}"
+
+    def state() -> str:
+        return kept() if _which(target) == former else f"{target} is complete"
+
+    try:
+        with failures(name):
+            with listener.progress(job.extent, job.unit) as tell:
+                outcome = job.run(executor, store, tell)
+            if not job.sort.count and "/run" in outcome.result:  # how many runs there are is known only now
+                count = int(outcome.result["/run"].size)
+                refused = True
+                refuse_other(target, replace(job.sort, count=count), order.force)
+                refused = False
+            written = save(outcome.result, target, None if outcome.interrupted else drawing)
+    except RunFailed as error:
+        last = error.problems[-1]
+        raise RunFailed([*error.problems[:-1], replace(last, message=f"{last.message}; {state()}")]) from None
+    except BaseException as ended:  # whatever it is, what comes next is the same
+        listener.speech.say(state())
+        ended.add_note(state())
+        raise
+    if store is not None:
+        if store.redone:
+            listener.speech.say(f"{store.redone} damaged piece(s) of an earlier attempt were computed again")
+        if not outcome.stopped:
+            store.remove()
+    jit.mark_warm(job.kernels)
+    stopped = f"stopped early: {outcome.stopped}; {target} holds what was found" if outcome.stopped else ""
+    return Finished(
+        outcome.result, target, written, job.warnings, outcome.warnings, stopped, kept() if stopped else "",
+        outcome.interrupted, f"{name}: {outcome.failed} ({target} is complete)" if outcome.failed else "",
+    )  # fmt: skip
+
+
+def _which(target: Path) -> tuple[int, int] | None:
+    """Which file stands at a path: it is replaced whole, never changed."""
+    try:
+        found = target.stat()
+    except OSError:  # none, or none that this process may see
+        return None
+    return found.st_ino, found.st_mtime_ns
+
+
+def insist(finished: Finished, demands: Demands) -> None:
+    """Raise KeyboardInterrupt where the work was interrupted, and RunFailed where it failed or its result is not what
+    is demanded; all is written then."""
+    if finished.interrupted:
+        interrupt = KeyboardInterrupt()
+        interrupt.add_note(finished.stopped)
+        raise interrupt
+    wrong = [finished.failed] if finished.failed else wanting(finished.result, demands)
+    if not wrong:
+        return
+    if not finished.failed:
+        wrong[-1] += f" ({finished.target} is complete)"
+    error = RunFailed(said(*wrong))
+    error.path = finished.target
+    raise error
+
+
+def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
+    """Load what comes later beside what comes first: these kernels (`runner.job.Job`), and what writes files and
+    tables. Making machine code ready, and numpy's work, leave the interpreter to others."""
+    from navsim.core import jit
+
+    jit.work_begins()
+
+    def load() -> None:
+        jit.load_ahead(kernels)
+        for module in ("navsim.results.netcdf", *modules):
+            import_module(module)
+
+    Thread(target=load).start()
+
+
+def _store(job: Job, target: Path, order: Order) -> Store | None:
+    """The place for partial work beside the result; None where the work is in one piece, and none lies there."""
+    from navsim.results.atomic_write import partial_folder
+    from navsim.runner.checkpoint import PartialError, Store, check_key
+
+    folder = partial_folder(target)
+    if order.resumed is not None and not job.pieces:
+        raise BadInput(said(f"{order.resumed}: its command keeps no work; if you mean it, give the command itself"))
+    if not job.pieces or (job.pieces == 1 and not folder.exists()):
+        return None
+    try:
+        if order.resumed is not None:
+            check_key(folder, job.key())
+        store = Store(folder, job.key(), order.options.fresh)
+        if order.command:
+            store.note(order.command)
+        return store
+    except PartialError as error:
+        raise BadInput(said(error)) from None

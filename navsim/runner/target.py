@@ -1,0 +1,106 @@
+"""The files that work is written to: what may be overwritten, who works on them, what stands beside a result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from navsim.runner.errors import BadInput, said
+from navsim.runner.reporter import Speech
+from navsim.words import option, switch
+
+if TYPE_CHECKING:
+    from navsim.results.result import Result, Sort
+
+
+def check_target(target: Path, sort: Sort, force: bool) -> None:
+    """Raise BadInput, before anything is computed, where the path cannot be written or holds what must stay: a result
+    of another sort, or of more runs, unless `force` says so, anything that is no result always."""
+    from navsim.results.result import ResultError, check_writable
+
+    try:
+        check_writable(target)
+        refuse_other(target, sort, force)
+    except ResultError as error:
+        raise BadInput(said(error)) from None
+
+
+def refuse_other(target: Path, sort: Sort, force: bool) -> None:
+    """Raise ResultError where a file stands that a result of this sort may not overwrite."""
+    from navsim.results.result import ResultError, read_sort
+
+    if not target.exists():
+        return
+    try:
+        there = read_sort(target)
+    except ResultError as error:
+        raise ResultError(f"{error}; it is not overwritten, choose another {option('output')}") from None
+    if there != sort and not force:
+        raise ResultError(
+            f"{target}: holds a result of another sort ({there}) than the new one ({sort}); "
+            f"choose another {option('output')}, or overwrite it with {switch('force')}"
+        )
+    if there.count > sort.count > 0 and not force:
+        raise ResultError(
+            f"{target}: holds {there.count} runs, which {sort.count} would replace; "
+            f"choose another {option('output')}, or overwrite it with {switch('force')}"
+        )
+
+
+@contextmanager
+def begun(target: Path, kernels: str, speech: Speech) -> Iterator[None]:
+    """The computing of a result: while it lasts no other process works on it; leftovers of killed ones are cleaned, and
+    why the first work with these kernels (`runner.job.Job`) ever takes longer is said. Raises BadInput."""
+    from navsim.core import jit
+    from navsim.results.atomic_write import Occupied, clean, locked
+
+    with ExitStack() as held:
+        try:
+            held.enter_context(locked(target))
+        except Occupied as error:
+            raise BadInput(said(f"{error}; wait for it, or choose another {option('output')}")) from None
+        except OSError as error:
+            reason = error.strerror or error
+            speech.warn(f"{target} cannot be locked ({reason}): let no other process write it")
+        else:
+            clean(target, owned=True)
+        if not jit.is_warm(kernels):
+            speech.say(jit.compiling())
+        yield
+
+
+@dataclass(frozen=True)
+class Written:
+    """Files beside a result."""
+
+    texts: list[Path]
+    figures: list[Path]
+
+
+def save(result: Result, target: Path, figures: Path | None) -> Written:
+    """Write a result, the files of text beside it and, where they are wanted, its figures. Raises ResultError.
+
+    Figures of the result that stood there before are removed: they are not of this one.
+    """
+    from navsim.report.figure_files import remove_former
+    from navsim.report.view import draw, write_texts
+    from navsim.results.result import write
+
+    write(target, result)
+    remove_former(target.parent, target.stem)
+    texts = write_texts(result, target)
+    return Written(texts, [] if figures is None else draw(result, figures, target.stem))
+
+
+def figure_folder(figures: str | Path | None, target: Path, skipped: bool) -> Path | None:
+    """Where figures go. figures: as given by the option, a folder or the word `none`; a Path is a folder whatever its
+    name. skipped: there are none unless a folder is given. Raises BadInput."""
+    if figures == "none" or (figures is None and skipped):
+        return None
+    folder = target.parent if figures is None else Path(figures)
+    if folder.exists() and not folder.is_dir():
+        raise BadInput(said(f"{option('figures', str(folder))}: is a file, not a folder"))
+    return folder
