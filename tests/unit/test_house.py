@@ -195,6 +195,10 @@ def test_functions_have_few_parameters() -> None:
 def test_every_room_has_its_rule() -> None:
     rooms = {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
     assert rooms == set(ALLOWED)
+    above = {"kinds", "words"}
+    for room, allowed in ALLOWED.items():
+        assert allowed <= above, f"{room} may import {allowed - above}, which stand below it"
+        above.add(room)
 
 
 def modules_after(code: str) -> set[str]:
