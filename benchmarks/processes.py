@@ -162,7 +162,7 @@ def workers(plan: Plan) -> list[Line]:
 def _engine(plan: Plan) -> list[Line]:
     """The same without the process around it; batches are kept on disk as they are finished."""
     from navsim.landing.study import fly_all, prepare
-    from navsim.runner.checkpoint import Store
+    from navsim.runner.checkpoint import CheckpointStore
     from navsim.runner.executor import threads
     from navsim.scenario.load import read
 
@@ -171,10 +171,12 @@ def _engine(plan: Plan) -> list[Line]:
         folder = Path(place) / "partial"
 
         def fly(workers: int) -> Callable[[], object]:
-            return lambda: fly_all(case, 1, 0, count, threads(workers), keep="errors", store=Store(folder, {}, True))
+            return lambda: fly_all(
+                case, 1, 0, count, threads(workers), keep="errors", store=CheckpointStore(folder, {}, True)
+            )
 
         def tell() -> None:
-            store = Store(folder, {}, False)
+            store = CheckpointStore(folder, {}, False)
             if any(store.find(name) is None for name in pieces):
                 raise RuntimeError("a batch just written does not count")
 

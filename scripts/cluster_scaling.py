@@ -24,7 +24,7 @@ from navsim.core.jit import is_warm
 from navsim.landing import study as landing
 from navsim.landing.ensemble import LandingStudy
 from navsim.runner.batches import AHEAD, BATCH, TASK_BYTES, TASK_S, save
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.cluster import Cluster
 from navsim.scenario.load import read
 
@@ -84,7 +84,7 @@ def measured(address: str) -> tuple[dict[str, Costs], int]:
             study = LandingStudy(case, 1, keep)
             study.batch(0, BATCH)
             flown, kept = [], []
-            store = Store(Path(folder) / keep, {}, False)
+            store = CheckpointStore(Path(folder) / keep, {}, False)
             for i in range(REPEATS):
                 began = time.thread_time()  # of the processor alone: others may be at work here
                 per_run, sums, histories = study.batch(i * BATCH, BATCH)

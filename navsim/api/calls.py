@@ -24,13 +24,13 @@ from navsim.api.arguments import (
 )
 from navsim.api.result import ResultFile
 from navsim.runner import opening, steps
-from navsim.runner.errors import BadInput, RunFailed, misread, said
-from navsim.runner.reporter import Listener, Speech
-from navsim.runner.requirements import Demands
+from navsim.runner.errors import BadInput, RunFailed, said, translate_input_errors
+from navsim.runner.reporter import Listener, Reporter
+from navsim.runner.requirements import ExitRequirements
 from navsim.words import of_python
 
 if TYPE_CHECKING:
-    from navsim.runner.job import Tell
+    from navsim.runner.job import Progress
     from navsim.scenario.load import Assignment, Source
 
 Scenario = PathLike | Mapping[str, Any]
@@ -123,15 +123,15 @@ def _made(command: str, scenario: Scenario, asked: dict[str, Any], heard: list[s
     job, suffix = opening.opened(command, source, _assignments(asked["set"]), options)
     temporary = Path(tempfile.mkdtemp(prefix="navsim-")) if asked["output"] is None else None
     stem = source.stem if isinstance(source, Path) else "result"
-    order = steps.Order(options, asked["figures"], True, asked["force"], asked["over_budget"])
-    listener = Listener(Speech(_log.info, heard.append), lambda extent, _: _telling(asked["progress"], extent))
+    order = steps.JobRequest(options, asked["figures"], True, asked["force"], asked["over_budget"])
+    listener = Listener(Reporter(_log.info, heard.append), lambda extent, _: _telling(asked["progress"], extent))
     try:
         output = asked["output"] if temporary is None else temporary / f"{stem}{suffix}.h5"
         target = opening.target_of(output, "")
-        done = steps.carry_out(source, job, target, order, listener)
+        done = steps.run_job(source, job, target, order, listener)
         assert done is not None
-        steps.insist(done, Demands(asked.get("require_fix", False), asked.get("require_consistent", False),
-                                   asked.get("require", False)))  # fmt: skip
+        required = [asked.get(name, False) for name in ("require_fix", "require_consistent", "require")]
+        steps.raise_on_failure(done, ExitRequirements(*required))
         made = ResultFile._of(target, [*done.written.texts, *done.written.figures], done.stopped, temporary)
     except BaseException:
         if temporary is not None:
@@ -152,7 +152,7 @@ def _notes() -> list[str]:
 
 
 @contextmanager
-def _telling(progress: Told | None, extent: int) -> Iterator[Tell]:
+def _telling(progress: Told | None, extent: int) -> Iterator[Progress]:
     def tell(finished: int, words: str = "") -> None:
         if progress is not None:
             progress(finished, extent, words)
@@ -165,7 +165,7 @@ def _source(scenario: Scenario, noun: str) -> Source:
     if isinstance(scenario, Mapping):
         from navsim.scenario.source import of_data
 
-        with misread():
+        with translate_input_errors():
             return of_data(scenario, noun)
     try:
         return Path(scenario).expanduser()

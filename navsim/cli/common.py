@@ -17,16 +17,16 @@ import typer
 
 from navsim.cli import ending, log
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
-from navsim.runner.reporter import Speech
+from navsim.runner.reporter import Reporter
 
 if TYPE_CHECKING:
     from navsim.report.table import Table
     from navsim.results.result import Result
-    from navsim.runner.job import Tell
+    from navsim.runner.job import Progress
     from navsim.runner.target import Written
 
 
-AT_TERMINAL = Speech(say, lambda warning: say(f"warning: {warning}"))
+AT_TERMINAL = Reporter(say, lambda warning: say(f"warning: {warning}"))
 """The work speaks on standard error."""
 
 
@@ -53,7 +53,7 @@ SAY_EVERY_S = 10.0
 
 
 @contextmanager
-def progress(extent: int, unit: str, shown: bool, clock: Callable[[], float] = time.monotonic) -> Iterator[Tell]:
+def progress(extent: int, unit: str, shown: bool, clock: Callable[[], float] = time.monotonic) -> Iterator[Progress]:
     """Progress on standard error: a bar over an extent, counted in `unit`, with words behind it; for an extent of 0 the
     words alone; where it is no terminal a line now and then; nothing where it is not to be shown. In a log a line now
     and then, too."""

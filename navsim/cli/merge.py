@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out
 from navsim.cli.common import leave, leaving, read_result
 from navsim.cli.ending import BAD_INPUT
 from navsim.cli.options import Care, JsonOption, Required, dry_run_option, figures_option
-from navsim.runner.errors import failures
+from navsim.cli.terminal import TerminalRequest, run_job
+from navsim.runner.errors import translate_errors
 from navsim.runner.opening import target_of
 
 
@@ -56,7 +56,7 @@ def merge(
     for file in parts:
         if target.exists() and target.samefile(file):
             leave(BAD_INPUT, f"{file}: is a part, and cannot be the whole as well; choose another -o/--output")
-    with leaving(), failures(target):
+    with leaving(), translate_errors(target):
         job = MergeJob(results, given.folder.absolute())
-    wanted = Wanted(care, required, Options(), given.figures, given.dry_run, given.json_)
-    carry_out(target, job, target, wanted)
+    wanted = TerminalRequest(care, required, Options(), given.figures, given.dry_run, given.json_)
+    run_job(target, job, target, wanted)

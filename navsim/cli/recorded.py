@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out
 from navsim.cli.common import AT_TERMINAL, leave, leaving, print_shown, progress
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, keep, say
 from navsim.cli.findings import warn
@@ -30,9 +29,10 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
+from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.opening import opened as opened_job
 from navsim.runner.opening import target_of
-from navsim.runner.resources import Request, afford
+from navsim.runner.resources import Request, check_resources
 from navsim.runner.target import begun, check_target, save
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def replay(
     with leaving():
         job, suffix = opened_job("replay", log, given.set_ or [], options)
         target = target_of(given.output, log.stem + suffix)
-    carry_out(log, job, target, Wanted(care, required, options, given.figures, given.dry_run, given.json_))
+    run_job(log, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))
 
 
 @dataclass(frozen=True)
@@ -126,11 +126,11 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     Give --receiver or --imu. navsim counts late, lost and corrupt messages and continues.
     """
     from navsim.formats.stream import StreamError, opened
-    from navsim.results.result import ResultError, Sort
+    from navsim.results.result import ResultError, ResultKind
 
     if (given.receiver is None) == (given.imu is None):
         leave(BAD_INPUT, "give exactly one of --receiver and --imu")
-    sort = Sort("live")
+    sort = ResultKind("live")
     with leaving():
         target = target_of(given.output, f"{scenario.stem}_live")
         check_target(target, sort, care.force)
@@ -183,7 +183,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
     from navsim.scenario.source import InputError
 
     def ask(section: Any, sources: Any) -> None:
-        afford(Request(scenario, target, care.over_budget), estimated(section, sources), AT_TERMINAL)
+        check_resources(Request(scenario, target, care.over_budget), estimated(section, sources), AT_TERMINAL)
 
     try:
         section, document = read(scenario, given.set_ or [])

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 
 import typer
 
-from navsim.cli.carry_out import resuming
 from navsim.cli.common import leave, leaving
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.options import Care, SchedulerOption, WorkersOption, figures_option
+from navsim.cli.terminal import resuming
 
 _ClickException: Any = typer.BadParameter.__mro__[2]
 """What click raises of a wrong command line; typer has a click of its own, or the common one."""
@@ -52,13 +52,13 @@ def resume(
     Scenario, files and code must be unchanged. Give options on figures, clusters, overwriting and logs again.
     """
     from navsim.cli.main import app
-    from navsim.runner.checkpoint import PartialError, begun_by
+    from navsim.runner.checkpoint import CheckpointError, begun_by
     from navsim.runner.errors import BadInput, said
 
     with leaving():
         try:
             begun = begun_by(folder)
-        except PartialError as error:
+        except CheckpointError as error:
             raise BadInput(said(error)) from None
     words, dropped = _read(folder, begun.words, given)
     words += _options(given, care)

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out
 from navsim.cli.common import leaving
 from navsim.cli.options import (
     Care,
@@ -25,6 +24,7 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
+from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.opening import Keep, Method, opened, target_of
 
 
@@ -99,4 +99,4 @@ def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care:
     with leaving():
         job, suffix = opened("run", scenario, given.set_ or [], options)
         target = target_of(given.output, scenario.stem + suffix)
-    carry_out(scenario, job, target, Wanted(care, required, options, given.figures, given.dry_run, given.json_))
+    run_job(scenario, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))

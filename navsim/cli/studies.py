@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out
 from navsim.cli.common import leave, leaving
 from navsim.cli.ending import CHECK_FAILED
 from navsim.cli.options import (
@@ -25,7 +24,8 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
-from navsim.runner.errors import failures
+from navsim.cli.terminal import TerminalRequest, run_job
+from navsim.runner.errors import translate_errors
 from navsim.runner.opening import SweepMethod, opened, target_of
 
 StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)]
@@ -74,7 +74,7 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: C
     with leaving():
         job, suffix = opened("sweep", study, given.set_ or [], options)
         target = target_of(given.output, study.stem + suffix)
-    carry_out(study, job, target, Wanted(care, required, options, given.figures, given.dry_run, given.json_))
+    run_job(study, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
     with leaving():
         job, suffix = opened("optimize", study, given.set_ or [], options)
         target = target_of(given.output, study.stem + suffix)
-    carry_out(study, job, target, Wanted(care, Required(), options, given.figures, given.dry_run, given.json_))
+    run_job(study, job, target, TerminalRequest(care, Required(), options, given.figures, given.dry_run, given.json_))
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ def table2(given: Table2Options, care: Care) -> None:
     from navsim.runner.job import Options
 
     options = Options(given.seed, given.runs, workers=given.workers)
-    wanted = Wanted(care, Required(), options, given.output, given.dry_run)
-    result = carry_out("table2", Table2Job(given.seed, given.runs), given.output / "table2.h5", wanted)
+    wanted = TerminalRequest(care, Required(), options, given.output, given.dry_run)
+    result = run_job("table2", Table2Job(given.seed, given.runs), given.output / "table2.h5", wanted)
     if result is None:
         return
     held = dict(zip(result["/claims/claim"], result["/claims/holds"][0], strict=True))
@@ -182,7 +182,9 @@ def integrity_table(
     from navsim.scenario.load import read
 
     file = shipped.path("landing") if scenario is None else scenario
-    with leaving(), failures(file):
+    with leaving(), translate_errors(file):
         job = IntegrityTableJob(*read(file, given.set_ or []), given.seed)
         target = target_of(given.output, "integrity_table")
-    carry_out(file, job, target, Wanted(care, Required(), Options(given.seed), "none", given.dry_run, given.json_))
+    run_job(
+        file, job, target, TerminalRequest(care, Required(), Options(given.seed), "none", given.dry_run, given.json_)
+    )

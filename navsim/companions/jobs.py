@@ -12,11 +12,11 @@ from navsim.companions.azimuth import study as azimuth
 from navsim.companions.azimuth.scenario import Azimuth
 from navsim.companions.elevation import study as elevation
 from navsim.companions.elevation.scenario import Elevation
-from navsim.results.result import Result, Sort
-from navsim.runner.checkpoint import Store
+from navsim.results.result import Result, ResultKind
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import Allow, OptionError, Options, Outcome, Tell
+from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.source import Document
 
 
@@ -39,7 +39,7 @@ class CompanionJob:
             text = f"only for `kind: landing`; {document.file} is of kind {section.kind}"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.section, self.options = section, options
-        self.sort, self.kernels = Sort(section.kind), section.kind
+        self.sort, self.kernels = ResultKind(section.kind), section.kind
         self.unit, self.extent, self.even = unit, extent, even
         self._compute, self._budget = compute, budget
 
@@ -47,7 +47,7 @@ class CompanionJob:
     def warnings(self) -> list[str]:
         return []
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         allow(self.estimate())
 
     def estimate(self) -> Budget:
@@ -59,7 +59,7 @@ class CompanionJob:
     def key(self) -> dict[str, object]:
         return {}
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         return Outcome(self._compute(self.section, self.options.seed, self.options.runs, tell))
 
 

@@ -28,7 +28,7 @@ from navsim.results.findings import FIX, Finding
 from navsim.runner import findings as judging
 from navsim.runner.batches import Ensemble, Until
 from navsim.runner.batches import fly_all as fly_ensemble
-from navsim.runner.checkpoint import Arrays, Store, code_key
+from navsim.runner.checkpoint import Arrays, CheckpointStore, code_key
 from navsim.runner.consistency import LIMITS
 from navsim.runner.exact_sums import Sums, blocks
 from navsim.runner.executor import Executor
@@ -219,7 +219,7 @@ def fly_all(
     executor: Executor,
     *,
     keep: str = "all",
-    store: Store | None = None,
+    store: CheckpointStore | None = None,
     done: Callable[[int], None] = lambda _: None,
     enough: Callable[[Ensemble], bool] | None = None,
 ) -> Ensemble:

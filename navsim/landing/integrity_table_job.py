@@ -6,12 +6,12 @@ from navsim.gnss.signals import Environment
 from navsim.landing import integrity_table
 from navsim.landing import study as landing
 from navsim.landing.estimate import extent, shared_memory
-from navsim.results.result import Sort
+from navsim.results.result import ResultKind
 from navsim.results.schema import MOST_LEVELS
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import NUMBER, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import Allow, JobError, Outcome, Tell
+from navsim.runner.job import JobError, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 
@@ -24,7 +24,7 @@ _LEVEL_MEMORY = 200
 class IntegrityTableJob:
     """Flags by rank, levels of subsets of the satellites of a landing; none of the work is kept."""
 
-    sort = Sort("integrity-table")
+    sort = ResultKind("integrity-table")
     kernels, suffix, unit, work, pieces = "integrity-table", "", "cells", "", 0
     extent = integrity_table.CELLS
     even = False  # there are more subsets of some numbers of satellites than of others
@@ -50,7 +50,7 @@ class IntegrityTableJob:
     def warnings(self) -> list[str]:
         return self.case.warnings
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         def ask(scenario: Landing, sources: Environment) -> None:
             allow(self.estimate(scenario, sources))
 
@@ -73,7 +73,7 @@ class IntegrityTableJob:
     def key(self) -> dict[str, object]:
         return {}
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         return Outcome(integrity_table.compute(self.case, self.watched, self.seed, tell))
 
 

@@ -8,12 +8,12 @@ from navsim.gnss.signals import Environment
 from navsim.landing import rare
 from navsim.landing import study as landing
 from navsim.landing.estimate import landing as estimated
-from navsim.results.result import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, Sort
+from navsim.results.result import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, ResultKind
 from navsim.runner.batches import BATCH, Until
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import Allow, OptionError, Options, Outcome, Tell
+from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 from navsim.words import option
@@ -42,7 +42,7 @@ class _Prepared:
         self.section, self.document = section, document
         self.kernels = f"landing-{section.method}-{section.filter.kind}-{section.filter.coupling}"
 
-    def _prepare(self, runs: int, keep: str, executor: Executor, allow: Allow, at_most: bool) -> None:
+    def _prepare(self, runs: int, keep: str, executor: Executor, allow: ResourceCheck, at_most: bool) -> None:
         def ask(scenario: Landing, sources: Environment) -> None:
             allow(self.estimate(scenario, sources, runs, keep, executor), at_most)
 
@@ -71,7 +71,7 @@ def _check_numbers(first: int, runs: int) -> None:
         raise OptionError(f"{option('first_run', first)}: {text}")
 
 
-def _told(tell: Tell, until: Until | None) -> Callable[[int], None]:
+def _told(tell: Progress, until: Until | None) -> Callable[[int], None]:
     """What is told of runs that are finished: their number, and how narrow the interval is that is waited for."""
     return lambda flown: tell(flown, "" if until is None else until.words)
 
@@ -93,12 +93,12 @@ class MonteCarloJob(_Prepared):
         self.keep = options.keep or ("all" if self.runs == 1 else "errors")
         several = self.runs > 1
         count = self.runs if self.until is None else 0
-        self.sort = Sort("landing", section.method, SEVERAL_RUNS if several else ONE_RUN, count)
+        self.sort = ResultKind("landing", section.method, SEVERAL_RUNS if several else ONE_RUN, count)
         self.suffix = "" if not several else f"_runs{self.runs}" if self.until is None else "_until"
         self.extent = self.runs
         self.pieces = -(-self.runs // BATCH)
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         self._prepare(self.runs, self.keep, executor, allow, at_most=self.until is not None)
 
     def described(self) -> str:
@@ -107,7 +107,7 @@ class MonteCarloJob(_Prepared):
     def key(self) -> dict[str, object]:
         return landing.partial_key(self.case, self.seed, self.first, self.runs, self.keep)
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         flown = landing.fly_all(
             self.case, self.seed, self.first, self.runs, executor,
             keep=self.keep, store=store, done=_told(tell, self.enough), enough=self.enough,
@@ -128,9 +128,9 @@ class CovarianceJob(_Prepared):
             text = "only for method monte-carlo; a covariance analysis has no runs"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.seed = options.seed
-        self.sort = Sort("landing", section.method)
+        self.sort = ResultKind("landing", section.method)
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         self._prepare(1, "none", executor, allow, at_most=False)
 
     def described(self) -> str:
@@ -139,7 +139,7 @@ class CovarianceJob(_Prepared):
     def key(self) -> dict[str, object]:
         return {}
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         return Outcome(landing.covariance_result(self.case, landing.covariance_analysis(self.case), self.seed))
 
 
@@ -167,11 +167,11 @@ class RareJob(_Prepared):
             self.enough = None if self.until is None else rare.stopping_rule(lambda: self.edge, self.until)
         except ValueError as error:
             raise OptionError(f"{option('until')} {error}") from None
-        self.sort = Sort("landing", section.method, count=0 if self.until is not None else self.runs)
+        self.sort = ResultKind("landing", section.method, count=0 if self.until is not None else self.runs)
         self.extent = self.runs
         self.pieces = -(-self.runs // BATCH)
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         self._prepare(self.runs, "none", executor, allow, at_most=self.until is not None)
         try:
             self.edge = rare.prepare(self.case)
@@ -185,7 +185,7 @@ class RareJob(_Prepared):
     def key(self) -> dict[str, object]:
         return landing.partial_key(self.case, self.seed, self.first, self.runs, "none")
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         flown = rare.fly_all(
             self.case, self.edge, self.seed, self.first, self.runs, executor,
             store=store, done=_told(tell, self.enough), enough=self.enough,

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from navsim.landing import merge
 from navsim.landing.study import Case
-from navsim.results.result import ONE_RUN, SEVERAL_RUNS, ResultError, Sort
-from navsim.runner.checkpoint import Store
+from navsim.results.result import ONE_RUN, SEVERAL_RUNS, ResultError, ResultKind
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import BASE_MEMORY, BUILT_IN_MEMORY, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import Allow, OptionError, Outcome, Tell
+from navsim.runner.job import OptionError, Outcome, Progress, ResourceCheck
 
 
 class MergeJob:
@@ -26,14 +26,14 @@ class MergeJob:
         method = str(self.parts[0][1].attributes["method"])
         count = sum(one["/run"].size for _, one in self.parts)
         runs = "" if method == "rare" else SEVERAL_RUNS if count > 1 else ONE_RUN
-        self.sort = Sort("landing", method, runs, count)
+        self.sort = ResultKind("landing", method, runs, count)
         self.kernels = f"merge-{method}"
 
     @property
     def warnings(self) -> list[str]:
         return self.case.warnings
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         allow(self.estimate())
         for file, one in self.parts:
             try:
@@ -57,5 +57,5 @@ class MergeJob:
     def key(self) -> dict[str, object]:
         return {}
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         return Outcome(merge.merged(self.parts, self.case))

@@ -39,7 +39,7 @@ from navsim.results.schema import RARE
 from navsim.runner import findings as judging
 from navsim.runner.batches import Ensemble, Until
 from navsim.runner.batches import fly_all as fly_ensemble
-from navsim.runner.checkpoint import Arrays, Store
+from navsim.runner.checkpoint import Arrays, CheckpointStore
 from navsim.runner.executor import Executor
 from navsim.runner.findings import Flaws
 from navsim.runner.merge_state import pack
@@ -123,7 +123,7 @@ def fly_all(
     runs: int,
     executor: Executor,
     *,
-    store: Store | None = None,
+    store: CheckpointStore | None = None,
     done: Callable[[int], None] = lambda _: None,
     enough: Callable[[Ensemble], bool] | None = None,
 ) -> Ensemble:

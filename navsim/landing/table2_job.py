@@ -6,12 +6,12 @@ from navsim.landing import table2
 from navsim.landing.ensemble import HISTORIES, history_bytes
 from navsim.landing.estimate import STATISTICS, extent, shared_memory, sums_bytes
 from navsim.landing.sources import environment
-from navsim.results.result import Sort
+from navsim.results.result import ResultKind
 from navsim.runner.batches import BATCH
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import NUMBER, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import Allow, Outcome, Tell
+from navsim.runner.job import Outcome, Progress, ResourceCheck
 from navsim.scenario.load import read
 from navsim.scenario.shipped import path
 
@@ -19,7 +19,7 @@ from navsim.scenario.shipped import path
 class Table2Job:
     """All rows under every calibration, so many runs of each; none of the work is kept."""
 
-    sort = Sort("table2")
+    sort = ResultKind("table2")
     kernels, suffix, unit, work, pieces = "table2", "", "rows", "", 0
     even = True
     extent = len(table2.CALIBRATIONS) * len(table2.ROWS)
@@ -31,7 +31,7 @@ class Table2Job:
     def warnings(self) -> list[str]:
         return []
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         allow(self.estimate())
 
     def estimate(self) -> Budget:
@@ -43,7 +43,7 @@ class Table2Job:
     def key(self) -> dict[str, object]:
         return {}
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         found = table2.compute_all(self.seed, self.runs, executor, tell)
         return Outcome(table2.result(found, self.seed, self.runs))
 

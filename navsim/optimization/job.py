@@ -10,15 +10,15 @@ from navsim.landing.estimate import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMOR
 from navsim.landing.sources import glide_epochs
 from navsim.optimization import study as optimize
 from navsim.optimization.problem import UNMET, PlacementProblem, load_of, problem
-from navsim.optimization.progress import Progress, Watch
+from navsim.optimization.progress import SearchProgress, Watch
 from navsim.optimization.search import CHUNK, COARSE, FULL
 from navsim.optimization.search_log import Journal
-from navsim.results.result import Result, Sort
+from navsim.results.result import Result, ResultKind
 from navsim.results.schema import LARGE, OBJECTIVE_QUANTITIES
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, Budget
-from navsim.runner.executor import Away, Executor
-from navsim.runner.job import Allow, Options, Outcome, Tell
+from navsim.runner.executor import Executor, RemoteExecutor
+from navsim.runner.job import Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
@@ -39,13 +39,13 @@ class OptimizeJob:
     def __init__(self, section: Optimize, document: Document, options: Options) -> None:
         self.section, self.document, self.options = section, document, options
         self.base = base_of(section, document)
-        self.sort = Sort("optimize")
+        self.sort = ResultKind("optimize")
 
     @property
     def warnings(self) -> list[str]:
         return self.posed.warnings
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         self._watch = Watch(time_limit=self.options.time_limit)
 
         def ask(scenario: Landing, sources: Environment) -> None:
@@ -63,13 +63,13 @@ class OptimizeJob:
     def key(self) -> dict[str, object]:
         return optimize.partial_key(self.posed, self.options.seed)
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         unit = OBJECTIVE_QUANTITIES[self.section.objective][0]
         self._watch.tell = lambda progress: tell(
             0, said(progress, unit, self.section.objective in LARGE, self.posed.quick)
         )
         with executor.pool(executor.workers) as pool:
-            away = pool if isinstance(pool, Away) else None
+            away = pool if isinstance(pool, RemoteExecutor) else None
             found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store), away, self._runs)
         result = optimize.optimize_result(self.posed, found, self.options.seed)
         interrupted = found.stopped == optimize.INTERRUPTED
@@ -85,7 +85,7 @@ def _unmet(result: Result) -> bool:
     return "/front/met" in result and not result["/front/met"].any()
 
 
-def said(progress: Progress, unit: str, large: bool = False, quick: bool = False) -> str:
+def said(progress: SearchProgress, unit: str, large: bool = False, quick: bool = False) -> str:
     """Where a search stands in words; unit: of the objective, large: it is the reciprocal of what is made small; quick:
     levels are all that is analysed."""
     analysed = sum(progress.tried.get(fidelity, 0) for fidelity in (COARSE, FULL))

@@ -15,7 +15,7 @@ import numpy as np
 from navsim.optimization.analyses import Judge
 from navsim.optimization.placement import Rules
 from navsim.optimization.search_log import Journal
-from navsim.runner.executor import Away
+from navsim.runner.executor import RemoteExecutor
 
 WORTH_S = 0.5
 """How long a task lasts at least where there are placements enough, s."""
@@ -38,14 +38,16 @@ def _analysed(judges: Judges, fidelity: str, places: np.ndarray) -> tuple[float,
 class Ahead:
     """Has placements (n, k, 2) analysed by a fidelity; their values are in the journal then."""
 
-    def __init__(self, judges: Judges, rules: Rules, journal: Journal, pool: Away, look: Callable[[], None]) -> None:
+    def __init__(
+        self, judges: Judges, rules: Rules, journal: Journal, pool: RemoteExecutor, look: Callable[[], None]
+    ) -> None:
         """look: called while it waits; raises where the search is to end."""
         self._judges, self._rules, self._journal, self._pool, self._look = judges, rules, journal, pool, look
         self._shared = pool.share(judges)
         self._seconds: dict[str, float] = {}
 
     def __call__(self, places: np.ndarray, fidelity: str) -> None:
-        """Raises what the work raises, executor.Lost, PartialError where the journal cannot be kept."""
+        """Raises what the work raises, executor.WorkerLost, CheckpointError where the journal cannot be kept."""
         names = tuple(self._judges[fidelity])
         kept = self._rules.violation(places) <= 0.0  # others are not analysed at all
         todo = [

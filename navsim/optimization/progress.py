@@ -26,7 +26,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Progress:
+class SearchProgress:
     """Where a search stands.
 
     tried: placements judged so far, by the way of judging. best, places: the best of the number of pseudolites in
@@ -50,7 +50,7 @@ class Watch:
 
     def __init__(
         self,
-        tell: Callable[[Progress], None] = lambda _: None,
+        tell: Callable[[SearchProgress], None] = lambda _: None,
         time_limit: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -114,7 +114,7 @@ class Watch:
     def look(self) -> None:
         """Tell where the search stands. Raises TimeUp."""
         used = self._clock() - self._started
-        self.tell(Progress(self._now.name, dict(self.tried), self.best, self.places, used, self._remaining(used)))
+        self.tell(SearchProgress(self._now.name, dict(self.tried), self.best, self.places, used, self._remaining(used)))
         if self._limit is not None and used >= self._limit:
             raise TimeUp
 

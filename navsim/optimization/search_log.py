@@ -14,14 +14,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from navsim.runner.checkpoint import JOURNAL, Arrays, PartialError, Store
+from navsim.runner.checkpoint import JOURNAL, Arrays, CheckpointError, CheckpointStore
 
 
 class Journal:
     """The partial work of a search; without a store it forgets. Not for several threads."""
 
-    def __init__(self, store: Store | None = None) -> None:
-        """Raises PartialError where the store's folder does not take the journal."""
+    def __init__(self, store: CheckpointStore | None = None) -> None:
+        """Raises CheckpointError where the store's folder does not take the journal."""
         self._store = store
         self._known: dict[tuple[str, bytes], bytes] = {}
         self._file: io.FileIO | None = None
@@ -33,7 +33,7 @@ class Journal:
             self._file.seek(0)
             self._file.truncate(self._read(self._file.read()))
         except OSError as error:
-            raise PartialError(f"{path}: cannot be kept: {error.strerror or error}") from None
+            raise CheckpointError(f"{path}: cannot be kept: {error.strerror or error}") from None
 
     def _read(self, content: bytes) -> int:
         """Take the lines that are whole, up to the first that is not; returns where they end."""
@@ -58,7 +58,7 @@ class Journal:
     ) -> Callable[[np.ndarray], np.ndarray]:
         """A judge of placements (n, k, 2) that asks the journal first, one placement at a time.
 
-        The judge must be the same for one placement as among many. Raises PartialError where the disk is full.
+        The judge must be the same for one placement as among many. Raises CheckpointError where the disk is full.
         """
         if self._store is None:
             return judge
@@ -78,7 +78,7 @@ class Journal:
         return _key(fidelity, place) in self._known
 
     def learn(self, fidelity: str, place: np.ndarray, value: np.ndarray) -> None:
-        """Keep the value (1,) of a placement (1, k, 2). Raises PartialError where the disk is full."""
+        """Keep the value (1,) of a placement (1, k, 2). Raises CheckpointError where the disk is full."""
         key, known = _key(fidelity, place), np.asarray(value, np.float64).tobytes()
         if self._known.setdefault(key, known) is known:
             # the empty placement is a dot: a line has four words
@@ -101,10 +101,10 @@ class Journal:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             path = self._store.folder / JOURNAL
-            raise PartialError(f"{path}: cannot be written: {error.strerror or error}") from None
+            raise CheckpointError(f"{path}: cannot be written: {error.strerror or error}") from None
 
     def step(self, name: str, work: Callable[[], Arrays]) -> Arrays:
-        """The arrays of a finished step: as kept, or worked out and kept. Raises PartialError."""
+        """The arrays of a finished step: as kept, or worked out and kept. Raises CheckpointError."""
         kept = self._store.read(name) if self._store is not None else None
         if kept is not None:
             return kept

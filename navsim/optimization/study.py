@@ -28,7 +28,7 @@ from navsim.results.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.runner import findings as judging
 from navsim.runner.attributes import root_attributes
 from navsim.runner.checkpoint import Arrays, code_key
-from navsim.runner.executor import Away
+from navsim.runner.executor import RemoteExecutor
 from navsim.scenario.load import resolved_yaml
 from navsim.sweeps.study import dop_outputs
 
@@ -113,7 +113,7 @@ def solve(
     seed: int,
     watch: Watch | None = None,
     journal: Journal | None = None,
-    pool: Away | None = None,
+    pool: RemoteExecutor | None = None,
     runs: int = 0,
 ) -> SearchOutcome:
     """Placements, then runs of the best, then neighbourhoods, then maps. The time limit of the watch or an interrupt
@@ -123,7 +123,7 @@ def solve(
     runs: of the best placement of each number of pseudolites; 0: none is flown. journal: of an earlier attempt, which
     this one goes on from, to the same outcome. pool: of workers elsewhere, who analyse placements where there are
     several at a time, if the journal keeps them. Raises NoPlacement where there is none; KeyboardInterrupt where there
-    is none yet; PartialError where the journal cannot be kept; executor.Lost.
+    is none yet; CheckpointError where the journal cannot be kept; executor.WorkerLost.
     """
     watch = watch or Watch()
     journal = journal or Journal()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from navsim.replays import study as replay
 from navsim.results.findings import several
-from navsim.results.result import Sort
-from navsim.runner.checkpoint import Store
+from navsim.results.result import ResultKind
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import Allow, OptionError, Options, Outcome, Tell
+from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario.replay import Replay
 from navsim.scenario.source import Document
@@ -32,7 +32,7 @@ class ReplayJob:
         if options.require:
             raise OptionError(f"{option('require')}: a recorded flight has no requirements")
         self.section, self.document = section, document
-        self.sort = Sort("replay")
+        self.sort = ResultKind("replay")
         self.kernels = f"replay-{section.filter.kind}-{section.filter.coupling}"
 
     @property
@@ -43,7 +43,7 @@ class ReplayJob:
     def warnings(self) -> list[str]:
         return self.recording.warnings
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         self.recording = replay.prepare(self.section, self.document)
         allow(self.estimate())
 
@@ -60,7 +60,7 @@ class ReplayJob:
     def key(self) -> dict[str, object]:
         return {}
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         return Outcome(replay.compute(self.recording, tell))
 
 

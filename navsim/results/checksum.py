@@ -29,7 +29,7 @@ _REMEMBERED = 64
 """So many blocks are kept, since HDF5 reads what describes data in small pieces."""
 
 
-class Damaged(OSError):
+class CorruptFile(OSError):
     """A file that is not as it was written."""
 
 
@@ -43,7 +43,7 @@ def seal(size: int, part: Callable[[int, int], bytes | memoryview]) -> bytes:
             end = min(start + BLOCK, size)
             block = part(start, end)
             if len(block) != end - start:
-                raise Damaged("it became shorter while it was written")
+                raise CorruptFile("it became shorter while it was written")
             out += hashlib.sha256(block).digest()
         return bytes(out)
 
@@ -82,11 +82,11 @@ class Reader(io.RawIOBase):
     def _unseal(self, length: int, digest: bytes) -> None:
         count = -(-length // BLOCK)
         if length + count * _DIGEST + _FOOTER.size != self.size:
-            raise Damaged("its length is not the one it was written with")
+            raise CorruptFile("its length is not the one it was written with")
         self._file.seek(length)
         self._table = self._file.read(count * _DIGEST)
         if _digest(self._table, length) != digest:
-            raise Damaged("its checksums are damaged")
+            raise CorruptFile("its checksums are damaged")
         self.size, self.sealed = length, True
 
     def readable(self) -> bool:
@@ -107,7 +107,7 @@ class Reader(io.RawIOBase):
         wanted = memoryview(buffer).cast("B")
         try:
             if self._at < 0 or self._at + len(wanted) > self.size:
-                raise Damaged("it ends before its data do")
+                raise CorruptFile("it ends before its data do")
             if self.sealed:
                 done = 0
                 while done < len(wanted):
@@ -118,7 +118,7 @@ class Reader(io.RawIOBase):
             else:
                 self._file.seek(self._at)
                 if self._file.readinto(wanted) != len(wanted):  # type: ignore[attr-defined]
-                    raise Damaged("it ends before its data do")
+                    raise CorruptFile("it ends before its data do")
         except OSError as error:
             self.damage = self.damage or error.strerror or str(error)
             raise
@@ -132,7 +132,7 @@ class Reader(io.RawIOBase):
             self._file.seek(index * BLOCK)
             found = self._file.read(min(BLOCK, self.size - index * BLOCK))
             if hashlib.sha256(found).digest() != self._table[index * _DIGEST : (index + 1) * _DIGEST]:
-                raise Damaged("a checksum does not fit: its content is not as it was written")
+                raise CorruptFile("a checksum does not fit: its content is not as it was written")
             if len(self._kept) >= _REMEMBERED:
                 del self._kept[next(iter(self._kept))]
             self._kept[index] = found

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 from h5py import h5a, h5d, h5g, h5i, h5l, h5o, h5r, h5s, h5t, h5z
 
-from navsim.results.checksum import Damaged, Reader
+from navsim.results.checksum import CorruptFile, Reader
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """How every HDF5 file of ours begins (HDF5 File Format Specification, section II.A)."""
@@ -93,15 +93,15 @@ class Tree:
             yield
         except (OSError, RuntimeError, ValueError, TypeError, KeyError, OverflowError) as error:
             said = self._source.damage or (str(error).splitlines() or [type(error).__name__])[0]
-            raise Damaged(said) from None
+            raise CorruptFile(said) from None
         if self._source.damage is not None:
-            raise Damaged(self._source.damage)
+            raise CorruptFile(self._source.damage)
 
     def _spend(self, size: int, path: str) -> None:
         """Count what is declared. Raises Damaged where it is more than the file can hold."""
         self._left -= size
         if self._left < 0:
-            raise Damaged(f"{path}: declares more data than the file can hold")
+            raise CorruptFile(f"{path}: declares more data than the file can hold")
 
     @cached_property
     def attributes(self) -> dict[str, Any]:
@@ -126,16 +126,16 @@ class Tree:
             node = _child(root, name.encode(), f"/{name}")
             shape = self._judged(node, f"/{name}").shape if h5i.get_type(node) == h5i.DATASET else ()
         if not shape:
-            raise Damaged(f"/{name}: has no rows")
+            raise CorruptFile(f"/{name}: has no rows")
         return shape[0]
 
     def _walk(self, group: Any, path: str, depth: int, paths: dict[int, str]) -> None:
         """Judge a group and what is below it. paths: of all objects met so far by their addresses."""
         self._meet(group, path or "/", paths)
         if depth > MOST_DEPTH:
-            raise Damaged(f"{path}: groups more than {MOST_DEPTH} one in another")
+            raise CorruptFile(f"{path}: groups more than {MOST_DEPTH} one in another")
         if len(paths) + group.get_num_objs() > MOST_OBJECTS:
-            raise Damaged(f"more than {MOST_OBJECTS} groups and datasets")
+            raise CorruptFile(f"more than {MOST_OBJECTS} groups and datasets")
         for name in sorted(group):
             below = f"{path}/{_text(name, path or '/')}"
             node = _child(group, name, below)
@@ -146,25 +146,25 @@ class Tree:
                 self._meet(node, below, paths)
                 self._seen[below] = self._judged(node, below)
             else:
-                raise Damaged(f"{below}: neither a group nor a dataset")
+                raise CorruptFile(f"{below}: neither a group nor a dataset")
 
     def _meet(self, node: Any, path: str, paths: dict[int, str]) -> None:
         address = h5o.get_info(node).addr
         if address in paths:
-            raise Damaged(f"{path}: is the same as {paths[address]}")
+            raise CorruptFile(f"{path}: is the same as {paths[address]}")
         paths[address] = path
 
     def _judged(self, node: Any, path: str) -> _Seen:
         """What a dataset declares. Raises Damaged for all that navsim does not write."""
         made = node.get_create_plist()
         if made.get_layout() not in _LAYOUTS or made.get_external_count():
-            raise Damaged(f"{path}: its data are outside of the file")
+            raise CorruptFile(f"{path}: its data are outside of the file")
         if any(made.get_filter(i)[0] != h5z.FILTER_FLETCHER32 for i in range(made.get_nfilters())):
-            raise Damaged(f"{path}: is compressed, or passed another filter than checksums")
+            raise CorruptFile(f"{path}: is compressed, or passed another filter than checksums")
         width = _width(node.get_type(), path)
         shape = _shape(node.get_space(), path)
         if len(shape) > MOST_RANK:
-            raise Damaged(f"{path}: has {len(shape)} axes")
+            raise CorruptFile(f"{path}: has {len(shape)} axes")
         needed = width * math.prod(shape)
         if made.get_layout() == h5d.CHUNKED and needed:
             chunk = made.get_chunk()
@@ -180,10 +180,10 @@ class Tree:
         for axis, scale in enumerate([path] if seen.scale else self._scales(path, seen, paths)):
             found = self._seen.get(scale)
             if len(seen.shape) <= axis or found is None or not found.scale or found.shape != (seen.shape[axis],):
-                raise Damaged(f"{path}: its shape is not that of its dimensions")
+                raise CorruptFile(f"{path}: its shape is not that of its dimensions")
             dims.append(scale.rpartition("/")[2])
         if len(dims) != len(seen.shape):
-            raise Damaged(f"{path}: its shape is not that of its dimensions")
+            raise CorruptFile(f"{path}: its shape is not that of its dimensions")
         kept = {name: value for name, value in seen.attributes.items() if name not in _HIDDEN}
         text = seen.id.get_type().get_class() == h5t.STRING
         dtype = np.dtype(object) if text else seen.id.dtype
@@ -194,16 +194,16 @@ class Tree:
         if not seen.shape:
             return []
         if not h5a.exists(seen.id, b"DIMENSION_LIST"):
-            raise Damaged(f"{path}: its dimensions have no names")
+            raise CorruptFile(f"{path}: its dimensions have no names")
         attribute = h5a.open(seen.id, b"DIMENSION_LIST")
         kind = attribute.get_type()
         plain = kind.get_class() == h5t.VLEN and kind.get_super().equal(h5t.STD_REF_OBJ)
         if not plain or attribute.shape != (len(seen.shape),):
-            raise Damaged(f"{path}: its dimensions are damaged")
+            raise CorruptFile(f"{path}: its dimensions are damaged")
         found = []
         for references in h5py.Dataset(seen.id).attrs["DIMENSION_LIST"]:
             if len(references) != 1:
-                raise Damaged(f"{path}: an axis has {len(references)} names")
+                raise CorruptFile(f"{path}: an axis has {len(references)} names")
             target = h5r.dereference(references[0], self._file.id)
             found.append(paths.get(h5o.get_info(target).addr, "") if target is not None else "")
         return found
@@ -211,7 +211,7 @@ class Tree:
     def _attributes(self, node: Any, path: str) -> dict[str, Any]:
         count = h5a.get_num_attrs(node)
         if count > MOST_ATTRIBUTES:
-            raise Damaged(f"{path}: has {count} attributes")
+            raise CorruptFile(f"{path}: has {count} attributes")
         found = {}
         for i in range(count):
             attribute = h5a.open(node, index=i)
@@ -226,10 +226,10 @@ class Tree:
         width = _width(kind, path, fixed=True)
         count = math.prod(_shape(attribute.get_space(), path))
         if not 0 < count <= MOST_VALUES:
-            raise Damaged(f"{path}: has {count} values")
+            raise CorruptFile(f"{path}: has {count} values")
         # texts may share their place in the file: what they take together is known when they are read
         if kind.get_class() == h5t.STRING and count > 1 and count * self._source.size > _AT_ONCE:
-            raise Damaged(f"{path}: has {count} texts")
+            raise CorruptFile(f"{path}: has {count} texts")
         values = np.empty(attribute.shape, attribute.dtype)
         attribute.read(values)
         flat = values.reshape(-1)
@@ -245,7 +245,7 @@ class Tree:
         seen = self._seen[path]
         with self._guarded():
             if seen.id.get_storage_size() < seen.needed:
-                raise Damaged(f"{path}: declares more data than it has")
+                raise CorruptFile(f"{path}: declares more data than it has")
             node = h5py.Dataset(seen.id)
             if not seen.shape:
                 text = node.dtype.kind == "O"
@@ -265,7 +265,7 @@ class Tree:
             part = node.asstr()[start : min(start + step, last)]
             left -= sum(len(_text(value, path)) for value in part.ravel().tolist())
             if left < 0:
-                raise Damaged(f"{path}: declares more text than the file can hold")
+                raise CorruptFile(f"{path}: declares more text than the file can hold")
             parts.append(part)
         return np.concatenate(parts)
 
@@ -279,7 +279,7 @@ def _close(file: Any, source: Reader) -> None:
 def _child(group: Any, name: bytes, path: str) -> Any:
     """An object of a group. Raises Damaged for links that lead elsewhere."""
     if group.links.get_info(name).type != h5l.TYPE_HARD:
-        raise Damaged(f"{path}: is a link, to somewhere else or to another file")
+        raise CorruptFile(f"{path}: is a link, to somewhere else or to another file")
     return h5o.open(group, name)
 
 
@@ -289,13 +289,13 @@ def _width(kind: Any, path: str, fixed: bool = False) -> int:
     if of == h5t.STRING and (fixed or kind.is_variable_str()):
         return int(kind.get_size())
     if of not in _NUMBERS or kind.get_size() not in _NUMBERS[of]:
-        raise Damaged(f"{path}: is of a type that navsim does not write")
+        raise CorruptFile(f"{path}: is of a type that navsim does not write")
     return int(kind.get_size())
 
 
 def _shape(space: Any, path: str) -> tuple[int, ...]:
     if space.get_simple_extent_type() not in (h5s.SCALAR, h5s.SIMPLE):
-        raise Damaged(f"{path}: is empty")
+        raise CorruptFile(f"{path}: is empty")
     return tuple(space.get_simple_extent_dims())
 
 
@@ -305,7 +305,7 @@ def _text(value: str | bytes, path: str) -> str:
         text = value.decode() if isinstance(value, bytes) else value
         found = _CONTROL.search(text)
     except UnicodeDecodeError:
-        raise Damaged(f"{path}: not UTF-8") from None
+        raise CorruptFile(f"{path}: not UTF-8") from None
     if found:
-        raise Damaged(f"{path}: holds the character U+{ord(found.group()):04X}, which is no text")
+        raise CorruptFile(f"{path}: holds the character U+{ord(found.group()):04X}, which is no text")
     return text

@@ -26,7 +26,7 @@ import numpy as np
 
 from navsim.results import files
 from navsim.results.atomic_write import clean, destination, partial_folder, replacing, settle, write_whole
-from navsim.results.checksum import Damaged, seal
+from navsim.results.checksum import CorruptFile, seal
 from navsim.results.schema import CHECKSUMS
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Sort:
+class ResultKind:
     """What sort of result a file holds; results of different sorts do not take each other's place.
 
     kind: as its root attribute. method: that made it, "" for kinds that know only one. runs: `ONE_RUN` or
@@ -352,7 +352,7 @@ def _variable(path: Path, tree: Tree, found: Dataset) -> Variable:
     return Variable(found.dims, Stored(found.shape, found.dtype, rows), units, long_name, extra)
 
 
-def read_sort(path: Path) -> Sort:
+def read_kind(path: Path) -> ResultKind:
     """The sort of a result file. Raises ResultError for anything else."""
     tree = _opened(path)
     with _damage_of(path):
@@ -360,7 +360,7 @@ def read_sort(path: Path) -> Sort:
         found = tree.length("run") if method in ("monte-carlo", "rare") else None
         count = 0 if found is None else found
         runs = "" if method != "monte-carlo" or found is None else SEVERAL_RUNS if count > 1 else ONE_RUN
-        return Sort(tree.attributes["kind"], method, runs, count)
+        return ResultKind(tree.attributes["kind"], method, runs, count)
 
 
 def _opened(path: Path) -> Tree:
@@ -386,7 +386,7 @@ def _opened(path: Path) -> Tree:
             if not isinstance(value, str) or not _WORD.fullmatch(value):
                 raise ResultError(f"{path}: not a navsim result: {name} is {str(value)[:40]!r}")
         if CHECKSUMS in tree.attributes and not tree.sealed:
-            raise Damaged("its checksums are gone: cut off, or another program has written to it")
+            raise CorruptFile("its checksums are gone: cut off, or another program has written to it")
         return tree
 
 
@@ -394,5 +394,5 @@ def _opened(path: Path) -> Tree:
 def _damage_of(path: Path) -> Iterator[None]:
     try:
         yield
-    except Damaged as error:
+    except CorruptFile as error:
         raise ResultError(f"{path}: a damaged HDF5 file ({error})") from None

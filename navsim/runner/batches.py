@@ -18,9 +18,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from navsim.runner.checkpoint import Arrays, Kept, Store
+from navsim.runner.checkpoint import Arrays, CheckpointStore, StoredArray
 from navsim.runner.exact_sums import Sums
-from navsim.runner.executor import Away, Executor
+from navsim.runner.executor import Executor, RemoteExecutor
 
 BATCH = 32
 """Runs a batch: some tenths of a second of work, a few megabytes of histories."""
@@ -40,7 +40,7 @@ class Batch:
 
     per_run: dict[str, np.ndarray]
     sums: dict[str, np.ndarray]
-    kept: Mapping[str, np.ndarray | Kept]
+    kept: Mapping[str, np.ndarray | StoredArray]
 
 
 class Ensemble:
@@ -52,7 +52,7 @@ class Ensemble:
         self.first_run, self.runs, self._most = first_run, 0, most
         self._columns: dict[str, np.ndarray] = {}
         self._sums = Sums()
-        self._kept: list[Mapping[str, np.ndarray | Kept]] = []
+        self._kept: list[Mapping[str, np.ndarray | StoredArray]] = []
 
     def add(self, batch: Batch) -> None:
         """The next batch, in the order of runs. Of the batch itself only its histories stay: there may be thousands."""
@@ -88,10 +88,10 @@ class Ensemble:
         return self._sums.arrays()
 
     def blocks(self, name: str) -> Iterator[np.ndarray]:
-        """A kept history, batch by batch. Raises PartialError where its file is no longer whole."""
+        """A kept history, batch by batch. Raises CheckpointError where its file is no longer whole."""
         for kept in self._kept:
             history = kept[name]
-            yield history.read() if isinstance(history, Kept) else history
+            yield history.read() if isinstance(history, StoredArray) else history
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A kept history of all runs at once (runs, ...)."""
@@ -102,9 +102,9 @@ def _piece(first: int) -> str:
     return f"runs-{first:09d}"
 
 
-def _load(store: Store, first: int) -> Batch | None:
+def _load(store: CheckpointStore, first: int) -> Batch | None:
     """The batch that begins with run `first`, its histories left on disk; None where it must be flown. Raises
-    PartialError where it was damaged just now."""
+    CheckpointError where it was damaged just now."""
     found = store.find(_piece(first))
     if found is None:
         return None
@@ -112,13 +112,13 @@ def _load(store: Store, first: int) -> Batch | None:
     return Batch(per_run, sums, _group(found, "k"))
 
 
-def save(store: Store, first: int, **groups: Arrays) -> dict[str, Kept]:
-    """Keep a finished batch; its histories are on disk from then on. Raises PartialError."""
+def save(store: CheckpointStore, first: int, **groups: Arrays) -> dict[str, StoredArray]:
+    """Keep a finished batch; its histories are on disk from then on. Raises CheckpointError."""
     arrays = {f"{group}:{name}": array for group, members in groups.items() for name, array in members.items()}
     return _group(store.write(_piece(first), arrays), "k")
 
 
-def _group(found: dict[str, Kept], group: str) -> dict[str, Kept]:
+def _group(found: dict[str, StoredArray], group: str) -> dict[str, StoredArray]:
     """The arrays of a piece that are of one group."""
     return {name[2:]: kept for name, kept in found.items() if name.startswith(f"{group}:")}
 
@@ -127,16 +127,16 @@ Stretch = tuple[int, int]
 """The first run of a batch, and how many it has."""
 
 
-def _fly(study: Study, store: Store | None, first: int, count: int) -> tuple[int, Batch]:
+def _fly(study: Study, store: CheckpointStore | None, first: int, count: int) -> tuple[int, Batch]:
     """What a worker does that reaches the store."""
     per_run, sums, kept = study.batch(first, count)
     return first, Batch(per_run, sums, save(store, first, r=per_run, s=sums, k=kept) if store else kept)
 
 
-class _Here:
+class _LocalBatches:
     """A pool whose workers reach the store: a batch is a task, and they keep it."""
 
-    def __init__(self, pool: futures.Executor, workers: int, study: Study, store: Store | None) -> None:
+    def __init__(self, pool: futures.Executor, workers: int, study: Study, store: CheckpointStore | None) -> None:
         self._pool, self._study, self._store = pool, study, store
         self.room = 2 * workers
         """Tasks at a time: no more than a batch in waiting per worker, so that memory does not grow with the runs."""
@@ -168,11 +168,11 @@ def _fly_away(study: Study, stretches: list[Stretch]) -> tuple[float, list[tuple
     return min(seconds), found
 
 
-class _Elsewhere:
+class _RemoteBatches:
     """A pool whose workers do not reach the store: a task is as many batches as make it worth its way, and what comes
     back is kept here."""
 
-    def __init__(self, pool: Away, study: Study, store: Store | None) -> None:
+    def __init__(self, pool: RemoteExecutor, study: Study, store: CheckpointStore | None) -> None:
         self._pool, self._store = pool, store
         self._study = pool.share(study)
         self._stretches: dict[Future[Any], list[Stretch]] = {}
@@ -194,7 +194,7 @@ class _Elsewhere:
         return future
 
     def done(self, future: Future[Any]) -> list[tuple[int, Batch]]:
-        """The batches of a finished task, kept by now. Raises what it raised, PartialError where the store is full."""
+        """The batches of a finished task, kept by now. Raises what it raised, CheckpointError where the store is full."""
         seconds, found = future.result()
         out = []
         for (first, _), (per_run, sums, kept) in zip(self._stretches.pop(future), found, strict=True):
@@ -224,7 +224,7 @@ def fly_all(
     first_run: int,
     runs: int,
     executor: Executor,
-    store: Store | None = None,
+    store: CheckpointStore | None = None,
     done: Callable[[int], None] = lambda _: None,
     enough: Callable[[Ensemble], bool] | None = None,
     size: int = BATCH,
@@ -234,7 +234,7 @@ def fly_all(
     store: keeps finished batches and gives back those of an earlier attempt. `done(n)` is told how many runs are
     finished. enough: asked after every batch, in the order of runs, whether the ensemble so far will do; it then
     ends there, wherever the other workers are, so the end does not depend on them either. Raises what a batch
-    raises, PartialError where the store is full; KeyboardInterrupt passes through once the batches in flight
+    raises, CheckpointError where the store is full; KeyboardInterrupt passes through once the batches in flight
     are kept.
     """
     starts = range(first_run, first_run + runs, size)
@@ -267,7 +267,11 @@ def fly_all(
     if settled():
         return ensemble
     with executor.pool(executor.workers) as pool:
-        crew = _Elsewhere(pool, study, store) if isinstance(pool, Away) else _Here(pool, executor.workers, study, store)
+        crew = (
+            _RemoteBatches(pool, study, store)
+            if isinstance(pool, RemoteExecutor)
+            else _LocalBatches(pool, executor.workers, study, store)
+        )
         flying: set[Future[Any]] = set()
         try:
             while True:

@@ -64,7 +64,7 @@ _DAMAGED = (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, struct
 Arrays = dict[str, np.ndarray]
 
 
-class PartialError(Exception):
+class CheckpointError(Exception):
     """A folder of partial work that belongs to another study, or cannot be written."""
 
 
@@ -78,7 +78,7 @@ def code_key() -> dict[str, object]:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class StoredArray:
     """An array of a piece that was found whole, or written, by this process.
 
     start, size: where its bytes lie in the file. crc: their CRC-32.
@@ -90,13 +90,13 @@ class Kept:
     crc: int
 
     def read(self) -> np.ndarray:
-        """The array. Raises PartialError where it is no more what it was."""
+        """The array. Raises CheckpointError where it is no more what it was."""
         try:
             with open(self.piece, "rb") as file:
                 return self.read_from(file)
         except (OSError, ValueError) as error:
             what = f"was damaged or removed while the study ran ({error})"
-            raise PartialError(f"{self.piece}: {what}; {again()} computes it again") from None
+            raise CheckpointError(f"{self.piece}: {what}; {again()} computes it again") from None
 
     def read_from(self, file: io.BufferedReader) -> np.ndarray:
         """The array, of the piece that was opened. Raises OSError, ValueError where it is damaged."""
@@ -110,21 +110,21 @@ class Kept:
         return content[header.tell() :].view(dtype).reshape(shape)
 
 
-class Store:
+class CheckpointStore:
     """The folder of partial work of one study.
 
     identity: of the study, 32 bytes. redone: pieces that were there and did not count.
     """
 
     def __init__(self, folder: Path, key: dict[str, Any], fresh: bool) -> None:
-        """Open or create the folder. Raises PartialError where another study's work lies there."""
+        """Open or create the folder. Raises CheckpointError where another study's work lies there."""
         self.folder = folder
         self.redone = 0
         mine = json.dumps(key, sort_keys=True, indent=1)
         self.identity = hashlib.sha256(mine.encode()).digest()
         try:
             if others := _others(folder):
-                raise PartialError(
+                raise CheckpointError(
                     f"{folder}: partial work is to lie there, but it holds {others[0]!r}, which is not navsim's; move "
                     f"that away, or choose another {option('output')}"
                 )
@@ -139,16 +139,16 @@ class Store:
                 leftover.unlink()
             self._known = {file.name for file in folder.glob("*.npz")}
         except OSError as error:
-            raise PartialError(f"{folder}: partial work cannot be kept there: {error.strerror or error}") from None
+            raise CheckpointError(f"{folder}: partial work cannot be kept there: {error.strerror or error}") from None
 
     def note(self, command: Sequence[str]) -> None:
         """Keep the command line by which the study is computed, its words after the program, for `begun_by`. Raises
-        PartialError where the disk does not take it, or the working folder was removed."""
+        CheckpointError where the disk does not take it, or the working folder was removed."""
         try:
             told = {"command": list(command), "folder": os.getcwd(), "work": str(self.folder.absolute())}
             write_whole(self.folder / _COMMAND_FILE, json.dumps(told, indent=1).encode())
         except OSError as error:
-            raise PartialError(f"{self.folder}: the command cannot be kept: {error.strerror or error}") from None
+            raise CheckpointError(f"{self.folder}: the command cannot be kept: {error.strerror or error}") from None
 
     def file(self, name: str) -> Path:
         """Where a piece is kept."""
@@ -156,7 +156,7 @@ class Store:
         assert _OWN.fullmatch(path.name), f"{path.name} would be taken for the file of another program"
         return path
 
-    def find(self, name: str) -> dict[str, Kept] | None:
+    def find(self, name: str) -> dict[str, StoredArray] | None:
         """The arrays of a piece, which was read as a whole; None where there is none that counts."""
         path = self.file(name)
         if path.name not in self._known:
@@ -172,13 +172,13 @@ class Store:
             return None
 
     def read(self, name: str) -> Arrays | None:
-        """The arrays of a piece in memory; None where there is none that counts. Raises PartialError where it was
+        """The arrays of a piece in memory; None where there is none that counts. Raises CheckpointError where it was
         damaged just now."""
         found = self.find(name)
         return None if found is None else {array: kept.read() for array, kept in found.items()}
 
-    def write(self, name: str, arrays: Arrays) -> dict[str, Kept]:
-        """Keep a finished piece. Raises PartialError where the disk does not take it."""
+    def write(self, name: str, arrays: Arrays) -> dict[str, StoredArray]:
+        """Keep a finished piece. Raises CheckpointError where the disk does not take it."""
         path = self.file(name)
         try:
             # a piece that a loss of power cut does not count; waiting for the disk would keep a worker from flying
@@ -188,12 +188,12 @@ class Store:
                         _write_array(file, np.asarray(array, order="C"))
                 archive.comment = self._checksum(name, archive)
         except OSError as error:
-            raise PartialError(f"{path}: cannot be written: {error.strerror or error}") from None
+            raise CheckpointError(f"{path}: cannot be written: {error.strerror or error}") from None
         try:
             with open(path, "rb") as written:
                 return self._found(name, written)
         except _DAMAGED as error:
-            raise PartialError(
+            raise CheckpointError(
                 f"{path}: was damaged or removed while the study ran ({error}); {again()} computes it again"
             ) from None
 
@@ -215,7 +215,7 @@ class Store:
         members = [(member.filename, member.file_size, member.CRC) for member in archive.infolist()]
         return hashlib.sha256(self.identity + repr((name, members)).encode()).hexdigest().encode()
 
-    def _found(self, name: str, file: io.BufferedReader) -> dict[str, Kept]:
+    def _found(self, name: str, file: io.BufferedReader) -> dict[str, StoredArray]:
         """The arrays that a piece says it has. Raises OSError, ValueError where the comment does not vouch for it, and
         what `zipfile` does with what is no archive."""
         found = {}
@@ -226,7 +226,9 @@ class Store:
                 file.seek(member.header_offset)
                 lengths = _LOCAL_HEADER.unpack(file.read(_LOCAL_HEADER.size))
                 start = member.header_offset + _LOCAL_HEADER.size + sum(lengths)
-                found[member.filename.removesuffix(".npy")] = Kept(self.file(name), start, member.file_size, member.CRC)
+                found[member.filename.removesuffix(".npy")] = StoredArray(
+                    self.file(name), start, member.file_size, member.CRC
+                )
         return found
 
 
@@ -239,27 +241,29 @@ class Command:
 
 
 def _check_owner(file: Path) -> None:
-    """Raise PartialError where a folder or file is another user's: it would decide what this user computes."""
+    """Raise CheckpointError where a folder or file is another user's: it would decide what this user computes."""
     status = file.stat()
     if status.st_uid not in (0, os.geteuid()):
-        raise PartialError(f"{file}: belongs to user {status.st_uid}, and says what you would compute; {_BY_HAND}")
+        raise CheckpointError(f"{file}: belongs to user {status.st_uid}, and says what you would compute; {_BY_HAND}")
     if status.st_mode & 0o002:
-        raise PartialError(f"{file}: everybody may write it, and it says what you would compute; {_BY_HAND}")
+        raise CheckpointError(f"{file}: everybody may write it, and it says what you would compute; {_BY_HAND}")
 
 
 def begun_by(folder: Path) -> Command:
     """The command line whose work lies in a folder, as it is written there: `check_key` and the command's own target
-    say whether it is of this work. Raises PartialError where none is known, or it would not go on from this work."""
+    say whether it is of this work. Raises CheckpointError where none is known, or it would not go on from this work."""
     if not folder.is_dir():
         beside = folder.with_name(f"{folder.name}.partial")
         if beside.is_dir():
-            raise PartialError(f"{folder}: no folder of partial work; its own is {beside}: give that")
-        raise PartialError(f"{folder}: no folder of partial work, RESULT.h5.partial; none is left of a complete result")
+            raise CheckpointError(f"{folder}: no folder of partial work; its own is {beside}: give that")
+        raise CheckpointError(
+            f"{folder}: no folder of partial work, RESULT.h5.partial; none is left of a complete result"
+        )
     file = folder / _COMMAND_FILE
     if not file.exists():
         begun = "it was begun from Python, or by an earlier version"
         what = begun if (folder / _KEY_FILE).exists() else "no partial work of navsim lies there"
-        raise PartialError(f"{folder}: {what}: there is no {_COMMAND_FILE}, so no command is known")
+        raise CheckpointError(f"{folder}: {what}: there is no {_COMMAND_FILE}, so no command is known")
     try:
         for each in (folder, file):
             _check_owner(each)
@@ -270,39 +274,39 @@ def begun_by(folder: Path) -> Command:
         if not place.is_absolute() or not work.is_absolute():
             raise ValueError
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        raise PartialError(f"{file}: cannot be read or is damaged; {_BY_HAND}") from None
+        raise CheckpointError(f"{file}: cannot be read or is damaged; {_BY_HAND}") from None
     command = f"in {place}: navsim {shlex.join(words)}"
     if folder.resolve() != work.resolve():
-        raise PartialError(f"{folder}: was moved there from {work}, where its command would look for it ({command})")
+        raise CheckpointError(f"{folder}: was moved there from {work}, where its command would look for it ({command})")
     if not place.is_dir():
-        raise PartialError(f"{folder}: the folder in which its command was given is gone ({command})")
+        raise CheckpointError(f"{folder}: the folder in which its command was given is gone ({command})")
     return Command(words, place)
 
 
 @dataclass(frozen=True)
-class Begun:
+class BegunWork:
     """What an earlier attempt has left. pieces: finished ones. analyses: lines of the journal of a search."""
 
     pieces: int
     analyses: int
 
 
-def begun_before(folder: Path, key: dict[str, Any]) -> Begun | None:
+def begun_before(folder: Path, key: dict[str, Any]) -> BegunWork | None:
     """What of a study lies in its folder, which stays as it is; None where nothing does. Whether each piece is whole is
-    left to who uses it. Raises PartialError where another study's work lies there, or it cannot be read."""
+    left to who uses it. Raises CheckpointError where another study's work lies there, or it cannot be read."""
     try:
         if not _has_work(folder):
             return None
         _compare(folder, json.dumps(key, sort_keys=True, indent=1), key)
         journal = folder / JOURNAL
         analyses = journal.read_bytes().count(b"\n") if journal.exists() else 0
-        return Begun(sum(1 for _ in folder.glob("*.npz")), analyses)
+        return BegunWork(sum(1 for _ in folder.glob("*.npz")), analyses)
     except OSError as error:
-        raise PartialError(f"{folder}: partial work cannot be read there: {error.strerror or error}") from None
+        raise CheckpointError(f"{folder}: partial work cannot be read there: {error.strerror or error}") from None
 
 
 def check_key(folder: Path, key: dict[str, Any]) -> None:
-    """Raise PartialError where the work in a folder is not of the study with this key."""
+    """Raise CheckpointError where the work in a folder is not of the study with this key."""
     _compare(folder, json.dumps(key, sort_keys=True, indent=1), key)
 
 
@@ -327,7 +331,7 @@ def _others(folder: Path) -> list[str]:
 
 
 def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
-    """Raise PartialError where the folder's key is not this one."""
+    """Raise CheckpointError where the folder's key is not this one."""
     try:
         theirs = (folder / _KEY_FILE).read_text()
         if theirs == mine:
@@ -343,4 +347,4 @@ def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
         whose = f"partial work of another study lies there ({'; '.join(parts)})"
     except (OSError, ValueError, AttributeError, TypeError):
         whose = f"partial work lies there whose {_KEY_FILE} is missing or damaged"
-    raise PartialError(f"{folder}: {whose}; {switch('fresh')} discards it")
+    raise CheckpointError(f"{folder}: {whose}; {switch('fresh')} discards it")

@@ -2,7 +2,7 @@
 
 The client, that is this process, keeps what is finished; workers are sent a study once and tasks of it, and bring back
 arrays. A worker that dies costs the tasks it had, which others do again. Where the scheduler goes, the work ends with
-`executor.Lost`, and the same command goes on from what is kept.
+`executor.WorkerLost`, and the same command goes on from what is kept.
 
 Source: [1] Rocklin, Dask: parallel computation with blocked algorithms and task scheduling, SciPy (2015).
 """
@@ -35,7 +35,7 @@ from navsim.core.lanes import WIDTH
 from navsim.formats.text import decoded
 from navsim.results import files
 from navsim.runner.checkpoint import code_key
-from navsim.runner.executor import Away, Executor, Lost
+from navsim.runner.executor import Executor, RemoteExecutor, WorkerLost
 from navsim.runner.job import OptionError
 
 _CONFIG: Any = numba.config
@@ -63,14 +63,14 @@ def versions() -> dict[str, str]:
     }
 
 
-class Unlike(Exception):
+class VersionMismatch(Exception):
     """A worker that came later and has other versions."""
 
 
 def _checked(due: dict[str, str], work: Callable[..., Any], *arguments: Any) -> Any:
     """What a worker does: the work, where it would find the same numbers as this machine."""
     if unlike := _differences(versions(), due):
-        raise Unlike(f"{distributed.get_worker().address} has {unlike}")
+        raise VersionMismatch(f"{distributed.get_worker().address} has {unlike}")
     return work(*arguments)
 
 
@@ -129,7 +129,7 @@ def _address_in(name: str) -> str:
         time.sleep(_AGAIN_S)
 
 
-class Cluster(Away):
+class Cluster(RemoteExecutor):
     """The workers of one scheduler, who is nobody's to close."""
 
     def __init__(self, address: str) -> None:
@@ -193,10 +193,10 @@ class Cluster(Away):
         with self._watched():
             try:
                 return theirs.result()
-            except Unlike as error:
-                raise Lost(f"a worker that would not find the same numbers: {error}") from None
+            except VersionMismatch as error:
+                raise WorkerLost(f"a worker that would not find the same numbers: {error}") from None
             except KilledWorker as error:
-                raise Lost(
+                raise WorkerLost(
                     f"workers died again and again at the same task, the last of them {error.last_worker.address}; "
                     "their own logs tell why, often it is too little memory"
                 ) from None
@@ -209,7 +209,7 @@ class Cluster(Away):
                 raise OSError(self._client.status)
             yield
         except (OSError, futures.CancelledError, TimeoutError, distributed.client.FutureCancelledError):
-            raise Lost(f"the scheduler {self.address} is gone") from None
+            raise WorkerLost(f"the scheduler {self.address} is gone") from None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """The pool has no more to do; the connection stays."""

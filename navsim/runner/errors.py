@@ -43,7 +43,7 @@ def said(*messages: object) -> list[Problem]:
 
 
 @contextmanager
-def misread() -> Iterator[None]:
+def translate_input_errors() -> Iterator[None]:
     """What is wrong with a file that is only read, as users are told: raises BadInput."""
     from navsim.scenario.source import InputError
 
@@ -54,19 +54,19 @@ def misread() -> Iterator[None]:
 
 
 @contextmanager
-def failures(name: object) -> Iterator[None]:
+def translate_errors(name: object) -> Iterator[None]:
     """What stopped the work on a file of this name, as users are told: raises BadInput, RunFailed."""
     from navsim.results.result import ResultError
-    from navsim.runner.checkpoint import PartialError
-    from navsim.runner.executor import Lost
+    from navsim.runner.checkpoint import CheckpointError
+    from navsim.runner.executor import WorkerLost
     from navsim.runner.job import JobError, OptionError
 
     try:
-        with misread():
+        with translate_input_errors():
             yield
     except OptionError as error:
         raise BadInput(said(error)) from None
-    except (JobError, Lost) as error:
+    except (JobError, WorkerLost) as error:
         raise RunFailed(said(f"{name}: {error}")) from None
-    except (ResultError, PartialError) as error:
+    except (ResultError, CheckpointError) as error:
         raise RunFailed(said(error)) from None

@@ -40,7 +40,7 @@ class Threads(futures.ThreadPoolExecutor):
             sys.setswitchinterval(self._usual)
 
 
-class Lost(Exception):
+class WorkerLost(Exception):
     """Workers, or what leads them, are gone; what was finished before is kept."""
 
 
@@ -48,7 +48,7 @@ class Lost(Exception):
 class Executor:
     """So many workers, and what makes their pool. Threads serve, since the kernels release the GIL; whatever else has
     the interface of `concurrent.futures` does too, where its workers reach the folder of partial work. name: of another
-    place whose pool is `Away`, "" for this machine."""
+    place whose pool is `RemoteExecutor`, "" for this machine."""
 
     workers: int
     pool: Callable[[int], futures.Executor] = Threads
@@ -60,9 +60,9 @@ class Executor:
         return bool(self.name)
 
 
-class Away(futures.Executor):
+class RemoteExecutor(futures.Executor):
     """A pool whose workers have neither the memory nor the disk of this machine: they come and go, what they need is
-    sent, and what they find is kept here. `Lost` is raised where nobody is left to work."""
+    sent, and what they find is kept here. `WorkerLost` is raised where nobody is left to work."""
 
     @property
     def workers(self) -> int:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from navsim.runner.errors import BadInput, failures, said
-from navsim.runner.reporter import Speech
+from navsim.runner.errors import BadInput, said, translate_errors
+from navsim.runner.reporter import Reporter
 from navsim.words import option
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ INSTALL = "pip install 'navsim-landing[cluster]'"
 
 
 @contextmanager
-def workplace(options: Options, speech: Speech) -> Iterator[Executor]:
+def open_executor(options: Options, speech: Reporter) -> Iterator[Executor]:
     """The workers that options ask for; the connection to a cluster ends with the context. Raises BadInput, and
     RunFailed where nobody answers."""
     from navsim.runner.executor import threads
@@ -37,7 +37,7 @@ def workplace(options: Options, speech: Speech) -> Iterator[Executor]:
             raise
         message = f"{scheduler} works on a Dask cluster, and Dask is not installed here: {INSTALL}"
         raise BadInput(said(message)) from None
-    with failures(scheduler):
+    with translate_errors(scheduler):
         cluster = Cluster(options.scheduler)
     with connected(cluster):
         if not cluster.workers:

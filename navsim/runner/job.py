@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
-from navsim.results.result import Result, Sort
-from navsim.runner.checkpoint import Store
+from navsim.results.result import Result, ResultKind
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import Executor
 from navsim.words import option
@@ -50,14 +50,14 @@ class Options:
         return [option(name) for name in given if name not in taken]
 
 
-class Allow(Protocol):
+class ResourceCheck(Protocol):
     """Told what the work will take before anything of its size is made; raises where it is not to be. at_most: the
     work may end earlier by itself."""
 
     def __call__(self, budget: Budget, at_most: bool = False) -> None: ...
 
 
-class Tell(Protocol):
+class Progress(Protocol):
     """Told how much of a job's extent is finished, and where the work stands in words; raises where it is to stop."""
 
     def __call__(self, finished: int, words: str = "") -> None: ...
@@ -87,7 +87,7 @@ class Job(Protocol):
     last three count once the job is prepared.
     """
 
-    sort: Sort
+    sort: ResultKind
     kernels: str
     suffix: str
     unit: str
@@ -101,7 +101,7 @@ class Job(Protocol):
     @property
     def warnings(self) -> list[str]: ...
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         """Raises InputError, JobError, and what `allow` raises."""
 
     def described(self) -> str:
@@ -110,8 +110,8 @@ class Job(Protocol):
     def key(self) -> dict[str, object]:
         """What partial work must agree in to be resumed."""
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
-        """Do the work, going on from what the store has. Raises JobError, ResultError, PartialError."""
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
+        """Do the work, going on from what the store has. Raises JobError, ResultError, CheckpointError."""
 
 
 class Check(Protocol):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from navsim.runner.errors import BadInput, failures, misread, said
+from navsim.runner.errors import BadInput, said, translate_errors, translate_input_errors
 from navsim.words import option
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def opened(command: str, source: Source, assignments: Sequence[Assignment], opti
     from navsim.scenario.source import Setting
 
     given, suffix = [*assignments], ""
-    with failures(source):
+    with translate_errors(source):
         if options.method is not None and (own := own_method(source, assignments)) is not None:
             given.append(Setting("method", options.method))
             suffix = "" if own == options.method else f"_{options.method}"
@@ -63,7 +63,7 @@ def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section,
     from navsim.kinds import KINDS, named
     from navsim.scenario.load import read_any
 
-    with misread():
+    with translate_input_errors():
         section, document = read_any(source, assignments)
         check = KINDS[document.data["kind"]].check
         return section, document, named(check)(section, document) if check else []

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from navsim.runner.job import Tell
+    from navsim.runner.job import Progress
 
 
 @dataclass(frozen=True)
-class Speech:
+class Reporter:
     """say: takes what is to be known. warn: takes warnings."""
 
     say: Callable[[str], None]
@@ -24,6 +24,6 @@ class Listener:
     """Whom a job's steps speak to. progress: a context, for an extent and its unit, in which the job runs; gives what
     is told of its progress. ahead: modules that are loaded beside the first steps."""
 
-    speech: Speech
-    progress: Callable[[int, str], AbstractContextManager[Tell]]
+    speech: Reporter
+    progress: Callable[[int, str], AbstractContextManager[Progress]]
     ahead: Sequence[str] = ()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Demands:
+class ExitRequirements:
     """What a result must be worth: a fix at all epochs, a filter that is consistent, requirements that are met."""
 
     fix: bool = False
@@ -21,7 +21,7 @@ class Demands:
     requirements: bool = False
 
 
-def wanting(result: Result, demands: Demands) -> list[str]:
+def wanting(result: Result, demands: ExitRequirements) -> list[str]:
     """What speaks against what was asked for, in words."""
     from navsim.results.findings import CONSISTENT, FIX, of
 

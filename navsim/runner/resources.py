@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navsim.runner.errors import BadInput, said
-from navsim.runner.reporter import Speech
+from navsim.runner.reporter import Reporter
 from navsim.words import switch
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class Request:
     away: str = ""
 
 
-def tell(asked: Request, estimate: Budget, speech: Speech, seconds: float | None = None) -> None:
+def tell(asked: Request, estimate: Budget, speech: Reporter, seconds: float | None = None) -> None:
     """Say what work will take. seconds: from start to end, by a block of it that was timed."""
     from navsim.runner.estimate import said as estimated
     from navsim.runner.machine import machine
@@ -36,7 +36,7 @@ def tell(asked: Request, estimate: Budget, speech: Speech, seconds: float | None
     speech.say(f"{asked.name}: {'at most ' if asked.at_most else ''}{words}")
 
 
-def afford(asked: Request, estimate: Budget, speech: Speech, shown: bool = False) -> None:
+def check_resources(asked: Request, estimate: Budget, speech: Reporter, shown: bool = False) -> None:
     """Raise BadInput where the machine lacks memory or disk for it, unless that is to be warned of. shown: the estimate
     is told then, and of work that may end earlier by itself what is lacking, too."""
     from navsim.runner.estimate import lacking

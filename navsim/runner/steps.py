@@ -11,17 +11,17 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from navsim.runner.errors import BadInput, RunFailed, failures, said
-from navsim.runner.executors import workplace
+from navsim.runner.errors import BadInput, RunFailed, said, translate_errors
+from navsim.runner.executors import open_executor
 from navsim.runner.reporter import Listener
-from navsim.runner.requirements import Demands, wanting
-from navsim.runner.resources import Request, afford, tell
+from navsim.runner.requirements import ExitRequirements, wanting
+from navsim.runner.resources import Request, check_resources, tell
 from navsim.runner.target import Written, begun, check_target, figure_folder, refuse_other, save
 from navsim.words import again, switch
 
 if TYPE_CHECKING:
     from navsim.results.result import Result
-    from navsim.runner.checkpoint import Store
+    from navsim.runner.checkpoint import CheckpointStore
     from navsim.runner.estimate import Budget
     from navsim.runner.executor import Executor
     from navsim.runner.job import Job, Options
@@ -32,7 +32,7 @@ _SHELL_TIME = 0.5
 
 
 @dataclass(frozen=True)
-class Order:
+class JobRequest:
     """What is to be done with a job. options: as the job has them. figures: see `target.figure_folder`; plain: none of
     one run either, unless a folder is given. force: overwrite a result of another sort. over_budget: compute what the
     machine seems too small for. dry_run: only say what it would take. command: the words of the command line after
@@ -66,7 +66,7 @@ class Finished:
     failed: str
 
 
-def carry_out(name: object, job: Job, target: Path, order: Order, listener: Listener) -> Finished | None:
+def run_job(name: object, job: Job, target: Path, order: JobRequest, listener: Listener) -> Finished | None:
     """Do a job and write its result, or only say what it would take; None then.
 
     name: of the file, for messages. target: the result's path. Raises BadInput, RunFailed.
@@ -76,7 +76,7 @@ def carry_out(name: object, job: Job, target: Path, order: Order, listener: List
     _check_resumed(target, order)
     check_target(target, job.sort, order.force)
     drawing = figure_folder(order.figures, target, order.plain or job.sort.runs == SEVERAL_RUNS)
-    with workplace(order.options, listener.speech) as executor:
+    with open_executor(order.options, listener.speech) as executor:
         if order.dry_run:
             _told(name, job, target, order, listener, executor)
             return None
@@ -86,7 +86,7 @@ def carry_out(name: object, job: Job, target: Path, order: Order, listener: List
             return _computed(name, job, target, order, listener, executor, drawing)
 
 
-def _check_resumed(target: Path, order: Order) -> None:
+def _check_resumed(target: Path, order: JobRequest) -> None:
     """Raise BadInput, before anything is touched, where a resumed command works elsewhere than in its folder."""
     from navsim.results.atomic_write import partial_folder
 
@@ -96,7 +96,7 @@ def _check_resumed(target: Path, order: Order) -> None:
 
 
 def _prepare(
-    name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor
+    name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor
 ) -> tuple[Request, Budget]:
     """Prepare a job; returns what it was found to take."""
     from navsim.results.findings import several
@@ -106,17 +106,17 @@ def _prepare(
 
     def allow(budget: Budget, at_most: bool = False) -> None:
         asked = Request(name, target, order.over_budget, at_most, away)
-        afford(asked, budget, listener.speech, order.dry_run)
+        check_resources(asked, budget, listener.speech, order.dry_run)
         estimates.append((asked, budget))
 
-    with failures(name):
+    with translate_errors(name):
         job.prepare(executor, allow)
     for warning in job.warnings:
         listener.speech.warn(warning)
     return estimates[-1]
 
 
-def _told(name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor) -> None:
+def _told(name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor) -> None:
     """Say what a job would take: its time by a block of it that is done, where that needs nothing to be compiled."""
     from navsim.core import jit
     from navsim.runner.timed import seconds_of
@@ -128,7 +128,7 @@ def _told(name: object, job: Job, target: Path, order: Order, listener: Listener
         why = "its kernels are not compiled yet, which takes about a minute"
     else:
         prepared = time.monotonic() - begun
-        with failures(name):
+        with translate_errors(name):
             seconds = seconds_of(job, executor)
         if seconds is not None:
             seconds += _SHELL_TIME + prepared
@@ -144,7 +144,7 @@ def _begun_before(job: Job, target: Path, seconds: float | None, fresh: bool) ->
     """What of a job was finished before, and what is left of it, in words; "" where nothing lies there. seconds: that
     all of it takes, where that is known."""
     from navsim.results.atomic_write import partial_folder
-    from navsim.runner.checkpoint import PartialError, begun_before
+    from navsim.runner.checkpoint import CheckpointError, begun_before
     from navsim.runner.estimate import duration
 
     folder = partial_folder(target)
@@ -154,7 +154,7 @@ def _begun_before(job: Job, target: Path, seconds: float | None, fresh: bool) ->
         return f"{folder}: work of an earlier attempt lies there and would be discarded"
     try:
         begun = begun_before(folder, job.key())
-    except PartialError as error:
+    except CheckpointError as error:
         raise BadInput(said(error)) from None
     if begun is None:
         return ""
@@ -169,7 +169,13 @@ def _begun_before(job: Job, target: Path, seconds: float | None, fresh: bool) ->
 
 
 def _computed(
-    name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor, drawing: Path | None
+    name: object,
+    job: Job,
+    target: Path,
+    order: JobRequest,
+    listener: Listener,
+    executor: Executor,
+    drawing: Path | None,
 ) -> Finished:
     from navsim.core import jit
 
@@ -190,7 +196,7 @@ def _computed(
         return kept() if _which(target) == former else f"{target} is complete"
 
     try:
-        with failures(name):
+        with translate_errors(name):
             with listener.progress(job.extent, job.unit) as tell:
                 outcome = job.run(executor, store, tell)
             if not job.sort.count and "/run" in outcome.result:  # how many runs there are is known only now
@@ -228,7 +234,7 @@ def _which(target: Path) -> tuple[int, int] | None:
     return found.st_ino, found.st_mtime_ns
 
 
-def insist(finished: Finished, demands: Demands) -> None:
+def raise_on_failure(finished: Finished, demands: ExitRequirements) -> None:
     """Raise KeyboardInterrupt where the work was interrupted, and RunFailed where it failed or its result is not what
     is demanded; all is written then."""
     if finished.interrupted:
@@ -260,10 +266,10 @@ def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
     Thread(target=load).start()
 
 
-def _store(job: Job, target: Path, order: Order) -> Store | None:
+def _store(job: Job, target: Path, order: JobRequest) -> CheckpointStore | None:
     """The place for partial work beside the result; None where the work is in one piece, and none lies there."""
     from navsim.results.atomic_write import partial_folder
-    from navsim.runner.checkpoint import PartialError, Store, check_key
+    from navsim.runner.checkpoint import CheckpointError, CheckpointStore, check_key
 
     folder = partial_folder(target)
     if order.resumed is not None and not job.pieces:
@@ -273,9 +279,9 @@ def _store(job: Job, target: Path, order: Order) -> Store | None:
     try:
         if order.resumed is not None:
             check_key(folder, job.key())
-        store = Store(folder, job.key(), order.options.fresh)
+        store = CheckpointStore(folder, job.key(), order.options.fresh)
         if order.command:
             store.note(order.command)
         return store
-    except PartialError as error:
+    except CheckpointError as error:
         raise BadInput(said(error)) from None

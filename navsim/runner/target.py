@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navsim.runner.errors import BadInput, said
-from navsim.runner.reporter import Speech
+from navsim.runner.reporter import Reporter
 from navsim.words import option, switch
 
 if TYPE_CHECKING:
-    from navsim.results.result import Result, Sort
+    from navsim.results.result import Result, ResultKind
 
 
-def check_target(target: Path, sort: Sort, force: bool) -> None:
+def check_target(target: Path, sort: ResultKind, force: bool) -> None:
     """Raise BadInput, before anything is computed, where the path cannot be written or holds what must stay: a result
     of another sort, or of more runs, unless `force` says so, anything that is no result always."""
     from navsim.results.result import ResultError, check_writable
@@ -28,14 +28,14 @@ def check_target(target: Path, sort: Sort, force: bool) -> None:
         raise BadInput(said(error)) from None
 
 
-def refuse_other(target: Path, sort: Sort, force: bool) -> None:
+def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
     """Raise ResultError where a file stands that a result of this sort may not overwrite."""
-    from navsim.results.result import ResultError, read_sort
+    from navsim.results.result import ResultError, read_kind
 
     if not target.exists():
         return
     try:
-        there = read_sort(target)
+        there = read_kind(target)
     except ResultError as error:
         raise ResultError(f"{error}; it is not overwritten, choose another {option('output')}") from None
     if there != sort and not force:
@@ -51,7 +51,7 @@ def refuse_other(target: Path, sort: Sort, force: bool) -> None:
 
 
 @contextmanager
-def begun(target: Path, kernels: str, speech: Speech) -> Iterator[None]:
+def begun(target: Path, kernels: str, speech: Reporter) -> Iterator[None]:
     """The computing of a result: while it lasts no other process works on it; leftovers of killed ones are cleaned, and
     why the first work with these kernels (`runner.job.Job`) ever takes longer is said. Raises BadInput."""
     from navsim.core import jit

@@ -14,12 +14,12 @@ from navsim.landing.estimate import (
     shared_memory,
     sums_bytes,
 )  # fmt: skip
-from navsim.results.result import Sort
+from navsim.results.result import ResultKind
 from navsim.runner.batches import BATCH
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import AXIS, BASE_MEMORY, BATCH_FILE, NUMBER, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import Allow, OptionError, Options, Outcome, Tell
+from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
 from navsim.scenario.source import Document
@@ -57,7 +57,7 @@ class SweepJob:
         if section.method == "covariance":
             self.confirming = RUNS if options.runs is None else options.runs
         self.base = base_of(section, document)
-        self.sort = Sort("sweep", section.method)
+        self.sort = ResultKind("sweep", section.method)
         self.kernels = f"sweep-{section.method}"
 
     @property
@@ -72,7 +72,7 @@ class SweepJob:
     def warnings(self) -> list[str]:
         return self.plan.warnings
 
-    def prepare(self, executor: Executor, allow: Allow) -> None:
+    def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         self.plan = sweep.plan(self.section, self.document, self.base, self.seed)
         allow(self.estimate(executor))
 
@@ -86,7 +86,7 @@ class SweepJob:
     def key(self) -> dict[str, object]:
         return sweep.partial_key(self.plan)
 
-    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+    def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         found, confirmed = sweep.compute(self.plan, executor, store, tell), {}
         if self.confirming:
             confirmed = sweep.confirm_best(self.plan, found, self.confirming, store, partial(tell, self.plan.size))

@@ -53,7 +53,7 @@ from navsim.results.result import Result
 from navsim.results.schema import OUTCOMES, SWEEP, VERDICTS
 from navsim.runner.attributes import root_attributes
 from navsim.runner.batches import Ensemble, fly_all
-from navsim.runner.checkpoint import Arrays, PartialError, Store, code_key
+from navsim.runner.checkpoint import Arrays, CheckpointError, CheckpointStore, code_key
 from navsim.runner.executor import Executor, threads
 from navsim.runner.findings import LANDING, among, marks, notes, without_fix
 from navsim.scenario.approach import FileApproach
@@ -325,7 +325,7 @@ class Plan:
         return found
 
     def check_files(self, index: int) -> None:
-        """Raise PartialError where a file that a combination names is not what it was when the study began: removed,
+        """Raise CheckpointError where a file that a combination names is not what it was when the study began: removed,
         or not to be reached by who computes it."""
         try:
             document = self._changed(self.settings(index))
@@ -333,7 +333,7 @@ class Plan:
             return  # no scenario, so it names no files
         for key, name in _files_in(document):
             if _checksum(document, key, name) != self.files[name]:
-                raise PartialError(f"{document.resolve(key, name)} was changed while the study ran, or is not there")
+                raise CheckpointError(f"{document.resolve(key, name)} was changed while the study ran, or is not there")
 
 
 def _settings(axes: Sequence[Axis], points: Sequence[tuple[Any, ...]]) -> dict[str, Any]:
@@ -457,7 +457,7 @@ class SweepStudy:
         case = prepare(scenario, document)
         for name, checksum in files_of(case.scenario).items():
             if checksum != self.plan.files[name]:
-                raise PartialError(f"{name} was changed while the study ran")
+                raise CheckpointError(f"{name} was changed while the study ran")
         site = ecef_from_llh(case.pseudolites.llh)
         warned, alone = bool(self.plan.warnings_of(case)), bool(case.foreseen.lone_pseudolite)
         glide = on_glide(case.scenario, case.trajectory, case.world.signals.time)
@@ -575,14 +575,17 @@ def verdicts(planned: Plan) -> list[str]:
 
 
 def compute(
-    planned: Plan, executor: Executor, store: Store | None = None, done: Callable[[int], None] = lambda _: None
+    planned: Plan,
+    executor: Executor,
+    store: CheckpointStore | None = None,
+    done: Callable[[int], None] = lambda _: None,
 ) -> Ensemble:
     """All combinations; see `runner.batches.fly_all`."""
     return fly_all(SweepStudy(planned), 0, planned.size, executor, store, done, size=planned.batch)
 
 
 def confirm_best(
-    planned: Plan, found: Ensemble, runs: int, store: Store | None, tell: Callable[[str], None]
+    planned: Plan, found: Ensemble, runs: int, store: CheckpointStore | None, tell: Callable[[str], None]
 ) -> dict[str, Confirmation]:
     """What runs say of the best combination for each error of the filter, after a covariance analysis of all."""
     known: dict[tuple[int, int], OfRuns] = {}

@@ -11,7 +11,7 @@ import pytest
 
 from navsim.landing.ensemble import HISTORIES
 from navsim.landing.study import fly_all
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.executor import Executor, threads
 from tests.helpers import case
 
@@ -24,14 +24,14 @@ def processes(workers: int) -> ProcessPoolExecutor:
 @pytest.mark.parametrize("kept", [False, True], ids=["in memory", "on disk"])
 def test_processes_fly_what_threads_fly(kept: bool, tmp_path: Path) -> None:
     here = case("receiver.rate_hz=1")
-    store = Store(tmp_path / "partial", {}, False) if kept else None
+    store = CheckpointStore(tmp_path / "partial", {}, False) if kept else None
     ours = fly_all(here, 3, 0, 30, threads(1), keep="all")
     theirs = fly_all(here, 3, 0, 30, Executor(2, processes), keep="all", store=store)
     for name in HISTORIES["all"]:
         np.testing.assert_array_equal(theirs[name], ours[name], err_msg=name)
     np.testing.assert_array_equal(theirs.mean("nees"), ours.mean("nees"))
     if store is not None:
-        opened = Store(tmp_path / "partial", {}, False)
+        opened = CheckpointStore(tmp_path / "partial", {}, False)
         again = fly_all(here, 3, 0, 30, Executor(2, _none), keep="all", store=opened)
         np.testing.assert_array_equal(again["error"], ours["error"])
 

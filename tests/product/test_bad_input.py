@@ -81,51 +81,51 @@ ELSEWHERE = {
 
 
 @pytest.fixture
-def workplace(tmp_path: Path) -> Path:
+def open_executor(tmp_path: Path) -> Path:
     """A folder with an earlier result that nothing may touch."""
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / "s.h5").write_bytes(b"earlier result")
     return tmp_path
 
 
-def assert_refused(done: subprocess.CompletedProcess[str], workplace: Path, fragments: list[str]) -> None:
+def assert_refused(done: subprocess.CompletedProcess[str], open_executor: Path, fragments: list[str]) -> None:
     print(done.stderr, end="")
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
     for fragment in fragments:
         assert fragment in done.stderr, f"{fragment!r} is missing in:\n{done.stderr}"
-    assert (workplace / "results" / "s.h5").read_bytes() == b"earlier result"
+    assert (open_executor / "results" / "s.h5").read_bytes() == b"earlier result"
 
 
 @pytest.mark.parametrize(("name", "change", "fragments"), CASES, ids=[c[0] for c in CASES])
-def test_scenario_refused(name: str, change: tuple[str, str], fragments: list[str], workplace: Path) -> None:
+def test_scenario_refused(name: str, change: tuple[str, str], fragments: list[str], open_executor: Path) -> None:
     text, place = at(*change)
-    (workplace / "s.yaml").write_text(text)
-    done = navsim("validate", "s.yaml", cwd=workplace)
-    assert_refused(done, workplace, ["s.yaml:" if name in ELSEWHERE else place, *fragments])
+    (open_executor / "s.yaml").write_text(text)
+    done = navsim("validate", "s.yaml", cwd=open_executor)
+    assert_refused(done, open_executor, ["s.yaml:" if name in ELSEWHERE else place, *fragments])
 
 
-def test_several_files_are_checked_each(workplace: Path) -> None:
+def test_several_files_are_checked_each(open_executor: Path) -> None:
     """Those that are right are told of beside those that are not; what no file says is told with the file's name."""
-    (workplace / "s.yaml").write_text(LANDING)
-    (workplace / "wrong.yaml").write_text(LANDING.replace("mask_deg: 5", "mask_deg: 500"))
-    done = navsim("validate", "wrong.yaml", "s.yaml", "none.yaml", cwd=workplace)
+    (open_executor / "s.yaml").write_text(LANDING)
+    (open_executor / "wrong.yaml").write_text(LANDING.replace("mask_deg: 5", "mask_deg: 500"))
+    done = navsim("validate", "wrong.yaml", "s.yaml", "none.yaml", cwd=open_executor)
     assert done.returncode == 2
     assert done.stdout == "s.yaml: a valid scenario of kind landing\n"
     first, second = done.stderr.splitlines()
     assert first.startswith("error: wrong.yaml:")
     assert second.startswith("error: none.yaml: cannot be read")
-    done = navsim("validate", "s.yaml", "s.yaml", "--set", "x=1", cwd=workplace)
+    done = navsim("validate", "s.yaml", "s.yaml", "--set", "x=1", cwd=open_executor)
     assert done.stderr.count("error: s.yaml: --set x=1: x: unknown key") == 2
 
 
-def test_several_mistakes_are_reported_together(workplace: Path) -> None:
+def test_several_mistakes_are_reported_together(open_executor: Path) -> None:
     text = LANDING.replace("duration_s: 120", "duratoin_s: 120").replace("mask_deg: 5", "mask_deg: 500")
     text = text.replace("  preset: paper ", "  accelerometer:\n    bias_mg: -1\n  preset: paper ")
-    (workplace / "s.yaml").write_text(text)
-    done = navsim("validate", "s.yaml", cwd=workplace)
-    assert_refused(done, workplace, ["duratoin_s", "sky.mask_deg", "imu.accelerometer.bias_mg"])
+    (open_executor / "s.yaml").write_text(text)
+    done = navsim("validate", "s.yaml", cwd=open_executor)
+    assert_refused(done, open_executor, ["duratoin_s", "sky.mask_deg", "imu.accelerometer.bias_mg"])
     assert done.stderr.count("error:") == 3
     places = [line_of(text, start) for start in ("duratoin_s", "bias_mg", "mask_deg")]
     reported = [int(line.split("s.yaml:")[1].split(":")[0]) for line in done.stderr.splitlines()]
@@ -144,15 +144,15 @@ WHOLE_FILES: list[tuple[str, bytes, list[str]]] = [
 
 
 @pytest.mark.parametrize(("name", "content", "fragments"), WHOLE_FILES, ids=[c[0] for c in WHOLE_FILES])
-def test_file_refused(name: str, content: bytes, fragments: list[str], workplace: Path) -> None:
-    (workplace / "s.yaml").write_bytes(content)
-    assert_refused(navsim("validate", "s.yaml", cwd=workplace), workplace, fragments)
+def test_file_refused(name: str, content: bytes, fragments: list[str], open_executor: Path) -> None:
+    (open_executor / "s.yaml").write_bytes(content)
+    assert_refused(navsim("validate", "s.yaml", cwd=open_executor), open_executor, fragments)
 
 
-def test_folder_and_missing_file_refused(workplace: Path) -> None:
-    (workplace / "folder.yaml").mkdir()
-    assert_refused(navsim("run", "folder.yaml", cwd=workplace), workplace, ["folder.yaml", "this is a folder"])
-    assert_refused(navsim("run", "none.yaml", cwd=workplace), workplace, ["none.yaml", "No such file"])
+def test_folder_and_missing_file_refused(open_executor: Path) -> None:
+    (open_executor / "folder.yaml").mkdir()
+    assert_refused(navsim("run", "folder.yaml", cwd=open_executor), open_executor, ["folder.yaml", "this is a folder"])
+    assert_refused(navsim("run", "none.yaml", cwd=open_executor), open_executor, ["none.yaml", "No such file"])
 
 
 def near(text: str) -> str:
@@ -171,12 +171,12 @@ TOGETHER: list[tuple[str, Callable[[str], str], list[str]]] = [
 
 @pytest.mark.parametrize(("name", "change", "fragments"), TOGETHER, ids=[c[0] for c in TOGETHER])
 def test_values_that_do_not_fit_together(
-    name: str, change: Callable[[str], str], fragments: list[str], workplace: Path
+    name: str, change: Callable[[str], str], fragments: list[str], open_executor: Path
 ) -> None:
     text = change(LANDING)
     assert text != LANDING
-    (workplace / "s.yaml").write_text(text)
-    assert_refused(navsim("validate", "s.yaml", cwd=workplace), workplace, fragments)
+    (open_executor / "s.yaml").write_text(text)
+    assert_refused(navsim("validate", "s.yaml", cwd=open_executor), open_executor, fragments)
 
 
 SETTINGS: list[tuple[str, list[str]]] = [
@@ -193,9 +193,9 @@ SETTINGS: list[tuple[str, list[str]]] = [
 
 
 @pytest.mark.parametrize(("setting", "fragments"), SETTINGS, ids=[s[0] for s in SETTINGS])
-def test_setting_refused(setting: str, fragments: list[str], workplace: Path) -> None:
-    (workplace / "s.yaml").write_text(LANDING)
-    assert_refused(navsim("validate", "s.yaml", "--set", setting, cwd=workplace), workplace, fragments)
+def test_setting_refused(setting: str, fragments: list[str], open_executor: Path) -> None:
+    (open_executor / "s.yaml").write_text(LANDING)
+    assert_refused(navsim("validate", "s.yaml", "--set", setting, cwd=open_executor), open_executor, fragments)
 
 
 ALMANAC = b"""13 09 2018    3600
@@ -225,29 +225,29 @@ ALMANACS: list[tuple[str, bytes, list[str]]] = [
 
 
 @pytest.mark.parametrize(("name", "content", "fragments"), ALMANACS, ids=[c[0] for c in ALMANACS])
-def test_almanac_refused(name: str, content: bytes, fragments: list[str], workplace: Path) -> None:
-    (workplace / "a.agl").write_bytes(content)
-    (workplace / "s.yaml").write_text(LANDING.replace("source: nominal-glonass", "almanac: a.agl\n  source: almanac"))
-    done = navsim("run", "s.yaml", "-o", "results/new.h5", cwd=workplace)
-    assert_refused(done, workplace, ["sky.almanac", *fragments])
-    assert not (workplace / "results" / "new.h5").exists()
+def test_almanac_refused(name: str, content: bytes, fragments: list[str], open_executor: Path) -> None:
+    (open_executor / "a.agl").write_bytes(content)
+    (open_executor / "s.yaml").write_text(LANDING.replace("source: nominal-glonass", "almanac: a.agl\n  source: almanac"))
+    done = navsim("run", "s.yaml", "-o", "results/new.h5", cwd=open_executor)
+    assert_refused(done, open_executor, ["sky.almanac", *fragments])
+    assert not (open_executor / "results" / "new.h5").exists()
 
 
-def test_wrong_checksum_refused(workplace: Path) -> None:
-    (workplace / "a.agl").write_bytes(ALMANAC)
-    (workplace / "s.yaml").write_text(
+def test_wrong_checksum_refused(open_executor: Path) -> None:
+    (open_executor / "a.agl").write_bytes(ALMANAC)
+    (open_executor / "s.yaml").write_text(
         LANDING.replace("source: nominal-glonass", f"almanac: a.agl\n  almanac_sha256: '{'0' * 64}'\n  source: almanac")
     )
-    done = navsim("run", "s.yaml", "-o", "results/new.h5", cwd=workplace)
-    assert_refused(done, workplace, ["sky.almanac", "checksum"])
+    done = navsim("run", "s.yaml", "-o", "results/new.h5", cwd=open_executor)
+    assert_refused(done, open_executor, ["sky.almanac", "checksum"])
 
 
-def test_output_refused(workplace: Path) -> None:
-    (workplace / "s.yaml").write_text(LANDING)
-    (workplace / "file").write_text("")
-    with h5py.File(workplace / "other.h5", "w") as other:
+def test_output_refused(open_executor: Path) -> None:
+    (open_executor / "s.yaml").write_text(LANDING)
+    (open_executor / "file").write_text("")
+    with h5py.File(open_executor / "other.h5", "w") as other:
         other["x"] = 1.0
-    (workplace / "link.h5").symlink_to("nowhere/x.h5")
+    (open_executor / "link.h5").symlink_to("nowhere/x.h5")
     for target, fragments in (
         ("no/such/folder/x.h5", ["no/such/folder", "no such folder"]),
         ("file/x.h5", ["file"]),
@@ -258,18 +258,18 @@ def test_output_refused(workplace: Path) -> None:
         (f"{250 * 'a'}.h5", ["aaa.h5: cannot be written: File name too long"]),
         ("link.h5", ["link.h5 ->", "nowhere/x.h5: results cannot be written there: No such file or directory"]),
     ):
-        assert_refused(navsim("run", "s.yaml", "-o", target, cwd=workplace), workplace, fragments)
-    with h5py.File(workplace / "other.h5") as other:
+        assert_refused(navsim("run", "s.yaml", "-o", target, cwd=open_executor), open_executor, fragments)
+    with h5py.File(open_executor / "other.h5") as other:
         assert other["x"][()] == 1.0
 
 
 @pytest.mark.parametrize("command", ["show", "plot", "report", "cite"])
-def test_result_refused(command: str, workplace: Path) -> None:
-    with h5py.File(workplace / "other.h5", "w") as other:
+def test_result_refused(command: str, open_executor: Path) -> None:
+    with h5py.File(open_executor / "other.h5", "w") as other:
         other["x"] = 1.0
-    damaged = bytearray((workplace / "other.h5").read_bytes())
+    damaged = bytearray((open_executor / "other.h5").read_bytes())
     damaged[96:400] = bytes(304)
-    (workplace / "damaged.h5").write_bytes(damaged)
+    (open_executor / "damaged.h5").write_bytes(damaged)
     for name, fragments in (
         ("other.h5", ["other.h5", "not a navsim result"]),
         ("damaged.h5", ["damaged.h5", "damaged"]),
@@ -277,19 +277,19 @@ def test_result_refused(command: str, workplace: Path) -> None:
         ("none.h5", ["no such file"]),
         ("results", ["results"]),
     ):
-        assert_refused(navsim(command, name, cwd=workplace), workplace, fragments)
+        assert_refused(navsim(command, name, cwd=open_executor), open_executor, fragments)
 
 
 @pytest.mark.parametrize("case", [("groups.speed.alpha_1_s=0.3",), ("groups.track.alpha_1_s=2", "further_cases=[]")])
-def test_a_decay_within_a_scan_is_refused(case: tuple[str, ...], workplace: Path) -> None:
+def test_a_decay_within_a_scan_is_refused(case: tuple[str, ...], open_executor: Path) -> None:
     """It alternated, with negative variances."""
     words = [word for setting in case for word in ("--set", setting)]
-    done = navsim("run", SCENARIOS / "atc_tracking.yaml", *words, cwd=workplace)
-    assert_refused(done, workplace, [case[0].split("=")[0], "1 - alpha T"])
+    done = navsim("run", SCENARIOS / "atc_tracking.yaml", *words, cwd=open_executor)
+    assert_refused(done, open_executor, [case[0].split("=")[0], "1 - alpha T"])
 
 
-def test_options_refused(workplace: Path) -> None:
-    (workplace / "s.yaml").write_text(LANDING)
+def test_options_refused(open_executor: Path) -> None:
+    (open_executor / "s.yaml").write_text(LANDING)
     for options in (
         ["--runs", "0"],
         ["--seed", "-1"],
@@ -302,11 +302,11 @@ def test_options_refused(workplace: Path) -> None:
         ["--seed", str(2**63)],
         ["--until", "rms_horizontal within 0%"],
     ):
-        done = navsim("run", "s.yaml", *options, cwd=workplace)
-        assert_refused(done, workplace, [options[0]])
-    live = navsim("live", "s.yaml", "--silence", "nan", cwd=workplace)
-    assert_refused(live, workplace, ["--silence", "expected a number from 0.1", "'nan'"])
-    assert_refused(navsim("schema", "landnig", cwd=workplace), workplace, ["landing"])
-    assert_refused(navsim("init", "nothing", cwd=workplace), workplace, ["landing"])
-    assert_refused(navsim("init", "-o", "s.yaml", cwd=workplace), workplace, ["exists already"])
-    assert (workplace / "s.yaml").read_text() == LANDING
+        done = navsim("run", "s.yaml", *options, cwd=open_executor)
+        assert_refused(done, open_executor, [options[0]])
+    live = navsim("live", "s.yaml", "--silence", "nan", cwd=open_executor)
+    assert_refused(live, open_executor, ["--silence", "expected a number from 0.1", "'nan'"])
+    assert_refused(navsim("schema", "landnig", cwd=open_executor), open_executor, ["landing"])
+    assert_refused(navsim("init", "nothing", cwd=open_executor), open_executor, ["landing"])
+    assert_refused(navsim("init", "-o", "s.yaml", cwd=open_executor), open_executor, ["exists already"])
+    assert (open_executor / "s.yaml").read_text() == LANDING

@@ -12,7 +12,7 @@ import pytest
 
 from navsim.results.atomic_write import partial_folder
 from navsim.runner import opening
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.executor import threads
 from navsim.runner.job import Options
 from tests.conftest import SCENARIOS
@@ -28,11 +28,11 @@ vary:
 """Three pieces."""
 
 
-def begun(file: Path, target: Path, pieces: int) -> Store:
+def begun(file: Path, target: Path, pieces: int) -> CheckpointStore:
     """Leave pieces of a sweep as a killed attempt does; returns where."""
     job, _ = opening.opened("sweep", file, [], Options())
     job.prepare(threads(1), lambda *_, **__: None)
-    store = Store(partial_folder(target), job.key(), fresh=False)
+    store = CheckpointStore(partial_folder(target), job.key(), fresh=False)
     for i in range(pieces):
         store.write(f"piece-{i}", {})
     return store
@@ -98,7 +98,7 @@ def test_what_cannot_be_resumed_is_told(
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
     folder = tmp_path / "out.h5.partial"
-    Store(folder, {"seed": 1}, fresh=False).note(["run", "landing.yaml", "--runs", "60", "-o", "../out.h5"])
+    CheckpointStore(folder, {"seed": 1}, fresh=False).note(["run", "landing.yaml", "--runs", "60", "-o", "../out.h5"])
     monkeypatch.chdir(tmp_path)
     now = change(folder)
     asked = now if isinstance(now, Path) else folder
@@ -133,7 +133,7 @@ def test_only_the_work_of_the_folder_itself_is_resumed(
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
     shutil.copy(SCENARIOS / "landing.yaml", "landing.yaml")
-    Store(Path("out.h5.partial"), {"seed": 1}, fresh=False).note([*words, "--log", "../log", "--force"])
+    CheckpointStore(Path("out.h5.partial"), {"seed": 1}, fresh=False).note([*words, "--log", "../log", "--force"])
     before = sorted((path, path.stat().st_mtime_ns) for path in tmp_path.rglob("*") if path.is_file())
     done = navsim("resume", "work/out.h5.partial", cwd=tmp_path, code=2)
     assert said in done.stderr
@@ -165,7 +165,7 @@ def test_work_of_others_is_not_resumed(
     name: str, owner: int, mode: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Store(Path("out.h5.partial"), {"seed": 1}, fresh=False).note([*RUN, "-o", "out.h5"])
+    CheckpointStore(Path("out.h5.partial"), {"seed": 1}, fresh=False).note([*RUN, "-o", "out.h5"])
     file = tmp_path / "out.h5.partial" / name
     os.chown(file, owner, 0)
     file.chmod(mode)

@@ -17,7 +17,7 @@ from navsim.landing.estimate import landing as estimated
 from navsim.landing.integrity_table_job import IntegrityTableJob
 from navsim.landing.table2_job import Table2Job
 from navsim.results.result import write
-from navsim.runner.checkpoint import Store
+from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import threads
 from navsim.runner.job import Job, Opener, Options
@@ -76,7 +76,7 @@ def test_sources_of_an_analysis() -> None:
 @pytest.mark.parametrize("runs", [3, 60])
 def test_result_and_partial_work_of_runs(keep: str, runs: int, tmp_path: Path) -> None:
     here = case("receiver.rate_hz=2", "sky.source=nominal")
-    store = Store(tmp_path / "partial", {}, False) if runs > 25 else None
+    store = CheckpointStore(tmp_path / "partial", {}, False) if runs > 25 else None
     ensemble = landing.fly_all(here, 1, 0, runs, threads(2), keep=keep, store=store)
     write(tmp_path / "a.h5", landing.result(here, ensemble, 1, keep=keep))
     told = estimated(here.scenario, here.environment, runs, keep, 2)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from navsim.results.result import read
-from navsim.runner.executor import Lost
+from navsim.runner.executor import WorkerLost
 from navsim.scenario import load
 from navsim.scenario.source import InputError
 from tests import forks
@@ -271,7 +271,7 @@ def test_a_late_worker_of_another_version_is_named(cluster: Cluster, monkeypatch
     try:
         ours = module.versions() | {"numba": "0.1"}
         monkeypatch.setattr(module, "versions", lambda: ours)
-        with pytest.raises(Lost, match=r"has numba .* where this machine has 0\.1"):
+        with pytest.raises(WorkerLost, match=r"has numba .* where this machine has 0\.1"):
             pool.submit(len, [1]).result(60)
     finally:
         pool.close()

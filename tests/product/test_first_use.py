@@ -27,7 +27,7 @@ from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass, gps
 from navsim.kinds import KINDS, OF_FILES, named
 from navsim.report import printing as drawing
-from navsim.results.result import ONE_RUN, SEVERAL_RUNS, Sort, read, read_sort
+from navsim.results.result import ONE_RUN, SEVERAL_RUNS, ResultKind, read, read_kind
 from navsim.scenario import shipped
 from navsim.scenario.landing import Landing
 from navsim.scenario.sweep import Sweep
@@ -66,11 +66,11 @@ def test_results_of_one_scenario_have_names_of_their_own(tmp_path: Path) -> None
     """One run, ensembles and covariance analyses of a scenario stand beside each other, as the README makes them."""
     for options in ((), ("--runs", 2), ("--method", "covariance"), ("--until", "rms_horizontal within 900%")):
         navsim("run", LANDING, *BRIEF, "--figures", "none", "-q", *options, cwd=tmp_path)
-    assert {path.name: read_sort(path) for path in (tmp_path / "results").glob("*.h5")} == {
-        "landing.h5": Sort("landing", "monte-carlo", ONE_RUN),
-        "landing_runs2.h5": Sort("landing", "monte-carlo", SEVERAL_RUNS),
-        "landing_covariance.h5": Sort("landing", "covariance"),
-        "landing_until.h5": Sort("landing", "monte-carlo", SEVERAL_RUNS),
+    assert {path.name: read_kind(path) for path in (tmp_path / "results").glob("*.h5")} == {
+        "landing.h5": ResultKind("landing", "monte-carlo", ONE_RUN),
+        "landing_runs2.h5": ResultKind("landing", "monte-carlo", SEVERAL_RUNS),
+        "landing_covariance.h5": ResultKind("landing", "covariance"),
+        "landing_until.h5": ResultKind("landing", "monte-carlo", SEVERAL_RUNS),
     }
     said = navsim("live", LANDING, *BRIEF, "--receiver", "-", cwd=tmp_path, code=3).stdout
     assert "results/landing_live.h5" in said
@@ -115,7 +115,7 @@ def test_nor_do_those_that_are_found_to_be_enough(tmp_path: Path) -> None:
     assert "finished runs are kept in r.h5.partial; move r.h5 away, or give --force: the same command" in refused
     assert (tmp_path / "r.h5").read_bytes() == before
     navsim(*until, "--force", cwd=tmp_path)
-    assert read_sort(tmp_path / "r.h5").count == 32
+    assert read_kind(tmp_path / "r.h5").count == 32
     navsim(*until, cwd=tmp_path)
 
 
@@ -134,11 +134,11 @@ def test_another_sort_of_result_is_not_overwritten(
     common = ("run", LANDING, *BRIEF, "-q", "-o", "r.h5")
     navsim(*common, *first, cwd=tmp_path)
     before = (tmp_path / "r.h5").read_bytes()
-    there = read_sort(tmp_path / "r.h5")
+    there = read_kind(tmp_path / "r.h5")
     refused = navsim(*common, *second, cwd=tmp_path, code=2)
     assert (tmp_path / "r.h5").read_bytes() == before
     navsim(*common, *second, "--force", cwd=tmp_path)
-    new = read_sort(tmp_path / "r.h5")
+    new = read_kind(tmp_path / "r.h5")
     assert new != there
     for word in ("r.h5", str(there), str(new), "--force", "-o"):
         assert word in refused.stderr
@@ -169,7 +169,7 @@ def test_every_command_refuses_results_of_other_kinds(tmp_path: Path) -> None:
     assert "kind sweep, method dop" in refused.stderr
     assert "kind sweep, method covariance" in refused.stderr
     navsim("sweep", study, "-q", "--method", "covariance", cwd=tmp_path)
-    assert read_sort(tmp_path / "results" / "study_covariance.h5") == Sort("sweep", "covariance")
+    assert read_kind(tmp_path / "results" / "study_covariance.h5") == ResultKind("sweep", "covariance")
 
 
 def test_what_is_no_result_is_never_overwritten(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from navsim.optimization import problem as objective
 from navsim.optimization import study as optimize
-from navsim.runner.checkpoint import PartialError
+from navsim.runner.checkpoint import CheckpointError
 from navsim.runner.executor import threads
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
@@ -80,7 +80,7 @@ def test_a_sweep_is_resumed_with_the_same_files_only(
     assert again != key
     # a file that changes while the study runs is noticed, too
     if vary:
-        with pytest.raises(PartialError, match=r"b\.alm was changed while the study ran"):
+        with pytest.raises(CheckpointError, match=r"b\.alm was changed while the study ran"):
             SweepStudy(planned).batch(0, 4)
 
 

@@ -32,12 +32,12 @@ from navsim.results.result import (
     check_writable,
     part,
     read,
-    read_sort,
+    read_kind,
     write,
     write_bytes,
     write_text,
 )
-from navsim.runner.checkpoint import PartialError
+from navsim.runner.checkpoint import CheckpointError
 from navsim.runner.executor import threads
 from tests.conftest import SCENARIOS
 from tests.helpers import case
@@ -96,7 +96,7 @@ def test_written_and_read_again(file: Path) -> None:
     assert again.attributes["seed"] == 2**63 - 1
     write(file.with_name("again.h5"), again)
     assert agree(again, read(file.with_name("again.h5")))
-    assert read_sort(file).kind == "landing"
+    assert read_kind(file).kind == "landing"
 
 
 def test_rows_of_what_is_stored(file: Path) -> None:
@@ -181,10 +181,10 @@ def test_blocks_that_cannot_be_made_leave_the_earlier_result(
 
     def blocks() -> Iterator[np.ndarray]:
         yield np.zeros((3, 10_000))
-        raise PartialError("a piece was damaged")
+        raise CheckpointError("a piece was damaged")
 
     wrong = Variable(("run", "time"), Stream((6, 10_000), np.dtype(float), blocks), "m", "errors")
-    with pytest.raises(PartialError, match="a piece was damaged"):
+    with pytest.raises(CheckpointError, match="a piece was damaged"):
         write(file, replace(small(), variables=small().variables | {"/flown/error": wrong}))
     assert file.read_bytes() == before
     assert [path.name for path in file.parent.iterdir()] == [file.name]
@@ -221,7 +221,7 @@ def test_a_seal_is_of_each_block_in_its_place(size: int, tmp_path: Path) -> None
 
 
 def test_a_content_that_ends_early_is_not_sealed() -> None:
-    with pytest.raises(seal.Damaged, match="became shorter"):
+    with pytest.raises(seal.CorruptFile, match="became shorter"):
         seal.seal(100, lambda start, end: b"x" * (end - start - 1))
 
 

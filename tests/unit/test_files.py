@@ -13,7 +13,7 @@ import pytest
 
 from navsim.formats.text import FileError, read_lines
 from navsim.results import files
-from navsim.results.hdf5 import Damaged
+from navsim.results.hdf5 import CorruptFile
 from navsim.results.result import ResultError, read
 from navsim.scenario.source import InputError, load
 
@@ -21,7 +21,7 @@ OPENERS: dict[str, Callable[[Path], object]] = {
     "checksum": files.checksum, "content": lambda path: files.content(path, 10_000_000), "lines": read_lines,
     "scenario": load, "result": read,
 }  # fmt: skip
-REFUSALS = (OSError, FileError, InputError, ResultError, Damaged)
+REFUSALS = (OSError, FileError, InputError, ResultError, CorruptFile)
 
 
 def pipe(folder: Path) -> Path:

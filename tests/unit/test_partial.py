@@ -18,7 +18,7 @@ import pytest
 from navsim.optimization.search_log import Journal
 from navsim.results import atomic_write as whole
 from navsim.results.atomic_write import Occupied, clean, discard, locked, partial_folder, write_whole
-from navsim.runner.checkpoint import PartialError, Store
+from navsim.runner.checkpoint import CheckpointError, CheckpointStore
 
 KEY = {"seed": 1, "runs": 50}
 PIECE = {"a": np.arange(3.0), "text": np.array(["x", "yy"])}
@@ -26,20 +26,20 @@ PIECE = {"a": np.arange(3.0), "text": np.array(["x", "yy"])}
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    store = Store(tmp_path / "r.h5.partial", KEY, fresh=False)
+    store = CheckpointStore(tmp_path / "r.h5.partial", KEY, fresh=False)
     for name in ("one", "two"):
         store.write(name, {**PIECE, "name": np.array(name)})
     return store.folder
 
 
 def counted(folder: Path, key: dict[str, int] = KEY) -> tuple[list[str], int]:
-    store = Store(folder, key, fresh=False)
+    store = CheckpointStore(folder, key, fresh=False)
     found = [name for name in ("one", "two") if store.read(name) is not None]
     return found, store.redone
 
 
 def test_pieces_come_back(folder: Path) -> None:
-    piece = Store(folder, KEY, fresh=False).read("two")
+    piece = CheckpointStore(folder, KEY, fresh=False).read("two")
     assert piece is not None
     assert {name: value.tolist() for name, value in piece.items()} == {
         "a": [0.0, 1.0, 2.0],
@@ -55,7 +55,7 @@ def test_pieces_come_back(folder: Path) -> None:
     ids=lambda array: f"{array.dtype} {array.shape}",
 )  # fmt: skip
 def test_arrays_come_back_as_they_were(array: np.ndarray, tmp_path: Path) -> None:
-    store = Store(tmp_path / "p", KEY, fresh=False)
+    store = CheckpointStore(tmp_path / "p", KEY, fresh=False)
     kept = store.write("one", {"a": array})["a"].read()
     with np.load(store.file("one")) as others:
         for back in (kept, others["a"]):
@@ -64,7 +64,7 @@ def test_arrays_come_back_as_they_were(array: np.ndarray, tmp_path: Path) -> Non
 
 
 def test_objects_are_no_numbers(tmp_path: Path) -> None:
-    store = Store(tmp_path / "p", KEY, fresh=False)
+    store = CheckpointStore(tmp_path / "p", KEY, fresh=False)
     with pytest.raises(ValueError, match="no objects"):
         store.write("one", {"a": np.array([{}], object)})
     assert [file.name for file in store.folder.iterdir()] == ["key.json"]
@@ -134,11 +134,11 @@ def damaged_pieces(content: bytes, every: bool) -> Iterator[bytes]:
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_whatever_is_damaged_in_a_piece_its_numbers_are_as_written(every: bool, tmp_path: Path) -> None:
     """Or it does not count: what may change is what nobody reads, such as dates."""
-    store = Store(tmp_path / "p", KEY, fresh=False)
+    store = CheckpointStore(tmp_path / "p", KEY, fresh=False)
     kept = store.write("one", PIECE)
     file = store.file("one")
     whole_piece = file.read_bytes()
-    again = Store(store.folder, KEY, fresh=False)
+    again = CheckpointStore(store.folder, KEY, fresh=False)
     counted, harmless = 0, 0
     for content in damaged_pieces(whole_piece, every):
         file.write_bytes(content)
@@ -150,7 +150,7 @@ def test_whatever_is_damaged_in_a_piece_its_numbers_are_as_written(every: bool, 
             for name, array in found.items():
                 np.testing.assert_array_equal(array, PIECE[name], strict=True)
         for name, array in PIECE.items():  # as a study reads what it wrote itself
-            with contextlib.suppress(PartialError):
+            with contextlib.suppress(CheckpointError):
                 np.testing.assert_array_equal(kept[name].read(), array, strict=True)
     assert again.redone == counted - harmless
     assert again.redone > 0.7 * counted
@@ -167,10 +167,10 @@ def test_pieces_without_a_key_are_nobodys(key: str | None, folder: Path) -> None
     (folder / "key.json").unlink()
     if key is not None:
         (folder / "key.json").write_text(key)
-    with pytest.raises(PartialError, match=r"key\.json is missing or damaged; --fresh discards it"):
-        Store(folder, KEY, fresh=False)
+    with pytest.raises(CheckpointError, match=r"key\.json is missing or damaged; --fresh discards it"):
+        CheckpointStore(folder, KEY, fresh=False)
     assert (folder / "one.npz").exists()
-    assert Store(folder, KEY, fresh=True).read("one") is None
+    assert CheckpointStore(folder, KEY, fresh=True).read("one") is None
 
 
 @pytest.mark.parametrize("key", ["", '{"seed": 1', '{"seed": 7}'])
@@ -178,7 +178,7 @@ def test_a_key_without_pieces_is_written_anew(key: str, tmp_path: Path) -> None:
     folder = tmp_path / "r.h5.partial"
     folder.mkdir()
     (folder / "key.json").write_text(key)
-    store = Store(folder, KEY, fresh=False)
+    store = CheckpointStore(folder, KEY, fresh=False)
     assert not store.holds_work()
     store.write("one", PIECE)
     assert store.holds_work()
@@ -186,8 +186,8 @@ def test_a_key_without_pieces_is_written_anew(key: str, tmp_path: Path) -> None:
 
 
 def test_another_study_is_refused_with_what_differs(folder: Path) -> None:
-    with pytest.raises(PartialError, match=r"another study lies there \(seed 1 there, 3 here\)"):
-        Store(folder, {**KEY, "seed": 3}, fresh=False)
+    with pytest.raises(CheckpointError, match=r"another study lies there \(seed 1 there, 3 here\)"):
+        CheckpointStore(folder, {**KEY, "seed": 3}, fresh=False)
     assert counted(folder) == (["one", "two"], 0)
 
 
@@ -203,7 +203,7 @@ def test_fresh_killed_under_way_leaves_nothing_that_counts(folder: Path, monkeyp
     real = shutil.rmtree
     monkeypatch.setattr(whole.shutil, "rmtree", lambda path, **how: killed() if path.exists() else real(path, **how))
     with pytest.raises(Killed):
-        Store(folder, KEY, fresh=True)
+        CheckpointStore(folder, KEY, fresh=True)
     monkeypatch.undo()
     assert not folder.exists()
     assert [path.name for path in folder.parent.iterdir()] == [f".r.h5.partial.{os.getpid()}.gone"]
@@ -251,30 +251,30 @@ def test_a_folder_with_other_files_is_left_alone(fresh: bool, folder: Path, tmp_
     mine.mkdir()
     for place in (mine, folder):
         (place / "notes.txt").write_text("precious")
-        with pytest.raises(PartialError, match=r"holds 'notes\.txt', which is not navsim's; move"):
-            Store(place, KEY, fresh)
+        with pytest.raises(CheckpointError, match=r"holds 'notes\.txt', which is not navsim's; move"):
+            CheckpointStore(place, KEY, fresh)
         assert (place / "notes.txt").read_text() == "precious"
 
 
 def test_what_came_into_the_folder_meanwhile_stays(folder: Path) -> None:
-    store = Store(folder, KEY, fresh=False)
+    store = CheckpointStore(folder, KEY, fresh=False)
     (folder / "notes.txt").write_text("precious")
     store.remove()
     assert (folder / "notes.txt").read_text() == "precious"
 
 
 def test_what_is_hashed_is_told_by_its_name(tmp_path: Path) -> None:
-    Store(tmp_path / "p", {"scenario_sha256": "a", "seed": 1}, fresh=False).write("one", PIECE)
-    with pytest.raises(PartialError, match=r"lies there \(other settings of the scenario; seed 1 there, 2 here\)"):
-        Store(tmp_path / "p", {"scenario_sha256": "b", "seed": 2}, fresh=False)
+    CheckpointStore(tmp_path / "p", {"scenario_sha256": "a", "seed": 1}, fresh=False).write("one", PIECE)
+    with pytest.raises(CheckpointError, match=r"lies there \(other settings of the scenario; seed 1 there, 2 here\)"):
+        CheckpointStore(tmp_path / "p", {"scenario_sha256": "b", "seed": 2}, fresh=False)
     for content, words in (
         ("{}", "another kind"),
         ('{"seed": 2, "more": 1}', "another kind"),
         ("[]", "missing or damaged"),
     ):
         (tmp_path / "p" / "key.json").write_text(content)
-        with pytest.raises(PartialError, match=words):
-            Store(tmp_path / "p", {"seed": 2}, fresh=False)
+        with pytest.raises(CheckpointError, match=words):
+            CheckpointStore(tmp_path / "p", {"seed": 2}, fresh=False)
 
 
 def test_only_leftovers_of_this_output_are_cleaned(tmp_path: Path) -> None:
@@ -293,9 +293,9 @@ def test_the_longest_names(length: int, tmp_path: Path) -> None:
     """Partial work under a name that leaves no room for another ending is discarded like any other."""
     target = tmp_path / ("x" * length)
     with locked(target):
-        store = Store(partial_folder(target), KEY, fresh=False)
+        store = CheckpointStore(partial_folder(target), KEY, fresh=False)
         store.write("one", PIECE)
-        Store(partial_folder(target), KEY, fresh=True)
+        CheckpointStore(partial_folder(target), KEY, fresh=True)
         assert counted(partial_folder(target)) == ([], 0)
         store.remove()
     assert not list(tmp_path.iterdir())
@@ -315,12 +315,12 @@ def test_who_may_read_a_file_may_read_the_one_in_its_place(mode: int, tmp_path: 
 
 @pytest.mark.parametrize("damage", [lambda file: file.unlink(), lambda file: file.write_bytes(b""), flip])
 def test_a_piece_damaged_after_it_was_checked_is_noticed(damage: Callable[[Path], None], folder: Path) -> None:
-    store = Store(folder, KEY, fresh=False)
+    store = CheckpointStore(folder, KEY, fresh=False)
     found = store.find("one")
     assert found is not None
     np.testing.assert_array_equal(found["a"].read(), PIECE["a"])
     damage(folder if damage is flip else store.file("one"))
-    with pytest.raises(PartialError, match=r"one\.npz: was damaged or removed"):
+    with pytest.raises(CheckpointError, match=r"one\.npz: was damaged or removed"):
         found["a"].read()
 
 
@@ -338,10 +338,10 @@ def forbidden(places: np.ndarray) -> np.ndarray:
 def test_a_journal_remembers_to_the_bit(tmp_path: Path) -> None:
     places = np.random.default_rng(1).normal(size=(5, 2, 2))
     nothing = np.empty((1, 0, 2))
-    first = Journal(Store(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)
+    first = Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)
     np.testing.assert_array_equal(first(places), twice(places))
     assert first(nothing) == [0.0]
-    again = Journal(Store(tmp_path / "p", KEY, fresh=False))
+    again = Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False))
     np.testing.assert_array_equal(again.remembering("full", forbidden)(places), twice(places))
     assert again.remembering("full", forbidden)(nothing) == [0.0]
     with pytest.raises(AssertionError):
@@ -351,11 +351,11 @@ def test_a_journal_remembers_to_the_bit(tmp_path: Path) -> None:
 @pytest.mark.parametrize("cut", [1, 20, 400])
 def test_a_cut_journal_counts_up_to_its_last_whole_line(cut: int, tmp_path: Path) -> None:
     places = np.arange(40.0).reshape(10, 2, 2)
-    Journal(Store(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
+    Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
     file = tmp_path / "p" / "journal.txt"
     whole_lines = file.read_bytes()
     file.write_bytes(whole_lines[:-cut])
-    store = Store(tmp_path / "p", KEY, fresh=False)
+    store = CheckpointStore(tmp_path / "p", KEY, fresh=False)
     np.testing.assert_array_equal(Journal(store).remembering("full", twice)(places), twice(places))
     assert store.redone == 1
     assert file.read_bytes() == whole_lines
@@ -377,13 +377,13 @@ class Short:
 
 def test_a_line_written_in_part_hides_none_after_it(tmp_path: Path) -> None:
     places = np.arange(40.0).reshape(10, 2, 2)
-    journal = Journal(Store(tmp_path / "p", KEY, fresh=False))
+    journal = Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False))
     journal._file = Short(journal._file)  # type: ignore[assignment]  # passes all but one write on to the real one
     judge = journal.remembering("full", twice)
-    with pytest.raises(PartialError, match="No space left"):
+    with pytest.raises(CheckpointError, match="No space left"):
         judge(places)
     judge(places[5:])
-    store = Store(tmp_path / "p", KEY, fresh=False)
+    store = CheckpointStore(tmp_path / "p", KEY, fresh=False)
     known = Journal(store).remembering("full", forbidden)
     np.testing.assert_array_equal(known(places[[0, 1, 5, 9]]), twice(places[[0, 1, 5, 9]]))
     assert store.redone == 0
@@ -391,10 +391,10 @@ def test_a_line_written_in_part_hides_none_after_it(tmp_path: Path) -> None:
 
 def test_a_journal_of_another_study_does_not_count(tmp_path: Path) -> None:
     places = np.arange(4.0).reshape(1, 2, 2)
-    Journal(Store(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
+    Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
     other = {**KEY, "seed": 2}
-    with pytest.raises(PartialError, match="another study"):
-        Store(tmp_path / "p", other, fresh=False)
+    with pytest.raises(CheckpointError, match="another study"):
+        CheckpointStore(tmp_path / "p", other, fresh=False)
     (tmp_path / "p" / "key.json").write_text(json.dumps(other, sort_keys=True, indent=1))
     with pytest.raises(AssertionError):
-        Journal(Store(tmp_path / "p", other, fresh=False)).remembering("full", forbidden)(places)
+        Journal(CheckpointStore(tmp_path / "p", other, fresh=False)).remembering("full", forbidden)(places)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from navsim.runner.executor import Executor, threads
-from navsim.runner.job import JobError, Tell
+from navsim.runner.job import JobError, Progress
 from navsim.runner.timed import BLOCK_S, seconds_of
 
 
@@ -31,7 +31,7 @@ class Working:
     done: int = 0
     even: bool = True
 
-    def run(self, executor: Executor, store: object, tell: Tell) -> None:
+    def run(self, executor: Executor, store: object, tell: Progress) -> None:
         assert store is None
         tell(0)
         while self.done < self.extent:

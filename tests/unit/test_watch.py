@@ -9,7 +9,7 @@ import pytest
 
 from navsim.cli import common
 from navsim.optimization.job import said
-from navsim.optimization.progress import Progress, Step, TimeUp, Watch
+from navsim.optimization.progress import SearchProgress, Step, TimeUp, Watch
 
 
 class Clock:
@@ -23,7 +23,7 @@ class Clock:
 
 
 def test_time_left_is_what_is_planned_at_its_measured_cost() -> None:
-    clock, told = Clock(), list[Progress]()
+    clock, told = Clock(), list[SearchProgress]()
     watch = Watch(told.append, clock=clock)
     watch.plan([Step("one", {"cheap": 100}), Step("two", {"dear": 10}), Step("three", {"dear": 5})])
     with watch.step("one"), watch.trying("cheap", 50):
@@ -63,9 +63,9 @@ def test_the_best_is_of_the_number_and_of_the_judge_in_work() -> None:
     assert watch.best is None
 
 
-def progress(used: float, best: float | None) -> Progress:
+def progress(used: float, best: float | None) -> SearchProgress:
     places = None if best is None else np.array([[-42.0, 518.0], [100.0, 7.0]])
-    return Progress("2 pseudolites, searching", {"geometry": 900, "coarse": 30}, best, places, used, 41.6)
+    return SearchProgress("2 pseudolites, searching", {"geometry": 900, "coarse": 30}, best, places, used, 41.6)
 
 
 def test_a_line_every_ten_seconds_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,11 +17,11 @@ from navsim.cli.findings import warn
 from navsim.cli.options import Care, Required
 from navsim.runner import steps
 from navsim.runner.reporter import Listener
-from navsim.runner.requirements import Demands
+from navsim.runner.requirements import ExitRequirements
 
 if TYPE_CHECKING:
     from navsim.results.result import Result
-    from navsim.runner.job import Job, Options, Tell
+    from navsim.runner.job import Job, Options, Progress
 
 _OBJECTS = 20_000
 """New objects between two looks for cycles among them while work is done: every random stream that a kernel has drawn
@@ -42,7 +42,7 @@ def resuming(folder: Path) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class TerminalRequest:
     """What is to be done with a job. options: as the job has them. figures: see `runner.target.figure_folder`."""
 
     care: Care
@@ -53,7 +53,7 @@ class Wanted:
     json: bool = False
 
 
-def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | None:
+def run_job(name: object, job: Job, target: Path, wanted: TerminalRequest) -> Result | None:
     """Do a job and show its result, or only what it would take; returns the result where there is one.
 
     name: of the file, for messages. target: the result's path.
@@ -61,19 +61,19 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
     care = wanted.care
 
     @contextmanager
-    def shown(extent: int, unit: str) -> Iterator[Tell]:
+    def shown(extent: int, unit: str) -> Iterator[Progress]:
         gc.freeze()  # what is loaded stays
         gc.set_threshold(_OBJECTS)
         with progress(extent, unit, not care.quiet) as tell:
             yield tell
 
     listener = Listener(AT_TERMINAL, shown, () if care.quiet or wanted.json else ("rich.console",))
-    asked = steps.Order(
+    asked = steps.JobRequest(
         wanted.options, wanted.figures, care.quiet, care.force, care.over_budget, wanted.dry_run, sys.argv[1:],
         _resumed.get(),
     )  # fmt: skip
     with leaving():
-        done = steps.carry_out(name, job, target, asked, listener)
+        done = steps.run_job(name, job, target, asked, listener)
     if done is None:
         return None
     print_shown(done.result, target, done.written, care.quiet, wanted.json)
@@ -86,5 +86,7 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
         say(done.kept)
     required = wanted.required
     with leaving():
-        steps.insist(done, Demands(required.require_fix, required.require_consistent, required.require))
+        steps.raise_on_failure(
+            done, ExitRequirements(required.require_fix, required.require_consistent, required.require)
+        )
     return done.result
