@@ -17,9 +17,9 @@ from navsim.landing.ensemble import (
     FOLLOWED,
     NO_VELOCITY,
     NOT_POSITIVE,
+    PENALTY_UNSOLVED,
     UNHEARD,
     UNRANGED,
-    UNSOLVED,
     at_times,
     of_fixes,
     of_outputs,
@@ -105,7 +105,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     if case.beliefs.tight:
         fixes[UNRANGED] = none
     else:
-        fixes[UNHEARD], fixes[UNSOLVED] = none & ~solvable, none & solvable
+        fixes[UNHEARD], fixes[PENALTY_UNSOLVED] = none & ~solvable, none & solvable
         fixes[NO_VELOCITY] = case.beliefs.velocity & (analysis.degrees == 3)
     outputs = np.zeros((FAR_OFF + 1, e + 1), bool)
     rms = np.sqrt(_squares(analysis).sum(axis=0))[:, FOLLOWED]

@@ -279,7 +279,7 @@ def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> 
 
 FLAW_PARTS = tuple(Flaws.__dataclass_fields__)
 """Members of `Flaws`."""
-UNHEARD, UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED, UNRANGED = range(6)
+UNHEARD, PENALTY_UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED, UNRANGED = range(6)
 """Flaws of a fix epoch: too few usable sources, or no solution in their geometry; sources enough but no solution of
 the least squares; a position without the velocity the filter wants; a fix that could not be weighed; one that the gate
 rejected, or a range of its epoch; no range at all that a tightly coupled filter could weigh."""
@@ -314,7 +314,7 @@ def fix_flaws(runs: Run, solvable: np.ndarray, beliefs: Beliefs, drops: bool = F
     whether the filter does without fixes with an alarm."""
     none = np.isnan(runs.fix_llh[..., 0])
     masks = np.zeros((none.shape[0], UNRANGED + 1, none.shape[1]), bool)
-    masks[:, UNHEARD], masks[:, UNSOLVED] = none & ~solvable, none & solvable
+    masks[:, UNHEARD], masks[:, PENALTY_UNSOLVED] = none & ~solvable, none & solvable
     unweighed = runs.status == NOT_USED
     if drops:
         unweighed &= runs.monitor_status != ALARM
@@ -389,7 +389,7 @@ def of_fixes(case: Case, flaws: Flaws) -> list[Finding]:
     if not epochs.size:
         text = f"{case.scenario.why_no_fix()}: the filter never gets a fix"
         return [Finding("no_fix", text, (FIX,))]
-    names = {UNHEARD: "epochs_without_fix", UNSOLVED: "lost_fixes", NO_VELOCITY: "fixes_without_velocity",
+    names = {UNHEARD: "epochs_without_fix", PENALTY_UNSOLVED: "lost_fixes", NO_VELOCITY: "fixes_without_velocity",
              UNWEIGHED: "unweighed_fixes"}  # fmt: skip
     return _spreads(flaws, {UNRANGED: "epochs_without_range"} if case.beliefs.tight else names, epochs)
 

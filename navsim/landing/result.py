@@ -14,7 +14,7 @@ from navsim.landing import integrity, requirements, tails
 from navsim.landing.box import box_of, counted
 from navsim.landing.case import MOVING, PERCENTILES, Case, rms_window
 from navsim.landing.consistency import put_consistency, ratios_of_runs, shares_beyond
-from navsim.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
+from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, findings
 from navsim.landing.tree import accuracy, attributes, base, belief
 from navsim.results.draft import Draft
 from navsim.results.findings import kept
@@ -226,7 +226,7 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     for name, value in (
         ("runs", ensemble.runs),
         ("fixes", int(ensemble.per_run("fixes").sum())),
-        ("epochs_without_fix", _flaws(ensemble, UNHEARD, UNSOLVED)),
+        ("epochs_without_fix", _flaws(ensemble, UNHEARD, PENALTY_UNSOLVED)),
         ("rejected", _flaws(ensemble, GATED)),
     ):
         draft[f"/summary/count/{name}"] = np.int64(value)

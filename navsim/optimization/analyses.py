@@ -36,7 +36,7 @@ from navsim.scenario.requirements import (
 from navsim.simulation.landing_covariance import Analysis
 from navsim.trajectory.kinematics import Motion
 
-Judge = Callable[[np.ndarray], np.ndarray]
+ObjectiveFunction = Callable[[np.ndarray], np.ndarray]
 """Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""
 COARSE_FIXES = 1.0
 """Rate of fixes of the coarse analysis, Hz."""
@@ -87,7 +87,7 @@ class Prepared:
         return replace(self.case, environment=sources).over(replace(self.case.world, signals=signals))
 
 
-class Analyst:
+class FidelityEvaluator:
     """What is found of placements at one fidelity. flown: for the filter; watched: for levels; each None where nobody
     asks. The last placement is remembered, since objective and requirements ask for the same."""
 
@@ -105,7 +105,7 @@ class Analyst:
             self._last = key, _Found(*cases)
         return self._last[1]
 
-    def judge(self, name: str) -> Judge:
+    def judge(self, name: str) -> ObjectiveFunction:
         """The judge of placements by an error of the filter, or by levels: large for a small share of epochs that have
         them, inf for one of the others where not all have."""
 

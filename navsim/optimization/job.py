@@ -9,10 +9,10 @@ from navsim.landing.confirmation import RUNS
 from navsim.landing.estimate import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, extent
 from navsim.landing.sources import glide_epochs
 from navsim.optimization import study as optimize
-from navsim.optimization.problem import UNMET, PlacementProblem, load_of, problem
-from navsim.optimization.progress import SearchProgress, Watch
+from navsim.optimization.problem import PENALTY_REQUIREMENT, PlacementProblem, load_of, problem
+from navsim.optimization.progress import SearchMonitor, SearchProgress
 from navsim.optimization.search import CHUNK, COARSE, FULL
-from navsim.optimization.search_log import Journal
+from navsim.optimization.search_log import SearchLog
 from navsim.results.result import Result, ResultKind
 from navsim.results.schema import LARGE, OBJECTIVE_QUANTITIES
 from navsim.runner.checkpoint import CheckpointStore
@@ -46,7 +46,7 @@ class OptimizeJob:
         return self.posed.warnings
 
     def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
-        self._watch = Watch(time_limit=self.options.time_limit)
+        self._watch = SearchMonitor(time_limit=self.options.time_limit)
 
         def ask(scenario: Landing, sources: Environment) -> None:
             allow(self.estimate(scenario, sources))
@@ -70,7 +70,7 @@ class OptimizeJob:
         )
         with executor.pool(executor.workers) as pool:
             away = pool if isinstance(pool, RemoteExecutor) else None
-            found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store), away, self._runs)
+            found = optimize.solve(self.posed, self.options.seed, self._watch, SearchLog(store), away, self._runs)
         result = optimize.optimize_result(self.posed, found, self.options.seed)
         interrupted = found.stopped == optimize.INTERRUPTED
         why = "interrupted" if interrupted else f"time limit of {self.options.time_limit:g} s" if found.stopped else ""
@@ -96,7 +96,7 @@ def said(progress: SearchProgress, unit: str, large: bool = False, quick: bool =
     if progress.best is not None and progress.places is not None:
         at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
         best = f"best {1.0 / progress.best if large else progress.best:.4g}{'' if unit == '1' else f' {unit}'}"
-        if progress.best >= UNMET:
+        if progress.best >= PENALTY_REQUIREMENT:
             best = f"requirements not met yet, the worst of them by a factor of {load_of(progress.best):.4g}"
         best += f" at s, l1 {at} m"
     remaining = "time left not known yet" if progress.remaining is None else f"at most {progress.remaining:.0f} s left"

@@ -12,20 +12,20 @@ from concurrent.futures import FIRST_COMPLETED, wait
 
 import numpy as np
 
-from navsim.optimization.analyses import Judge
+from navsim.optimization.analyses import ObjectiveFunction
 from navsim.optimization.placement import Rules
-from navsim.optimization.search_log import Journal
+from navsim.optimization.search_log import SearchLog
 from navsim.runner.executor import RemoteExecutor
 
 WORTH_S = 0.5
 """How long a task lasts at least where there are placements enough, s."""
 _LOOK_S = 0.5
 """How often the search is told on while it waits, s."""
-Judges = dict[str, dict[str, Judge]]
+ObjectiveFunctions = dict[str, dict[str, ObjectiveFunction]]
 """The judges of each fidelity, by the names they have in the journal."""
 
 
-def _analysed(judges: Judges, fidelity: str, places: np.ndarray) -> tuple[float, dict[str, np.ndarray]]:
+def _analysed(judges: ObjectiveFunctions, fidelity: str, places: np.ndarray) -> tuple[float, dict[str, np.ndarray]]:
     """What a worker does: the values of placements one by one, as the search would, and seconds a placement."""
     began = time.perf_counter()
     found = {
@@ -35,11 +35,16 @@ def _analysed(judges: Judges, fidelity: str, places: np.ndarray) -> tuple[float,
     return (time.perf_counter() - began) / len(places), found
 
 
-class Ahead:
+class Prefetcher:
     """Has placements (n, k, 2) analysed by a fidelity; their values are in the journal then."""
 
     def __init__(
-        self, judges: Judges, rules: Rules, journal: Journal, pool: RemoteExecutor, look: Callable[[], None]
+        self,
+        judges: ObjectiveFunctions,
+        rules: Rules,
+        journal: SearchLog,
+        pool: RemoteExecutor,
+        look: Callable[[], None],
     ) -> None:
         """look: called while it waits; raises where the search is to end."""
         self._judges, self._rules, self._journal, self._pool, self._look = judges, rules, journal, pool, look

@@ -40,7 +40,7 @@ from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.landing.requirements import MET, Fulfilment
 from navsim.landing.sources import environment, glide_epochs, touchdown_time
 from navsim.landing.study import Case, prepare
-from navsim.optimization.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
+from navsim.optimization.analyses import FidelityEvaluator, LevelScreen, ObjectiveFunction, flown, screened, watched
 from navsim.optimization.placement import Rules, rules
 from navsim.results.findings import Finding
 from navsim.results.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
@@ -53,12 +53,12 @@ from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotte
 from navsim.scenario.sweep import FILTER_OUTPUTS
 from navsim.simulation.geometry import Geometry, glide_geometry
 
-BROKEN = 1e9
+PENALTY_CONSTRAINT = 1e9
 """Objective of a placement that breaks a rule by nothing; more for worse."""
-UNSOLVED = 1e8
+PENALTY_UNSOLVED = 1e8
 """Objective of a placement that keeps the rules and leaves an epoch without a fix, or without a level that is the
 objective."""
-UNMET = 1e7
+PENALTY_REQUIREMENT = 1e7
 """Objective of a placement that misses the requirements by nothing; up to twice that for worse."""
 _LEVELLESS = 1e3
 """Load of a placement that no size would save, since levels are lacking at too many epochs; up to three times that."""
@@ -73,7 +73,7 @@ _NO_FIX = 1e4
 """What an epoch without a fix counts as in ranking placements by their geometry, m."""
 
 
-class Judged(NamedTuple):
+class Evaluated(NamedTuple):
     """Of placements (n,): value, what a search makes small; objective, nan where a rule is broken; load of the
     requirements, 0 where there are none, nan where a rule is broken."""
 
@@ -82,16 +82,16 @@ class Judged(NamedTuple):
     load: np.ndarray
 
 
-def merit(objective: np.ndarray, load: np.ndarray, most: float = 1.0) -> np.ndarray:
+def penalised(objective: np.ndarray, load: np.ndarray, most: float = 1.0) -> np.ndarray:
     """What a search makes small, of objectives and loads of placements that keep the rules; a load may be `most`."""
     solved = np.isfinite(objective)
-    unmet = UNMET * (2.0 - most / np.maximum(load, most))
-    return np.where(solved, np.where(load > most, unmet, objective), UNSOLVED)
+    unmet = PENALTY_REQUIREMENT * (2.0 - most / np.maximum(load, most))
+    return np.where(solved, np.where(load > most, unmet, objective), PENALTY_UNSOLVED)
 
 
 def load_of(value: float) -> float:
     """The load of a placement that misses the requirements, by its value."""
-    return 1.0 / (2.0 - value / UNMET)
+    return 1.0 / (2.0 - value / PENALTY_REQUIREMENT)
 
 
 @dataclass(frozen=True)
@@ -135,16 +135,16 @@ class PlacementProblem:
     scenario: Landing
     rules: Rules
     geometry: Geometry
-    objective: Judge
+    objective: ObjectiveFunction
     warnings: list[str]
-    coarse: Judge | None = None
-    screens: tuple[Judge, ...] = ()
-    features: Judge | None = None
+    coarse: ObjectiveFunction | None = None
+    screens: tuple[ObjectiveFunction, ...] = ()
+    features: ObjectiveFunction | None = None
     found: Callable[[np.ndarray], list[Finding]] | None = None
     quick: bool = False
     requirements: Requirements | None = None
-    load: Judge | None = None
-    coarse_load: Judge | None = None
+    load: ObjectiveFunction | None = None
+    coarse_load: ObjectiveFunction | None = None
     level_screen: LevelScreen | None = None
     ahead: Callable[[np.ndarray, str], None] | None = None
     fly: Fly | None = None
@@ -159,16 +159,16 @@ class PlacementProblem:
         """Whether placements are analysed one by one: for an error of the filter, levels, requirements."""
         return self.coarse is not None
 
-    def judged(self, places: np.ndarray, coarse: bool = False) -> Judged:
+    def judged(self, places: np.ndarray, coarse: bool = False) -> Evaluated:
         """What the objective, or its quick judge, and the requirements say of placements. Values below UNMET keep all
         rules, have a solution and meet the requirements."""
         broken = self.rules.violation(places)
         judge, load = (self.coarse or self.objective, self.coarse_load) if coarse else (self.objective, self.load)
-        found = Judged(_of_broken(broken), np.full(len(places), np.nan), np.full(len(places), np.nan))
+        found = Evaluated(_of_broken(broken), np.full(len(places), np.nan), np.full(len(places), np.nan))
         if np.any(kept := broken <= 0.0):
             found.objective[kept] = judge(places[kept])
             found.load[kept] = 0.0 if load is None else load(places[kept])
-            found.value[kept] = merit(found.objective[kept], found.load[kept])
+            found.value[kept] = penalised(found.objective[kept], found.load[kept])
         return found
 
     def value(self, places: np.ndarray) -> np.ndarray:
@@ -176,7 +176,7 @@ class PlacementProblem:
         are not."""
         return self.judged(places).value
 
-    def rough_value(self, places: np.ndarray, judge: Judge) -> np.ndarray:
+    def rough_value(self, places: np.ndarray, judge: ObjectiveFunction) -> np.ndarray:
         """The same by a judge that stands in for the objective, and by rules that ask fewer points of the approach,
         with a margin that makes up for it."""
         rough, margin = self._rough_rules
@@ -184,7 +184,7 @@ class PlacementProblem:
         out = _of_broken(broken)
         if np.any(kept := broken <= 0.0):
             values = judge(places[kept])
-            out[kept] = np.where(np.isfinite(values), values, UNSOLVED)
+            out[kept] = np.where(np.isfinite(values), values, PENALTY_UNSOLVED)
         return out
 
     def screened(self, places: np.ndarray) -> np.ndarray:
@@ -193,7 +193,7 @@ class PlacementProblem:
         objective, load = self.level_screen(places)
         if self.study.objective in DOP_OBJECTIVES:
             objective = self.objective(places)
-        return merit(objective, load)
+        return penalised(objective, load)
 
     def shown(self, value: np.ndarray) -> np.ndarray:
         """The objective as people have it, of what is made small."""
@@ -221,7 +221,7 @@ class PlacementProblem:
 
 def _of_broken(broken: np.ndarray) -> np.ndarray:
     """Values of placements that break a rule by so much (n,)."""
-    return np.where(broken > 0.0, BROKEN * (1.0 + np.maximum(broken, 0.0)), np.nan)
+    return np.where(broken > 0.0, PENALTY_CONSTRAINT * (1.0 + np.maximum(broken, 0.0)), np.nan)
 
 
 def problem(study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None) -> PlacementProblem:
@@ -276,7 +276,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         study = study.model_copy(update={"constraints": own})
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
-    objective: Judge = partial(_of_geometry, study.objective, geometry, kept)
+    objective: ObjectiveFunction = partial(_of_geometry, study.objective, geometry, kept)
     fly = partial(_fly, study, bare, document)
     if study.objective in DOP_OBJECTIVES and not study.constraints.requirements:
         return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly)
@@ -293,14 +293,14 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
             raise _refused(document, ("objective",), f"{text}: {case.scenario.duration_s:g}")
     until = max(end, touchdown) if study.constraints.requirements else end
     full, coarse = (
-        Analyst(
+        FidelityEvaluator(
             kept,
             flown(case, until, rough) if flies else None,
             watched(case, MOST_LEVELS if rough else None) if watches and case.flight.watching is not None else None,
         )
         for rough in (False, True)
     )
-    first: tuple[Judge, ...] = ()
+    first: tuple[ObjectiveFunction, ...] = ()
     quick = objective
     if study.objective in DOP_OBJECTIVES:
         first = (objective,)
@@ -374,7 +374,9 @@ def _refused(document: Document, key: KeyPath, text: str) -> InputError:
     return InputError([Problem(document.place(key), dotted(key), text)])
 
 
-def _with_requirements(here: PlacementProblem, full: Analyst, coarse: Analyst, document: Document) -> PlacementProblem:
+def _with_requirements(
+    here: PlacementProblem, full: FidelityEvaluator, coarse: FidelityEvaluator, document: Document
+) -> PlacementProblem:
     """The same with the base scenario's requirements; without pseudolites it shows which of them are decided."""
     found = full.fulfilments(np.empty((0, 2)))
     decided = np.array([not math.isnan(one.utilisation) for one in found])
@@ -384,7 +386,7 @@ def _with_requirements(here: PlacementProblem, full: Analyst, coarse: Analyst, d
         raise _refused(document, ("constraints", "requirements"), text)
     asked = Requirements(decided, full.fulfilments, coarse.fulfilments)
 
-    def judge(by: Callable[[np.ndarray], list[Fulfilment]]) -> Judge:
+    def judge(by: Callable[[np.ndarray], list[Fulfilment]]) -> ObjectiveFunction:
         return lambda places: np.array([asked.load(by(one)) for one in places])
 
     warnings = [*here.warnings]
@@ -435,7 +437,7 @@ def _read_at(name: str, case: Case) -> float:
     )
 
 
-def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> tuple[Judge, ...]:
+def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> tuple[ObjectiveFunction, ...]:
     """Judges by the SKO of fixes: of the objective's axis, and in space, over the seconds before it is read; of the
     axis over the glide up to then. Epochs without a fix count first."""
     before = time <= end
@@ -450,7 +452,7 @@ def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: 
     return tuple(partial(screen, *part) for part in parts)
 
 
-def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, flies: bool) -> Judge:
+def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, flies: bool) -> ObjectiveFunction:
     """Logarithms of the mean SKO of fixes in space, horizontal, vertical, and epochs without a fix, over stretches of
     the glide before `end`: the filter forgets the earlier ones, by how much differs. Levels are of each epoch by
     itself: the stretches are alike then."""

@@ -42,7 +42,7 @@ class SearchProgress:
     remaining: float | None
 
 
-class Watch:
+class SearchMonitor:
     """Counts what a search tries and tells it on; raises TimeUp once `time_limit` seconds have passed.
 
     The time counts from the making of the watch. clock: seconds, monotonic.

@@ -31,9 +31,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from navsim.landing.confirmation import APART, CANDIDATES
-from navsim.optimization.analyses import Judge
-from navsim.optimization.problem import BROKEN, UNMET, UNSOLVED, Judged, PlacementProblem, merit
-from navsim.optimization.progress import Step, Watch
+from navsim.optimization.analyses import ObjectiveFunction
+from navsim.optimization.problem import (
+    PENALTY_CONSTRAINT,
+    PENALTY_REQUIREMENT,
+    PENALTY_UNSOLVED,
+    Evaluated,
+    PlacementProblem,
+    penalised,
+)
+from navsim.optimization.progress import SearchMonitor, Step
 from navsim.runner.job import JobError
 from navsim.scenario.optimize import LEVEL_OBJECTIVES
 
@@ -61,9 +68,9 @@ _SCREEN_GENERATIONS = 25
 _LEVEL_GENERATIONS, _LEVEL_MORE, _LEVEL_STARTS = 60, 400, 2
 """The same where levels at some epochs judge, which is next to the coarse analysis; places tried for one more; starts
 beside those of the study's effort, lest what can be met is missed."""
-_TEACHERS = 40
+_INITIAL_SAMPLES = 40
 """Placements the surrogate learns from at least."""
-_HOPES = 0.0, 1.0
+_EXPLORATION = 0.0, 1.0
 """How far a round hopes for what is not known: standard deviations, by turns."""
 _REGION = 4.0
 """Every second round stays around the best: how far, in distances that new placements keep from the old."""
@@ -76,7 +83,7 @@ _ASIDE = (0.01, 0.02, 0.05, 0.1, 0.2)
 
 
 @dataclass(frozen=True)
-class _Pace:
+class _SearchBudget:
     """How much is analysed coarsely. first: times 16, and 8 a pseudolite, to begin with. learning: a round of the
     surrogate. finished: best placements that are finished. sizes: of their simplices, m. tries: a coordinate in each.
     """
@@ -92,7 +99,7 @@ class _Pace:
         return self.finished * len(self.sizes) * self.tries * 2 * count
 
 
-_FLOWN, _WATCHED = _Pace(1, 3, 1, (20.0,), 6), _Pace(3, 10, 3, (100.0, 20.0, 4.0), 15)
+_FLOWN, _WATCHED = _SearchBudget(1, 3, 1, (20.0,), 6), _SearchBudget(3, 10, 3, (100.0, 20.0, 4.0), 15)
 """Of covariance analyses, and where levels are all that is analysed, which costs less."""
 _AGAIN = 4
 """How often at most the best are judged again, by requirements that the coarse analysis makes stricter."""
@@ -190,7 +197,7 @@ def _all(here: PlacementProblem) -> int:
     return ALL_WATCHED if here.quick else ALL_ANALYSED
 
 
-def _pace(here: PlacementProblem) -> _Pace:
+def _pace(here: PlacementProblem) -> _SearchBudget:
     return _WATCHED if here.quick else _FLOWN
 
 
@@ -233,14 +240,14 @@ def _first(here: PlacementProblem, count: int) -> int:
     return _pace(here).first * (16 + 8 * count)
 
 
-class Trials:
+class Evaluator:
     """Judges placements under the eyes of a watch, as `PlacementProblem` does. searching: the best are offered to the
     watch."""
 
-    def __init__(self, here: PlacementProblem, watch: Watch, searching: bool) -> None:
+    def __init__(self, here: PlacementProblem, watch: SearchMonitor, searching: bool) -> None:
         self._here, self._watch, self._searching = here, watch, searching
 
-    def at_once(self, places: np.ndarray, judge: Judge | None = None, way: str = GEOMETRY) -> np.ndarray:
+    def at_once(self, places: np.ndarray, judge: ObjectiveFunction | None = None, way: str = GEOMETRY) -> np.ndarray:
         """Values (n,) of placements (n, k, 2) by the objective of geometry or by a judge that stands in for one."""
         with self._watch.trying(way, len(places)):
             values = self._here.value(places) if judge is None else self._here.rough_value(places, judge)
@@ -248,19 +255,19 @@ class Trials:
             self._offer(places, values)
         return values
 
-    def by(self, judge: Judge, way: str = GEOMETRY) -> Judge:
+    def by(self, judge: ObjectiveFunction, way: str = GEOMETRY) -> ObjectiveFunction:
         """A judge that stands in for the objective, as used here."""
         return lambda places: self.at_once(places, judge, way)
 
-    def coarse(self, places: np.ndarray) -> Judged:
+    def coarse(self, places: np.ndarray) -> Evaluated:
         """Placements (n, k, 2) by coarse analysis."""
         return self._one_by_one(places, COARSE)
 
-    def full(self, places: np.ndarray) -> Judged:
+    def full(self, places: np.ndarray) -> Evaluated:
         """The same by full analysis."""
         return self._one_by_one(places, FULL)
 
-    def _one_by_one(self, places: np.ndarray, fidelity: str) -> Judged:
+    def _one_by_one(self, places: np.ndarray, fidelity: str) -> Evaluated:
         ahead, out = self._here.ahead, []
         together = 1 if ahead is None else len(places)
         for first in range(0, len(places), together):
@@ -271,27 +278,29 @@ class Trials:
                 for i in range(len(some)):
                     out.append(self._here.judged(some[i : i + 1], coarse=fidelity == COARSE))
                     self._offer(some[i : i + 1], out[-1].value)
-        return Judged(*map(np.concatenate, zip(*out, strict=True)))
+        return Evaluated(*map(np.concatenate, zip(*out, strict=True)))
 
     def _offer(self, places: np.ndarray, values: np.ndarray) -> None:
         best = int(np.argmin(values))
-        if self._searching and values[best] < UNSOLVED:
+        if self._searching and values[best] < PENALTY_UNSOLVED:
             self._watch.offer(places[best], float(values[best]))
 
 
-def search_one(here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Found:
+def search_one(
+    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: SearchMonitor
+) -> Found:
     """The best placement of `count` pseudolites. earlier: the best of fewer. Raises NoPlacement, TimeUp."""
     watch.begin()
-    trials = Trials(here, watch, searching=True)
+    trials = Evaluator(here, watch, searching=True)
     if here.study.sites:
         choose = _choose_analysed if here.analysed else _choose
         places, value, others, every = choose(here, count, seed, trials, watch)
     else:
         place = _place_analysed if here.analysed else _place
         places, value, others, every = place(here, count, seed, earlier, trials, watch)
-    if value >= BROKEN or (value >= UNSOLVED and here.requirements is None):
+    if value >= PENALTY_CONSTRAINT or (value >= PENALTY_UNSOLVED and here.requirements is None):
         what = "protection level" if here.study.objective in LEVEL_OBJECTIVES else "fix"
-        reason = "breaks a rule" if value >= BROKEN else f"leaves epochs of the glide without a {what}"
+        reason = "breaks a rule" if value >= PENALTY_CONSTRAINT else f"leaves epochs of the glide without a {what}"
         raise NoPlacement(f"{count} pseudolite(s): every placement tried {reason}")
     if not here.study.sites:
         judge = (lambda some: trials.full(some).value) if here.analysed else trials.at_once
@@ -303,11 +312,11 @@ def search_one(here: PlacementProblem, count: int, seed: int, earlier: np.ndarra
     return Found(places, objective, watch.tried_since(), every, finished=True, load=load, others=others)
 
 
-def _printed(places: np.ndarray, value: float, judge: Judge) -> tuple[np.ndarray, float]:
+def _printed(places: np.ndarray, value: float, judge: ObjectiveFunction) -> tuple[np.ndarray, float]:
     """A placement at whole centimetres, as tables and files of sites have it, and its value: the nearest, or the best
     of those beside it where that breaks a rule or misses a requirement that the placement itself does not."""
     nearest = np.round(places, _DIGITS)
-    worst = next(limit for limit in (UNMET, UNSOLVED, BROKEN) if value < limit)
+    worst = next(limit for limit in (PENALTY_REQUIREMENT, PENALTY_UNSOLVED, PENALTY_CONSTRAINT) if value < limit)
     moves = np.eye(places.size).reshape(-1, *places.shape)
     best, lowest = nearest, float(judge(nearest[None])[0])
     for size in _ASIDE:
@@ -325,7 +334,7 @@ def _printed(places: np.ndarray, value: float, judge: Judge) -> tuple[np.ndarray
 
 
 def _place(
-    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
+    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Evaluator, watch: SearchMonitor
 ) -> _Best:
     def value(x: np.ndarray) -> float:
         return float(trials.at_once(x.reshape(1, count, 2))[0])
@@ -354,7 +363,7 @@ def _bounds(here: PlacementProblem, count: int) -> Bounds:
 
 
 def _evolve(
-    judge: Judge,
+    judge: ObjectiveFunction,
     bounds: Bounds,
     rng: np.random.Generator,
     generations: int,
@@ -382,8 +391,8 @@ def _one_more(
     count: int,
     earlier: np.ndarray,
     rng: np.random.Generator,
-    trials: Trials,
-    judge: Judge | None = None,
+    trials: Evaluator,
+    judge: ObjectiveFunction | None = None,
 ) -> np.ndarray:
     """The placement found for fewer, with the best of many random places added one at a time; the best (20, k, 2)."""
     low, high = here.limits()
@@ -439,7 +448,7 @@ def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
         yield np.array(chunk)
 
 
-def _choose(here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch) -> _Best:
+def _choose(here: PlacementProblem, count: int, seed: int, trials: Evaluator, watch: SearchMonitor) -> _Best:
     """The best `count` of the study's sites."""
     usable = _sites(here, count)
     with watch.step(_choosing(count)):
@@ -455,7 +464,9 @@ def _choose(here: PlacementProblem, count: int, seed: int, trials: Trials, watch
         return _Best(usable[ranked[0][1]], ranked[0][0])
 
 
-def _exchanged(usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge) -> list[tuple[float, list[int]]]:
+def _exchanged(
+    usable: np.ndarray, count: int, seed: int, effort: int, judge: ObjectiveFunction
+) -> list[tuple[float, list[int]]]:
     """Greedy choices of sites from several starts, each improved by exchanging one site at a time: values and choices,
     the best first."""
 
@@ -525,13 +536,13 @@ class Surrogate:
         return np.exp(-0.5 * square / self._LENGTH**2)
 
 
-class _Learner:
+class _SurrogateFit:
     """Placements analysed so far and the surrogate they make."""
 
-    def __init__(self, here: PlacementProblem, trials: Trials) -> None:
+    def __init__(self, here: PlacementProblem, trials: Evaluator) -> None:
         self._here, self._trials = here, trials
         self.places: list[np.ndarray] = []
-        self._found: list[Judged] = []
+        self._found: list[Evaluated] = []
         self.most = 1.0
         """What a load may be here, so that the full analysis finds it to be no more than 1."""
 
@@ -540,7 +551,7 @@ class _Learner:
         if some := list(places):
             found = self._trials.coarse(np.array(some))
             self.places += some
-            self._found += [Judged(*(column[i : i + 1] for column in found)) for i in range(len(some))]
+            self._found += [Evaluated(*(column[i : i + 1] for column in found)) for i in range(len(some))]
 
     def _column(self, name: str) -> np.ndarray:
         return np.array([getattr(one, name)[0] for one in self._found])
@@ -554,18 +565,20 @@ class _Learner:
     def values(self) -> np.ndarray:
         """What is made small (n,), with `most`."""
         values = self._column("value")
-        return np.where(values < BROKEN, merit(self._column("objective"), self.loads, self.most), values)
+        return np.where(
+            values < PENALTY_CONSTRAINT, penalised(self._column("objective"), self.loads, self.most), values
+        )
 
-    def surrogate(self, hope: float, around: np.ndarray | None = None) -> Judge:
+    def surrogate(self, hope: float, around: np.ndarray | None = None) -> ObjectiveFunction:
         """The judge made of the better half of what solved and kept the rules, or of what is nearest to a placement."""
         features, values = self._here.features, self.values
         assert features is not None
         order = np.argsort(values, kind="stable")
-        order = order[values[order] < UNSOLVED]
+        order = order[values[order] < PENALTY_UNSOLVED]
         if around is not None:
             gaps = [apart(self.places[i], around) for i in order]
             order = order[np.argsort(gaps, kind="stable")]
-        known = order[: max(_TEACHERS, order.size // 2)]
+        known = order[: max(_INITIAL_SAMPLES, order.size // 2)]
         taught = features(np.array(self.places)[known])
         objective = Surrogate(taught, self._column("objective")[known])
         if self._here.requirements is None:
@@ -574,14 +587,14 @@ class _Learner:
 
         def expected(places: np.ndarray) -> np.ndarray:
             told = features(places)
-            return merit(objective(told, hope), load(told, hope), most)
+            return penalised(objective(told, hope), load(told, hope), most)
 
         return expected
 
     @property
     def solved(self) -> int:
         """Placements with a value."""
-        return int(np.sum(self.values < UNSOLVED))
+        return int(np.sum(self.values < PENALTY_UNSOLVED))
 
     def load_of(self, places: np.ndarray) -> float:
         """The load found of one of the placements."""
@@ -638,7 +651,7 @@ def _gaps(here: PlacementProblem, count: int) -> np.ndarray:
 
 
 def _place_analysed(
-    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
+    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Evaluator, watch: SearchMonitor
 ) -> _Best:
     rng = np.random.default_rng([seed, count])
     bounds = _bounds(here, count)
@@ -655,7 +668,7 @@ def _place_analysed(
         if here.level_screen is not None:
             lists = _by_levels(here, count, rng, lists, earlier, trials)
         lists.append(pool)
-    learner = _Learner(here, trials)
+    learner = _SurrogateFit(here, trials)
     with watch.step(_learning(count)):
         gaps = _gaps(here, count)
         learner.analyse(
@@ -673,7 +686,7 @@ def _place_analysed(
                 evolved = near[np.argsort(judge(near), kind="stable")][:size]
                 learner.analyse(learner.new(evolved, pace.learning, 0.2 * gap))
                 continue
-            judge = trials.by(learner.surrogate(_HOPES[i // 2 % len(_HOPES)]))
+            judge = trials.by(learner.surrogate(_EXPLORATION[i // 2 % len(_EXPLORATION)]))
             moved = best[rng.integers(min(len(best), 6), size=_POOL)]
             moved[np.arange(_POOL), rng.integers(count, size=_POOL)] = pool[rng.integers(len(pool), size=_POOL), 0]
             likely = [some[np.argsort(judge(some), kind="stable")][: size // 3] for some in (pool, moved)]
@@ -698,7 +711,7 @@ def _by_levels(
     rng: np.random.Generator,
     screened: list[Iterable[np.ndarray]],
     earlier: np.ndarray | None,
-    trials: Trials,
+    trials: Evaluator,
 ) -> list[Iterable[np.ndarray]]:
     """Lists of placements, the best of each first, by levels at some epochs; they begin with what is best by screens,
     and with chance."""
@@ -717,11 +730,11 @@ def _by_levels(
 
 
 def _decided(
-    learner: _Learner,
+    learner: _SurrogateFit,
     count: int,
     here: PlacementProblem,
-    trials: Trials,
-    watch: Watch,
+    trials: Evaluator,
+    watch: SearchMonitor,
     refine: Callable[[], None] = lambda: None,
 ) -> _Best:
     """The best by the full analysis of the best by the coarse one, 10 m apart. Where none of them meets requirements
@@ -738,7 +751,7 @@ def _decided(
             if found.value[i] < lowest:
                 best, lowest = some[i], float(found.value[i])
             expected = np.array([learner.load_of(one) for one in some])
-            if lowest < UNMET or not (expected <= learner.most).any():
+            if lowest < PENALTY_REQUIREMENT or not (expected <= learner.most).any():
                 break
             learner.most = min(learner.most, float(np.fmin.reduce(expected / found.load)))
     others = (one for one in learner.apart(CANDIDATES, APART) if apart(one, best) > APART)
@@ -759,7 +772,7 @@ def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.nd
     return kept if len(kept) >= _first(here, count) + _members(count) else pool
 
 
-def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch) -> _Best:
+def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Evaluator, watch: SearchMonitor) -> _Best:
     """The best `count` of the study's sites by analyses."""
     usable = _sites(here, count)
     if math.comb(len(usable), count) <= _all(here):
@@ -772,7 +785,7 @@ def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Tria
         ranked = [
             _screened_choices(usable, count, seed, here.study.effort, trials.by(screen)) for screen in here.screens
         ]
-    learner, pace = _Learner(here, trials), _pace(here)
+    learner, pace = _SurrogateFit(here, trials), _pace(here)
     pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
     with watch.step(_learning(count)):
         starts = (usable[list(c)] for c in _in_turn([*ranked, np.random.default_rng([seed, count]).permutation(pool)]))
@@ -786,7 +799,7 @@ def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Tria
     return _decided(learner, count, here, trials, watch)
 
 
-def _screened_choices(usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge) -> np.ndarray:
+def _screened_choices(usable: np.ndarray, count: int, seed: int, effort: int, judge: ObjectiveFunction) -> np.ndarray:
     """The best choices by a judge as indices (n, count), the best first: of all where that can be, else exchanged."""
     if math.comb(len(usable), count) > ALL_CHOICES:
         return np.array([chosen for _, chosen in _exchanged(usable, count, seed, effort, judge)])

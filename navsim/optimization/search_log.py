@@ -17,7 +17,7 @@ import numpy as np
 from navsim.runner.checkpoint import JOURNAL, Arrays, CheckpointError, CheckpointStore
 
 
-class Journal:
+class SearchLog:
     """The partial work of a search; without a store it forgets. Not for several threads."""
 
     def __init__(self, store: CheckpointStore | None = None) -> None:

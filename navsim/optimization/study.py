@@ -15,12 +15,18 @@ import numpy as np
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.landing.confirmation import Candidate, Confirmation, confirm
 from navsim.landing.requirements import MET, Fulfilment
-from navsim.optimization.analyses import Judge
-from navsim.optimization.prefetch import Ahead, Judges
-from navsim.optimization.problem import BROKEN, UNMET, UNSOLVED, PlacementProblem, merit
-from navsim.optimization.progress import Step, TimeUp, Watch
-from navsim.optimization.search import COARSE, FULL, GEOMETRY, Found, NoPlacement, Trials, named, search_one, steps
-from navsim.optimization.search_log import Journal
+from navsim.optimization.analyses import ObjectiveFunction
+from navsim.optimization.prefetch import ObjectiveFunctions, Prefetcher
+from navsim.optimization.problem import (
+    PENALTY_CONSTRAINT,
+    PENALTY_REQUIREMENT,
+    PENALTY_UNSOLVED,
+    PlacementProblem,
+    penalised,
+)
+from navsim.optimization.progress import SearchMonitor, Step, TimeUp
+from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, Found, NoPlacement, named, search_one, steps
+from navsim.optimization.search_log import SearchLog
 from navsim.results.draft import Draft
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
@@ -74,11 +80,11 @@ class SearchOutcome:
         return out
 
 
-def search(here: PlacementProblem, seed: int, watch: Watch | None = None) -> dict[int, Found]:
+def search(here: PlacementProblem, seed: int, watch: SearchMonitor | None = None) -> dict[int, Found]:
     """The best placement for every number of pseudolites the study asks for. Raises NoPlacement."""
-    watch = watch or Watch()
+    watch = watch or SearchMonitor()
     watch.plan(_search_steps(here))
-    return dict(_searches(here, seed, watch, Journal()))
+    return dict(_searches(here, seed, watch, SearchLog()))
 
 
 def planned(here: PlacementProblem) -> list[Step]:
@@ -90,7 +96,9 @@ def _search_steps(here: PlacementProblem) -> list[Step]:
     return [step for i, count in enumerate(here.study.counts) for step in steps(here, count, i > 0)]
 
 
-def _searches(here: PlacementProblem, seed: int, watch: Watch, journal: Journal) -> Iterator[tuple[int, Found]]:
+def _searches(
+    here: PlacementProblem, seed: int, watch: SearchMonitor, journal: SearchLog
+) -> Iterator[tuple[int, Found]]:
     earlier: np.ndarray | None = None
     for count in here.study.counts:
         found = Found.of(journal.step(f"found-{count}", partial(_search_arrays, here, count, seed, earlier, watch)))
@@ -98,7 +106,9 @@ def _searches(here: PlacementProblem, seed: int, watch: Watch, journal: Journal)
         yield count, found
 
 
-def _search_arrays(here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Arrays:
+def _search_arrays(
+    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: SearchMonitor
+) -> Arrays:
     return search_one(here, count, seed, earlier, watch).arrays()
 
 
@@ -111,8 +121,8 @@ def partial_key(here: PlacementProblem, seed: int) -> dict[str, object]:
 def solve(
     here: PlacementProblem,
     seed: int,
-    watch: Watch | None = None,
-    journal: Journal | None = None,
+    watch: SearchMonitor | None = None,
+    journal: SearchLog | None = None,
     pool: RemoteExecutor | None = None,
     runs: int = 0,
 ) -> SearchOutcome:
@@ -125,10 +135,10 @@ def solve(
     several at a time, if the journal keeps them. Raises NoPlacement where there is none; KeyboardInterrupt where there
     is none yet; CheckpointError where the journal cannot be kept; executor.WorkerLost.
     """
-    watch = watch or Watch()
-    journal = journal or Journal()
+    watch = watch or SearchMonitor()
+    journal = journal or SearchLog()
     if pool is not None and journal.keeps and here.coarse is not None:
-        here = replace(here, ahead=Ahead(_judges(here), here.rules, journal, pool, watch.look))
+        here = replace(here, ahead=Prefetcher(_judges(here), here.rules, journal, pool, watch.look))
     if here.coarse is not None:
         full, coarse = journal.remembering(FULL, here.objective), journal.remembering(COARSE, here.coarse)
         here = replace(here, objective=full, coarse=coarse)
@@ -139,7 +149,7 @@ def solve(
         )
         here = replace(here, load=full, coarse_load=coarse)
     counts = here.study.counts
-    trials = Trials(here, watch, searching=False)
+    trials = Evaluator(here, watch, searching=False)
     watch.plan(planned(here))
     nothing = np.empty((1, 0, 2))
     if here.coarse is not None:
@@ -147,7 +157,7 @@ def solve(
     outcome = SearchOutcome(float(here.objective(nothing)[0]))
 
     def step(
-        what: str, count: int, work: Callable[[PlacementProblem, Found, Trials], np.ndarray], best: Found
+        what: str, count: int, work: Callable[[PlacementProblem, Found, Evaluator], np.ndarray], best: Found
     ) -> np.ndarray:
         return journal.step(f"{what}-{count}", lambda: {what: work(here, best, trials)})[what]
 
@@ -185,7 +195,7 @@ def solve(
 
 
 def _fly_best(
-    here: PlacementProblem, outcome: SearchOutcome, count: int, seed: int, runs: int, journal: Journal
+    here: PlacementProblem, outcome: SearchOutcome, count: int, seed: int, runs: int, journal: SearchLog
 ) -> None:
     """Fly the best placement of a number of pseudolites; the next best takes its place where runs speak against it."""
     best = outcome.found[count]
@@ -208,24 +218,26 @@ def _analysed(here: PlacementProblem, places: np.ndarray) -> tuple[np.ndarray, f
     """A placement (k, 2) with its objective by the full analysis, None where it breaks a rule or misses a
     requirement."""
     found = here.judged(places[None])
-    return (places, float(found.objective[0])) if found.value[0] < UNMET else None
+    return (places, float(found.objective[0])) if found.value[0] < PENALTY_REQUIREMENT else None
 
 
-def _judges(here: PlacementProblem) -> Judges:
+def _judges(here: PlacementProblem) -> ObjectiveFunctions:
     """The judges of a problem that is analysed, as `solve` names them in the journal."""
-    out: Judges = {}
+    out: ObjectiveFunctions = {}
     for fidelity, judge, load in ((FULL, here.objective, here.load), (COARSE, here.coarse, here.coarse_load)):
         assert judge is not None
         out[fidelity] = {fidelity: judge} | ({} if load is None else {f"{fidelity}-load": load})
     return out
 
 
-def _keep_unfinished(here: PlacementProblem, outcome: SearchOutcome, counts: tuple[int, ...], watch: Watch) -> None:
+def _keep_unfinished(
+    here: PlacementProblem, outcome: SearchOutcome, counts: tuple[int, ...], watch: SearchMonitor
+) -> None:
     """The best so far of the number of pseudolites whose search was stopped."""
     if len(outcome.found) == len(counts) or watch.places is None:
         return
     best = here.judged(watch.places[None])
-    if best.value[0] < UNSOLVED:
+    if best.value[0] < PENALTY_UNSOLVED:
         count, objective, load = len(watch.places), float(best.objective[0]), float(best.load[0])
         outcome.found[count] = Found(watch.places, objective, watch.tried_since(), False, finished=False, load=load)
 
@@ -253,7 +265,7 @@ def _later_steps(here: PlacementProblem) -> list[Step]:
     ]
 
 
-def _judged(here: PlacementProblem, best: Found, trials: Trials) -> Judge:
+def _judged(here: PlacementProblem, best: Found, trials: Evaluator) -> ObjectiveFunction:
     """The objective; where placements are analysed the coarse analysis, in proportion so that it is right at the best;
     inf where there is no solution or requirements are not met."""
     if here.coarse is None:
@@ -264,13 +276,13 @@ def _judged(here: PlacementProblem, best: Found, trials: Trials) -> Judge:
 
     def judge(places: np.ndarray) -> np.ndarray:
         found = trials.coarse(places)
-        values = merit(scale * found.objective, heavier * found.load)
-        return np.where((found.value < BROKEN) & (values < UNMET), values, np.inf)
+        values = penalised(scale * found.objective, heavier * found.load)
+        return np.where((found.value < PENALTY_CONSTRAINT) & (values < PENALTY_REQUIREMENT), values, np.inf)
 
     return judge
 
 
-def neighbourhood(here: PlacementProblem, best: Found, trials: Trials) -> np.ndarray:
+def neighbourhood(here: PlacementProblem, best: Found, trials: Evaluator) -> np.ndarray:
     """How far each pseudolite may be moved by itself before the objective worsens, by LOSSES and BEARINGS (k, 2, 8), m,
     or requirements are no longer met; nan where the area or a rule ends it first, and where they never were."""
     if not best.met:
@@ -303,7 +315,7 @@ def neighbourhood(here: PlacementProblem, best: Found, trials: Trials) -> np.nda
     return out
 
 
-def _reached(judge: Judge, moved: np.ndarray, reach: np.ndarray, value: float) -> np.ndarray:
+def _reached(judge: ObjectiveFunction, moved: np.ndarray, reach: np.ndarray, value: float) -> np.ndarray:
     """Distances (2,) at which LOSSES are reached on the way out through `moved` (n, k, 2), nan where they are not.
 
     From the middle outwards until the larger loss is passed, inwards until the smaller is not; between two distances
@@ -352,7 +364,7 @@ def map_axes(here: PlacementProblem) -> tuple[np.ndarray, np.ndarray]:
     return np.linspace(low[0], high[0], points), np.linspace(low[1], high[1], points)
 
 
-def objective_map(here: PlacementProblem, best: Found, trials: Trials) -> np.ndarray:
+def objective_map(here: PlacementProblem, best: Found, trials: Evaluator) -> np.ndarray:
     """The objective with the first pseudolite moved over the area (a, b), nan where a rule is broken, or
     requirements are not met."""
     s, l1 = map_axes(here)
@@ -361,7 +373,7 @@ def objective_map(here: PlacementProblem, best: Found, trials: Trials) -> np.nda
     if not best.met:
         return np.full((s.size, l1.size), np.nan)
     values = _judged(here, best, trials)(moved)
-    return np.where(values < UNSOLVED, values, np.nan).reshape(s.size, l1.size)
+    return np.where(values < PENALTY_UNSOLVED, values, np.nan).reshape(s.size, l1.size)
 
 
 def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -> Result:

@@ -194,7 +194,7 @@ class _RemoteBatches:
         return future
 
     def done(self, future: Future[Any]) -> list[tuple[int, Batch]]:
-        """The batches of a finished task, kept by now. Raises what it raised, CheckpointError where the store is full."""
+        """Batches of a finished task, kept by now. Raises what it raised, CheckpointError where the store is full."""
         seconds, found = future.result()
         out = []
         for (first, _), (per_run, sums, kept) in zip(self._stretches.pop(future), found, strict=True):

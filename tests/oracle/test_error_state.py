@@ -51,7 +51,7 @@ class Case:
         return Sensors(start, *noise, 0.01, np.array(self.lever_arm_m), clock)
 
 
-class Judged:
+class Evaluated:
     """Ratio of navsim's sigmas to the textbook filter's, and how far their errors are apart, in those, (run, fix,
     state): position, velocity and attitude along north, east and down, biases of gyros and accelerometers."""
 
@@ -152,7 +152,7 @@ WHAT = "of a sigma, all states at all outputs"
     ids=["landing", "landing, measured force", "noisy", "ranges", "turns"],
 )
 def test_one_gaussian(flight: Case, coupling: str, steady: bool, within: Within) -> None:
-    judged = Judged(flight, "eskf", steady, coupling)
+    judged = Evaluated(flight, "eskf", steady, coupling)
     assert np.abs(judged.ratio - 1.0).max() < within["sigma"]
     assert np.abs(judged.apart).max() < within["estimate"]
 
@@ -166,6 +166,6 @@ def test_one_gaussian(flight: Case, coupling: str, steady: bool, within: Within)
 )
 @pytest.mark.parametrize("coupling", ["loose", "tight"])
 def test_one_gaussian_is_enough(coupling: str, within: Within) -> None:
-    judged = Judged(WELL_ALIGNED, "gaussian-sum", True, coupling)
+    judged = Evaluated(WELL_ALIGNED, "gaussian-sum", True, coupling)
     assert np.abs(judged.ratio - 1.0).max() < within["sigma"]
     assert np.abs(judged.apart).max() < within["estimate"]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from navsim.landing.study import covariance_analysis, judged_without_runs
-from navsim.optimization.problem import PlacementProblem, load_of, merit, problem
+from navsim.optimization.problem import PlacementProblem, load_of, penalised, problem
 from navsim.optimization.search import Found
 from navsim.optimization.study import search
 from navsim.scenario.load import read_study
@@ -223,7 +223,7 @@ def test_screened_levels_rank_placements_as_the_whole_glide_does(tmp_path: Path,
 def test_what_misses_requirements_ranks_behind_all_that_meets_them() -> None:
     objective = np.array([5.0, 1.0, 0.5, 0.1, np.inf, 5.0])
     load = np.array([1.0, 1.0 + 1e-9, 2.0, 3000.0, 0.5, 0.9])
-    value = merit(objective, load)
+    value = penalised(objective, load)
     assert value[0] == value[5] == 5.0
     assert (np.diff(value[:5]) > 0.0).all()
     assert load_of(float(value[2])) == pytest.approx(2.0)

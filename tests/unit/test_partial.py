@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.optimization.search_log import Journal
+from navsim.optimization.search_log import SearchLog
 from navsim.results import atomic_write as whole
 from navsim.results.atomic_write import Occupied, clean, discard, locked, partial_folder, write_whole
 from navsim.runner.checkpoint import CheckpointError, CheckpointStore
@@ -338,10 +338,10 @@ def forbidden(places: np.ndarray) -> np.ndarray:
 def test_a_journal_remembers_to_the_bit(tmp_path: Path) -> None:
     places = np.random.default_rng(1).normal(size=(5, 2, 2))
     nothing = np.empty((1, 0, 2))
-    first = Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)
+    first = SearchLog(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)
     np.testing.assert_array_equal(first(places), twice(places))
     assert first(nothing) == [0.0]
-    again = Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False))
+    again = SearchLog(CheckpointStore(tmp_path / "p", KEY, fresh=False))
     np.testing.assert_array_equal(again.remembering("full", forbidden)(places), twice(places))
     assert again.remembering("full", forbidden)(nothing) == [0.0]
     with pytest.raises(AssertionError):
@@ -351,12 +351,12 @@ def test_a_journal_remembers_to_the_bit(tmp_path: Path) -> None:
 @pytest.mark.parametrize("cut", [1, 20, 400])
 def test_a_cut_journal_counts_up_to_its_last_whole_line(cut: int, tmp_path: Path) -> None:
     places = np.arange(40.0).reshape(10, 2, 2)
-    Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
+    SearchLog(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
     file = tmp_path / "p" / "journal.txt"
     whole_lines = file.read_bytes()
     file.write_bytes(whole_lines[:-cut])
     store = CheckpointStore(tmp_path / "p", KEY, fresh=False)
-    np.testing.assert_array_equal(Journal(store).remembering("full", twice)(places), twice(places))
+    np.testing.assert_array_equal(SearchLog(store).remembering("full", twice)(places), twice(places))
     assert store.redone == 1
     assert file.read_bytes() == whole_lines
 
@@ -377,24 +377,24 @@ class Short:
 
 def test_a_line_written_in_part_hides_none_after_it(tmp_path: Path) -> None:
     places = np.arange(40.0).reshape(10, 2, 2)
-    journal = Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False))
+    journal = SearchLog(CheckpointStore(tmp_path / "p", KEY, fresh=False))
     journal._file = Short(journal._file)  # type: ignore[assignment]  # passes all but one write on to the real one
     judge = journal.remembering("full", twice)
     with pytest.raises(CheckpointError, match="No space left"):
         judge(places)
     judge(places[5:])
     store = CheckpointStore(tmp_path / "p", KEY, fresh=False)
-    known = Journal(store).remembering("full", forbidden)
+    known = SearchLog(store).remembering("full", forbidden)
     np.testing.assert_array_equal(known(places[[0, 1, 5, 9]]), twice(places[[0, 1, 5, 9]]))
     assert store.redone == 0
 
 
 def test_a_journal_of_another_study_does_not_count(tmp_path: Path) -> None:
     places = np.arange(4.0).reshape(1, 2, 2)
-    Journal(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
+    SearchLog(CheckpointStore(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
     other = {**KEY, "seed": 2}
     with pytest.raises(CheckpointError, match="another study"):
         CheckpointStore(tmp_path / "p", other, fresh=False)
     (tmp_path / "p" / "key.json").write_text(json.dumps(other, sort_keys=True, indent=1))
     with pytest.raises(AssertionError):
-        Journal(CheckpointStore(tmp_path / "p", other, fresh=False)).remembering("full", forbidden)(places)
+        SearchLog(CheckpointStore(tmp_path / "p", other, fresh=False)).remembering("full", forbidden)(places)

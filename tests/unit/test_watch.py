@@ -9,7 +9,7 @@ import pytest
 
 from navsim.cli import common
 from navsim.optimization.job import said
-from navsim.optimization.progress import SearchProgress, Step, TimeUp, Watch
+from navsim.optimization.progress import SearchMonitor, SearchProgress, Step, TimeUp
 
 
 class Clock:
@@ -24,7 +24,7 @@ class Clock:
 
 def test_time_left_is_what_is_planned_at_its_measured_cost() -> None:
     clock, told = Clock(), list[SearchProgress]()
-    watch = Watch(told.append, clock=clock)
+    watch = SearchMonitor(told.append, clock=clock)
     watch.plan([Step("one", {"cheap": 100}), Step("two", {"dear": 10}), Step("three", {"dear": 5})])
     with watch.step("one"), watch.trying("cheap", 50):
         clock.now += 1.0
@@ -41,7 +41,7 @@ def test_time_left_is_what_is_planned_at_its_measured_cost() -> None:
 
 def test_limit_ends_the_work() -> None:
     clock = Clock()
-    watch = Watch(time_limit=3.0, clock=clock)
+    watch = SearchMonitor(time_limit=3.0, clock=clock)
     with watch.trying("any", 1):
         clock.now += 2.0
     with pytest.raises(TimeUp), watch.trying("any", 1):
@@ -50,7 +50,7 @@ def test_limit_ends_the_work() -> None:
 
 
 def test_the_best_is_of_the_number_and_of_the_judge_in_work() -> None:
-    watch, a, b, c = Watch(), *(np.full((1, 2), x) for x in (1.0, 2.0, 3.0))
+    watch, a, b, c = SearchMonitor(), *(np.full((1, 2), x) for x in (1.0, 2.0, 3.0))
     watch.offer(a, 5.0)
     watch.offer(b, 6.0)
     assert watch.best == 5.0
