@@ -16,10 +16,10 @@ import numpy as np
 
 from navsim.core.arrays.earth import RATE as EARTH_RATE
 from navsim.core.arrays.earth import ecef_from_llh
-from navsim.gnss import atmosphere, code_loop
+from navsim.gnss import atmosphere, dll
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.constellations.systems import CLOCKS
-from navsim.gnss.heavier import HeavierNoise
+from navsim.gnss.heavy_tailed import HeavyTailedNoise
 from navsim.gnss.lasting import LastingError
 from navsim.gnss.pseudorange import satellites_at_reception
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
@@ -61,7 +61,7 @@ class Reference:
     noise: float
 
 
-STANDARD_LOOP = code_loop.CodeLoop(spacing=0.5, bandwidth=1.0, integration=0.02)
+STANDARD_LOOP = dll.CodeLoop(spacing=0.5, bandwidth=1.0, integration=0.02)
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ class Effects:
     troposphere: Troposphere | None = None
     space: Space | None = None
     reference: Reference | None = None
-    loop: code_loop.CodeLoop = STANDARD_LOOP
+    loop: dll.CodeLoop = STANDARD_LOOP
     thermal: bool = False
     horizon_db: float = 0.0
-    reflection: code_loop.GroundReflection | None = None
+    reflection: dll.GroundReflection | None = None
     cn0_reference: float | None = None
     noise_figure: float = 0.0
     thermal_pseudolites: bool = False
@@ -94,7 +94,7 @@ class Effects:
     one_clock: bool = False
     smoothing: float = 0.0
     lasting: tuple[LastingError, ...] = ()
-    heavier: HeavierNoise | None = None
+    heavier: HeavyTailedNoise | None = None
 
     @property
     def placed(self) -> bool:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.core.arrays import earth
-from navsim.gnss.code_loop import ReflectionErrors
 from navsim.gnss.constellations.constellation import Constellation
+from navsim.gnss.dll import ReflectionErrors
 from navsim.gnss.lasting import LastingErrors
 from navsim.gnss.transmitter import WanderingClocks
 

@@ -14,7 +14,7 @@ import numpy as np
 from navsim.core.arrays.earth import RATE as EARTH_RATE
 from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.core.defect import Defect
-from navsim.gnss import atmosphere, code_loop, pseudorange, timescales
+from navsim.gnss import atmosphere, dll, pseudorange, timescales
 from navsim.gnss.antenna import AircraftAntenna, GroundPattern
 from navsim.gnss.constellations.constellation import Constellation, carriers
 from navsim.gnss.constellations.systems import CLOCKS, GPS, OWN
@@ -213,8 +213,8 @@ class Environment:
     @property
     def chips(self) -> np.ndarray:
         """Length of a chip of each source (s,), m; what is no satellite has those of GPS."""
-        of_satellites = [code_loop.chip_length(g.constellation.system) for g in self.satellites for _ in g.names]
-        out = np.full(len(self.systems), code_loop.chip_length(GPS))
+        of_satellites = [dll.chip_length(g.constellation.system) for g in self.satellites for _ in g.names]
+        out = np.full(len(self.systems), dll.chip_length(GPS))
         out[: len(of_satellites)] = of_satellites
         return out
 
@@ -459,14 +459,14 @@ def _affected(
             transmitter = pseudolites.llh[i - (s - len(pseudolites.names))]
             above, own = llh[:, 2] - effects.reflection.height, transmitter[2] - effects.reflection.height
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
-            ray = code_loop.reflection(effects.reflection, pseudolites.carrier, above, float(own), across)
-            delay[:, i] += code_loop.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
-            mean[:, i], size[:, i] = code_loop.over_phases(effects.loop.spacing, float(chip[i]), *ray[:2])
+            ray = dll.reflection(effects.reflection, pseudolites.carrier, above, float(own), across)
+            delay[:, i] += dll.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
+            mean[:, i], size[:, i] = dll.over_phases(effects.loop.spacing, float(chip[i]), *ray[:2])
             if e > 1:
                 turns = np.abs(np.gradient(ray[1], signals.time)) * pseudolites.carrier / SPEED_OF_LIGHT
                 time[:, i] = 1.0 / np.maximum(2.0 * np.pi * turns, 1e-9)
-            cn0[:, i] += code_loop.fade(ray[0], ray[2])
-        reflections = code_loop.ReflectionErrors(mean, size, time)
+            cn0[:, i] += dll.fade(ray[0], ray[2])
+        reflections = dll.ReflectionErrors(mean, size, time)
     if effects.thermal:
         thermal = effects.loop.sigma(cn0, chip)
         sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
@@ -551,7 +551,7 @@ def _gains(
     if antenna is not None:
         gain = antenna.gain_at(antenna.elevation_of(c_eb, towards))
         return gain - antenna.zenith, gain
-    gain = code_loop.antenna_gain(elevation, effects.horizon_db)
+    gain = dll.antenna_gain(elevation, effects.horizon_db)
     return gain if effects.thermal else np.zeros_like(gain), gain
 
 
@@ -579,7 +579,7 @@ def fixed_with(
         return sigma, None
     epochs = effects.smoothing / float(np.median(np.diff(time)))
     memory = max(1, math.floor(epochs + 0.5 + _ROUNDING))
-    variance, counts = code_loop.smoothed_variance(sigma**2, used, memory)
+    variance, counts = dll.smoothed_variance(sigma**2, used, memory)
     return np.sqrt(variance), counts
 
 

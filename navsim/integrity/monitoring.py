@@ -12,11 +12,11 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from navsim.gnss.pseudorange import Signals
-from navsim.integrity import separation
+from navsim.integrity import araim
+from navsim.integrity.araim import UP, Allocation, SeparationMonitor, SeparationWatch
 from navsim.integrity.fixes import ReceiverFixes
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.residuals import ChiSquareTest, Monitor
-from navsim.integrity.separation import UP, Allocation, SeparationMonitor, SeparationWatch
 from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
 
 NO_FIX, UNTESTED, QUIET, ALARM, EXCLUDED = range(5)
@@ -113,7 +113,7 @@ class Monitoring:
         if isinstance(self.test, ChiSquareTest):
             return ()
         alone = [fault for fault in self.faults if signals.used[:, list(_indices(signals.names, fault.sources))].any()]
-        pairs = separation.coincidences([fault.prior for fault in alone], share * self.test.p_unmonitored)
+        pairs = araim.coincidences([fault.prior for fault in alone], share * self.test.p_unmonitored)
         both = [(alone[i], alone[j], (i, j)) for i, j in pairs]
         return (
             *alone,
@@ -160,7 +160,7 @@ class Monitoring:
             return Monitor(solve(rows, signals.used, noise), test)
         nominal = np.broadcast_to([self.nominal[name] for name in signals.names], sigma.shape)
         faults = faults_of(signals.names, expected)
-        found = separation.levels(rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, test)
+        found = araim.levels(rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, test)
         return SeparationMonitor(found)
 
 
@@ -176,7 +176,7 @@ def runway_levels(watching: Monitoring, monitor: Snapshot, signals: Signals, bea
     fix = fix_of(signals)
     nominal = np.broadcast_to([watching.nominal[name] for name in signals.names], fix.used.shape)
     priors = np.array([fault.prior for fault in watching.expected(signals)])
-    return separation.along(monitor.found, fix, nominal, priors, watching.test, bearing)
+    return araim.along(monitor.found, fix, nominal, priors, watching.test, bearing)
 
 
 def fix_of(signals: Signals) -> MonitoredFix:
@@ -196,9 +196,9 @@ def _but(signals: Signals, names: Sequence[str]) -> Signals:
     return replace(signals, used=signals.used & ~np.isin(signals.names, names))
 
 
-def faults_of(names: Sequence[str], expected: Sequence[ExpectedFault]) -> list[separation.Fault]:
+def faults_of(names: Sequence[str], expected: Sequence[ExpectedFault]) -> list[araim.Fault]:
     """Faults that are expected of sources of these names."""
-    return [separation.Fault(_indices(names, fault.sources), fault.prior, fault.of) for fault in expected]
+    return [araim.Fault(_indices(names, fault.sources), fault.prior, fault.of) for fault in expected]
 
 
 def alerted(status: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ from typing import Protocol
 import numpy as np
 
 from navsim.core.arrays import chi_square, normal
+from navsim.integrity.araim import FixLevels
 from navsim.integrity.residuals import Monitor
-from navsim.integrity.separation import FixLevels
 from navsim.integrity.solution import Independent, MonitoredFix
 
 UNMOVED = 0.1

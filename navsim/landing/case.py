@@ -18,7 +18,7 @@ from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.interference.horizon import behind
 from navsim.gnss.signals import Environment, Pseudolites
 from navsim.landing.faults import watching
-from navsim.landing.preflight import Foreseen, modelled
+from navsim.landing.preflight import PreflightChecks, modelled
 from navsim.landing.sources import touchdown_time
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
 from navsim.runner.statistics import gate_limits
@@ -67,10 +67,10 @@ class Case:
         return [*self.sky_warnings, *self.foreseen.warnings, *near, *(f"{name}: {said}" for name in idle)]
 
     @property
-    def foreseen(self) -> Foreseen:
+    def foreseen(self) -> PreflightChecks:
         """What of it is known before it is flown."""
         world = self.world
-        return Foreseen(self.scenario, self.trajectory, self.environment, world.signals, world.filter_time)
+        return PreflightChecks(self.scenario, self.trajectory, self.environment, world.signals, world.filter_time)
 
     def behind_terrain(self) -> np.ndarray:
         """At which fixes (e, s) bool terrain hides which sources: satellites that the mask lets pass, pseudolites."""

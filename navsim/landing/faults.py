@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from navsim.gnss.signals import Environment
+from navsim.integrity.araim import Allocation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.monitoring import ExpectedFault, Monitoring
 from navsim.integrity.residuals import ChiSquareTest
-from navsim.integrity.separation import Allocation
 from navsim.scenario.integrity import GroundGroup, IntegritySection
 from navsim.scenario.landing import Landing
 from navsim.simulation.filter_bank import FilterBank

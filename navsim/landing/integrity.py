@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.gnss.events import Silence
-from navsim.integrity import forms
+from navsim.integrity import sbas_gbas
+from navsim.integrity.araim import SeparationWatch
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.monitoring import (
     ALARM,
@@ -26,7 +27,6 @@ from navsim.integrity.monitoring import (
     tested_levels,
     vertical_sigma,
 )
-from navsim.integrity.separation import SeparationWatch
 from navsim.landing.case import Case, times_at_heights
 from navsim.landing.sources import on_glide
 from navsim.results.draft import Draft
@@ -304,15 +304,15 @@ def compared(draft: Draft, case: Case) -> None:
     signals, scenario, station = case.world.signals, case.scenario, section.comparison.gbas
     fix, found = fix_of(signals), {}
     if section.comparison.sbas:
-        levels = forms.sbas(fix)
+        levels = sbas_gbas.sbas(fix)
         found = {"sbas_hpl": levels[:, 0], "sbas_vpl": levels[:, 1]}
     if station is not None:
-        projection = forms.gbas_projection(fix, scenario.runway.heading_deg * DEG, scenario.glide_path())
+        projection = sbas_gbas.gbas_projection(fix, scenario.runway.heading_deg * DEG, scenario.glide_path())
         sigma = np.where(signals.used, signals.fix_sigma, 0.0)
         ground, b = (np.full(sigma.shape, value) for value in (station.ground_sigma_m, station.b_m))
         # with the sizes of what each range does, B values add up as they hurt most
-        levels = forms.gbas(
-            np.abs(projection), sigma, ground, b, station.receivers, forms.gbas_factors(station.receivers)
+        levels = sbas_gbas.gbas(
+            np.abs(projection), sigma, ground, b, station.receivers, sbas_gbas.gbas_factors(station.receivers)
         ).max(axis=2)
         levels[~fix.solved] = np.nan
         found |= {"gbas_lpl": levels[:, 0], "gbas_vpl": levels[:, 1]}

@@ -16,8 +16,8 @@ import numpy as np
 from navsim.core.streams import generator
 from navsim.gnss import events
 from navsim.gnss.pseudorange import Signals
-from navsim.integrity.claims import possible
 from navsim.integrity.monitoring import Monitoring, Snapshot, tested_levels
+from navsim.integrity.observability import possible
 from navsim.landing.integrity import Asked, asked_of, glide_of, spread_over, told, within
 from navsim.landing.study import Case
 from navsim.results.draft import Draft

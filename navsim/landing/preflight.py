@@ -50,7 +50,7 @@ MISPRINT = 1.0
 
 
 @dataclass(frozen=True)
-class Foreseen:
+class PreflightChecks:
     """A landing before it is flown. signals: at all its fixes. outputs: times of the filter's, the first at 0, s."""
 
     scenario: Landing
@@ -375,7 +375,7 @@ def told(scenario: Landing, document: Document) -> list[str]:
     fixes = receiver.epochs(scenario.duration_s, scenario.imu.rate_hz)
     signals = build_signals(trajectory.motion(fixes), scenario.epoch.timestamp(), sources)
     outputs = np.concatenate([[0.0], fixes + receiver.latency])
-    ahead = Foreseen(scenario, trajectory, sources, signals, outputs)
+    ahead = PreflightChecks(scenario, trajectory, sources, signals, outputs)
     ahead.check(document)
     return [*warnings, *ahead.warnings]
 

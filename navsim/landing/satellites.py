@@ -11,7 +11,7 @@ import numpy as np
 
 from navsim.gnss import timescales
 from navsim.gnss.constellations.constellation import Constellation
-from navsim.gnss.constellations.design import design
+from navsim.gnss.constellations.nominal import design
 from navsim.gnss.constellations.systems import CLOCKS, NAMES, SYSTEMS, System
 from navsim.gnss.signals import Satellites
 from navsim.gnss.sky import Horizon

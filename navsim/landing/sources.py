@@ -21,11 +21,11 @@ from navsim.scenario.base import DEG, KeyedError, hint
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
+from navsim.trajectory.airspeed_path import SLOWEST
 from navsim.trajectory.approach import GLIDE_START, TOUCHDOWN
 from navsim.trajectory.go_around import GO_AROUND
 from navsim.trajectory.kinematics import Moving, Trajectory, touchdown_from_threshold
 from navsim.trajectory.recorded import largest, recorded_trajectory, smoothed_path, track_trajectory
-from navsim.trajectory.retimed import SLOWEST
 
 HARDEST, FASTEST = 20.0, 1000.0
 """Largest specific force, in units of standard gravity, and rate, deg/s, of a motion that a table is taken for."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.streams import generator
+from navsim.integrity.araim import UP, SeparationMonitor
 from navsim.integrity.monitoring import fix_of
 from navsim.integrity.residuals import ChiSquareTest, Monitor
-from navsim.integrity.separation import UP, SeparationMonitor
 from navsim.integrity.solution import MonitoredFix
 from navsim.integrity.tails import UNMOVED, TailCase, sampled, under_separations, under_squares, worst_size
 from navsim.landing.case import Case

@@ -15,7 +15,7 @@ from navsim.scenario.priors import PSEUDOLITES
 from navsim.scenario.sky import Name
 
 if TYPE_CHECKING:
-    from navsim.gnss.heavier import HeavierNoise
+    from navsim.gnss.heavy_tailed import HeavyTailedNoise
 
 Prior = Annotated[float, Field(ge=0.0, le=0.1)]
 """A probability that a fault is there."""
@@ -107,11 +107,11 @@ class HeavierSection(Section):
             raise reject(f"the tail is the wider of the two: at least `core`, {self.core:g}", "tail")
         return self
 
-    def model(self) -> HeavierNoise:
+    def model(self) -> HeavyTailedNoise:
         """What noise is drawn from."""
-        from navsim.gnss.heavier import HeavierNoise
+        from navsim.gnss.heavy_tailed import HeavyTailedNoise
 
-        return HeavierNoise(self.core, self.tail, self.share)
+        return HeavyTailedNoise(self.core, self.tail, self.share)
 
 
 class GroundStationSection(Section):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from navsim.gnss.interference.jamming import Jammer, Jamming, NearFar, Pulses
-    from navsim.gnss.interference.spectra import SweptTone, Waveform
+    from navsim.gnss.interference.spectral_separation import SweptTone, Waveform
     from navsim.scenario.signals import CodeTrackingSection, ReceiverSection
 
 Density = Annotated[float, Field(ge=0.0, le=80.0)]
@@ -87,7 +87,7 @@ class JammerSection(Section):
 
     def _waveform(self, memory: float) -> Waveform | SweptTone:
         from navsim.gnss.constellations.systems import GPS
-        from navsim.gnss.interference.spectra import Flat, Modulated, SweptTone, Tone, bpsk
+        from navsim.gnss.interference.spectral_separation import Flat, Modulated, SweptTone, Tone, bpsk
 
         centre = self.centre_mhz * 1e6
         if self.waveform == "tone":
@@ -225,7 +225,7 @@ class InterferenceSection(Section):
         import numpy as np
 
         from navsim.gnss.interference.jamming import Jamming
-        from navsim.gnss.interference.spectra import Band
+        from navsim.gnss.interference.spectral_separation import Band
         from navsim.gnss.interference.tracking_threshold import FrequencyLoop, LockRule
 
         lock, ground = self.lock, float(threshold[2])

@@ -470,8 +470,8 @@ class Landing(Section):
         import numpy as np
 
         from navsim.trajectory.air import triangle_along
+        from navsim.trajectory.airspeed_path import SLOWEST
         from navsim.trajectory.approach import ROLL_OUT
-        from navsim.trajectory.retimed import SLOWEST
 
         end = min(self.duration_s, trajectory.path.events.get(ROLL_OUT, math.inf))
         times = np.arange(0.0, end, _WIND_STEP)
@@ -495,8 +495,8 @@ class Landing(Section):
         """Raise where gusts that blow at the same time, and turbulence at 3 sigma, are as fast as the aircraft."""
         import numpy as np
 
-        from navsim.trajectory.buffeting import gust_components
-        from navsim.trajectory.course import Course
+        from navsim.trajectory.gust_response import gust_components
+        from navsim.trajectory.track_frame import Course
 
         course = Course.of(trajectory, grid)
         tops = [g.start + g.rise_time(1.0 / float(np.interp(g.start, grid, course.slowness[0]))) for g in air.gusts]
@@ -661,8 +661,8 @@ class Landing(Section):
     def path(self) -> AnyPath:
         """The way over ground, in the tangent plane of the touchdown point; recorded approaches are read elsewhere.
         Raises ValueError where there is none, AirError where there is none in this wind."""
+        from navsim.trajectory.airspeed_path import held_airspeed
         from navsim.trajectory.approach import sloped
-        from navsim.trajectory.retimed import held_airspeed
 
         assert not isinstance(self.approach, FileApproach)
         path = self._route(self.approach)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from navsim.scenario.approach import Runway
     from navsim.sensors.altimeter import Altimeter, Ground, RadioAltimeter
     from navsim.sensors.imu import Triad
-    from navsim.sensors.imu_errors import Imperfections, Vibration, Warming
+    from navsim.sensors.imu_errors import ImuErrorModel, Vibration, Warming
     from navsim.sensors.pressure import BarometricAltimeter
 
 
@@ -101,12 +101,12 @@ class Gyro(Section):
         )
         return _with_flicker(triad, self.bias_instability_deg_h, DEG_H, self.markov_time_s, rate)
 
-    def further(self) -> Imperfections:
+    def further(self) -> ImuErrorModel:
         """What else there is, in SI units."""
-        from navsim.sensors.imu_errors import Imperfections
+        from navsim.sensors.imu_errors import ImuErrorModel
 
         walk = _si(self.rate_random_walk_deg_h_sqrt_h, DEG_H) / 60.0
-        return Imperfections(walk=walk, misalignment=_si(self.misalignment_mrad, 1e-3))
+        return ImuErrorModel(walk=walk, misalignment=_si(self.misalignment_mrad, 1e-3))
 
 
 class TrueGyro(Gyro):
@@ -143,7 +143,7 @@ class TrueGyro(Gyro):
         _whole_further(self, "sine_deg_h")
         return self
 
-    def further(self) -> Imperfections:
+    def further(self) -> ImuErrorModel:
         """What else there is, in SI units, but for where the sensors are."""
         hour = DEG_H / 3600.0
         return replace(
@@ -219,12 +219,12 @@ class Accelerometer(Section):
         )
         return _with_flicker(triad, self.bias_instability_mg, MG, self.markov_time_s, rate)
 
-    def further(self) -> Imperfections:
+    def further(self) -> ImuErrorModel:
         """What else there is, in SI units."""
-        from navsim.sensors.imu_errors import Imperfections
+        from navsim.sensors.imu_errors import ImuErrorModel
 
         walk = _si(self.bias_random_walk_mg_sqrt_h, MG) / 60.0
-        return Imperfections(walk=walk, misalignment=_si(self.misalignment_mrad, 1e-3))
+        return ImuErrorModel(walk=walk, misalignment=_si(self.misalignment_mrad, 1e-3))
 
 
 class TrueAccelerometer(Accelerometer):
@@ -259,7 +259,7 @@ class TrueAccelerometer(Accelerometer):
         _whole_further(self, "sine_mg")
         return self
 
-    def further(self) -> Imperfections:
+    def further(self) -> ImuErrorModel:
         """What else there is, in SI units, but for where the sensors are."""
         return replace(
             super().further(),

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from navsim.gnss import effects
     from navsim.gnss.antenna import AircraftAntenna, GroundPattern
-    from navsim.gnss.code_loop import CodeLoop, GroundReflection
+    from navsim.gnss.dll import CodeLoop, GroundReflection
     from navsim.gnss.lasting import LastingError, Mapping
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signals import ErrorLaw, Pseudolites
@@ -178,7 +178,7 @@ class CodeTrackingSection(Section):
 
     def loop(self) -> CodeLoop:
         """The code loop."""
-        from navsim.gnss.code_loop import CodeLoop
+        from navsim.gnss.dll import CodeLoop
 
         return CodeLoop(self.spacing_chips, self.bandwidth_hz, self.integration_s)
 
@@ -197,7 +197,7 @@ class GroundMultipath(Section):
 
     def model(self, height: float, horizon_db: float) -> GroundReflection:
         """The reflection by ground at a height, m, into an antenna of this gain at its horizon."""
-        from navsim.gnss.code_loop import GroundReflection
+        from navsim.gnss.dll import GroundReflection
 
         return GroundReflection(height, self.permittivity, self.conductivity_s_m, horizon_db, self.polarisation)
 

@@ -1,7 +1,7 @@
 """Inertial sensor errors on top of exact increments: scale factor, constant bias, white noise, Gauss-Markov bias.
 
 Measured rate = (1 + scale) true rate + bias + Markov process + white noise, for each axis alike; the same for specific
-force; what else there may be is in `imperfections`. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their
+force; what else there may be is in `imu_errors`. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their
 Allan variances).
 [2] Titterton & Weston (2004), section 12.5 (datasheet units).
 """
@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.sensors import imu_errors as imperfections
-from navsim.sensors.imu_errors import NOTHING, Gains, Imperfections
+from navsim.sensors import imu_errors
+from navsim.sensors.imu_errors import NOTHING, Gains, ImuErrorModel
 
 FAST = 3.0
 """Correlation time, s, below which a filter takes terms of flicker noise for white noise."""
@@ -37,7 +37,7 @@ class Triad:
     markov_time: float = math.inf
     fixed_bias: tuple[float, float, float] | None = None
     scale: float = 0.0
-    further: Imperfections = NOTHING
+    further: ImuErrorModel = NOTHING
 
     @property
     def markovs(self) -> tuple[tuple[float, float], ...]:
@@ -133,7 +133,7 @@ def simulate_lanes(
 
     lanes = len(rngs)
     acting = dv.reshape(dv.shape[0], 3, -1)[..., :count]
-    dtheta, dv = (imperfections.felt_through(m, dt, t.further) for m, t in ((dtheta, gyro), (dv, accel)))
+    dtheta, dv = (imu_errors.apply_bandwidth(m, dt, t.further) for m, t in ((dtheta, gyro), (dv, accel)))
     constant, scale = np.zeros((6, lanes)), np.zeros((6, lanes))
     for lane, rng in enumerate(rngs[:count]):
         for first, triad in ((0, gyro), (3, accel)):
@@ -174,7 +174,7 @@ def _go_on(
     know nothing of."""
     count, lanes = dtheta.shape[0], len(rngs)
     middle = dt * (np.arange(count) + 0.5)
-    shaken = imperfections.shaking(triads[1].further.vibration, rngs, count, dt)
+    shaken = imu_errors.shaking(triads[1].further.vibration, rngs, count, dt)
     force = acting if shaken is None else acting + shaken
     for number, (triad, felt, all_out) in enumerate(zip(triads, (dtheta, dv), measured, strict=True)):
         what, out, part = triad.further, all_out[..., :lanes], slice(3 * number, 3 * number + 3)
@@ -187,22 +187,22 @@ def _go_on(
             out += dt * gains.drift(what, middle)
             errors.bias[:, part, :lanes] += gains.drift(what, dt * at)
         if what.walk > 0.0:
-            walk = imperfections.walks(what, number, rngs, count, dt)
+            walk = imu_errors.walks(what, number, rngs, count, dt)
             out += dt * walk[:-1]
             errors.bias[:, part, :lanes] += walk[at]
         for term, (_, time) in enumerate(what.flicker):
-            flicker = imperfections.flickering(what, number, term, rngs, count, dt)
+            flicker = imu_errors.flickering(what, number, term, rngs, count, dt)
             out += dt * flicker[:-1]
             if time >= FAST:  # faster ones are noise to the state of a bias
                 errors.bias[:, part, :lanes] += flicker[at]
         if number == 1 and shaken is not None:
             out += shaken
         if what.lines:
-            out += imperfections.periodic(what, number, rngs, count, dt)
+            out += imu_errors.periodic(what, number, rngs, count, dt)
         if what.quantum > 0.0:
-            imperfections.in_quanta(out, what, number, rngs)
+            imu_errors.quantise(out, what, number, rngs)
         if math.isfinite(what.largest):
-            errors.clipped[number, :lanes] = imperfections.within_range(out, what, dt)
+            errors.clipped[number, :lanes] = imu_errors.within_range(out, what, dt)
 
 
 def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:

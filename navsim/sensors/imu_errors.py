@@ -90,7 +90,7 @@ class Warming:
 
 
 @dataclass(frozen=True)
-class Imperfections:
+class ImuErrorModel:
     """Of three like sensors, SI: rad/s for gyros, m/s2 for accelerometers. Sizes are 1 sigma of what is drawn per run
     and axis, unless said otherwise.
 
@@ -125,7 +125,7 @@ class Imperfections:
     @property
     def there(self) -> bool:
         """Whether measurements are other than without them, but for the bandwidth."""
-        nothing = Imperfections(bandwidth=self.bandwidth, damping=self.damping)
+        nothing = ImuErrorModel(bandwidth=self.bandwidth, damping=self.damping)
         return self != nothing
 
     @property
@@ -134,7 +134,7 @@ class Imperfections:
         return self.ramp > 0.0 or self.temperature > 0.0 or self.rectification > 0.0
 
 
-NOTHING = Imperfections()
+NOTHING = ImuErrorModel()
 """Of sensors without any."""
 
 
@@ -152,7 +152,7 @@ class Gains:
     rectified: np.ndarray
 
     @classmethod
-    def drawn(cls, what: Imperfections, triad: int, rngs: Sequence[np.random.Generator]) -> Gains:
+    def drawn(cls, what: ImuErrorModel, triad: int, rngs: Sequence[np.random.Generator]) -> Gains:
         """Those of runs, each from the branches of its stream; triad: 0 gyros, 1 accelerometers."""
 
         def each(size: float, kind: int, *shape: int) -> np.ndarray:
@@ -183,13 +183,13 @@ class Gains:
                 out += gain * signal
         return out
 
-    def drift(self, what: Imperfections, time: np.ndarray) -> np.ndarray:
+    def drift(self, what: ImuErrorModel, time: np.ndarray) -> np.ndarray:
         """What they add to the bias at times (t,), s, since the start (t, 3, W)."""
         warmer = what.warming.at(time)
         return self.rectified + self.slope * time[:, None, None] + self.per_kelvin * warmer[:, None, None]
 
 
-def felt_through(increments: np.ndarray, dt: float, what: Imperfections) -> np.ndarray:
+def apply_bandwidth(increments: np.ndarray, dt: float, what: ImuErrorModel) -> np.ndarray:
     """Increments (n, ...) as a sensor of its bandwidth takes them in, exactly where rates are constant over
     each interval [2]."""
     if not math.isfinite(what.bandwidth):
@@ -208,7 +208,7 @@ def felt_through(increments: np.ndarray, dt: float, what: Imperfections) -> np.n
     return out.reshape(increments.shape)
 
 
-def walks(what: Imperfections, triad: int, rngs: Sequence[np.random.Generator], count: int, dt: float) -> np.ndarray:
+def walks(what: ImuErrorModel, triad: int, rngs: Sequence[np.random.Generator], count: int, dt: float) -> np.ndarray:
     """Random walks of the bias (count + 1, 3, W) at the ends of intervals of dt, s, from 0 on."""
     out = np.zeros((count + 1, 3, len(rngs)))
     for lane, rng in enumerate(rngs):
@@ -217,7 +217,7 @@ def walks(what: Imperfections, triad: int, rngs: Sequence[np.random.Generator], 
 
 
 def flickering(
-    what: Imperfections, triad: int, term: int, rngs: Sequence[np.random.Generator], count: int, dt: float
+    what: ImuErrorModel, triad: int, term: int, rngs: Sequence[np.random.Generator], count: int, dt: float
 ) -> np.ndarray:
     """A term of the flicker noise (count + 1, 3, W) at the ends of intervals of dt, s."""
     from navsim.core.noise import walk  # compiled code only when something is really simulated
@@ -280,12 +280,12 @@ def _spectrum(vibration: Vibration, count: int, dt: float) -> np.ndarray:
     return size
 
 
-def periodic(what: Imperfections, triad: int, rngs: Sequence[np.random.Generator], count: int, dt: float) -> np.ndarray:
+def periodic(what: ImuErrorModel, triad: int, rngs: Sequence[np.random.Generator], count: int, dt: float) -> np.ndarray:
     """Increments (count, 3, W) of the sensors' own lines."""
     return sines(what.lines, _phases(what.lines, rngs, _LINES, triad), count, dt)
 
 
-def in_quanta(increments: np.ndarray, what: Imperfections, triad: int, rngs: Sequence[np.random.Generator]) -> None:
+def quantise(increments: np.ndarray, what: ImuErrorModel, triad: int, rngs: Sequence[np.random.Generator]) -> None:
     """Make increments (n, 3, W) whole numbers of the quantum, in place: what is over is carried on."""
     begun = np.stack([branch(rng, _QUANTUM, triad).random(3) for rng in rngs], axis=-1)
     counts = np.floor(begun + np.cumsum(increments, axis=0) / what.quantum)
@@ -293,7 +293,7 @@ def in_quanta(increments: np.ndarray, what: Imperfections, triad: int, rngs: Seq
     increments[1:] = what.quantum * np.diff(counts, axis=0)
 
 
-def within_range(increments: np.ndarray, what: Imperfections, dt: float) -> np.ndarray:
+def within_range(increments: np.ndarray, what: ImuErrorModel, dt: float) -> np.ndarray:
     """Cut increments (n, 3, W) off at the largest mean over an interval, in place; returns of how many samples (W,)
     any was."""
     limit = what.largest * dt

@@ -23,10 +23,10 @@ from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST
 from navsim.estimation.carried_errors import Route, carry_differences
 from navsim.estimation.observations import FIX
-from navsim.integrity import separation
+from navsim.integrity import araim
+from navsim.integrity.araim import Allocation, Levels, SeparationWatch, SolutionSpread
 from navsim.integrity.fixes import ReceiverFixes, solved
 from navsim.integrity.monitoring import faults_of, fix_of
-from navsim.integrity.separation import Allocation, Levels, SeparationWatch, SolutionSpread
 from navsim.integrity.solution import turned
 from navsim.simulation.landing import Flight
 from navsim.simulation.landing_covariance import AlongTruth, along_belief, excess, responses, route_of_filter
@@ -102,7 +102,7 @@ class FilterBank(SeparationWatch):
         # without some there is no fix, so that the filter goes on by its inertial sensors, further and further off
         solved_ = [fix_of(replace(signals, used=signals.used & ~one)).solved for one in taken]
         idle = ~np.array(solved_, bool).reshape(len(taken), signals.time.size)
-        found = separation.allotted(spread, ever, faults, watching.test, idle=idle)
+        found = araim.allocated_risk(spread, ever, faults, watching.test, idle=idle)
         there = found.monitored[..., None] & (found.threshold > 0.0)
         inverse = 1.0 / np.where(there, found.threshold, np.inf)
         scale = np.zeros((flight.world.filter_time.size, len(faults), 3))
@@ -139,7 +139,7 @@ class FilterBank(SeparationWatch):
             for one in self.solutions
         ]
         priors = np.array([fault.prior for fault in watching.expected(self.flight.world.signals)])
-        return separation.across(self.found, spreads, priors, watching.test, bearing)
+        return araim.across(self.found, spreads, priors, watching.test, bearing)
 
     @property
     def size(self) -> int:

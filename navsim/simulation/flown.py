@@ -19,9 +19,9 @@ from navsim.core.streams import generator
 from navsim.gnss.pseudorange import Signals
 from navsim.gnss.signals import antenna_motion
 from navsim.trajectory.air import Air
-from navsim.trajectory.deviation import Departure, Disturbance, deviated
+from navsim.trajectory.dispersion import Departure, Disturbance, deviated
+from navsim.trajectory.guidance import Held
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
-from navsim.trajectory.steering import Held
 
 
 @dataclass(frozen=True)

@@ -42,9 +42,9 @@ from navsim.estimation.records import (
     schedule,
     start,
 )
-from navsim.gnss import code_loop, pseudorange
-from navsim.gnss.code_loop import ReflectionErrors
-from navsim.gnss.heavier import HeavierNoise
+from navsim.gnss import dll, pseudorange
+from navsim.gnss.dll import ReflectionErrors
+from navsim.gnss.heavy_tailed import HeavyTailedNoise
 from navsim.gnss.receiver import Receiver, wander
 from navsim.gnss.signals import Environment, build_signals, true_positions
 from navsim.gnss.sky import enu_matrix
@@ -67,8 +67,8 @@ from navsim.simulation.flown import Flown, Ways
 from navsim.simulation.lasting import FixErrors, RangeErrors, as_noise
 from navsim.simulation.sensors import true_values
 from navsim.trajectory.air import Air
+from navsim.trajectory.guidance import Held
 from navsim.trajectory.kinematics import Motion, Moving, Trajectory
-from navsim.trajectory.steering import Held
 
 CARRIER_SIGMA = 3e-3
 """1 sigma of a carrier phase measurement, m."""
@@ -111,7 +111,7 @@ class World:
     at_filter: Motion
     filter_index: np.ndarray
     aids: tuple[Aid, ...]
-    heavier: HeavierNoise | None
+    heavier: HeavyTailedNoise | None
     ways: Ways | None = None
 
     @property
@@ -345,7 +345,7 @@ def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.
     if phases is None or world.signals.smoothing is None:
         return ranges
     each = range(ranges.shape[-1])
-    return np.stack([code_loop.smooth(ranges[..., k], phases[..., k], world.signals.smoothing) for k in each], axis=-1)
+    return np.stack([dll.smooth(ranges[..., k], phases[..., k], world.signals.smoothing) for k in each], axis=-1)
 
 
 def lasting_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray | None:

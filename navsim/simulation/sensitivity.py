@@ -17,7 +17,7 @@ import numpy as np
 from navsim.core import states
 from navsim.estimation.observations import FIX
 from navsim.estimation.records import OUTPUT, TIME_TOLERANCE
-from navsim.gnss import code_loop
+from navsim.gnss import dll
 from navsim.gnss.lasting import LastingErrors
 from navsim.gnss.pseudorange import Signals
 from navsim.sensors.imu import Triad
@@ -102,7 +102,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
     dtheta += turned / (world.imu_time[1] - world.imu_time[0])
     phases = None
     if world.signals.smoothing is not None:
-        ranges, phases = code_loop.smoothing_slopes(ranges, world.signals.smoothing)
+        ranges, phases = dll.smoothing_slopes(ranges, world.signals.smoothing)
     return Slopes(own[:, : states.SENSORS], dtheta, dv, ranges, rates, phases, tuple(aided.values()))
 
 

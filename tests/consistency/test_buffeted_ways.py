@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from navsim.core.lanes import WIDTH
 from navsim.scenario.source import InputError
 from navsim.trajectory import air
-from navsim.trajectory.deviation import Departure, Disturbance
+from navsim.trajectory.dispersion import Departure, Disturbance
 from tests.conftest import Within
 from tests.consistency.test_flown_ways import FTE, WIND, mechanised, most_off, ways_of
 from tests.helpers import case, scenario

@@ -21,9 +21,9 @@ from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.flown import Flown, Ways
 from navsim.simulation.landing import World, fly
-from navsim.trajectory.deviation import Departure
+from navsim.trajectory.dispersion import Departure
+from navsim.trajectory.guidance import Held, steered
 from navsim.trajectory.kinematics import integrate
-from navsim.trajectory.steering import Held, steered
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case, scenario
 from tests.layout import as_declared

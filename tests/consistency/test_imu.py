@@ -27,7 +27,7 @@ from navsim.sensors.imu import (
     sample_sigma_from_density,
     simulate,
 )
-from navsim.sensors.imu_errors import Imperfections
+from navsim.sensors.imu_errors import ImuErrorModel
 from tests.helpers import case, scenario
 
 RATE = 100.0
@@ -108,7 +108,7 @@ def test_the_bottom_is_flat_with_any_white_noise(interval: float, time: float) -
     """From none to as much as a single term allows."""
     for end_of_white in np.geomspace(1e-4, 1.8 * time, 25):
         terms = flicker_of_lowest(1.0, math.sqrt(end_of_white), time, interval)
-        triad = Triad(0.0, math.sqrt(end_of_white), *terms[0], further=Imperfections(flicker=terms[1:]))
+        triad = Triad(0.0, math.sqrt(end_of_white), *terms[0], further=ImuErrorModel(flicker=terms[1:]))
         taus = np.geomspace(4.0 * interval, MARKOV_PEAK[0] * time, 200)
         deviation = np.sqrt(allan_variance(triad, taus))
         assert deviation.min() >= 0.89
@@ -117,7 +117,7 @@ def test_the_bottom_is_flat_with_any_white_noise(interval: float, time: float) -
 
 def test_what_a_filter_makes_of_flicker_noise() -> None:
     """One Markov bias of the variance and the growth of the slower terms, white noise for the faster ones."""
-    triad = Triad(1.0, 0.1, 3.0, 100.0, further=Imperfections(flicker=((2.0, 8.0), (1.5, 0.5))))
+    triad = Triad(1.0, 0.1, 3.0, 100.0, further=ImuErrorModel(flicker=((2.0, 8.0), (1.5, 0.5))))
     merged = triad.merged()
     assert merged.markov == pytest.approx(math.sqrt(13.0))
     assert merged.drive() == pytest.approx(2.0 * 9.0 / 100.0 + 2.0 * 4.0 / 8.0)

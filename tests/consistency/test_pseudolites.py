@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from navsim.gnss import code_loop
+from navsim.gnss import dll
 from navsim.landing.case import Case
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.report import tables
@@ -161,11 +161,11 @@ def test_signals_fade_by_the_ground() -> None:
     above = flown.trajectory.motion(faded.time).llh[:, 2] - ground.height
     distance = np.linalg.norm(faded.position[:, -2:] - faded.antenna[:, None], axis=2)
     across = np.sqrt(distance**2 - (above[:, None] - 4.0) ** 2)
-    amplitude, _, phase = code_loop.reflection(ground, 1575.42e6, above[:, None], 4.0, across)
+    amplitude, _, phase = dll.reflection(ground, 1575.42e6, above[:, None], 4.0, across)
     change = faded.cn0[:, -2:] - plain.cn0[:, -2:]
     np.testing.assert_allclose(change, 20.0 * np.log10(np.abs(1.0 + amplitude * np.exp(1j * phase))), atol=1e-6)
     assert np.ptp(change) > 3.0
-    loop = code_loop.CodeLoop(0.5, 1.0, 0.02)
+    loop = dll.CodeLoop(0.5, 1.0, 0.02)
     np.testing.assert_allclose(faded.sigma[:, -2:], loop.sigma(faded.cn0[:, -2:], LIGHT / 1.023e6), rtol=1e-12)
 
 

@@ -16,9 +16,9 @@ from navsim.core.lanes import WIDTH
 from navsim.estimation.estimate import in_all_lanes
 from navsim.gnss.sky import unit_vector
 from navsim.integrity import monitoring
+from navsim.integrity.araim import Allocation, Fault, SeparationMonitor, along, coincidences, levels
 from navsim.integrity.monitoring import ALARM, NO_FIX, QUIET, UNTESTED
 from navsim.integrity.residuals import ChiSquareTest, Monitor
-from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, along, coincidences, levels
 from navsim.integrity.solution import Independent, rows_of, solve
 from navsim.landing import integrity
 from navsim.landing.ensemble import LandingStudy

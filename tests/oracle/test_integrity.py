@@ -12,14 +12,14 @@ import pytest
 from navsim.core.arrays import chi_square, normal
 from navsim.core.dop import geometry_covariance
 from navsim.gnss.sky import unit_vector
-from navsim.integrity import forms
-from navsim.integrity.claims import possible
+from navsim.integrity import sbas_gbas
+from navsim.integrity.araim import Allocation, Fault, Levels, levels
 from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms
 from navsim.integrity.innovations import InnovationTest, SteadyWalk, detection
 from navsim.integrity.monitoring import QUIET
+from navsim.integrity.observability import possible
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent, silent_apart
-from navsim.integrity.separation import Allocation, Fault, Levels, levels
 from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
 from navsim.landing.integrity import REGIONS, Asked, regions
 from navsim.scenario.integrity import OPERATIONS, LimitsSection
@@ -379,15 +379,15 @@ def test_sbas(cases: dict[str, Any], within: Within) -> None:
     for case in cases["sbas_do229_appendix_j"]["cases"]:
         elevation, azimuth, sigma = np.transpose(case["elevation_azimuth_sigma"])
         solution = solved(rows_towards(np.transpose([azimuth, elevation]).tolist()), sigma.tolist())
-        assert forms.sbas(solution)[0] == pytest.approx([case["hpl"], case["vpl"]], abs=within["levels"])
+        assert sbas_gbas.sbas(solution)[0] == pytest.approx([case["hpl"], case["vpl"]], abs=within["levels"])
 
 
 @pytest.mark.validates("GBAS factors", "ICAO Annex 10", printed="6e-4")
 def test_gbas_factors(cases: dict[str, Any], within: Within) -> None:
     for case in cases["gbas_k_factors"]["cases"]:
         printed = (case["k_ffmd_published"], case["k_md_published"])
-        assert forms.gbas_factors(case["m"]) == pytest.approx(printed, abs=within["printed"])
-        assert forms.gbas_factors(case["m"]) == pytest.approx((case["k_ffmd"], case["k_md"]), abs=1e-9)
+        assert sbas_gbas.gbas_factors(case["m"]) == pytest.approx(printed, abs=within["printed"])
+        assert sbas_gbas.gbas_factors(case["m"]) == pytest.approx((case["k_ffmd"], case["k_md"]), abs=1e-9)
 
 
 @pytest.mark.validates("GBAS protection levels", "own numbers, formula of Annex 10", levels="1e-6 m")
@@ -396,13 +396,13 @@ def test_gbas(cases: dict[str, Any], within: Within) -> None:
     given, expected = entry["inputs"], entry["expected"]
     elevation, azimuth, sigma = np.transpose(given["elevation_azimuth_sigma"])
     solution = solved(rows_towards(np.transpose([azimuth, elevation]).tolist()), sigma.tolist())
-    projection = forms.gbas_projection(
+    projection = sbas_gbas.gbas_projection(
         solution, math.radians(given["course_deg"]), math.radians(given["glide_path_deg"])
     )
     b = np.array(given["b_values_one_receiver_m"])[None]
     row = next(row for row in cases["gbas_k_factors"]["cases"] if row["m"] == given["m"])
     printed = (row["k_ffmd_published"], row["k_md_published"])
-    found = forms.gbas(
+    found = sbas_gbas.gbas(
         projection, sigma[None], np.full((1, sigma.size), given["sigma_pr_gnd_m"]), b, given["m"], printed
     )[0]
     assert found[0] == pytest.approx([expected["lpl_h0"], expected["lpl_h1"]], abs=within["levels"])

@@ -14,12 +14,10 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh
-from navsim.gnss.code_loop import CodeLoop, chip_length
 from navsim.gnss.constellations.systems import GLONASS, GPS
-from navsim.gnss.interference import horizon, spectra
-from navsim.gnss.interference import propagation as interference
-from navsim.gnss.interference import tracking_threshold as lock
-from navsim.gnss.interference.spectra import Band, Flat, Modulated, Spectrum, SweptTone, Tone, boc11, bpsk
+from navsim.gnss.dll import CodeLoop, chip_length
+from navsim.gnss.interference import horizon, propagation, spectral_separation, tracking_threshold
+from navsim.gnss.interference.spectral_separation import Band, Flat, Modulated, Spectrum, SweptTone, Tone, boc11, bpsk
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from tests.conftest import DATA, Within
 
@@ -43,7 +41,7 @@ def decibels(ratio: np.ndarray | float) -> np.ndarray:
     return 10.0 * np.log10(ratio)
 
 
-def quality(waveform: spectra.Waveform) -> float:
+def quality(waveform: spectral_separation.Waveform) -> float:
     """Kaplan's Q of a waveform for a C/A code at its carrier."""
     return 1.0 / (RATE * float(waveform.kappa(bpsk(RATE), np.array(GPS.carrier), None)))
 
@@ -53,14 +51,14 @@ def test_link_budgets(cases: dict[str, Any], within: Within) -> None:
     rows = cases["js_to_cn0"]["cases"]
     assert len(rows) == 8
     for row in rows:
-        loss = interference.path_loss(np.array([[row["distance_m"]]]), row["frequency_hz"])
+        loss = propagation.path_loss(np.array([[row["distance_m"]]]), row["frequency_hz"])
         gain = np.array([[row["receiver_gain_to_satellite_db"]]])
         signal = np.array([row["signal_dbw"]])
         eirp = np.array([[row["jammer_dbw"] + row["jammer_gain_dbi"]]])
         to_jammer = np.array([[row["receiver_gain_to_jammer_db"]]])
-        js = interference.jam_to_signal(eirp, loss, to_jammer, signal, gain)
-        cn0 = interference.unjammed(signal, gain, row["temperature_k"])
-        left = interference.jammed(cn0, js, np.array([[1.0 / (row["q"] * row["chip_rate_hz"])]]))
+        js = propagation.jam_to_signal(eirp, loss, to_jammer, signal, gain)
+        cn0 = propagation.unjammed(signal, gain, row["temperature_k"])
+        left = propagation.jammed(cn0, js, np.array([[1.0 / (row["q"] * row["chip_rate_hz"])]]))
         ours = [loss.item(), js.item(), cn0.item(), left.item()]
         expected = [row[name] for name in ("path_loss_db", "js_db", "cn0_db", "cn0_effective_db")]
         np.testing.assert_allclose(ours, expected, rtol=0, atol=within["level"], err_msg=row["name"])
@@ -74,7 +72,7 @@ def test_spectral_separation(cases: dict[str, Any], within: Within) -> None:
     wanted, published = entry["kappa_db_per_hz"], entry["published"]
     for name, expected in wanted.items():
         one, other = name.split("_")
-        ours = decibels(spectra.separation(SPECTRA[one], SPECTRA[other], np.array(0.0)))
+        ours = decibels(spectral_separation.separation(SPECTRA[one], SPECTRA[other], np.array(0.0)))
         assert ours == pytest.approx(expected, abs=within["computed"]), name
         assert ours == pytest.approx(published.get(name, expected), abs=within["printed"]), name
     waveforms = {
@@ -91,15 +89,15 @@ def test_spectral_separation(cases: dict[str, Any], within: Within) -> None:
 def test_thresholds(cases: dict[str, Any], within: Within) -> None:
     entry = cases["tracking_thresholds"]
     for row in entry["pll_15_deg"]:
-        ours = lock.phase_threshold(row["bandwidth_hz"], row["integration_s"])
+        ours = tracking_threshold.phase_threshold(row["bandwidth_hz"], row["integration_s"])
         assert ours == pytest.approx(row["cn0_db"], abs=within["level"])
     for row in entry["dll_one_sixth_of_spacing"]:
         loop = CodeLoop(row["spacing"], row["bandwidth_hz"], row["integration_s"])
-        ours = lock.code_threshold(loop)
+        ours = tracking_threshold.code_threshold(loop)
         assert ours == pytest.approx(row["cn0_db"], abs=within["level"])
         assert loop.sigma(np.array(ours), 1.0) == pytest.approx(loop.spacing / 6.0, rel=1e-12)
     for row in entry["tolerable_js_db"]:
-        ours = interference.tolerable(row["cn0_db"], row["threshold_db"], 1.0 / (row["q"] * row["chip_rate_hz"]))
+        ours = propagation.tolerable(row["cn0_db"], row["threshold_db"], 1.0 / (row["q"] * row["chip_rate_hz"]))
         assert ours == pytest.approx(row["js_db"], abs=within["level"])
 
 
@@ -108,14 +106,14 @@ def test_thresholds(cases: dict[str, Any], within: Within) -> None:
 )
 def test_pulsed_pseudolite(cases: dict[str, Any], within: Within) -> None:
     entry = cases["pulsed_pseudolite"]
-    duty = interference.RTCM_DUTY
+    duty = propagation.RTCM_DUTY
     assert duty == pytest.approx(entry["duty"], abs=within["numbers"])
     assert duty * 1023 == pytest.approx(entry["rtcm_chips_per_ms"], abs=within["numbers"])
     ours = [
-        -interference.blanked_loss(np.array([duty])),
-        -interference.gated_loss(duty),
-        -interference.ungated_loss(duty),
-        interference.cross_correlation(10),
+        -propagation.blanked_loss(np.array([duty])),
+        -propagation.gated_loss(duty),
+        -propagation.ungated_loss(duty),
+        propagation.cross_correlation(10),
     ]
     names = (
         "satellite_loss_blanked",
@@ -129,18 +127,18 @@ def test_pulsed_pseudolite(cases: dict[str, Any], within: Within) -> None:
 @pytest.mark.validates("loss behind a knife edge", "ITU-R P.526", nu="1e-9", loss="1e-9 dB")
 def test_knife_edge(cases: dict[str, Any], within: Within) -> None:
     rows = cases["knife_edge"]["cases"]
-    ours = interference.edge_loss(np.array([row["nu"] for row in rows]))
+    ours = propagation.edge_loss(np.array([row["nu"] for row in rows]))
     np.testing.assert_allclose(ours, [row["loss_db"] for row in rows], rtol=0, atol=within["loss"])
     row = rows[-1]
     before, behind = np.array([row["d1_m"], row["d2_m"]])
-    nu = interference.edge_parameter(row["height_m"], before, behind, SPEED_OF_LIGHT / row["frequency_hz"])
+    nu = propagation.edge_parameter(row["height_m"], before, behind, SPEED_OF_LIGHT / row["frequency_hz"])
     assert nu == pytest.approx(row["nu"], abs=within["nu"])
 
 
 @pytest.mark.validates("noise of range rates", "Kaplan & Hegarty 8.9, own numbers", "(relative)", sigma="1e-9")
 def test_range_rate_noise(cases: dict[str, Any], within: Within) -> None:
     for row in cases["range_rate_noise"]["cases"]:
-        loop = lock.FrequencyLoop(row["bandwidth_hz"], row["integration_s"], row["f"])
+        loop = tracking_threshold.FrequencyLoop(row["bandwidth_hz"], row["integration_s"], row["f"])
         ours = loop.sigma(np.array(row["cn0_db"]), SPEED_OF_LIGHT / GPS.carrier)
         assert ours == pytest.approx(row["sigma_m_s"], rel=within["sigma"])
 
@@ -150,15 +148,15 @@ def test_jam_chain(cases: dict[str, Any], within: Within) -> None:
     entry = cases["jam_chain"]
     row, expected = entry["inputs"], entry["expected"]
     assert row["noise"] == "white over +-1.023 MHz"
-    js = interference.jam_to_signal(
+    js = propagation.jam_to_signal(
         np.array([[row["jammer_dbw"]]]),
-        interference.path_loss(np.array([[row["path_m"]]]), row["frequency_hz"]),
+        propagation.path_loss(np.array([[row["path_m"]]]), row["frequency_hz"]),
         np.array([[row["receiver_gain_to_jammer_db"]]]),
         np.array([row["signal_dbw"]]),
         np.zeros((1, 1)),
     )
     kappa = Flat(row["frequency_hz"], 2.046 * MEGA).kappa(bpsk(RATE), np.array([row["frequency_hz"]]), None)
-    left = interference.jammed(np.array([[row["cn0_db"]]]), js, kappa[None])
+    left = propagation.jammed(np.array([[row["cn0_db"]]]), js, kappa[None])
     loop = CodeLoop(row["spacing"], row["loop_bandwidth_hz"], row["integration_s"])
     assert js.item() == pytest.approx(expected["js_db"], abs=within["level"])
     assert left.item() == pytest.approx(expected["cn0_effective_db"], abs=within["level"])
@@ -177,7 +175,7 @@ def test_field_jamming(cases: dict[str, Any]) -> None:
     at, heard = np.array(entry["time_of_day_s"], float), np.array(entry["satellites"])
     time = np.arange(at[0], at[-1], 0.1)
     cn0 = np.interp(time, at, entry["median_cn0_db"])
-    held = lock.LockRule().held(time, cn0[:, None])[:, 0]
+    held = tracking_threshold.LockRule().held(time, cn0[:, None])[:, 0]
     (lost,), (back,) = time[1:][held[:-1] & ~held[1:]], time[1:][held[1:] & ~held[:-1]]
     fewest = int(heard.argmin())
     assert (heard[fewest - 1 : fewest + 3]).tolist() == [8, 3, 6, 8]
@@ -205,8 +203,11 @@ def test_separation_by_lag(offset: float, within: Within) -> None:
             lambda lag, a=a, b=b: correlation(a, lag) * correlation(b, lag) * np.cos(2.0 * np.pi * offset * lag),
             0.0, end, points=corners, epsabs=1e-18, epsrel=1e-12, limit=200,
         )[0]  # fmt: skip
-        scale = float(spectra.separation(a, b, np.array(0.0)))
-        for ours in (spectra.separation(a, b, np.array(offset)), spectra.separation(b, a, np.array(-offset))):
+        scale = float(spectral_separation.separation(a, b, np.array(0.0)))
+        for ours in (
+            spectral_separation.separation(a, b, np.array(offset)),
+            spectral_separation.separation(b, a, np.array(-offset)),
+        ):
             assert float(ours) == pytest.approx(wanted, abs=within["kappa"] * scale), (one, other)
 
 
@@ -276,7 +277,7 @@ def test_closed_forms_of_separation() -> None:
     for rate in (GLONASS.chip_rate, RATE, 10.0 * RATE):
         matched = Modulated(bpsk(rate), 0.0).kappa(bpsk(rate), np.zeros(1), None)
         assert matched.item() == pytest.approx(2.0 / (3.0 * rate), rel=1e-14)
-    two = spectra.separation(bpsk(RATE), bpsk(GLONASS.chip_rate), np.array(0.0))
+    two = spectral_separation.separation(bpsk(RATE), bpsk(GLONASS.chip_rate), np.array(0.0))
     assert float(two) == pytest.approx((1.0 - GLONASS.chip_rate / (3.0 * RATE)) / RATE, rel=1e-14)
     tone = Tone(GPS.carrier + 0.4 * RATE).kappa(bpsk(RATE), np.array([GPS.carrier]), None)
     assert tone.item() == pytest.approx(np.sinc(0.4) ** 2 / RATE, rel=1e-6)
@@ -298,8 +299,8 @@ def test_a_narrow_jammer_takes_some_channels() -> None:
     for jammer in (Tone(GLONASS.frequency(2)), Flat(GLONASS.frequency(2), 0.2 * MEGA)):
         kappa = jammer.kappa(signal, carriers, None)
         assert kappa.argmax() == np.flatnonzero(channels == 2)[0]
-        left = interference.jammed(np.full((1, 14), 45.0), np.full((1, 1, 14), 40.0), kappa[None])[0]
-        rule = lock.LockRule()
+        left = propagation.jammed(np.full((1, 14), 45.0), np.full((1, 1, 14), 40.0), kappa[None])[0]
+        rule = tracking_threshold.LockRule()
         assert (left < rule.lose).tolist() == (channels == 2).tolist()
         assert (left[np.abs(channels - 2) > 1] > rule.regain).all()
 
@@ -326,7 +327,7 @@ levels_db = st.floats(-60.0, 120.0)
 def test_more_power_never_helps(cn0: float, first: float, second: float, more: float, rate: float) -> None:
     def left(*js: float) -> float:
         kappa = np.full((len(js), 1), 1.0 / rate)
-        return float(interference.jammed(np.array([[cn0]]), np.array(js).reshape(-1, 1, 1), kappa).item())
+        return float(propagation.jammed(np.array([[cn0]]), np.array(js).reshape(-1, 1, 1), kappa).item())
 
     assert left() == pytest.approx(cn0, abs=1e-9)
     assert left(first, -np.inf) == left(first)
@@ -338,11 +339,11 @@ def test_more_power_never_helps(cn0: float, first: float, second: float, more: f
         assert left(first + more) == pytest.approx(left(first) - more, abs=0.05)
     least = left(first)
     if least < cn0 - 0.01:
-        assert float(interference.tolerable(cn0, least, 1.0 / rate)) == pytest.approx(first, abs=1e-6)
+        assert float(propagation.tolerable(cn0, least, 1.0 / rate)) == pytest.approx(first, abs=1e-6)
 
 
 def test_no_jammer_is_tolerable_where_the_signal_is_too_weak() -> None:
-    assert interference.tolerable(np.array([27.0, 28.0]), 28.0, 1.0 / RATE).tolist() == [-np.inf, -np.inf]
+    assert propagation.tolerable(np.array([27.0, 28.0]), 28.0, 1.0 / RATE).tolist() == [-np.inf, -np.inf]
 
 
 def test_every_jammer_meets_every_source() -> None:
@@ -352,11 +353,11 @@ def test_every_jammer_meets_every_source() -> None:
     distance = rng.uniform(1e3, 3e4, (2, 3))
     signal, kappa = np.array([-158.5, -158.5, -161.0, -161.0]), rng.uniform(1e-8, 1e-6, (2, 4))
     hidden = np.array([[0.0, 0.0, 0.0], [0.0, np.inf, 12.0]])
-    loss = interference.path_loss(distance, np.array([[GPS.carrier], [GLONASS.carrier]])) + hidden
-    js = interference.jam_to_signal(eirp, loss, to_jammer, signal, gain)
-    cn0 = interference.unjammed(signal, gain, 290.0)
+    loss = propagation.path_loss(distance, np.array([[GPS.carrier], [GLONASS.carrier]])) + hidden
+    js = propagation.jam_to_signal(eirp, loss, to_jammer, signal, gain)
+    cn0 = propagation.unjammed(signal, gain, 290.0)
     cn0[:, 3] = np.nan
-    left = interference.jammed(cn0, js, kappa)
+    left = propagation.jammed(cn0, js, kappa)
     assert np.isneginf(js[1, 1]).all()
     assert np.isnan(left[:, 3]).all()
     for e in range(3):
@@ -371,13 +372,13 @@ def test_every_jammer_meets_every_source() -> None:
 def test_shadow_of_edges_and_of_the_horizon() -> None:
     """An edge at the straight path takes 6 dB, a clear one nothing; a higher one never takes less."""
     nu = np.linspace(-50.0, 50.0, 2001)
-    loss = interference.edge_loss(nu)
+    loss = propagation.edge_loss(nu)
     assert (np.diff(loss) >= 0.0).all()
     assert (loss[nu < -0.78] == 0.0).all()
-    assert float(interference.edge_loss(np.array(0.0))) == pytest.approx(20.0 * np.log10(2.0), abs=0.02)
-    far = interference.radio_horizon(np.array([100.0, 0.0, -3.0]), 25.0)
+    assert float(propagation.edge_loss(np.array(0.0))) == pytest.approx(20.0 * np.log10(2.0), abs=0.02)
+    far = propagation.radio_horizon(np.array([100.0, 0.0, -3.0]), 25.0)
     np.testing.assert_allclose(far, [61.8e3, 20.6e3, 20.6e3])
-    beyond = interference.horizon_loss(np.array([61.0e3, 62.0e3]), 100.0, 25.0)
+    beyond = propagation.horizon_loss(np.array([61.0e3, 62.0e3]), 100.0, 25.0)
     assert beyond.tolist() == [0.0, np.inf]
 
 
@@ -418,9 +419,9 @@ def test_a_ridge_is_the_knife_edge(cases: dict[str, Any], within: Within) -> Non
     (place,) = about_the_eye((0.0, -d1, -d1 * rise))
     far = d1 / np.cos(np.radians(30.0)), d2 / np.cos(np.radians(30.0))
     over = (top - bent(*far)) * np.cos(np.radians(30.0))
-    nu = interference.edge_parameter(np.array(over), np.array(far[0]), np.array(far[1]), wavelength)
+    nu = propagation.edge_parameter(np.array(over), np.array(far[0]), np.array(far[1]), wavelength)
     found = horizon.ridge_loss(ridge, place, up, wavelength)
-    assert found[0] == pytest.approx(float(interference.edge_loss(nu)), abs=within["loss"])
+    assert found[0] == pytest.approx(float(propagation.edge_loss(nu)), abs=within["loss"])
 
 
 def test_a_skyline_is_where_it_is_seen() -> None:
@@ -438,16 +439,16 @@ def test_a_skyline_is_where_it_is_seen() -> None:
     (place,) = about_the_eye((0.0, 9000.0, 20.0))
     antenna = about_the_eye((0.0, 0.0, 5.0), (0.0, 5000.0, 5.0))
     loss = horizon.ridge_loss(tops, place, antenna, 0.19)
-    nu = interference.edge_parameter(np.array(2000.0 * np.tan(0.1) - 8.3), np.array(7000.0), np.array(2000.0), 0.19)
-    assert loss[0] == pytest.approx(float(interference.edge_loss(nu)), abs=0.05)
+    nu = propagation.edge_parameter(np.array(2000.0 * np.tan(0.1) - 8.3), np.array(7000.0), np.array(2000.0), 0.19)
+    assert loss[0] == pytest.approx(float(propagation.edge_loss(nu)), abs=0.05)
     assert loss[1] == 0.0
 
 
 def test_two_pulsed_pseudolites_cost_satellites_both_duties() -> None:
-    duty = interference.RTCM_DUTY
-    assert interference.blanked_loss(np.array([duty, duty])) == pytest.approx(-decibels(1.0 - 2.0 / 11.0))
-    assert interference.blanked_loss(np.empty(0)) == 0.0
-    assert interference.gated_loss(1.0) == interference.ungated_loss(1.0) == 0.0
+    duty = propagation.RTCM_DUTY
+    assert propagation.blanked_loss(np.array([duty, duty])) == pytest.approx(-decibels(1.0 - 2.0 / 11.0))
+    assert propagation.blanked_loss(np.empty(0)) == 0.0
+    assert propagation.gated_loss(1.0) == propagation.ungated_loss(1.0) == 0.0
 
 
 def test_lock_waits() -> None:
@@ -460,29 +461,29 @@ def test_lock_waits() -> None:
     cn0[:, 2] = 30.0
     cn0[:20, 2], cn0[40:, 2], cn0[50, 2] = 27.0, 32.0, 31.0
     cn0[:30, 3] = np.nan
-    held = lock.LockRule().held(time, cn0)
+    held = tracking_threshold.LockRule().held(time, cn0)
     firsts = [held[:, 0].argmin(), held[:, 1].argmin(), held[:, 2].argmax(), held[:, 3].argmax()]
     assert firsts == [15, 20, 71, 50]
     assert held.sum(axis=0).tolist() == [15, 20, 29, 50]
-    assert lock.LockRule().held(np.empty(0), np.empty((0, 4))).shape == (0, 4)
+    assert tracking_threshold.LockRule().held(np.empty(0), np.empty((0, 4))).shape == (0, 4)
 
 
 def test_lock_between_its_levels_stays_as_it_is() -> None:
     time, cn0 = np.arange(50.0), np.full((50, 1), 29.0)
-    assert lock.LockRule().held(time, cn0).all()
+    assert tracking_threshold.LockRule().held(time, cn0).all()
     cn0[5:8] = 20.0
-    assert lock.LockRule().held(time, cn0)[:, 0].sum() == 6
+    assert tracking_threshold.LockRule().held(time, cn0)[:, 0].sum() == 6
 
 
 @given(st.lists(st.lists(st.floats(20.0, 40.0), min_size=3, max_size=3), min_size=1, max_size=30), st.floats(0.05, 3.0))
 def test_lock_follows_signal(rows: list[list[float]], step: float) -> None:
     """Sources do not matter to each other; what is never below `lose` is held, what changes was beyond its level."""
-    cn0, time, rule = np.array(rows), step * np.arange(len(rows)), lock.LockRule()
+    cn0, time, rule = np.array(rows), step * np.arange(len(rows)), tracking_threshold.LockRule()
     held = rule.held(time, cn0)
     for s in range(3):
         np.testing.assert_array_equal(rule.held(time, cn0[:, s : s + 1])[:, 0], held[:, s])
     assert held[:, (cn0 >= rule.lose).all(axis=0)].all()
     assert (cn0[1:][~held[1:] & held[:-1]] < rule.lose).all()
     assert (cn0[1:][held[1:] & ~held[:-1]] > rule.regain).all()
-    at_once = lock.LockRule(lose_s=0.0, regain=np.nextafter(28.0, 0.0), regain_s=0.0)
+    at_once = tracking_threshold.LockRule(lose_s=0.0, regain=np.nextafter(28.0, 0.0), regain_s=0.0)
     np.testing.assert_array_equal(at_once.held(time, cn0), cn0 >= 28.0)

@@ -11,9 +11,9 @@ import pytest
 
 from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
-from navsim.gnss import code_loop
+from navsim.gnss import dll
 from navsim.gnss.antenna import GroundPattern
-from navsim.gnss.interference import propagation as interference
+from navsim.gnss.interference import propagation
 from navsim.gnss.signals import build_signals
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.scenario.signals import AntennaSection
@@ -41,7 +41,7 @@ def standing(llh: np.ndarray, c_nb: np.ndarray) -> Motion:
 @pytest.mark.validates("loss in free space and the power that makes up for it", "Friis, own numbers", level="6e-3 dB")
 def test_free_space(within: Within) -> None:
     for distance, loss, eirp in oracle("free_space_and_eirp")["rows"]:
-        found = float(interference.path_loss(np.array(float(distance)), L1))
+        found = float(propagation.path_loss(np.array(float(distance)), L1))
         assert found == pytest.approx(loss, abs=within["level"])
         assert found - 130.0 == pytest.approx(eirp, abs=within["level"])
 
@@ -51,10 +51,10 @@ def test_free_space(within: Within) -> None:
 def test_near_far(within: Within) -> None:
     given = oracle("near_far")
     js = np.array(given["cn0_45"]["js_db"], float)
-    left = interference.jammed(np.full((js.size, 1), 45.0), js[None, :, None], np.full((1, 1), MATCHED))[:, 0]
+    left = propagation.jammed(np.full((js.size, 1), 45.0), js[None, :, None], np.full((1, 1), MATCHED))[:, 0]
     np.testing.assert_allclose(left, given["cn0_45"]["cn0_eff"], atol=within["level"])
     for least in (28, 30):
-        found = float(interference.tolerable(np.array(45.0), float(least), MATCHED))
+        found = float(propagation.tolerable(np.array(45.0), float(least), MATCHED))
         assert found == pytest.approx(given[f"js_limit_45_to_{least}"], abs=within["level"])
 
 
@@ -63,8 +63,8 @@ def test_radius_of_loss(within: Within) -> None:
     """Over a pseudolite that is received with -130 dBm in 10 km, a satellite with -128.5 dBm overhead: by noise alone,
     and by the lines of its code at whole kHz of Doppler."""
     given = oracle("near_far")["example"]
-    eirp = given["pl_dbm_at_10km"] + float(interference.path_loss(np.array(1e4), L1))
-    noise_figure = given["satellite_dbm"] - 30.0 - 45.0 - interference.noise_density(290.0)
+    eirp = given["pl_dbm_at_10km"] + float(propagation.path_loss(np.array(1e4), L1))
+    noise_figure = given["satellite_dbm"] - 30.0 - 45.0 - propagation.noise_density(290.0)
     height = np.arange(1500.0, 50.0, -0.05)
     lock = {"lose_db_hz": 28.0, "lose_s": 0.0, "regain_db_hz": 28.0, "regain_s": 0.0}
     for near_far, wanted in (
@@ -82,7 +82,7 @@ def test_radius_of_loss(within: Within) -> None:
         assert signals.used[:, 1].all()
         (last,) = np.flatnonzero(np.diff(signals.used[:, 0].astype(int)))  # lost for good on the way down
         assert height[last] == pytest.approx(wanted, abs=within["radius"])
-        js = eirp - interference.path_loss(height, L1) - given["satellite_dbm"]
+        js = eirp - propagation.path_loss(height, L1) - given["satellite_dbm"]
         np.testing.assert_allclose(signals.js[0, :, 0], js, atol=1e-6)
 
 
@@ -91,12 +91,12 @@ def test_pulsing(within: Within) -> None:
     given = oracle("pulsing")
     one = given["duty_1_11"]
     duty = np.array([1.0, 1.0]) / 11.0
-    assert -interference.blanked_loss(duty[:1]) == pytest.approx(one["satellite_loss_db"], abs=within["level"])
-    assert -interference.blanked_loss(duty) == pytest.approx(
+    assert -propagation.blanked_loss(duty[:1]) == pytest.approx(one["satellite_loss_db"], abs=within["level"])
+    assert -propagation.blanked_loss(duty) == pytest.approx(
         given["two_duty_1_11_satellite_loss_db"], abs=within["level"]
     )
-    assert -interference.gated_loss(duty[0]) == pytest.approx(one["pl_gated_db"], abs=within["level"])
-    assert -interference.ungated_loss(duty[0]) == pytest.approx(one["pl_ungated_db"], abs=within["level"])
+    assert -propagation.gated_loss(duty[0]) == pytest.approx(one["pl_gated_db"], abs=within["level"])
+    assert -propagation.ungated_loss(duty[0]) == pytest.approx(one["pl_ungated_db"], abs=within["level"])
 
 
 @pytest.mark.validates("elevation over an antenna that banks", "turn about the nose, own numbers", angle="1e-6 deg")
@@ -155,18 +155,18 @@ def test_a_pattern_of_the_ground_goes_all_around() -> None:
 def test_reflection_coefficients_of_ground(within: Within) -> None:
     """Of linear polarisations, and of circular the parts of the same sense and of the other."""
     for _, permittivity, conductivity, grazing, *sizes in oracle("fresnel")["rows"]:
-        v, h = code_loop.fresnel(permittivity, conductivity, 299792458.0 / L1, np.radians(np.array(grazing)))
+        v, h = dll.fresnel(permittivity, conductivity, 299792458.0 / L1, np.radians(np.array(grazing)))
         np.testing.assert_allclose(np.abs([h, v, 0.5 * (h + v), 0.5 * (h - v)]), sizes, atol=within["size"])
 
 
 @pytest.mark.validates("two rays over flat ground", "closed form, own numbers", length="6e-7 m", level="6e-4 dB")
 def test_two_rays(within: Within) -> None:
     """Of ground that conducts as a metal does, which turns a horizontal wave over."""
-    metal = code_loop.GroundReflection(0.0, 1.0, 1e14, 0.0, "horizontal")
+    metal = dll.GroundReflection(0.0, 1.0, 1e14, 0.0, "horizontal")
     for transmitter, receiver, across, excess, field in oracle("two_ray")["rows"]:
-        ray = code_loop.reflection(metal, L1, np.array(float(receiver)), transmitter, np.array(float(across)))
+        ray = dll.reflection(metal, L1, np.array(float(receiver)), transmitter, np.array(float(across)))
         assert float(ray[1]) == pytest.approx(excess, abs=within["length"])
-        assert float(code_loop.fade(ray[0], ray[2])) == pytest.approx(field, abs=within["level"])
+        assert float(dll.fade(ray[0], ray[2])) == pytest.approx(field, abs=within["level"])
 
 
 @pytest.mark.validates("code error of a short excess", "closed form, own numbers", length="1e-5 m")
@@ -174,7 +174,7 @@ def test_code_error_of_a_short_excess(within: Within) -> None:
     given = oracle("short_delay_code_multipath")
     for phase, wanted in ((0.0, given["phi_0"]), (np.pi, given["phi_pi"])):
         size, excess = np.array([given["a"]]), np.array([given["delta_m"]])
-        found = code_loop.multipath_error(0.5, 299792458.0 / RATE, size, excess, np.array([phase]))
+        found = dll.multipath_error(0.5, 299792458.0 / RATE, size, excess, np.array([phase]))
         assert found.item() == pytest.approx(wanted, abs=within["length"])
 
 

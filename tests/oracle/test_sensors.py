@@ -24,7 +24,7 @@ from navsim.sensors.imu import (
     simulate,
     simulate_lanes,
 )
-from navsim.sensors.imu_errors import Gains, Imperfections, Vibration, Warming, felt_through, shaking
+from navsim.sensors.imu_errors import Gains, ImuErrorModel, Vibration, Warming, apply_bandwidth, shaking
 from tests.conftest import DATA, Within
 from tests.helpers import scenario
 
@@ -39,7 +39,7 @@ def known() -> dict[str, Any]:
 
 
 def measured(
-    rate: np.ndarray, force: np.ndarray, gyro: Imperfections, accel: Imperfections, run: int = 0
+    rate: np.ndarray, force: np.ndarray, gyro: ImuErrorModel, accel: ImuErrorModel, run: int = 0
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
     """Errors of measured rates and specific forces (n, 3) of sensors that are perfect beside, and what is behind
     them."""
@@ -48,7 +48,7 @@ def measured(
     return dtheta / DT - rate, dv / DT - force, errors
 
 
-def drawn(what: Imperfections, triad: int, run: int = 0) -> Gains:
+def drawn(what: ImuErrorModel, triad: int, run: int = 0) -> Gains:
     """The gains that `measured` has."""
     return Gains.drawn(what, triad, (generator(3, run, "imu"),))
 
@@ -59,7 +59,7 @@ def sine(peak: float, frequency: float = 1.0, seconds: float = 20.0) -> np.ndarr
     return np.repeat((peak / omega / DT * -np.diff(np.cos(omega * time)))[:, None], 3, axis=1)
 
 
-NONE = Imperfections()
+NONE = ImuErrorModel()
 
 
 @pytest.mark.validates("gains of inertial sensors", "closed forms: a turn of 360 degrees, a sine", effect="1 %")
@@ -73,18 +73,18 @@ def test_gains(known: dict[str, Any], within: Within) -> None:
     effect = (dtheta.sum(axis=0) - 360.0 * DEG * np.array([0, 0, 1]))[2] / (errors.scale[2] / 500e-6)
     assert effect / DEG == pytest.approx(told["scale_500ppm_360deg_deg"], rel=close)
 
-    rate, _, errors = measured(turn, none, Imperfections(misalignment=1e-3), NONE)
+    rate, _, errors = measured(turn, none, ImuErrorModel(misalignment=1e-3), NONE)
     effect = rate.sum(axis=0)[:2] * DT / (errors.cross[0, :2, 2] / 1e-3)
     assert effect / DEG == pytest.approx([told["misalignment_1mrad_360deg_deg"]] * 2, rel=close)
     assert np.all(errors.cross[:, range(3), range(3)] == 0.0)
     assert np.all(errors.cross[1] == 0.0)
 
-    what = Imperfections(asymmetry=200e-6)
+    what = ImuErrorModel(asymmetry=200e-6)
     rate, _, _ = measured(sine(60.0 * DEG), np.zeros((2000, 3)), what, NONE)
     effect = rate.mean(axis=0) / (drawn(what, 0).uneven[:, 0] / 200e-6)
     assert effect / DEG == pytest.approx([told["asymmetry_200ppm_60deg_s_sine_mean_deg_s"]] * 3, rel=close)
 
-    what = Imperfections(nonlinearity=0.01)
+    what = ImuErrorModel(nonlinearity=0.01)
     force = sine(2.0)
     _, rest, _ = measured(np.zeros_like(force), force, NONE, what)
     assert rest.mean(axis=0) == pytest.approx(drawn(what, 1).square[:, 0] * 2.0**2 / 2.0, rel=close)
@@ -92,7 +92,7 @@ def test_gains(known: dict[str, Any], within: Within) -> None:
     minute = np.zeros((6000, 3))
     force = minute.copy()
     force[:, 2] = -G
-    what = Imperfections(g_sensitivity=10.0 * DEG_H / G)
+    what = ImuErrorModel(g_sensitivity=10.0 * DEG_H / G)
     rate, _, errors = measured(minute, force, what, NONE)
     effect = -rate.sum(axis=0) * DT / (errors.force[:, 2] / (10.0 * DEG_H / G))
     assert effect / DEG == pytest.approx([told["g_sensitivity_10deg_h_g_1g_60s_deg"]] * 3, rel=close)
@@ -100,7 +100,7 @@ def test_gains(known: dict[str, Any], within: Within) -> None:
 
 def test_gains_are_drawn() -> None:
     """Their spread over runs is what is asked for, within 4 sigma of the sampling."""
-    what = Imperfections(misalignment=1e-3, asymmetry=1e-4, nonlinearity=2.0, g_sensitivity=3.0, ramp=4.0)
+    what = ImuErrorModel(misalignment=1e-3, asymmetry=1e-4, nonlinearity=2.0, g_sensitivity=3.0, ramp=4.0)
     rngs = [generator(7, run, "imu") for run in range(2000)]
     gains = Gains.drawn(what, 0, rngs)
     for values, size in (
@@ -114,14 +114,14 @@ def test_gains_are_drawn() -> None:
 def test_rectification_and_temperature(known: dict[str, Any], within: Within) -> None:
     close, still = within["effect"], np.zeros((30000, 3))
     shaken = Vibration(lines=((3.0 * math.sqrt(2.0) * G, 20.0),))
-    what = Imperfections(rectification=100e-6 / G, vibration=shaken)
+    what = ImuErrorModel(rectification=100e-6 / G, vibration=shaken)
     _, rest, errors = measured(still, still, NONE, what)
     effect = rest.mean(axis=0) / (drawn(what, 1).rectified[:, 0] / (what.rectification * 9.0 * G**2))
     assert effect / (1e-6 * G) == pytest.approx([known["imu_single_terms"]["vre_100ug_g2_3grms_ug"]] * 3, rel=close)
     assert errors.bias[0, 3:] == pytest.approx(drawn(what, 1).rectified[:, 0])
 
     warming = Warming(ramp=2.0 / 60.0, warm_up=10.0, time=40.0)
-    what = Imperfections(temperature=1e-5, warming=warming)
+    what = ImuErrorModel(temperature=1e-5, warming=warming)
     rate, _, errors = measured(still, still, what, NONE)
     end, gain = 300.0, drawn(what, 0).per_kelvin[:, 0]
     assert errors.bias[-1, :3] == pytest.approx(gain * (10.0 + 10.0 * (1.0 - math.exp(-end / 40.0))), rel=1e-9)
@@ -132,7 +132,7 @@ def test_rectification_and_temperature(known: dict[str, Any], within: Within) ->
 @pytest.mark.validates("saturation", "lost angle: the integral beyond the range", angle="1 %")
 def test_saturation(within: Within) -> None:
     peak, limit, seconds = 200.0 * DEG, 125.0 * DEG, 20.0
-    rate, _, errors = measured(sine(peak), np.zeros((2000, 3)), Imperfections(largest=limit), NONE)
+    rate, _, errors = measured(sine(peak), np.zeros((2000, 3)), ImuErrorModel(largest=limit), NONE)
     lost = np.abs(rate).sum(axis=0) * DT
     where = math.acos(limit / peak)
     expected = seconds * 2.0 / math.pi * (peak * math.sin(where) - limit * where)
@@ -145,10 +145,10 @@ def test_saturation(within: Within) -> None:
 @pytest.mark.parametrize("damping", [0.5, 0.7071, 1.0])
 def test_bandwidth(damping: float, within: Within) -> None:
     """Frequency, damping and delay by themselves: omega0 from the gain of a filter of second order."""
-    what = Imperfections(bandwidth=20.0, damping=damping)
+    what = ImuErrorModel(bandwidth=20.0, damping=damping)
     ramp = np.repeat(np.linspace(0.0, 10.0, 1000)[:, None], 3, axis=1)
     slope = (ramp[1, 0] - ramp[0, 0]) / DT
-    behind = (ramp - felt_through(ramp * DT, DT, what) / DT)[-1, 0]
+    behind = (ramp - apply_bandwidth(ramp * DT, DT, what) / DT)[-1, 0]
     omega = next(
         w for w in np.arange(10.0, 400.0, 0.001)
         if abs(w**2 / (w**2 - (40.0 * math.pi) ** 2 + 2j * damping * w * 40.0 * math.pi)) ** 2 > 0.5
@@ -157,7 +157,7 @@ def test_bandwidth(damping: float, within: Within) -> None:
     fine = 1e-4
     time = fine * np.arange(20001)
     u = np.diff(np.sin(2.0 * math.pi * 20.0 * time))[:, None]
-    assert felt_through(u, fine, what)[10000:].std() / u[10000:].std() == pytest.approx(
+    assert apply_bandwidth(u, fine, what)[10000:].std() / u[10000:].std() == pytest.approx(
         math.sqrt(0.5), rel=within["gain"]
     )
 
@@ -165,7 +165,7 @@ def test_bandwidth(damping: float, within: Within) -> None:
 TAUS = np.array([0.1, 1.0, 10.0])
 
 
-def deviations(further: Imperfections, runs: int, seconds: float, white: float, markov: float) -> np.ndarray:
+def deviations(further: ImuErrorModel, runs: int, seconds: float, white: float, markov: float) -> np.ndarray:
     """Ratio of Allan deviations at `TAUS` to their closed form: of the mean over runs and axes. The sensors are moved
     by many quanta a sample: what is left over of one knows nothing of what was left over before. A ramp is of the
     slopes that were drawn."""
@@ -188,16 +188,16 @@ def deviations(further: Imperfections, runs: int, seconds: float, white: float, 
     ("further", "white", "markov"),
     [
         (NONE, 3e-4, 0.0),
-        (Imperfections(quantum=1e-4), 0.0, 0.0),
-        (Imperfections(walk=1e-5), 0.0, 0.0),
-        (Imperfections(ramp=1e-6), 0.0, 0.0),
-        (Imperfections(lines=((1e-3, 0.33),)), 0.0, 0.0),
+        (ImuErrorModel(quantum=1e-4), 0.0, 0.0),
+        (ImuErrorModel(walk=1e-5), 0.0, 0.0),
+        (ImuErrorModel(ramp=1e-6), 0.0, 0.0),
+        (ImuErrorModel(lines=((1e-3, 0.33),)), 0.0, 0.0),
         (NONE, 0.0, 1e-4),
-        (Imperfections(quantum=1e-4, walk=1e-4, ramp=1e-5, lines=((1e-4, 0.33),)), 1e-4, 1e-4),
+        (ImuErrorModel(quantum=1e-4, walk=1e-4, ramp=1e-5, lines=((1e-4, 0.33),)), 1e-4, 1e-4),
     ],
     ids=["white", "quantum", "walk", "ramp", "sine", "markov", "all"],
 )
-def test_allan_deviation(further: Imperfections, white: float, markov: float, within: Within) -> None:
+def test_allan_deviation(further: ImuErrorModel, white: float, markov: float, within: Within) -> None:
     """From 300 records of 100 s: 3000 clusters of 10 s, which lie side by side in three axes."""
     ratio = deviations(further, 100, 100.0, white, markov)
     np.testing.assert_allclose(ratio, 1.0, atol=within["deviation"])
@@ -206,7 +206,7 @@ def test_allan_deviation(further: Imperfections, white: float, markov: float, wi
 @pytest.mark.validates("quantisation and the peak of a Markov bias", "closed forms", deviation="1 %", peak="1e-5")
 def test_closed_forms(known: dict[str, Any], within: Within) -> None:
     told = known["imu_single_terms"]["quantisation_lsb_1e4rad_adev_1s"]
-    quantum = replace(PERFECT, further=Imperfections(quantum=1e-4))
+    quantum = replace(PERFECT, further=ImuErrorModel(quantum=1e-4))
     assert math.sqrt(allan_variance(quantum, np.array([1.0]))[0]) == pytest.approx(told, rel=1e-9)
     peak = known["allan_closed_forms"]["markov_peak"]
     assert (peak["tau_over_Tc"], peak["adev_over_sigma"]) == pytest.approx(MARKOV_PEAK, abs=2e-5)
@@ -262,7 +262,7 @@ def test_what_a_vibration_adds_up_to() -> None:
     assert Vibration(density=((20.0, 0.02), (2000.0, 0.02))).adds_up(1.0) < 0.01 * 0.02
 
 
-ALL = Imperfections(
+ALL = ImuErrorModel(
     misalignment=1e-3, asymmetry=1e-4, nonlinearity=1e-3, ramp=1e-6, temperature=1e-5, rectification=1e-6, walk=1e-5,
     lines=((1e-3, 7.0),), quantum=1e-5, largest=2.0, bandwidth=30.0,
     vibration=Vibration(((0.5, 33.0),), ((20.0, 0.01), (200.0, 0.01))), warming=Warming(0.01, 5.0, 60.0),
@@ -287,9 +287,9 @@ def test_all_together() -> None:
     parts = np.zeros_like(rate)
     for name in ("misalignment", "asymmetry", "nonlinearity", "g_sensitivity", "ramp", "temperature", "walk", "lines"):
         kept = {name: getattr(linear, name), "vibration": linear.vibration, "warming": linear.warming}
-        parts += measured(rate, force, Imperfections(**kept), replace(NONE, vibration=linear.vibration), 1)[0]
+        parts += measured(rate, force, ImuErrorModel(**kept), replace(NONE, vibration=linear.vibration), 1)[0]
     kept = {"rectification": linear.rectification, "vibration": linear.vibration}
-    parts += measured(rate, force, Imperfections(**kept), replace(NONE, vibration=linear.vibration), 1)[0]
+    parts += measured(rate, force, ImuErrorModel(**kept), replace(NONE, vibration=linear.vibration), 1)[0]
     whole = measured(rate, force, linear, replace(NONE, vibration=linear.vibration), 1)[0]
     np.testing.assert_allclose(whole, parts, atol=1e-12)
 
@@ -298,7 +298,7 @@ def test_streams_of_their_own() -> None:
     """Further errors leave the numbers of the others what they are; a run's do not depend on its neighbours."""
     rate = sine(0.5)
     plain = Triad(1e-3, 1e-4, 1e-4, 50.0, scale=1e-3)
-    more = replace(plain, further=Imperfections(ramp=1e-6, walk=1e-6))
+    more = replace(plain, further=ImuErrorModel(ramp=1e-6, walk=1e-6))
     a, _, before = simulate(generator(3, 0, "imu"), rate * DT, rate * DT, DT, plain, plain)
     b, _, after = simulate(generator(3, 0, "imu"), rate * DT, rate * DT, DT, more, plain)
     np.testing.assert_array_equal(before.scale, after.scale)
@@ -341,12 +341,12 @@ def test_units(known: dict[str, Any], within: Within) -> None:
     assert (units["deg_h"], units["mg"]) == pytest.approx((of_gyro.bias, of_accel.bias), rel=told)
     assert units["deg_sqrt_h"] == pytest.approx(of_gyro.noise_density, rel=told)
     one = of_gyro.further
-    expected = Imperfections(
+    expected = ImuErrorModel(
         misalignment=1e-3, asymmetry=1e-6, nonlinearity=1e-6 / DEG, g_sensitivity=deg_h / g, ramp=deg_h / 3600.0,
         temperature=deg_h, rectification=deg_h / g**2, walk=deg_h / 60.0, lines=((deg_h, 2.0),), quantum=1e-6,
         largest=DEG, bandwidth=50.0, vibration=Vibration(((2.0 * g, 30.0),)), warming=Warming(1.0, 0.0, 300.0),
     )  # fmt: skip
-    for name in Imperfections.__dataclass_fields__:
+    for name in ImuErrorModel.__dataclass_fields__:
         if name not in ("lines", "vibration", "warming"):
             assert getattr(one, name) == pytest.approx(getattr(expected, name), rel=told), name
     assert one.lines[0] == pytest.approx(expected.lines[0], rel=told)

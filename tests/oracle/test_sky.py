@@ -16,8 +16,8 @@ from navsim.core.dop import dops
 from navsim.formats.rinex_nav import Navigation, read_nav, time_offset
 from navsim.formats.sp3 import read_sp3
 from navsim.gnss import timescales
-from navsim.gnss.constellations import gps, walker
-from navsim.gnss.constellations.design import design
+from navsim.gnss.constellations import gps, nominal_constellations
+from navsim.gnss.constellations.nominal import design
 from navsim.gnss.constellations.systems import BEIDOU, GALILEO, GPS, QZSS, SYSTEMS, System
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from navsim.landing.study import prepare
@@ -216,7 +216,7 @@ def statistics(constellation: Any, mask: float) -> tuple[np.ndarray, dict[str, l
 
 
 WALKER = gps.on_circles(
-    GALILEO, np.arange(1, 25), 29599.801e3, np.radians(56.0), walker.walker(3, 8, 15.0, (0.0, 0.0)),
+    GALILEO, np.arange(1, 25), 29599.801e3, np.radians(56.0), nominal_constellations.walker(3, 8, 15.0, (0.0, 0.0)),
     DATE_OF_SLOTS, DATE_OF_SLOTS,
 )  # fmt: skip
 

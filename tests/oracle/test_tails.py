@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from navsim.core.streams import generator
+from navsim.integrity.araim import Allocation, Fault, Levels, levels
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent
-from navsim.integrity.separation import Allocation, Fault, Levels, levels
 from navsim.integrity.solution import Independent, MonitoredFix, solve
 from navsim.integrity.tails import SeparationTest, TailCase, sampled, under_separations, under_squares, worst_size
 from navsim.runner.statistics import share_interval

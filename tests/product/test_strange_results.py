@@ -21,8 +21,7 @@ from typer.testing import CliRunner
 
 from navsim.cli.main import app
 from navsim.landing import study as landing
-from navsim.results import checksum as seal
-from navsim.results import hdf5
+from navsim.results import checksum, hdf5
 from navsim.results.result import (
     Result,
     ResultError,
@@ -208,21 +207,23 @@ def test_blocks_that_do_not_fit_leave_no_thread(file: Path, monkeypatch: pytest.
     assert threading.active_count() == threads
 
 
-@pytest.mark.parametrize("size", [0, 1, seal.BLOCK, 9_000_000])
+@pytest.mark.parametrize("size", [0, 1, checksum.BLOCK, 9_000_000])
 def test_a_seal_is_of_each_block_in_its_place(size: int, tmp_path: Path) -> None:
     content = np.random.default_rng(1).bytes(size)
-    sealed = content + seal.seal(size, lambda start, end: content[start:end])
-    table = b"".join(hashlib.sha256(content[at : at + seal.BLOCK]).digest() for at in range(0, size, seal.BLOCK))
+    sealed = content + checksum.seal(size, lambda start, end: content[start:end])
+    table = b"".join(
+        hashlib.sha256(content[at : at + checksum.BLOCK]).digest() for at in range(0, size, checksum.BLOCK)
+    )
     assert sealed[size:].startswith(table)
     (tmp_path / "f").write_bytes(sealed)
-    with seal.Reader((tmp_path / "f").open("rb")) as reader:
+    with checksum.Reader((tmp_path / "f").open("rb")) as reader:
         assert reader.sealed
         assert reader.read(size) == content
 
 
 def test_a_content_that_ends_early_is_not_sealed() -> None:
-    with pytest.raises(seal.CorruptFile, match="became shorter"):
-        seal.seal(100, lambda start, end: b"x" * (end - start - 1))
+    with pytest.raises(checksum.CorruptFile, match="became shorter"):
+        checksum.seal(100, lambda start, end: b"x" * (end - start - 1))
 
 
 def test_what_hdf5_does_not_take_harms_nothing(file: Path) -> None:
@@ -272,7 +273,7 @@ def test_a_file_that_another_program_changed_is_refused(file: Path) -> None:
 
 def test_damage_is_seen_where_it_is_read(file: Path) -> None:
     with h5py.File(file) as tree:
-        at = tree["flown/error"].id.get_chunk_info(0).byte_offset + 3 * seal.BLOCK
+        at = tree["flown/error"].id.get_chunk_info(0).byte_offset + 3 * checksum.BLOCK
     content = bytearray(file.read_bytes())
     content[at] ^= 1
     file.write_bytes(content)

@@ -8,7 +8,7 @@ import pytest
 from navsim.core.arrays import earth
 from navsim.scenario.source import InputError
 from navsim.trajectory import air
-from navsim.trajectory.retimed import Retimed
+from navsim.trajectory.airspeed_path import Retimed
 from tests.helpers import scenario
 
 T = np.linspace(1.0, 59.0, 40)

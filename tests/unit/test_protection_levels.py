@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from navsim.gnss.sky import unit_vector
 from navsim.integrity import residuals
+from navsim.integrity.araim import UP, Allocation, Fault, FixLevels, levels
 from navsim.integrity.residuals import ChiSquareTest
-from navsim.integrity.separation import UP, Allocation, Fault, FixLevels, levels
 from navsim.integrity.solution import Independent, rows_of, solve
 
 BUDGET = Allocation(

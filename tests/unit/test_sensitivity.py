@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from navsim.core.lanes import WIDTH
-from navsim.gnss.code_loop import smooth, smoothed_variance, smoothing_slopes
+from navsim.gnss.dll import smooth, smoothed_variance, smoothing_slopes
 from navsim.landing.study import Case
 from navsim.simulation.landing import Flight, Inputs, draw, expected_measurements, fly_inputs
 from navsim.simulation.landing_covariance import AlongTruth, along_truth, analyse

@@ -16,7 +16,7 @@ from navsim.core import orbits
 from navsim.core.dop import MAX_CLOCKS
 from navsim.gnss import timescales
 from navsim.gnss.constellations.constellation import Constellation, Remembering, carriers
-from navsim.gnss.constellations.design import design
+from navsim.gnss.constellations.nominal import design
 from navsim.gnss.constellations.systems import (
     BEIDOU,
     BY_LETTER,

@@ -1,6 +1,6 @@
 """Satellite systems: what tells one from another, declared once for all that simulate, read, write and position.
 
-Adding one is an entry here, its design constellation in `gnss/constellations/design.py`, and room for its clock
+Adding one is an entry here, its design constellation in `gnss/constellations/nominal.py`, and room for its clock
 (`core.dop.MAX_CLOCKS`); its messages in files want a reader in `formats/rinex_nav.py` and a writer in
 `formats/rinex_write.py`.
 

@@ -1,6 +1,6 @@
 """Jammers beside a flight: what the receiver has left of each signal, and which it holds; pseudolites among them.
 
-Source: `docs/theory/interference.md`, section 7; the physics are those of `gnss.interference.propagation`, `spectra`,
+Source: `docs/theory/interference.md`, section 7; the physics are those of `gnss.interference.propagation`, `spectral_separation`,
 `horizon` and `lock`.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from navsim.core.arrays.earth import SPEED_OF_LIGHT, llh_from_ecef
 from navsim.gnss.antenna import AircraftAntenna
-from navsim.gnss.code_loop import CodeLoop, antenna_gain
+from navsim.gnss.dll import CodeLoop, antenna_gain
 from navsim.gnss.interference.horizon import ridge_loss
 from navsim.gnss.interference.propagation import (
     LOWEST,
@@ -26,7 +26,7 @@ from navsim.gnss.interference.propagation import (
     path_loss,
     ungated_loss,
 )
-from navsim.gnss.interference.spectra import Band, Modulated, SweptTone, Waveform, bpsk
+from navsim.gnss.interference.spectral_separation import Band, Modulated, SweptTone, Waveform, bpsk
 from navsim.gnss.interference.tracking_threshold import FrequencyLoop, LockRule
 from navsim.gnss.sky import enu_matrix
 

@@ -1,6 +1,7 @@
 """Jammers: how strong they arrive, what hides them, what they leave of signals; pseudolites that pulse.
 
-Levels are in dB; losses are positive. Axes: jammers j, epochs e, sources s. `gnss.interference.spectra` has the kappas.
+Levels are in dB; losses are positive. Axes: jammers j, epochs e, sources s. `gnss.interference.spectral_separation` has
+the kappas.
 Pages: `docs/theory/interference.md`, sections 1, 3, 6.
 
 Sources: [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), chapter 9 (effective carrier to noise density).

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.gnss.code_loop import CodeLoop
+from navsim.gnss.dll import CodeLoop
 
 _PHASE = np.radians(15.0)
 """1 sigma of the phase above which a loop for a carrier with data slips, rad [1]."""

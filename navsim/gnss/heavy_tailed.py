@@ -16,7 +16,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class HeavierNoise:
+class HeavyTailedNoise:
     """Noise of two Gaussians. core, tail: 1 sigma of each by the believed one; share: of the ranges, those from the
     tail. How often it is beyond a size: (13a) of [3]."""
 

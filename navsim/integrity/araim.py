@@ -163,12 +163,12 @@ def levels(
         _reach(whole, nominal),
         np.array([_reach(s, nominal) for s in without]).reshape(*shape, 3),
     )
-    found = allotted(spread, used, faults, allocation, unlisted)
+    found = allocated_risk(spread, used, faults, allocation, unlisted)
     of_fix = np.where(whole.solved[:, None], np.sqrt(accuracy.variance(whole.estimator)), np.nan)
     return FixLevels(**vars(found), separator=separator, accuracy=of_fix)
 
 
-def allotted(
+def allocated_risk(
     spread: SolutionSpread,
     used: np.ndarray,
     faults: Sequence[Fault],
@@ -281,7 +281,7 @@ def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> 
 
 
 def _dearest_first(spread: SolutionSpread, priors: np.ndarray, idle: np.ndarray) -> np.ndarray:
-    """Of each epoch the faults (k, e) in the order in which they are left out; see `allotted`."""
+    """Of each epoch the faults (k, e) in the order in which they are left out; see `allocated_risk`."""
     sigma = np.where(idle, spread.separate_sigma.max(axis=2), 1.0)
     return np.lexsort((np.broadcast_to(priors[:, None], sigma.shape), -np.round(np.log2(sigma))), axis=0)
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from navsim.gnss.constellations import glonass, gps, walker
+from navsim.gnss.constellations import glonass, gps, nominal_constellations
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.constellations.systems import BEIDOU, GALILEO, GLONASS, GPS, QZSS, System
 
 _DESIGNED: dict[System, Callable[[float], Constellation]] = {
     GLONASS: lambda utc: glonass.Glonass24Slots(),
     GPS: gps.nominal,
-    GALILEO: walker.galileo,
-    BEIDOU: walker.beidou,
-    QZSS: walker.qzss,
+    GALILEO: nominal_constellations.galileo,
+    BEIDOU: nominal_constellations.beidou,
+    QZSS: nominal_constellations.qzss,
 }
 
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from navsim.core.arrays import earth
 from navsim.trajectory.air import GRAVITY, Air, Deviation, Process, through, two_lags
-from navsim.trajectory.buffeting import Buffeting, buffeting
-from navsim.trajectory.course import ALONG, LATERAL, VERTICAL, Course, Walk
+from navsim.trajectory.guidance import Held, acceleration, steered
+from navsim.trajectory.gust_response import Buffeting, buffeting
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
-from navsim.trajectory.steering import Held, acceleration, steered
+from navsim.trajectory.track_frame import ALONG, LATERAL, VERTICAL, Course, Walk
 
 _GRADIENT_STEP = 100.0
 """Baseline of the differences of gravity, m."""

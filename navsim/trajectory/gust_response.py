@@ -14,8 +14,8 @@ import numpy as np
 from navsim.core.arrays import earth
 from navsim.core.arrays.processes import exponential
 from navsim.trajectory.air import TURBULENCE_LOWEST, Air, Gust, Process, carried, dryden, level_axes, through
-from navsim.trajectory.course import LATERAL, VERTICAL, Course, Walk
 from navsim.trajectory.kinematics import Trajectory
+from navsim.trajectory.track_frame import LATERAL, VERTICAL, Course, Walk
 
 STRETCHES = 64
 """At most, of time, within which scales and lags count for the same."""

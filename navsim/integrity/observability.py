@@ -15,7 +15,7 @@ _SEED = 1
 
 
 @dataclass(frozen=True)
-class Possible:
+class Observability:
     """What sources make possible: a fix; that any single fault is detected, and excluded; that single faults are
     detected and the loss of all pseudolites at once leaves a fix."""
 
@@ -29,7 +29,7 @@ class Possible:
         return "".join(letter if there else "-" for letter, there in zip("FDXG", flags, strict=True))
 
 
-def possible(satellite_clocks: tuple[int, ...], pseudolite_clocks: tuple[int, ...]) -> Possible:
+def possible(satellite_clocks: tuple[int, ...], pseudolite_clocks: tuple[int, ...]) -> Observability:
     """What satellites and pseudolites, by the clocks that their ranges have, make possible."""
     clock = np.array([*satellite_clocks, *pseudolite_clocks], int)
     direction = np.random.default_rng(_SEED).standard_normal((clock.size, 3))
@@ -46,7 +46,7 @@ def possible(satellite_clocks: tuple[int, ...], pseudolite_clocks: tuple[int, ..
 
     detection = survives(1)
     ground_loss = detection and _fix(rows, frozenset(range(len(satellite_clocks))))
-    return Possible(survives(0), detection, survives(2), ground_loss)
+    return Observability(survives(0), detection, survives(2), ground_loss)
 
 
 def _fix(rows: np.ndarray, used: frozenset[int]) -> bool:
