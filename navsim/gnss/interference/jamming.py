@@ -1,7 +1,7 @@
 """Jammers beside a flight: what the receiver has left of each signal, and which it holds; pseudolites among them.
 
-Source: `docs/theory/interference.md`, section 7; the physics are those of `gnss.interference.propagation`, `spectral_separation`,
-`horizon` and `lock`.
+Source: `docs/theory/interference.md`, section 7; the physics are those of `gnss.interference.propagation`,
+`spectral_separation`, `horizon` and `tracking_threshold`.
 """
 
 from __future__ import annotations
