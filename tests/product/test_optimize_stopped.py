@@ -49,7 +49,7 @@ def optimize(
 ) -> tuple[int, str, str]:
     """The command in this process, by a clock of its own: exit code, standard output, standard error."""
     monkeypatch.setattr(common, "SAY_EVERY_S", 0.0)
-    monkeypatch.setattr(job, "Watch", functools.partial(watch.SearchMonitor, clock=clock))
+    monkeypatch.setattr(job, "SearchMonitor", functools.partial(watch.SearchMonitor, clock=clock))
     monkeypatch.setattr(sys, "argv", ["navsim", "optimize", str(study), "-o", str(study.with_suffix(".h5")), *more])
     with pytest.raises(SystemExit) as left:
         main()
