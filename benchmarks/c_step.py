@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from measure import STEPS, Job, Line, Plan, alternate, ratios, seconds, timed
 
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import WIDTH, in_lanes, registers, room
 from navsim.core import strapdown
 from navsim.core.covariance import NOISE_ACCEL, NOISE_GYRO, add_white, carry_covariance, gain, joseph, transition
-from navsim.core.jit import kernel
-from navsim.core.lanes import WIDTH, in_lanes, registers, room
 from navsim.core.states import MOST, SENSORS, VEL, N
 from navsim.estimation.estimate import in_all_lanes
 from navsim.simulation.landing import exact_start

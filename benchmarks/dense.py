@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from navsim.compiler.jit import kernel
 from navsim.core import covariance, strapdown
-from navsim.core.jit import kernel
 from navsim.core.states import SENSORS, N
 
 

@@ -11,8 +11,8 @@ from c_step import lines_of_c
 from dense import dense_filter
 from measure import SCENARIO, STEPS, Curve, Job, Line, Plan, alternate, ratios, seconds, timed
 
+from navsim.compiler.lanes import WIDTH
 from navsim.core import states, strapdown
-from navsim.core.lanes import WIDTH
 from navsim.estimation.estimate import fly, in_all_lanes
 from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import ESKF, TFG, ImuData, Truth, empty_account, start

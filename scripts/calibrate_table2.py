@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq, least_squares, minimize_scalar
 
-from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import normals
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import covariance_analysis, covariance_result, prepare

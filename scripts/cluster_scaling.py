@@ -20,7 +20,7 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
-from navsim.core.jit import is_warm
+from navsim.compiler.jit import is_warm
 from navsim.landing import study as landing
 from navsim.landing.ensemble import LandingStudy
 from navsim.runner.batches import AHEAD, BATCH, TASK_BYTES, TASK_S, save

@@ -207,7 +207,18 @@ def fly(case: Case, seed: int, first: int, runs: int) -> Found:
     )  # fmt: skip
 
 
-DECIDING = ("core", "trajectory", "gnss", "sensors", "estimation", "integrity", "simulation", "landing")
+DECIDING = (
+    "compiler",
+    "geodesy",
+    "core",
+    "trajectory",
+    "gnss",
+    "sensors",
+    "estimation",
+    "integrity",
+    "simulation",
+    "landing",
+)
 """Folders of the package that decide the numbers of a run."""
 
 

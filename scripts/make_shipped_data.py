@@ -25,9 +25,9 @@ from pathlib import Path
 import numpy as np
 
 import navsim
-from navsim.core.arrays import earth
 from navsim.core.streams import generator
 from navsim.formats.rinex_write import navigation_lines
+from navsim.geodesy import earth
 from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass, glonass_broadcast, gps
 from navsim.gnss.constellations.systems import GLONASS, GPS

@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core.arrays.attitude import dcm_from_rpy
-from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
 from navsim.formats.conventions import GNSS_COLUMNS, HEIGHT_UNITS, IMU_COLUMNS, SPEED_UNITS
 from navsim.formats.recorded_data import Fixes, Samples
+from navsim.geodesy.attitude import dcm_from_rpy
+from navsim.geodesy.earth import llh_from_ecef, ned_matrix
 from navsim.trajectory.kinematics import tangent_frame
 from navsim.trajectory.recorded import RecordedTrajectory, recorded_trajectory
 from tests.helpers import case

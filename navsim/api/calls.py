@@ -144,7 +144,7 @@ def _made(command: str, scenario: Scenario, asked: dict[str, Any], heard: list[s
 
 def _notes() -> list[str]:
     """What the kernels' cache has to tell, where it was used at all."""
-    cache = sys.modules.get("navsim.core.kernel_cache")
+    cache = sys.modules.get("navsim.compiler.kernel_cache")
     if cache is None:
         return []
     notes, cache.notes[:] = [*cache.notes], []

@@ -279,7 +279,7 @@ def _silence(stream: Any) -> None:
 
 def _say_notes() -> None:
     """What the kernels' cache has to tell, where it was used at all."""
-    cache = sys.modules.get("navsim.core.kernel_cache")
+    cache = sys.modules.get("navsim.compiler.kernel_cache")
     if cache is not None:
         while cache.notes:
             say(f"warning: {cache.notes.pop(0)}")

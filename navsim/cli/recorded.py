@@ -137,7 +137,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         # what is no result does not take the place of one, nor of anything else
         failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
         check_target(failed, sort, care.force)
-    from navsim.core import jit
+    from navsim.compiler import jit
     from navsim.replays import live as flying
     from navsim.results.findings import kept
 

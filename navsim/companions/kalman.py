@@ -16,8 +16,8 @@ import math
 
 import numpy as np
 
+from navsim.compiler.jit import kernel
 from navsim.core.defect import Defect
-from navsim.core.jit import kernel
 
 _MOST_DECAY = 8.0
 """Correlation times in a period up to which van Loan's method keeps its digits: its error grows by e with each."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from navsim.core.jit import kernel
+from navsim.compiler.jit import kernel
 
 ROUNDING = 1e-8
 """Size of an error, in SI units, below which it may be rounding alone: 1.4e-9 m of a latitude in radians."""

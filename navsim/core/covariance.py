@@ -16,11 +16,9 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.arrays.earth import E2, RATE, SOMIGLIANA, A
-from navsim.core.attitude import left_jacobian
-from navsim.core.jit import inlined, kernel
-from navsim.core.lanes import any_lane, fma, select, small_vector
-from navsim.core.linear import cholesky, solve_lower
+from navsim.compiler.jit import inlined, kernel
+from navsim.compiler.lanes import any_lane, fma, select, small_vector
+from navsim.compiler.linear import cholesky, solve_lower
 from navsim.core.states import (
     A_D,
     A_E,
@@ -54,6 +52,8 @@ from navsim.core.strapdown import (
     MID_TRANSVERSE,
     MID_VEL,
 )
+from navsim.geodesy.attitude_kernels import left_jacobian
+from navsim.geodesy.earth import E2, RATE, SOMIGLIANA, A
 
 _STEEPENING = 2.0 * SOMIGLIANA + E2
 """d(ln gravity)/d(latitude) = this times sin(lat) cos(lat), to 1 %: the effect itself is 1e-8 of a step."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.jit import inlined, kernel
-from navsim.core.lanes import registers, small_vector
+from navsim.compiler.jit import inlined, kernel
+from navsim.compiler.lanes import registers, small_vector
 
 
 @inlined

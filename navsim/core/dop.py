@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 
-from navsim.core.jit import inlined, kernel
-from navsim.core.lanes import any_lane, select
-from navsim.core.linear import cholesky, invert_factored
+from navsim.compiler.jit import inlined, kernel
+from navsim.compiler.lanes import any_lane, select
+from navsim.compiler.linear import cholesky, invert_factored
 
 MAX_CLOCKS = 6
 MAX_UNKNOWNS = 3 + MAX_CLOCKS

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, no, select
+from navsim.compiler.linear import cholesky, invert_factored, solve_cholesky
 from navsim.core.dop import MAX_CLOCKS, add_source, clock_columns, strength, well_posed
-from navsim.core.jit import kernel
-from navsim.core.lanes import any_lane, no, select
-from navsim.core.linear import cholesky, invert_factored, solve_cholesky
 
 _MAX_ITERATIONS = 20
 _CONVERGED = 1e-2

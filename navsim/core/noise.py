@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from navsim.core.jit import kernel
+from navsim.compiler.jit import kernel
 
 _INTERVALS = 64
 """Intervals of the IMU, or epochs, after which it is the next run's turn: 12 kB of increments at W = 8."""

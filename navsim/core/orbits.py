@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from navsim.core.jit import kernel
+from navsim.compiler.jit import kernel
 
 GM = 398600.4418e9
 """Gravitational constant of the Earth, m3/s2 [1]."""

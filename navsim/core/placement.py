@@ -19,9 +19,9 @@ import math
 
 import numpy as np
 
+from navsim.compiler.jit import inlined, kernel
+from navsim.compiler.lanes import fma, registers, select, small_matrix
 from navsim.core.dop import SINGULAR
-from navsim.core.jit import inlined, kernel
-from navsim.core.lanes import fma, registers, select, small_matrix
 
 PDOP, HDOP, VDOP = 0, 1, 2
 MEAN, SMALLEST, LARGEST = 0, 1, 2

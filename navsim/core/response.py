@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.jit import kernel
+from navsim.compiler.jit import kernel
 
 
 @kernel

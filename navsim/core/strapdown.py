@@ -12,12 +12,10 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.attitude import dcm, normalise, rotate_left, rotate_right
-from navsim.core.earth import RATE, gravity, radii, short_way
-from navsim.core.elementary import sincos_of_latitude
-from navsim.core.jit import inlined, kernel
-from navsim.core.lanes import any_lane, registers, room, select, small_matrix, small_vector
-from navsim.core.linear import copy, identity, invert3
+from navsim.compiler.elementary import sincos_of_latitude
+from navsim.compiler.jit import inlined, kernel
+from navsim.compiler.lanes import any_lane, registers, room, select, small_matrix, small_vector
+from navsim.compiler.linear import copy, identity, invert3
 from navsim.core.states import (
     ACCELEROMETERS,
     NAV_ACCEL,
@@ -30,6 +28,8 @@ from navsim.core.states import (
     SENSORS,
     N,
 )
+from navsim.geodesy.attitude_kernels import dcm, normalise, rotate_left, rotate_right
+from navsim.geodesy.earth_kernels import RATE, gravity, radii, short_way
 
 # What a step leaves behind for the error model, one flat array (`mid`): everything at mid-interval.
 MID_DCM, MID_FORCE, MID_RATE_IN, MID_SIN = 0, 9, 12, 15

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.compiler.jit import in_kernels, kernel
+from navsim.compiler.lanes import registers, room, select
+from navsim.compiler.linear import copy, copy_matrix
 from navsim.core.covariance import normalised_square
-from navsim.core.jit import in_kernels, kernel
-from navsim.core.lanes import registers, room, select
-from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import ATT, MOST, POS
 from navsim.estimation.charts import own_error
 from navsim.estimation.error_state import plain_error

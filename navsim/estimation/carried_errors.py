@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.jit import kernel
-from navsim.core.lanes import fma, numbers, registers, room, select, small_matrix, small_vector
-from navsim.core.linear import copy_matrix
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import fma, numbers, registers, room, select, small_matrix, small_vector
+from navsim.compiler.linear import copy_matrix
 from navsim.core.states import MOST, SENSORS
 from navsim.estimation.clock import carry_clock_covariance
 

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.jit import in_kernels
-from navsim.core.linear import copy
+from navsim.compiler.jit import in_kernels
+from navsim.compiler.linear import copy
 from navsim.estimation import error_state, invariant, tfg
 from navsim.estimation.observations import FIX, RANGE
 from navsim.estimation.records import CONSTRAINED, ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel

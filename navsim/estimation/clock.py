@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.jit import kernel
-from navsim.core.lanes import any_lane, select
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, select
 from navsim.core.states import NAV_SENSORS, SENSORS
 
 

@@ -6,12 +6,10 @@ filtering with an attitude, JGCD 40 (2017).
 
 from __future__ import annotations
 
-from navsim.core.attitude import difference, rotate_left
+from navsim.compiler.elementary import sincos_of_latitude
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import registers, small_matrix
 from navsim.core.covariance import reset
-from navsim.core.earth import radii, short_way
-from navsim.core.elementary import sincos_of_latitude
-from navsim.core.jit import kernel
-from navsim.core.lanes import registers, small_matrix
 from navsim.core.states import (
     A_D,
     A_E,
@@ -27,6 +25,8 @@ from navsim.core.states import (
     SENSORS,
     VEL,
 )
+from navsim.geodesy.attitude_kernels import difference, rotate_left
+from navsim.geodesy.earth_kernels import radii, short_way
 
 
 @kernel

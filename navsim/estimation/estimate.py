@@ -1,6 +1,6 @@
 """Estimators, whatever their kind: filters go forward, smoothers know what comes later.
 
-They fly W runs at once, one to a lane (`core.lanes`). One run alone through a filter is a batch of one whose others
+They fly W runs at once, one to a lane (`compiler.lanes`). One run alone through a filter is a batch of one whose others
 fly the same; a smoother, which keeps its whole flight, takes it as plain numbers: the same kernels, the same bits.
 Where the truth is known runs leave an account (`fly`), else a history; histories of filters are made in pieces, since
 those of all lanes would take much memory.
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.lanes import WIDTH, in_lanes
+from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.estimation import filter_loop, gaussian_sum, records, smoother
 from navsim.estimation.charts import chart_of
 from navsim.estimation.judge import judge_into

@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.compiler.jit import inlined, kernel, within
+from navsim.compiler.lanes import any_lane, registers, room, select
+from navsim.compiler.linear import copy, copy_matrix
 from navsim.core.covariance import NOISE_ACCEL, age, felt, gain, gather, is_varying, predict
-from navsim.core.jit import inlined, kernel, within
-from navsim.core.lanes import any_lane, registers, room, select
-from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, SENSORS, VEL, N
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation.answers import answer, nothing_yet, opened

@@ -20,7 +20,7 @@ Transactions on Robotics 30 (2014). [4] `docs/theory/first-estimates.md`.
 
 from __future__ import annotations
 
-from navsim.core.jit import kernel
+from navsim.compiler.jit import kernel
 from navsim.core.states import ATT, POS, VEL
 from navsim.estimation.error_state import between
 from navsim.estimation.records import FIRST_ESTIMATES

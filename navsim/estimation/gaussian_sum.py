@@ -24,12 +24,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.attitude import dcm, left_jacobian
+from navsim.compiler.elementary import exp_of_negative
+from navsim.compiler.jit import kernel, within
+from navsim.compiler.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.compiler.linear import cholesky, copy, copy_matrix, invert3
 from navsim.core.covariance import gain, transport
-from navsim.core.elementary import exp_of_negative
-from navsim.core.jit import kernel, within
-from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
-from navsim.core.linear import cholesky, copy, copy_matrix, invert3
 from navsim.core.states import A_D, A_E, A_N, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_VEL, POS
 from navsim.estimation import tfg
 from navsim.estimation.answers import answer, nothing_yet, opened
@@ -58,6 +57,7 @@ from navsim.estimation.steady_force import (
     start_line,
 )
 from navsim.estimation.weighing import decide, errors_from, held, numbers_in, update, weighing, whitened_square
+from navsim.geodesy.attitude_kernels import dcm, left_jacobian
 
 _NARROWED = 0.65
 """1 sigma of heading of each of the three that a component is divided into, in its own."""

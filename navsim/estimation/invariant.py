@@ -8,13 +8,13 @@ Sources: [1] Barrau & Bonnabel, The invariant extended Kalman filter as a stable
 
 from __future__ import annotations
 
-from navsim.core.attitude import left_jacobian, left_jacobian_derivative, rotate_left
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import small_matrix, small_vector
+from navsim.compiler.linear import copy, copy_matrix, identity, invert3
 from navsim.core.covariance import transport
-from navsim.core.jit import kernel
-from navsim.core.lanes import small_matrix, small_vector
-from navsim.core.linear import copy, copy_matrix, identity, invert3
 from navsim.core.states import A_D, A_E, A_N, ATT, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, POS, SENSORS, VEL
 from navsim.estimation.error_state import move
+from navsim.geodesy.attitude_kernels import left_jacobian, left_jacobian_derivative, rotate_left
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from navsim.core.lanes import in_lanes
+from navsim.compiler.lanes import in_lanes
 from navsim.estimation.answers import judge_all
 from navsim.estimation.charts import CHARTS, chart_of
 from navsim.estimation.records import (

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import fma, numbers, registers, room
+from navsim.compiler.linear import copy, copy_matrix
 from navsim.core.covariance import gain, joseph, kept, transition
-from navsim.core.jit import kernel
-from navsim.core.lanes import fma, numbers, registers, room
-from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import (
     A_D,
     A_E,

@@ -17,11 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from navsim.core.attitude import dcm
-from navsim.core.earth import RATE, llh_to_ecef, ned_axes, radii, short_way
-from navsim.core.elementary import sincos_of_latitude
-from navsim.core.jit import kernel
-from navsim.core.lanes import no, registers, select, small_matrix, small_vector
+from navsim.compiler.elementary import sincos_of_latitude
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import no, registers, select, small_matrix, small_vector
 from navsim.core.states import (
     A_D,
     A_E,
@@ -43,6 +41,8 @@ from navsim.core.states import (
     V_D,
     VEL,
 )
+from navsim.geodesy.attitude_kernels import dcm
+from navsim.geodesy.earth_kernels import RATE, llh_to_ecef, ned_axes, radii, short_way
 
 FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE = 2, 3, 4, 5, 6, 7
 """Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them). A probe is a fix that

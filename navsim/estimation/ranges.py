@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.compiler.jit import kernel, within
+from navsim.compiler.lanes import any_lane, no, room, select
+from navsim.compiler.linear import copy, copy_matrix
 from navsim.core.covariance import gain, joseph
-from navsim.core.jit import kernel, within
-from navsim.core.lanes import any_lane, no, room, select
-from navsim.core.linear import copy, copy_matrix
 from navsim.estimation.charts import correct, feed_back, own_error
 from navsim.estimation.error_state import between
 from navsim.estimation.observations import RANGE, is_bent, observe

@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.dop import MAX_CLOCKS, MAX_UNKNOWNS
-from navsim.core.earth import ecef_to_llh, llh_to_ecef, ned_axes
-from navsim.core.jit import kernel
-from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.least_squares import solve_position, solve_velocity
+from navsim.geodesy.earth_kernels import ecef_to_llh, llh_to_ecef, ned_axes
 
 
 @kernel

@@ -5,8 +5,8 @@
 The truth is in what comes out alone: an account is what a history would be worth (`estimation.answers`). An `Events`
 list says in what order things happen; a measurement is a row of the table of its kind (`estimation.observations`).
 
-Numbers are those of one run, or of W runs in the lanes of a register (`core.lanes`): then what differs between runs has
-a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model and lever
+Numbers are those of one run, or of W runs in the lanes of a register (`compiler.lanes`): then what differs between runs
+has a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model and lever
 arms are the same for all.
 """
 
@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from navsim.compiler.lanes import in_lanes
 from navsim.core import states
-from navsim.core.lanes import in_lanes
 from navsim.core.states import MOST
 from navsim.estimation.clock import NO_CLOCK, ReceiverClock
 from navsim.estimation.observations import KIND_COUNT

@@ -17,10 +17,10 @@ import math
 
 import numpy as np
 
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.compiler.linear import cholesky, copy, copy_matrix, identity, solve_cholesky
 from navsim.core.covariance import carry_errors, gain, joseph, reset
-from navsim.core.jit import kernel
-from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
-from navsim.core.linear import cholesky, copy, copy_matrix, identity, solve_cholesky
 from navsim.core.states import (
     A_D,
     A_E,

@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.attitude import difference, half_sinc
-from navsim.core.jit import kernel
-from navsim.core.lanes import any_lane, no, select, small_vector
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, no, select, small_vector
 from navsim.core.states import A_D, A_E, A_N, NAV_HELD, NAV_QUAT, NAV_VEL, VEL
 from navsim.estimation.records import (
     STEADY_AGE,
@@ -33,6 +32,7 @@ from navsim.estimation.records import (
     STEADY_TIME,
     TIME_TOLERANCE,
 )
+from navsim.geodesy.attitude_kernels import difference, half_sinc
 
 _WINDOW = 40.0
 """Least memory of the line, s."""

@@ -18,11 +18,10 @@ Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68
 
 from __future__ import annotations
 
-from navsim.core.attitude import dcm, left_jacobian, left_jacobian_derivative, rotate_right
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, no, select, small_matrix, small_vector
+from navsim.compiler.linear import copy, invert3
 from navsim.core.covariance import transport
-from navsim.core.jit import kernel
-from navsim.core.lanes import any_lane, no, select, small_matrix, small_vector
-from navsim.core.linear import copy, invert3
 from navsim.core.states import (
     A_D,
     A_E,
@@ -39,6 +38,7 @@ from navsim.core.states import (
     N,
 )
 from navsim.estimation.invariant import blocks_of_motion, move_rigidly, turned
+from navsim.geodesy.attitude_kernels import dcm, left_jacobian, left_jacobian_derivative, rotate_right
 
 HELD_RATE = 0.035
 """Body rates above this (2 deg/s) turn the vehicle but not the bias axes, while heading is uncertain."""

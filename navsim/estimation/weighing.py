@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.compiler.jit import kernel, within
+from navsim.compiler.lanes import any_lane, no, room, select
+from navsim.compiler.linear import copy, copy_matrix
 from navsim.core.covariance import gain, joseph
-from navsim.core.jit import kernel, within
-from navsim.core.lanes import any_lane, no, room, select
-from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import MOST
 from navsim.estimation.answers import keep_decision, keep_innovation, keep_use
 from navsim.estimation.charts import correct

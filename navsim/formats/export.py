@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays import earth
-from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.formats import rinex_write, simulated_log
 from navsim.formats.conventions import KNOT
 from navsim.formats.ridges import ridges
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.formats.swept import heads, rows
+from navsim.geodesy import earth
+from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass_broadcast, gps
 from navsim.gnss.constellations.constellation import Constellation, carriers

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
 
 _NEIGHBOURS = 3.0
 """Fixes farther apart than this many usual intervals do not show the velocity of one another."""

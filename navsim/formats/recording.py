@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.core.arrays import earth
 from navsim.formats import conventions
 from navsim.formats.conventions import (
     FIX_AXES,
@@ -32,6 +31,7 @@ from navsim.formats.nmea import has_sentences, read_nmea
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.tables import TextTable
 from navsim.formats.text import Dropped, FileError, read_lines, within
+from navsim.geodesy import earth
 from navsim.results.findings import several
 
 _MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", *GNSS_OPTIONAL)

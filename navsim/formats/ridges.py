@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import llh_from_ecef
+from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss.interference import horizon
 from navsim.results.result import Result, scenario_of
 

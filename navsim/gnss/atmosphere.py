@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
+from navsim.geodesy.earth import SPEED_OF_LIGHT
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import GPS
 

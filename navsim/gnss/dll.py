@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
+from navsim.geodesy.earth import SPEED_OF_LIGHT
 from navsim.gnss.constellations.systems import System
 
 

@@ -14,8 +14,8 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core.arrays.earth import RATE as EARTH_RATE
-from navsim.core.arrays.earth import ecef_from_llh
+from navsim.geodesy.earth import RATE as EARTH_RATE
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss import atmosphere, dll
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.constellations.systems import CLOCKS

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
 from navsim.trajectory.kinematics import tangent_frame
 
 NEAREST = 10.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.dll import ReflectionErrors
 from navsim.gnss.lasting import LastingErrors

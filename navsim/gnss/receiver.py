@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays.clock import step_covariance
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
+from navsim.geodesy.earth import SPEED_OF_LIGHT
 
 
 def epochs(duration: float, rate: float) -> np.ndarray:

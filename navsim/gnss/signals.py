@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from navsim.core.arrays.earth import RATE as EARTH_RATE
-from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.core.defect import Defect
+from navsim.geodesy.earth import RATE as EARTH_RATE
+from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss import atmosphere, dll, pseudorange, timescales
 from navsim.gnss.antenna import AircraftAntenna, GroundPattern
 from navsim.gnss.constellations.constellation import Constellation, carriers

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays import earth
-from navsim.core.arrays.horizon import between
+from navsim.geodesy import earth
+from navsim.geodesy.horizon import between
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from navsim.core.arrays.earth import E2, A, ecef_from_llh, ned_matrix
+from navsim.geodesy.earth import E2, A, ecef_from_llh, ned_matrix
 from navsim.gnss.pseudorange import Signals
 
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.core.dop import MAX_CLOCKS
-from navsim.core.lanes import WIDTH, in_lanes
 from navsim.estimation.receiver import fixes, residuals
 from navsim.gnss.pseudorange import Signals
 

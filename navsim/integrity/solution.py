@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+from navsim.compiler.jit import kernel
 from navsim.core.dop import invert_normal
-from navsim.core.jit import kernel
 
 POSITION = 3
 """Unknowns of position, which stand first."""

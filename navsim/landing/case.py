@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
+from navsim.compiler.lanes import WIDTH
 from navsim.core import states
-from navsim.core.lanes import WIDTH
 from navsim.core.states import Block
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS

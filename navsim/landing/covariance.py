@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.attitude import rpy_jacobian
+from navsim.geodesy.attitude import rpy_jacobian
 from navsim.landing import integrity, requirements, tails
 from navsim.landing.box import box_of, to_first_order
 from navsim.landing.case import MOVING, PERCENTILES, Case, crossing_times, rms_window

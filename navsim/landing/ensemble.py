@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.attitude import rpy_error, rpy_jacobian
 from navsim.core.consistency import sum_ratios
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.states import MOST
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.records import NOT_USED, REJECTED
+from navsim.geodesy.attitude import rpy_error, rpy_jacobian
 from navsim.integrity.monitoring import ALARM
 from navsim.landing import integrity
 from navsim.landing.case import MOVING, Case, crossing_times, rms_window

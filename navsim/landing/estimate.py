@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.core.states import MOST, clock_states
 from navsim.gnss.constellations.systems import OWN
 from navsim.gnss.events import PSEUDOLITES

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
 from navsim.scenario.landing import Landing
 from navsim.trajectory.approach import ROLL_OUT, TOUCHDOWN
@@ -156,7 +156,7 @@ def _wind(scenario: Landing, trajectory: Moving) -> Iterator[str]:
 
 def _undulation(scenario: Landing, trajectory: Moving) -> Iterator[str]:
     """A geoid undulation that EGM96 does not have there, where the extra `geoid` is installed."""
-    from navsim.core.geoid import NoGeoid, undulation
+    from navsim.geodesy.geoid import NoGeoid, undulation
 
     given = scenario.runway.geoid_undulation_m
     if not isinstance(given, float):

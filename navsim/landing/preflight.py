@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
+from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
 from navsim.gnss.interference.horizon import flown_under
 from navsim.landing.implausible import implausible, one_direction

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.compiler.lanes import WIDTH
 from navsim.core.arrays.sampling import FEW
-from navsim.core.lanes import WIDTH
 from navsim.landing import requirements
 from navsim.landing.box import AXES, Box, box_of, to_first_order, where_limited
 from navsim.landing.case import Case

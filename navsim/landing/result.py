@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.earth import llh_from_ecef
 from navsim.estimation.observations import FIX
+from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.landing import integrity, requirements, tails
 from navsim.landing.box import box_of, counted

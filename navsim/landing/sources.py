@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.core.arrays.attitude import dcm_from_rpy
-from navsim.core.arrays.earth import STANDARD_GRAVITY
 from navsim.formats.conventions import TRACK_ATTITUDE
+from navsim.geodesy.attitude import dcm_from_rpy
+from navsim.geodesy.earth import STANDARD_GRAVITY
 from navsim.gnss.constellations.systems import CLOCKS, SYSTEMS
 from navsim.gnss.events import EVERY, PSEUDOLITES
 from navsim.gnss.signals import Environment, Satellites, time_scales

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import Case, findings, fly_all, prepare
 from navsim.results.draft import Draft

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.earth import ned_matrix
+from navsim.geodesy.earth import ned_matrix
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.landing.case import FOOT, Case, crossing_times

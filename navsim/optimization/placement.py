@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
 from navsim.formats import geojson
+from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.pseudolite import Track, runway_positions
 from navsim.results import files
 from navsim.scenario.base import DEG

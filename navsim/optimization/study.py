@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from navsim.core.arrays.earth import llh_from_ecef
+from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.confirmation import Candidate, Confirmation, confirm
 from navsim.landing.requirements import MET, Fulfilment
 from navsim.optimization.analyses import ObjectiveFunction

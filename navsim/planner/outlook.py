@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import dops, geometry_covariance
+from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss.signals import build_signals
 from navsim.gnss.sky import Horizon
 from navsim.landing import integrity

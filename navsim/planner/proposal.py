@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
+from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.landing.sources import trajectory_of
 from navsim.optimization.placement import RunwayPlane
 from navsim.scenario.approach import FileApproach

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.arrays import earth
-from navsim.core.arrays.attitude import dcm_from_rpy, quaternion_from_dcm, wahba
 from navsim.formats.recorded_data import Fixes, Samples
+from navsim.geodesy import earth
+from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm, wahba
 
 
 @dataclass(frozen=True)

@@ -31,12 +31,12 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays import earth
-from navsim.core.arrays.attitude import wahba
 from navsim.formats import conventions
 from navsim.formats.conventions import BODY_AXES, LEVEL_AXES, GnssConvention, ImuConvention, axes_letters, axes_matrix
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.recording import increments_as_rates
+from navsim.geodesy import earth
+from navsim.geodesy.attitude import wahba
 from navsim.replays.wild_fixes import plausible
 
 GRAVITY = 9.8

@@ -17,8 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.core import covariance, states
-from navsim.core.arrays import earth
-from navsim.core.arrays.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.core.dop import geometry_covariance
 from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs, with_unknown_clock
@@ -26,6 +24,8 @@ from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
 from navsim.estimation.observations import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
 from navsim.estimation.records import NOT_USED, REJECTED, TIME_TOLERANCE, ImuData, by_epoch, schedule, start
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
+from navsim.geodesy import earth
+from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.replays.alignment import Alignment
 
 _ACCELERATION = 5.0

@@ -17,8 +17,6 @@ from typing import Literal
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays import earth
-from navsim.core.geoid import NoGeoid, undulation
 from navsim.core.streams import generator
 from navsim.estimation.estimate import in_all_lanes
 from navsim.estimation.records import REJECTED
@@ -27,6 +25,8 @@ from navsim.formats.nmea import Assembler, has_sentences
 from navsim.formats.stream import Lines
 from navsim.formats.tables import StreamedTable
 from navsim.formats.text import plain_number
+from navsim.geodesy import earth
+from navsim.geodesy.geoid import NoGeoid, undulation
 from navsim.gnss.signals import antenna_ecef
 from navsim.landing.case import Case
 from navsim.replays import source_clock

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from navsim.core.arrays.earth import ned_matrix
+from navsim.geodesy.earth import ned_matrix
 
 FALSE_ALARM = 1e-5
 """Probability that good ranges fail the test."""

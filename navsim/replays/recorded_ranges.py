@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
 from navsim.formats.recorded_data import Fixes, Ranges
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import read_obs
 from navsim.formats.text import Dropped, FileError
+from navsim.geodesy.earth import SPEED_OF_LIGHT
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.constellations.systems import System
 from navsim.replays.single_point import PositioningOptions, solve

@@ -12,11 +12,11 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.core.dop import MAX_CLOCKS, dops
 from navsim.estimation import receiver
 from navsim.formats.recorded_data import Ranges
 from navsim.formats.rinex_obs import Observations
+from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.gnss import atmosphere
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.pseudorange import apparent_velocity, turned_with_earth

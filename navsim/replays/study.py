@@ -19,7 +19,6 @@ from typing import Any, Literal
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.attitude import dcm_from_quaternion, dcm_from_rpy, quaternion_from_dcm
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS, is_smoother
 from navsim.estimation.observations import FIX
@@ -27,6 +26,7 @@ from navsim.estimation.records import NOT_USED, REJECTED, TFG
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.formats.recording import is_nmea, read_fixes, read_imu
 from navsim.formats.text import Dropped, FileError
+from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, quaternion_from_dcm
 from navsim.gnss.timescales import gps_from_utc
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay

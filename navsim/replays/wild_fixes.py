@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.core.arrays import earth
 from navsim.formats.recorded_data import Fixes
+from navsim.geodesy import earth
 
 BEYOND_NEIGHBOURS, BEYOND_USUAL = 10.0, 5.0
 """A step is a jump if it is so many times the median of the steps around it, and so many times the upper quartile of

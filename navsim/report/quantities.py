@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.core.arrays import chi_square
-from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
 from navsim.core.states import display_name
 from navsim.formats.export import choose_run, true_antenna
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
+from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
 from navsim.report.tables import runs_of, setting
 from navsim.results.result import Result, ResultError, Stream
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
 from navsim.report.table import Table, cell, number, numbers
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result, scenario_of

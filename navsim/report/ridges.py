@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
-from navsim.core.arrays.horizon import crossings, reach
 from navsim.formats.export import true_antenna
 from navsim.formats.ridges import RidgeLine, ridges
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
+from navsim.geodesy.horizon import crossings, reach
 from navsim.report.quantities import about_threshold
 from navsim.report.tables import setting
 from navsim.results.result import Result

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.horizon import between
+from navsim.geodesy.horizon import between
 from navsim.report.names import ON, Covered, Letters, Side
 from navsim.report.tables import setting
 from navsim.results.result import Result

@@ -29,7 +29,7 @@ from typing import IO, Any
 import numpy as np
 
 import navsim
-from navsim.core.jit import digest
+from navsim.compiler.jit import digest
 from navsim.results.atomic_write import discard, replacing, write_whole
 from navsim.words import again, option, switch
 

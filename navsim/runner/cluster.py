@@ -31,7 +31,7 @@ import numpy as np
 from distributed.scheduler import KilledWorker
 
 import navsim
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.formats.text import decoded
 from navsim.results import files
 from navsim.runner.checkpoint import code_key

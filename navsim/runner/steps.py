@@ -118,7 +118,7 @@ def _prepare(
 
 def _told(name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor) -> None:
     """Say what a job would take: its time by a block of it that is done, where that needs nothing to be compiled."""
-    from navsim.core import jit
+    from navsim.compiler import jit
     from navsim.runner.timed import seconds_of
 
     begun = time.monotonic()
@@ -177,7 +177,7 @@ def _computed(
     executor: Executor,
     drawing: Path | None,
 ) -> Finished:
-    from navsim.core import jit
+    from navsim.compiler import jit
 
     store = _store(job, target, order)
     former = _which(target)
@@ -254,7 +254,7 @@ def raise_on_failure(finished: Finished, demands: ExitRequirements) -> None:
 def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
     """Load what comes later beside what comes first: these kernels (`runner.job.Job`), and what writes files and
     tables. Making machine code ready, and numpy's work, leave the interpreter to others."""
-    from navsim.core import jit
+    from navsim.compiler import jit
 
     jit.work_begins()
 

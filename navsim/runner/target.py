@@ -54,7 +54,7 @@ def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
 def begun(target: Path, kernels: str, speech: Reporter) -> Iterator[None]:
     """The computing of a result: while it lasts no other process works on it; leftovers of killed ones are cleaned, and
     why the first work with these kernels (`runner.job.Job`) ever takes longer is said. Raises BadInput."""
-    from navsim.core import jit
+    from navsim.compiler import jit
     from navsim.results.atomic_write import Occupied, clean, locked
 
     with ExitStack() as held:

@@ -32,14 +32,14 @@ def with_published(data: Any) -> Any:
     place = _point(runway.get("threshold")) or _point(approach.get("start"))
     runway = dict(runway)
     if runway.get("geoid_undulation_m") == "auto" and place is not None:
-        from navsim.core.geoid import NoGeoid, undulation
+        from navsim.geodesy.geoid import NoGeoid, undulation
 
         try:
             runway["geoid_undulation_m"] = round(undulation(*place), 2)
         except NoGeoid as error:
             raise reject(str(error), "runway", "geoid_undulation_m") from None
     if runway.get("declination_deg") == "auto" and place is not None:
-        from navsim.core.magnetic import NoDeclination, declination
+        from navsim.geodesy.magnetic import NoDeclination, declination
 
         year = runway.get("bearing_year") or _year(data.get("epoch"))
         try:
@@ -149,7 +149,7 @@ def distance(first: tuple[float, float], end: tuple[float, float]) -> float:
 
 def _apart(first: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
     """How far north and east a place is from another, m."""
-    from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
+    from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 
     a, b = (np.array([*(math.radians(value) for value in each), 0.0]) for each in (first, end))
     north, east, _ = ned_matrix(a) @ (ecef_from_llh(b) - ecef_from_llh(a))

@@ -160,7 +160,7 @@ class MeaconSection(EventSection):
     def happening(self) -> Happening:
         import numpy as np
 
-        from navsim.core.arrays.earth import ecef_from_llh
+        from navsim.geodesy.earth import ecef_from_llh
         from navsim.gnss.events import Meaconed
 
         return Meaconed(ecef_from_llh(np.array([*self.place.radians, self.height_m])), self.delay_m)

@@ -103,7 +103,7 @@ class JammerSection(Section):
         """The jammer; ground: height of the runway over the ellipsoid, m; memory: of the receiver, s."""
         import numpy as np
 
-        from navsim.core.arrays.earth import ecef_from_llh
+        from navsim.geodesy.earth import ecef_from_llh
         from navsim.gnss.interference.jamming import Jammer
 
         place: np.ndarray = ecef_from_llh(np.array([*self.place.radians, ground + self.height_m]))

@@ -524,7 +524,7 @@ class Landing(Section):
     def pseudolite_sites(self, frame: Frame, track: Track) -> np.ndarray:
         """Surveyed positions (p, 3), ECEF, m, which `track` keeps clear of. Raises where it does not, or where the
         coordinates are of another frame."""
-        from navsim.core.arrays.earth import ecef_from_llh
+        from navsim.geodesy.earth import ecef_from_llh
         from navsim.gnss.pseudolite import NEAREST
 
         if self.pseudolites.frame == "table1" and self.approach.start is None and self.pseudolites.placed():
@@ -582,7 +582,7 @@ class Landing(Section):
 
     def effects(self, pseudolites: Pseudolites) -> Effects:
         """What becomes of the signals of satellites and of these pseudolites, on their way and in the receiver."""
-        from navsim.core.arrays.earth import SPEED_OF_LIGHT
+        from navsim.geodesy.earth import SPEED_OF_LIGHT
         from navsim.gnss.effects import Effects
 
         signals, section, tracking = self.signals, self.pseudolites, self.signals.tracking
@@ -725,7 +725,7 @@ class Landing(Section):
         """The waypoints in the axes of the touchdown point."""
         import numpy as np
 
-        from navsim.core.arrays.earth import ecef_from_llh
+        from navsim.geodesy.earth import ecef_from_llh
 
         frame = self._frame_of_threshold() if approach.by_coordinates() else None
 
@@ -784,7 +784,7 @@ class Landing(Section):
         """Threshold of the runway (rad, rad, m) whose touchdown point is the origin of `frame`."""
         import numpy as np
 
-        from navsim.core.arrays.earth import llh_from_ecef
+        from navsim.geodesy.earth import llh_from_ecef
 
         llh = llh_from_ecef(frame.origin - self.runway.aim_point_m * frame.axes[:, 0])
         return np.array([llh[0], llh[1], self.runway.ellipsoidal_m])
@@ -797,7 +797,7 @@ class Landing(Section):
         """Surveyed positions (p, 3), rad, rad, m."""
         import numpy as np
 
-        from navsim.core.arrays.earth import short_way
+        from navsim.geodesy.earth import short_way
         from navsim.gnss.pseudolite import runway_position, table1_position
 
         out = np.empty((len(self.pseudolites.placed()), 3))

@@ -446,7 +446,7 @@ class PseudolitesSection(Section):
         """The transmitters at surveyed positions (p, 3), rad, rad, m."""
         import numpy as np
 
-        from navsim.core.arrays.earth import SPEED_OF_LIGHT
+        from navsim.geodesy.earth import SPEED_OF_LIGHT
         from navsim.gnss.signals import Pseudolites, Radiated
 
         assert self.clock is not None  # once it is known which satellites there are
@@ -543,7 +543,7 @@ class SignalsSection(Section):
 
     def offsets(self) -> tuple[float, ...]:
         """What the offsets of time scales add to the pseudoranges of each clock, m."""
-        from navsim.core.arrays.earth import SPEED_OF_LIGHT
+        from navsim.geodesy.earth import SPEED_OF_LIGHT
 
         # a clock ahead of the other makes its signals seem to come earlier
         ahead = {GPS.name: self.gps_offset_ns}

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import llh_from_ecef
-from navsim.core.earth import radii
+from navsim.geodesy.earth import llh_from_ecef
+from navsim.geodesy.earth_kernels import radii
 from navsim.trajectory.kinematics import Frame, Motion
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import E2, A, llh_from_ecef, ned_matrix
+from navsim.geodesy.earth import E2, A, llh_from_ecef, ned_matrix
 from navsim.gnss.pseudorange import Signals
 
 NEAR = 1e5

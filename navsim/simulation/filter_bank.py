@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.core import states
-from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.defect import Defect
-from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST
 from navsim.estimation.carried_errors import Route, carry_differences
 from navsim.estimation.observations import FIX
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.integrity import araim
 from navsim.integrity.araim import Allocation, Levels, SeparationWatch, SolutionSpread
 from navsim.integrity.fixes import ReceiverFixes, solved

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.arrays import earth
+from navsim.compiler.lanes import in_lanes
 from navsim.core.deviated import deviate, ranges_from
-from navsim.core.lanes import in_lanes
 from navsim.core.streams import generator
+from navsim.geodesy import earth
 from navsim.gnss.pseudorange import Signals
 from navsim.gnss.signals import antenna_motion
 from navsim.trajectory.air import Air

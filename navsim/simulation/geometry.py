@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays.earth import llh_from_ecef
-from navsim.core.arrays.horizon import upright_planes
+from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.core.dop import MAX_CLOCKS, normals
-from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.placement import (
     EDGE_ACROSS,
     EDGE_ALONG,
@@ -29,6 +27,8 @@ from navsim.core.placement import (
     SAT_WEIGHT,
     placement_dops,
 )
+from navsim.geodesy.earth import llh_from_ecef
+from navsim.geodesy.horizon import upright_planes
 from navsim.gnss.interference.horizon import horizon_distance
 from navsim.gnss.signals import Environment, build_signals
 from navsim.gnss.sky import enu_matrix

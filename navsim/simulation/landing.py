@@ -17,12 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.core import noise, states
-from navsim.core.arrays.attitude import dcm_from_quaternion, roll_pitch_yaw
-from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
-from navsim.core.jit import kernel
-from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST
 from navsim.core.streams import generator
 from navsim.estimation import error_state
@@ -42,6 +40,8 @@ from navsim.estimation.records import (
     schedule,
     start,
 )
+from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
+from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss import dll, pseudorange
 from navsim.gnss.dll import ReflectionErrors
 from navsim.gnss.heavy_tailed import HeavyTailedNoise

@@ -25,9 +25,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.core import states
 from navsim.core.defect import Defect
-from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs, clock_sigma
 from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances, carry_excess

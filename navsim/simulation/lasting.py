@@ -16,8 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
+from navsim.compiler.lanes import WIDTH
 from navsim.core import states
-from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import LastingBelief
 from navsim.estimation.observations import FIX, RANGE

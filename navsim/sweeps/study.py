@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
+from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.pseudolite import Track
 from navsim.gnss.signals import Environment

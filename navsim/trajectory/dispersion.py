@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
 from navsim.trajectory.air import GRAVITY, Air, Deviation, Process, through, two_lags
 from navsim.trajectory.guidance import Held, acceleration, steered
 from navsim.trajectory.gust_response import Buffeting, buffeting

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from navsim.core.arrays.earth import STANDARD_GRAVITY
+from navsim.geodesy.earth import STANDARD_GRAVITY
 from navsim.trajectory.approach import FLARE, GLIDE_START, TOUCHDOWN
 from navsim.trajectory.path import (
     AnySegment,

@@ -17,8 +17,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from navsim.core.arrays import earth
-from navsim.core.arrays.attitude import quaternion_from_dcm, roll_pitch_yaw
+from navsim.geodesy import earth
+from navsim.geodesy.attitude import quaternion_from_dcm, roll_pitch_yaw
 from navsim.trajectory.path import AnyPath
 
 EARTH_RATE = np.array([0.0, 0.0, earth.RATE])

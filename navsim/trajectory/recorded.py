@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Moving, assembled, integrate
 
 _POSITION_KNOTS, _ATTITUDE_STEP = 0.5, 0.25

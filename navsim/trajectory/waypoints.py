@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.arrays.earth import STANDARD_GRAVITY
+from navsim.geodesy.earth import STANDARD_GRAVITY
 from navsim.trajectory.path import (
     AnySegment,
     Arc,

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from navsim.core.arrays.attitude import dcm_from_quaternion
 from navsim.estimation.records import TFG
 from navsim.formats.recorded_data import Fixes, Samples
+from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.replays import alignment
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.scenario.source import InputError
 from navsim.trajectory import air
 from navsim.trajectory.dispersion import Departure, Disturbance

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from shapely.geometry import shape
 
-from navsim.core import earth as point
-from navsim.core.arrays import earth
 from navsim.formats import export
 from navsim.formats.export import true_antenna
+from navsim.geodesy import earth
+from navsim.geodesy import earth_kernels as point
 from navsim.landing import study as landing
 from navsim.replays import study as replay
 from navsim.report.quantities import fix_errors

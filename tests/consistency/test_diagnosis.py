@@ -14,11 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from navsim.cli.main import app
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.formats import conventions
 from navsim.formats.conventions import BODY_AXES, GnssConvention, ImuConvention
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.recording import read_fixes, read_imu
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study as replay
 from navsim.replays.diagnosis import NEVER_JUDGED, Log, diagnose, examine, ways
 from navsim.replays.wild_fixes import plausible

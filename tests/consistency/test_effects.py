@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.gnss import atmosphere, timescales
 from navsim.gnss.signals import build_signals
 from navsim.landing import study as landing
@@ -23,7 +23,7 @@ QUIET = ("signals.range_sigma_m=1e-6", "signals.range_rate_sigma_m_s=1e-6", "pse
 
 def fix_errors(c: landing.Case, run: int = 0) -> np.ndarray:
     """Errors of the fixes of a run, NED m."""
-    from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
+    from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 
     flown = c.fly(1, run)
     truth = c.world.signals.antenna

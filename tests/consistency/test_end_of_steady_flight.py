@@ -8,8 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from navsim.core.arrays.attitude import dcm_from_quaternion
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.core.states import A_D
 from navsim.estimation import charts, estimate
 from navsim.estimation.observations import Measurements
@@ -25,6 +24,7 @@ from navsim.estimation.records import (
     Truth,
     empty_account,
 )
+from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.landing.case import Case
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.events import Event, RangeFault, Scene, Silence, happened
 from navsim.integrity.monitoring import ALARM, QUIET
 from navsim.landing import study as landing

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from navsim.core.arrays.earth import ned_matrix
 from navsim.estimation.records import NOT_USED
+from navsim.geodesy.earth import ned_matrix
 from navsim.gnss.sky import unit_vector
 from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms
 from navsim.integrity.monitoring import ALARM, EXCLUDED, QUIET

@@ -9,9 +9,10 @@ import pytest
 from scipy.signal import cont2discrete, dlsim, tf2ss
 from scipy.stats import binom, binomtest, norm
 
-from navsim.core import attitude, states, strapdown
-from navsim.core.arrays import earth
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
+from navsim.core import states, strapdown
+from navsim.geodesy import attitude_kernels as attitude
+from navsim.geodesy import earth
 from navsim.gnss.signals import build_signals
 from navsim.landing.ensemble import LandingStudy
 from navsim.landing.result import result as summarised

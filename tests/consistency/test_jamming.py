@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.constellations.constellation import carriers
 from navsim.landing.study import Case
 from navsim.results.result import read

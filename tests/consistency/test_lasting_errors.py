@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from navsim.core import states
-from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.core.streams import generator
 from navsim.estimation import records
 from navsim.estimation.clock import ReceiverClock
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
+from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 from navsim.gnss.lasting import LastingErrors, mapped
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read

@@ -14,8 +14,8 @@ from bokeh.models import BoxAnnotation, Line, VArea
 from typer.testing import CliRunner
 
 from navsim.cli.main import app
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
 from navsim.formats.recorded_data import Samples
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.report.page.flights import replays

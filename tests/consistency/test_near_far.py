@@ -14,7 +14,7 @@ import pytest
 import yaml
 from scipy.integrate import quad
 
-from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
+from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 from navsim.gnss.constellations.constellation import carriers
 from navsim.landing import integrity_table
 from navsim.landing.study import Case, covariance_analysis, covariance_result

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.formats import rinex_write
 from navsim.formats.rinex_nav import Navigation, read_nav
 from navsim.formats.rinex_obs import Observations, read_obs
 from navsim.formats.text import Dropped, FileError
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss import timescales
 from navsim.gnss.constellations import gps
 from navsim.gnss.constellations.systems import GALILEO, GPS, SYSTEMS

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, event, example, given, reject, settings
 from hypothesis import strategies as st
 
-from navsim.core.arrays.earth import ecef_from_llh
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.pseudolite import NEAREST, TRACK_STEP, Track
 from navsim.landing.case import world_of

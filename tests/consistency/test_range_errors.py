@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.core.streams import generator
 from navsim.estimation.estimate import in_all_lanes
 from navsim.integrity.monitoring import ALARM, QUIET

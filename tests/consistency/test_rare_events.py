@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.landing import rare
 from navsim.landing.rare import Edge
 from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from navsim.core.arrays import earth
 from navsim.core.dop import MAX_CLOCKS, geometry_covariance
 from navsim.core.noise import measure
 from navsim.core.streams import generator
 from navsim.estimation.receiver import fixes
+from navsim.geodesy import earth
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import World, measured

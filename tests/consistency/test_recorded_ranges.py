@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays import chi_square
-from navsim.core.arrays.earth import RATE, SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.estimation.records import NOT_USED, REJECTED, USED
 from navsim.formats.export import export
 from navsim.formats.recorded_data import Ranges, Samples
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import read_obs
+from navsim.geodesy.earth import RATE, SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.constellations.systems import SYSTEMS
 from navsim.landing import study as landing
 from navsim.replays import study as replay

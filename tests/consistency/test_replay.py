@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.estimation.records import REJECTED, TFG
 from navsim.formats.conventions import FIX_SIGMAS
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.results import findings

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.estimation.estimate import FILTER_KINDS
 from navsim.formats.export import export
 from navsim.formats.simulated_log import differences
+from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.landing import study as landing
 from navsim.replays import study as replay
 from navsim.results import findings

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import llh_from_ecef
-from navsim.core.arrays.horizon import crossings, reach
 from navsim.formats.export import export
+from navsim.geodesy.earth import llh_from_ecef
+from navsim.geodesy.horizon import crossings, reach
 from navsim.gnss.interference import horizon
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.landing.preflight import through_ridges

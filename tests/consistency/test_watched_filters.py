@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from navsim.compiler.lanes import WIDTH
 from navsim.core.arrays import chi_square
-from navsim.core.lanes import WIDTH
 from navsim.integrity import monitoring
 from navsim.integrity.monitoring import ALARM, NO_FIX, QUIET
 from navsim.landing import integrity

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.estimation.estimate import in_all_lanes
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.sky import unit_vector
 from navsim.integrity import monitoring
 from navsim.integrity.araim import Allocation, Fault, SeparationMonitor, along, coincidences, levels

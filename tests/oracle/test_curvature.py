@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
 from navsim.simulation.curvature import Curvature, fix_forms, shifted

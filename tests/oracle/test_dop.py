@@ -218,7 +218,7 @@ def test_table_1(count: int, s: float, l1: float, published: list[tuple[float, f
 
 def test_runway_frame() -> None:
     """s across, positive right; l1 before the threshold; seen along the landing direction."""
-    from navsim.core.arrays.earth import ecef_from_llh, heading_axes
+    from navsim.geodesy.earth import ecef_from_llh, heading_axes
 
     flown = scenario("pseudolites.s_m=300", "pseudolites.l1_m=2000", name="landing_smooth")
     frame = flown.trajectory().frame

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from navsim.core import earth as point
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
+from navsim.geodesy import earth_kernels as point
 from navsim.gnss.pseudolite import runway_position
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from tests.conftest import Within

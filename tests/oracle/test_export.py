@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.formats.export import _runway, export
 from navsim.formats.recording import read_fixes
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import read_obs
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.landing import study as landing
 from navsim.replays.single_point import PositioningOptions, solve
 from navsim.results.result import Result, ResultError, read

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core import geoid, states
-from navsim.core.arrays.earth import llh_from_ecef
+from navsim.core import states
+from navsim.geodesy import geoid
+from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh
+from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.gnss.constellations.systems import GLONASS, GPS
 from navsim.gnss.dll import CodeLoop, chip_length
 from navsim.gnss.interference import horizon, propagation, spectral_separation, tracking_threshold

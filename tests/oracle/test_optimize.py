@@ -137,7 +137,7 @@ constraints:
 
 
 def _llh(here: PlacementProblem, places: np.ndarray) -> np.ndarray:
-    from navsim.core.arrays.earth import llh_from_ecef
+    from navsim.geodesy.earth import llh_from_ecef
 
     return llh_from_ecef(here.rules.plane.ecef(places))
 

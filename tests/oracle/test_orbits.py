@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import dops
 from navsim.core.orbits import glonass_states
 from navsim.formats.almanac import read_almanac
 from navsim.formats.horizon import read_horizon
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.sp3 import read_sp3
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass, gps
 from navsim.gnss.constellations.glonass_broadcast import StateVectorEphemerides as Glonass

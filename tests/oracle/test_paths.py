@@ -127,7 +127,7 @@ def test_waypoints_by_coordinates_are_those_on_the_axes() -> None:
     """The same way, its places told as latitudes and longitudes."""
     base = scenario(name="circuit")
     frame, aim = base.trajectory().frame, base.runway.aim_point_m
-    from navsim.core.arrays.earth import llh_from_ecef
+    from navsim.geodesy.earth import llh_from_ecef
 
     def lat_lon(x: float, y: float) -> str:
         # down to the runway's height, from which places are seen

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.attitude import dcm_from_rpy
-from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
+from navsim.geodesy.attitude import dcm_from_rpy
+from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 from navsim.gnss import dll
 from navsim.gnss.antenna import GroundPattern
 from navsim.gnss.interference import propagation

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from navsim.core import states
-from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.strapdown import navigate
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.landing import study as landing
 from navsim.replays import study as replay
 from navsim.results.result import write

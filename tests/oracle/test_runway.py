@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from pymap3d.vincenty import vdist
 
-from navsim.core.arrays.earth import llh_from_ecef
-from navsim.core.magnetic import declination
+from navsim.geodesy.earth import llh_from_ecef
+from navsim.geodesy.magnetic import declination
 from navsim.scenario.aerodrome import between
 from navsim.scenario.source import InputError
 from tests.conftest import DATA, Within

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import Observations, read_obs
 from navsim.formats.sp3 import read_sp3
+from navsim.geodesy.earth import llh_from_ecef, ned_matrix
 from navsim.gnss.constellations import glonass_broadcast, gps
 from navsim.gnss.constellations.systems import GALILEO, GLONASS, GPS, SYSTEMS
 from navsim.replays.single_point import PositioningOptions, solve

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.core.dop import dops
 from navsim.formats.rinex_nav import Navigation, read_nav, time_offset
 from navsim.formats.sp3 import read_sp3
+from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.gnss import timescales
 from navsim.gnss.constellations import gps, nominal_constellations
 from navsim.gnss.constellations.nominal import design

@@ -10,8 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from navsim.core import attitude, states, strapdown
-from navsim.core.arrays import earth
+from navsim.core import states, strapdown
+from navsim.geodesy import attitude_kernels as attitude
+from navsim.geodesy import earth
 from navsim.trajectory.kinematics import Trajectory
 from tests.conftest import Within
 from tests.helpers import case, cross, scenario

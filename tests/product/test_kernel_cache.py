@@ -22,8 +22,9 @@ from numba import types
 from numba.core.dispatcher import Dispatcher
 
 import navsim
-from navsim.core import attitude, jit, kernel_cache, kernel_parts
-from navsim.core.protected_folder import open_protected_folder
+from navsim.compiler import jit, kernel_cache, kernel_parts
+from navsim.compiler.protected_folder import open_protected_folder
+from navsim.geodesy import attitude_kernels as attitude
 
 CODE = (
     "import numpy as np; from navsim.core import attitude, kernel_cache; m = np.empty((3, 3));"
@@ -144,7 +145,7 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
     memo = tmp_path / "complete-work"
     result(cache)
     opening = (
-        "from pathlib import Path; from navsim.core.protected_folder import open_protected_folder;"
+        "from pathlib import Path; from navsim.compiler.protected_folder import open_protected_folder;"
         f"folder = open_protected_folder(Path({str(tmp_path)!r}));"
     )
 
@@ -178,7 +179,7 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
 def test_what_kernels_call_is_a_piece_of_them(tmp_path: Path) -> None:
     """It has no machine code of its own, is kept, taken over by other kernels, and compiled when Python calls it."""
     code = (
-        "import numpy as np; from navsim.core import attitude; from navsim.core.kernel_pieces import is_piece\n"
+        "import numpy as np; from navsim.core import attitude; from navsim.compiler.kernel_pieces import is_piece\n"
         "kinds = lambda: [is_piece(one) for one in attitude.half_sinc.overloads.values()]\n"
         "q = np.array([1.0, 0.0, 0.0, 0.0]); attitude.{}(q, 0.2, 0.0, 0.0)\n"
         "print(kinds(), sum(attitude.half_sinc.stats.cache_hits.values()), q.tolist())\n"
@@ -212,9 +213,9 @@ def test_another_place_of_installation_has_the_same_code(cache: Path, tmp_path: 
     ("file", "old", "new", "right", "hits"),
     [
         ("trajectory/path.py", '"""', '"""Another text. ', RIGHT, 1),
-        ("core/attitude.py", '"""', '"""Another text. ', RIGHT, 1),
-        ("core/attitude.py", "2.0 * (", "3.0 * (", None, 0),
-        ("core/lanes.py", '"""', '"""Another text. ', RIGHT, 0),
+        ("geodesy/attitude_kernels.py", '"""', '"""Another text. ', RIGHT, 1),
+        ("geodesy/attitude_kernels.py", "2.0 * (", "3.0 * (", None, 0),
+        ("compiler/lanes.py", '"""', '"""Another text. ', RIGHT, 0),
     ],
 )
 def test_another_version_compiles_what_has_changed(
@@ -252,7 +253,7 @@ def test_every_kernel_can_be_followed() -> None:
 
 def test_constants_of_modules_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrays and tuples that a kernel reads from another module, and named tuples by their fields."""
-    made: dict[str, Any] = {"attitude": attitude, "__name__": "navsim.core.made"}
+    made: dict[str, Any] = {"attitude": attitude, "__name__": "navsim.geodesy.made"}
     exec("def read(): return attitude.TABLE[0]", made)
     digests = []
     for table in (np.arange(3.0), np.arange(1.0, 4.0), (1, 2), namedtuple("Pair", "a b")(1, 2)):

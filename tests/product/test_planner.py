@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 import yaml
 
-from navsim.core.arrays.earth import llh_from_ecef
+from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.study import prepare
 from navsim.optimization.analyses import glimpsed, screened
 from navsim.planner.orders import Known, WrongOrder, read_order

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
 from navsim.scenario.source import InputError
 from navsim.trajectory import air
 from navsim.trajectory.airspeed_path import Retimed

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.core.arrays.clock import step_covariance
-from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, SENSORS
 from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances
 from navsim.simulation.landing import receiver_fixes, without_noise

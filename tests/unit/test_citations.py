@@ -176,9 +176,9 @@ def test_modules_named_by_pages_are_there() -> None:
     pages = [page for page in PAGES if page.name != "CHANGELOG.md"]  # of which the former names are history
     found = {str(page.relative_to(ROOT)): lost_modules(text_of(page)) for page in pages}
     assert {page: lost for page, lost in found.items() if lost} == {}
-    assert lost_modules("`core/nothing.py`, `core/jit.no_such`, `core/jit.kernel`") == [
+    assert lost_modules("`core/nothing.py`, `compiler/jit.no_such`, `compiler/jit.kernel`") == [
         "core/nothing",
-        "core/jit.no_such",
+        "compiler/jit.no_such",
     ]
 
 

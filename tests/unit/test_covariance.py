@@ -11,7 +11,9 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from navsim.core import attitude, covariance, earth, states, strapdown
+from navsim.core import covariance, states, strapdown
+from navsim.geodesy import attitude_kernels as attitude
+from navsim.geodesy import earth_kernels as earth
 
 DT = 0.01
 NOISE = np.array([2e-7, 3e-4])

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import dops
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.interference.horizon import horizon_dip
 from navsim.gnss.signals import build_signals
 from navsim.landing.sources import environment

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from navsim.compiler.elementary import exp_of_negative
 from navsim.core import states
-from navsim.core.elementary import exp_of_negative
 from navsim.core.states import A_D, A_E, A_N, NAV_HELD, NAV_N, NAV_SENSORS, N
 from navsim.estimation import estimate, gaussian_sum, tfg
 from navsim.estimation.error_state import inject

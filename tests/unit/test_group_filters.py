@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from navsim.core import attitude, states
+from navsim.core import states
 from navsim.core.strapdown import MID_N
 from navsim.estimation import error_state, filter_loop, invariant, judge, records, smoother, tfg
 from navsim.estimation.estimate import FILTER_KINDS
+from navsim.geodesy import attitude_kernels as attitude
 from navsim.scenario import filter as scenario_filter
 from tests.helpers import cross
 from tests.unit.test_covariance import error, some_covariance

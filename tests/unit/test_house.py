@@ -11,17 +11,20 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "navsim"
-WORLD = {"core", "trajectory", "gnss", "sensors"}
-FILES = {"core", "results", "formats"}
+BASE = {"compiler", "geodesy", "core"}
+WORLD = BASE | {"trajectory", "gnss", "sensors"}
+FILES = BASE | {"results", "formats"}
 ALLOWED = {
-    "core": set(),
-    "trajectory": {"core"},
-    "gnss": {"core", "trajectory"},
-    "sensors": {"core", "trajectory", "gnss"},
-    "estimation": {"core"},
-    "integrity": {"core", "gnss", "estimation"},
+    "compiler": set(),
+    "geodesy": {"compiler"},
+    "core": {"compiler", "geodesy"},
+    "trajectory": BASE,
+    "gnss": BASE | {"trajectory"},
+    "sensors": BASE | {"trajectory", "gnss"},
+    "estimation": BASE,
+    "integrity": BASE | {"gnss", "estimation"},
     "simulation": WORLD | {"estimation", "integrity"},
-    "results": {"core"},
+    "results": BASE,
     "formats": WORLD | {"results"},
     "scenario": WORLD | FILES | {"kinds", "words"},
     "report": FILES | {"kinds"},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from navsim.core.arrays import earth
+from navsim.geodesy import earth
 from tests.helpers import scenario
 
 T = np.linspace(1.0, 118.0, 60)

@@ -12,14 +12,13 @@ import numba
 import numpy as np
 import pytest
 
-from navsim.core import lanes, states
-from navsim.core.attitude import difference, half_sinc, left_jacobian
+from navsim.compiler import lanes
+from navsim.compiler.elementary import atan2, sincos, sincos_of_latitude
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, fma, in_lanes, no, registers, room, select, small_matrix, small_vector
+from navsim.compiler.linear import cholesky
+from navsim.core import states
 from navsim.core.covariance import _carried
-from navsim.core.earth import ecef_to_llh
-from navsim.core.elementary import atan2, sincos, sincos_of_latitude
-from navsim.core.jit import kernel
-from navsim.core.lanes import any_lane, fma, in_lanes, no, registers, room, select, small_matrix, small_vector
-from navsim.core.linear import cholesky
 from navsim.estimation import estimate, judge
 from navsim.estimation.observations import FIX, FixTable, Measurements
 from navsim.estimation.records import (
@@ -36,6 +35,8 @@ from navsim.estimation.records import (
     schedule,
     start,
 )
+from navsim.geodesy.attitude_kernels import difference, half_sinc, left_jacobian
+from navsim.geodesy.earth_kernels import ecef_to_llh
 from navsim.landing.ensemble import LandingStudy
 from navsim.simulation.landing import exact_start
 from tests.helpers import case

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.lanes import WIDTH, WIDTHS, in_lanes
+from navsim.compiler.lanes import WIDTH, WIDTHS, in_lanes
 from navsim.core.placement import MEAN, placement_dops
 from navsim.landing.sources import environment
 from navsim.optimization.placement import RunwayPlane, _polygons, surface_height

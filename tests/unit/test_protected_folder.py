@@ -11,8 +11,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from navsim.core import protected_folder
-from navsim.core.protected_folder import ChangeableByOthersError, open_below, open_protected_folder
+from navsim.compiler import protected_folder
+from navsim.compiler.protected_folder import ChangeableByOthersError, open_below, open_protected_folder
 
 ANOTHER = 12345
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from navsim.core import attitude as point
-from navsim.core.arrays import attitude
+from navsim.geodesy import attitude
+from navsim.geodesy import attitude_kernels as point
 from tests.helpers import cross
 
 component = st.floats(-3.0, 3.0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.lanes import WIDTH
+from navsim.compiler.lanes import WIDTH
 from navsim.gnss.dll import smooth, smoothed_variance, smoothing_slopes
 from navsim.landing.study import Case
 from navsim.simulation.landing import Flight, Inputs, draw, expected_measurements, fly_inputs

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
 from navsim.formats.swept import outputs
+from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.report.quantities import about_threshold
 from navsim.results.result import Result, Variable
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from navsim.core import covariance
-from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.core.dop import MAX_CLOCKS, SINGULAR, dops
 from navsim.core.states import MOST
 from navsim.estimation.receiver import fixes
+from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 
 SIGMA, RATE_SIGMA = 4.5, 0.05
 HEIGHTS = np.geomspace(1.0, 1e-8, 161)

@@ -18,7 +18,7 @@ import numpy as np
 
 from navsim.companions.azimuth.filter import wrap
 from navsim.companions.kalman import predict, update, update_row
-from navsim.core.jit import kernel
+from navsim.compiler.jit import kernel
 
 D, V, TH, PH, EV, EG = 0, 3, 5, 7, 9, 11
 """Places of the levels in the state; rates follow them."""

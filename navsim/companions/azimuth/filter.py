@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from navsim.companions.kalman import predict, update
-from navsim.core.jit import kernel
+from navsim.compiler.jit import kernel
 
 SINGER, LITERAL, TANGENT, HELD, FIRST = range(5)
 

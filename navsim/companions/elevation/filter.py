@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.companions.kalman import singer
-from navsim.core.jit import kernel
+from navsim.compiler.jit import kernel
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
+from navsim.geodesy.earth import SPEED_OF_LIGHT
 
 
 def densities(h0: float, h_minus2: float) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
+from navsim.geodesy.earth import SPEED_OF_LIGHT
 from navsim.gnss import timescales
 from navsim.gnss.constellations.messages import Messages, for_each, nearest
 from navsim.gnss.constellations.systems import BEIDOU, GALILEO, GPS, QZSS, System

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.core.arrays.earth import RATE, SPEED_OF_LIGHT
+from navsim.geodesy.earth import RATE, SPEED_OF_LIGHT
 from navsim.gnss import timescales
 from navsim.gnss.constellations.messages import Messages, for_each
 from navsim.gnss.constellations.systems import SYSTEMS, System

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.core.arrays.earth import RATE
+from navsim.geodesy.earth import RATE
 from navsim.gnss import timescales
 from navsim.gnss.constellations.messages import Messages, for_each
 from navsim.gnss.constellations.systems import NAMES, SYSTEMS, TITLES, UNKNOWN, UNTITLED, System, system_of

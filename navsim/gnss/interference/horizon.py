@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
-from navsim.core.arrays.horizon import crossings
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
+from navsim.geodesy.horizon import crossings
 from navsim.gnss.interference.propagation import EARTH_RADIUS, LOWEST, edge_loss, edge_parameter, radio_horizon
 from navsim.gnss.sky import enu_matrix, unit_vector
 

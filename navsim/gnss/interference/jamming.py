@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT, llh_from_ecef
+from navsim.geodesy.earth import SPEED_OF_LIGHT, llh_from_ecef
 from navsim.gnss.antenna import AircraftAntenna
 from navsim.gnss.dll import CodeLoop, antenna_gain
 from navsim.gnss.interference.horizon import ridge_loss

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
+from navsim.geodesy.earth import SPEED_OF_LIGHT
 
 BOLTZMANN = 1.380649e-23
 """J/K."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.elementary import atan2, sincos
-from navsim.core.jit import kernel
-from navsim.core.lanes import any_lane, no, select
+from navsim.compiler.elementary import atan2, sincos
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, no, select
 
 _SMALL = 1e-2
 """Below this square of an angle (rad2) series replace the closed forms; what they drop is under 1e-17."""

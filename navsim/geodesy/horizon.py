@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
+from navsim.geodesy.earth import llh_from_ecef, ned_matrix
 
 
 def upright_planes(tops: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

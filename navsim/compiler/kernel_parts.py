@@ -22,8 +22,8 @@ Overloads = dict[Callable[..., Any], Callable[..., Any]]
 """What a function is in kernels: the function that is given the types and returns what is compiled."""
 
 _LANGUAGE = ("jit.py", "kernel_pieces.py", "lanes.py")
-"""Files of the core whose whole text counts: they say how kernels are compiled, and what lanes are in them."""
-_LANES = "navsim.core.lanes"
+"""Files of this room whose whole text counts: they say how kernels are compiled, and what lanes are in them."""
+_LANES = "navsim.compiler.lanes"
 _PLAIN = (int, float, complex, bool, str, bytes, type(None), np.generic)
 
 
@@ -48,8 +48,8 @@ def digest(
 
 @cache
 def _language() -> str:
-    core = Path(__file__).resolve().parent
-    return hashlib.sha256(b"\0".join((core / name).read_bytes() for name in _LANGUAGE)).hexdigest()
+    here = Path(__file__).resolve().parent
+    return hashlib.sha256(b"\0".join((here / name).read_bytes() for name in _LANGUAGE)).hexdigest()
 
 
 def _of_types(kinds: Iterable[types.Type]) -> Iterator[str]:

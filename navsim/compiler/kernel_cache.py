@@ -25,11 +25,11 @@ from numba import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.runtime.nrt import rtsys
 
-from navsim.core.kernel_pieces import is_piece, put_together, taken_apart, within_another
-from navsim.core.protected_folder import ProtectedFolder
+from navsim.compiler.kernel_pieces import is_piece, put_together, taken_apart, within_another
+from navsim.compiler.protected_folder import ProtectedFolder
 
 KERNEL_ROOMS = (
-    "core", "trajectory", "gnss", "sensors", "estimation", "simulation", "integrity", "companions",
+    "compiler", "geodesy", "core", "trajectory", "gnss", "sensors", "estimation", "simulation", "integrity", "companions",
 )  # fmt: skip
 """Rooms of the package with kernels, or with what kernels read."""
 _DIGEST = 32

@@ -1,4 +1,4 @@
-"""Rotations on whole numpy arrays; `core.attitude` has the kernels and the conventions.
+"""Rotations on whole numpy arrays; `geodesy.attitude_kernels` has the kernels and the conventions.
 
 Sources: [1] Titterton & Weston, Strapdown Inertial Navigation Technology, 2nd ed. (2004), section 3.6. [2]
 Markley, Attitude determination using vector observations and the singular value decomposition, J. Astronautical

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.jit import kernel
-from navsim.core.lanes import fma, power_of_two, select
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import fma, power_of_two, select
 
 _HALF_PI, _HALF_PI_REST = 1.5707963267948966, 6.123233995736766e-17
 """pi/2 and what it lacks."""

@@ -1,4 +1,4 @@
-"""The WGS-84 Earth on whole numpy arrays: constants, coordinates, gravity. `core.earth` has the kernels.
+"""The WGS-84 Earth on whole numpy arrays: constants, coordinates, gravity. `geodesy.earth_kernels` has the kernels.
 
 Sources: [1] NIMA TR8350.2 (WGS-84), tables 3.1 and 3.4, eq. 4-1 (Somigliana).
 [2] Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed. (2013),

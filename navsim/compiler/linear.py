@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.jit import kernel
-from navsim.core.lanes import select
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import select
 
 
 @kernel

@@ -24,11 +24,11 @@ import llvmlite
 import numba
 from numba.extending import overload, register_jitable
 
-from navsim.core.kernel_cache import KERNEL_ROOMS, CacheAtFirstCall, load_remembered, loaded, remember
-from navsim.core.kernel_parts import Overloads
-from navsim.core.kernel_parts import digest as digest_of_parts
-from navsim.core.kernel_pieces import Kernel, KernelCompiler, PieceCompiler
-from navsim.core.protected_folder import ChangeableByOthersError, ProtectedFolder, open_below, open_protected_folder
+from navsim.compiler.kernel_cache import KERNEL_ROOMS, CacheAtFirstCall, load_remembered, loaded, remember
+from navsim.compiler.kernel_parts import Overloads
+from navsim.compiler.kernel_parts import digest as digest_of_parts
+from navsim.compiler.kernel_pieces import Kernel, KernelCompiler, PieceCompiler
+from navsim.compiler.protected_folder import ChangeableByOthersError, ProtectedFolder, open_below, open_protected_folder
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent

@@ -1,0 +1,1 @@
+"""The Earth and attitudes: constants and conversions, on whole arrays and in kernels."""
