@@ -6,8 +6,8 @@ The truth is in what comes out alone: an account is what a history would be wort
 list says in what order things happen; a measurement is a row of the table of its kind (`estimation.observations`).
 
 Numbers are those of one run, or of W runs in the lanes of a register (`compiler.lanes`): then what differs between runs
-has a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model and lever
-arms are the same for all.
+has a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model and
+lever arms are the same for all.
 """
 
 from __future__ import annotations
