@@ -27,7 +27,8 @@ from navsim.compiler.protected_folder import open_protected_folder
 from navsim.geodesy import attitude_kernels as attitude
 
 CODE = (
-    "import numpy as np; from navsim.core import attitude, kernel_cache; m = np.empty((3, 3));"
+    "import numpy as np; from navsim.compiler import kernel_cache;"
+    "from navsim.geodesy import attitude_kernels as attitude; m = np.empty((3, 3));"
     "attitude.dcm(np.array([0.5, 0.5, -0.5, 0.5]), m);"
     "print(m.ravel().tolist(), sum(attitude.dcm.stats.cache_hits.values()));"
     "print(*kernel_cache.notes, sep='\\n')"
@@ -153,7 +154,7 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
         return CODE + f"; {opening} kernel_cache.remember(folder, {memo.name!r}, {all_of_it})"
 
     loading = (
-        f"from navsim.core import attitude, kernel_cache; {opening}"
+        f"from navsim.compiler import kernel_cache; from navsim.geodesy import attitude_kernels as attitude; {opening}"
         f"kernel_cache.load_remembered(folder, {memo.name!r}); print(len(attitude.dcm.overloads))"
     )
 
@@ -179,7 +180,8 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
 def test_what_kernels_call_is_a_piece_of_them(tmp_path: Path) -> None:
     """It has no machine code of its own, is kept, taken over by other kernels, and compiled when Python calls it."""
     code = (
-        "import numpy as np; from navsim.core import attitude; from navsim.compiler.kernel_pieces import is_piece\n"
+        "import numpy as np; from navsim.compiler.kernel_pieces import is_piece\n"
+        "from navsim.geodesy import attitude_kernels as attitude\n"
         "kinds = lambda: [is_piece(one) for one in attitude.half_sinc.overloads.values()]\n"
         "q = np.array([1.0, 0.0, 0.0, 0.0]); attitude.{}(q, 0.2, 0.0, 0.0)\n"
         "print(kinds(), sum(attitude.half_sinc.stats.cache_hits.values()), q.tolist())\n"
@@ -292,7 +294,7 @@ def test_parts_of_somebody_else_are_not_run(tmp_path: Path) -> None:
 
 
 PLACE = (
-    "import json; from navsim.core import jit;"
+    "import json; from navsim.compiler import jit;"
     "print(json.dumps([str(jit._FOLDERS and jit._FOLDERS.version), jit.compiling()]))"
 )
 
@@ -352,7 +354,7 @@ def test_a_cache_below_a_folder_of_others_is_not_run(cache: Path, tmp_path: Path
     above.mkdir()
     shutil.copytree(cache, above / "cache")
     above.chmod(0o777)
-    said = "from navsim.core import jit, kernel_cache; kernel_cache.note(jit.compiling());"
+    said = "from navsim.compiler import jit, kernel_cache; kernel_cache.note(jit.compiling());"
     assert result(above / "cache", said) == (
         RIGHT,
         0,

@@ -204,6 +204,21 @@ def test_every_room_has_its_rule() -> None:
         above.add(room)
 
 
+def test_rooms_with_kernels_are_named_by_the_cache() -> None:
+    """Machine code is kept by a digest of these rooms: one that is missing would leave old code behind."""
+    from navsim.compiler.kernel_cache import KERNEL_ROOMS
+
+    kernels = {"kernel", "inlined", "within", "in_kernels"}
+    rooms = {
+        source.parts[0]
+        for source, node in nodes_of(ast.ImportFrom)
+        if isinstance(node, ast.ImportFrom) and node.module == "navsim.compiler.jit"
+        if kernels & {alias.name for alias in node.names}
+    }
+    assert {"core", "estimation", "companions"} <= rooms <= set(KERNEL_ROOMS)
+    assert all((PACKAGE / room).is_dir() for room in KERNEL_ROOMS)
+
+
 def modules_after(code: str) -> set[str]:
     out = subprocess.run(
         [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"],
