@@ -166,7 +166,7 @@ class ResultFile:
         """The tables as text."""
         from navsim.report.table import text
 
-        return text(self.tables(), self._here().width)
+        return text(self.tables())
 
     def __repr__(self) -> str:
         return f"<navsim.ResultFile {str(self.path)!r}, kind {self.kind}, {len(self.findings)} finding(s)>"

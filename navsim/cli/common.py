@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import io
 import re
 import sys
 import time
@@ -151,10 +150,6 @@ class Shown:
     rows: str | None = None
 
 
-_WIDEST_COMPARISON = 120
-"""Columns of text that a comparison is printed in where there is no terminal to ask for its own."""
-
-
 def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) -> None:
     """Print the tables of results of one kind, each with its name."""
     from navsim.report.view import view
@@ -173,14 +168,12 @@ def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) ->
         if settings is not None:
             settings.title = "Settings that differ"
             parts = [settings, *parts] if settings.rows else ["the settings are the same", *parts]
-    more = 2 if how.compare else 1
-    width = here.width + more * max(here.width_more, 60 * how.compare) * (len(results) - 1)
-    print_parts(parts, how, min(width, _WIDEST_COMPARISON) if how.compare else width)
+    print_parts(parts, how)
 
 
-def print_parts(parts: Sequence[Table | str], how: Shown, width: int) -> None:
-    """Print tables, and words between them; in this width where there is no terminal to ask for its own."""
-    from navsim.report.table import Table, chosen, console
+def print_parts(parts: Sequence[Table | str], how: Shown) -> None:
+    """Print tables, and words between them."""
+    from navsim.report.table import Table, chosen
 
     if how.rows is not None:
         tables = [part for part in parts if isinstance(part, Table)]
@@ -190,7 +183,7 @@ def print_parts(parts: Sequence[Table | str], how: Shown, width: int) -> None:
             ask = f"nearest: {'; '.join(near)}" if near else "without --rows all stand there"
             leave(BAD_INPUT, f"--rows {how.rows}: no row has it, nor a heading of rows; {ask}")
     if how.format == "terminal":
-        print_console(console(parts), width)
+        _print_fitted(parts, how.compare)
     else:
         print(_written(parts, how.format), end="")
 
@@ -223,9 +216,11 @@ def _written(parts: Sequence[Table | str], form: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def print_console(table: Any, width: int) -> None:
-    """Print a table, in this width where there is no terminal to ask for its own."""
+def _print_fitted(parts: Sequence[Table | str], compare: bool) -> None:
+    """Print tables in the width of the terminal; comparisons, and what is written elsewhere, no wider than `WIDEST`."""
     from rich.console import Console
+
+    from navsim.report.table import WIDEST, console, text
 
     class Piped(Console):
         """rich would leave with exit code 1 where the reader of a pipe goes away."""
@@ -233,13 +228,11 @@ def print_console(table: Any, width: int) -> None:
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
 
-    if sys.stdout.isatty():
-        Piped(highlight=False).print(table)
+    if not sys.stdout.isatty():
+        print(text(parts), end="")
         return
-    text = io.StringIO()
-    Console(file=text, width=width, highlight=False).print(table)
-    # tables fill their width with blanks, which are nothing to a file
-    print("\n".join(line.rstrip(" ") for line in text.getvalue().split("\n")), end="")
+    terminal = Piped(highlight=False)
+    terminal.print(console(parts), width=min(terminal.width, WIDEST) if compare else None)
 
 
 def print_json(data: Any) -> None:

@@ -207,7 +207,7 @@ def candidates(words: list[str]) -> Iterator[Candidate]:
         yield from _arguments(words, [p for p in known if not p.names], _given(options, words))
 
 
-_HELP = Candidate("--help", "Show what there is and leave.")
+_HELP = Candidate("--help", "Show this help and exit.")
 
 
 def _short(text: str | None) -> str:

@@ -240,7 +240,7 @@ def _still_here(number: int) -> None:
     if _compiling_soon():
         say(f"{WORDS[number]} while kernels were compiled", logged=False)
         os._exit(128 + number)
-    say(f"{WORDS[number]}; what is under way is finished first, once more ends it at once")
+    say(f"{WORDS[number]}; navsim finishes its current step first. Send it again to stop at once")
 
 
 def _compiling_soon() -> bool:

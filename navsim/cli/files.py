@@ -52,7 +52,7 @@ def schema(
     kind: Annotated[
         str, typer.Argument(help=f"One of {', '.join(OF_FILES)}; or any, for one schema of all kinds.")
     ] = "landing",
-    all_: Annotated[bool, typer.Option("--all", help="The schema of all kinds, the same as `any`.")] = False,
+    all_: Annotated[bool, typer.Option("--all", help="The schema of all kinds, like `any`.")] = False,
     install: Annotated[
         bool,
         typer.Option(
@@ -177,7 +177,7 @@ def init(
             written.append(str(path))
         except FileExistsError:
             if not path.is_file() or path.read_bytes() != content:
-                say(f"warning: {path} is not the shipped one and stays as it is; {target} names it")
+                say(f"warning: {path} differs from the shipped file; navsim keeps it. {target} names it")
         except OSError as error:
             leave(BAD_INPUT, f"{path}: cannot be written: {error.strerror or error}")
     print(f"{', '.join(written)} written; go on with: navsim {KINDS[shipped.kind(template)].command} {target}")

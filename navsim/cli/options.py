@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
@@ -42,6 +42,20 @@ def number_option(
     return typer.Option(parser=parse, metavar=metavar, help=f"{meaning} [{least:g} or more]", show_default=show_default)
 
 
+def choice_option(words: object, meaning: str) -> Any:
+    """An option that takes one of the words of a Literal."""
+    allowed = [str(word) for word in get_args(words)]
+
+    def parse(given: str) -> str:
+        if given not in allowed:
+            from navsim.scenario.base import hint
+
+            raise typer.BadParameter(f"{given[:40]!r} is not allowed; {hint(given, allowed)}")
+        return given
+
+    return typer.Option(parser=parse, metavar=f"<{'|'.join(allowed)}>", help=meaning, show_default=False)
+
+
 def output_option(default: str) -> Any:
     """-o of a command whose result has this name unless given."""
     return typer.Option(
@@ -61,7 +75,7 @@ def figures_option(when: str = "with --quiet") -> Any:
     """--figures of a command that draws none in these cases unless told to."""
     return typer.Option(
         metavar="FOLDER|none",
-        help=f"Folder for figures; created if missing. Default: beside the result; none {when}.",
+        help=f"Folder for figures; created if missing. Default: that of the result; none {when}.",
         show_default=False,
     )
 
@@ -95,7 +109,7 @@ class Care:
     """Options on overwriting, resources, output and log."""
 
     force: Annotated[
-        bool, typer.Option("--force", help="Overwrite a result of another kind or method, or of more runs.")
+        bool, typer.Option("--force", help="Overwrite a result that has another kind or method, or more runs.")
     ] = False
     over_budget: Annotated[
         bool,

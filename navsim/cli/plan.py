@@ -27,7 +27,7 @@ def plan(
         Path | None,
         typer.Option(
             "--output", "-o", metavar="FILE.yaml", show_default=False,
-            help="The file that Save writes. Default: <stem>_planned.yaml beside the scenario; for the shipped "
+            help="The file that Save writes. Default: <stem>_planned.yaml in the scenario's folder; for the shipped "
             "scenario in the working folder.",
         ),
     ] = None,
@@ -85,7 +85,7 @@ def plan(
         leave(BAD_INPUT, error)
     named = [name for name in proposal.file_names() if not Path(name).expanduser().is_absolute()]
     if named and target.resolve().parent != document.folder:
-        text = f"{path} names files beside it ({', '.join(named)}), which a file elsewhere would not find"
+        text = f"{path} names files by relative paths ({', '.join(named)}), which are wrong in another folder"
         leave(BAD_INPUT, f"{text}; choose an -o/--output in {document.folder}")
 
     def serving(address: str) -> None:

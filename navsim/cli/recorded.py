@@ -195,7 +195,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
                 f"{scenario}: filter.coupling tight takes ranges, live receivers give fixes; make it loose",
             )
         if section.aiding():
-            leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeters) cannot run live; take them out")
+            leave(BAD_INPUT, f"{scenario}: altimeters cannot run live; remove them")
         if (air := section.air()) is not None:
             off = " and ".join(".".join(key) for key in air[1])
             leave(BAD_INPUT, f"{scenario}: runs off the route, by {off}, are not what live data are; take it out")

@@ -18,7 +18,7 @@ _BEGINNING = 2000
 
 def report(
     files: Annotated[
-        list[Path], typer.Argument(metavar="RESULT.h5", help="One result, or more of one kind.", show_default=False)
+        list[Path], typer.Argument(metavar="RESULT.h5", help="Results of the same kind.", show_default=False)
     ],
     output: Annotated[
         Path | None,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 def show(
     files: Annotated[
-        list[Path], typer.Argument(metavar="RESULT.h5", help="One result, or more of one kind.", show_default=False)
+        list[Path], typer.Argument(metavar="RESULT.h5", help="Results of the same kind.", show_default=False)
     ],
     json_: Annotated[
         bool, typer.Option("--json", help="Print the summary as JSON; a list for several results.")
@@ -89,7 +89,7 @@ def show(
             from navsim.report.provenance import provenance as table_of
 
             read = [Read(name, file, result) for file, (name, result) in zip(files, results, strict=True)]
-            print_parts([table_of(read)], Shown(format_, rows=rows), 100 + 67 * (len(read) - 1))
+            print_parts([table_of(read)], Shown(format_, rows=rows))
             return
         if json_:
             summaries = [plain(result) for _, result in results]
@@ -149,7 +149,7 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
         said = (str(error).splitlines() or [""])[0]
         names = ", ".join(map(str, files))
         cause = f"{type(error).__name__}: {said}"
-        leave(BAD_INPUT, f"{names}: what it holds does not fit together, or navsim is wrong about it ({cause})")
+        leave(BAD_INPUT, f"{names}: the contents are inconsistent, or navsim has a defect ({cause})")
 
 
 def plot(
@@ -163,7 +163,7 @@ def plot(
             "--output",
             "-o",
             metavar="FOLDER|none",
-            help="Folder for figures; created if missing. Default: beside the result.",
+            help="Folder for figures; created if missing. Default: that of the result.",
             show_default=False,
         ),
     ] = None,

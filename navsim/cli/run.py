@@ -18,6 +18,7 @@ from navsim.cli.options import (
     SchedulerOption,
     SeedOption,
     WorkersOption,
+    choice_option,
     dry_run_option,
     figures_option,
     number_option,
@@ -66,18 +67,18 @@ class RunOptions:
     scheduler: SchedulerOption = None
     keep: Annotated[
         Keep | None,
-        typer.Option(
-            help="Data stored of each run: the filter's errors; everything, with measurements and fixes; or statistics "
+        choice_option(
+            Keep,
+            "Data stored of each run: the filter's errors; everything, with measurements and fixes; or statistics "
             "only. Default: all for one run, errors for several.",
-            show_default=False,
         ),
     ] = None
     method: Annotated[
         Method | None,
-        typer.Option(
-            help="Monte Carlo; linear covariance analysis; or importance sampling for the probability that a landing "
+        choice_option(
+            Method,
+            "Monte Carlo; linear covariance analysis; or importance sampling for the probability that a landing "
             "leaves the scenario's box. Default: the scenario's.",
-            show_default=False,
         ),
     ] = None
     set_: Annotated[list[str] | None, set_option("scenario")] = None

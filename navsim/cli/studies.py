@@ -18,6 +18,7 @@ from navsim.cli.options import (
     SchedulerOption,
     SeedOption,
     WorkersOption,
+    choice_option,
     dry_run_option,
     figures_option,
     number_option,
@@ -51,7 +52,7 @@ class SweepOptions:
     scheduler: SchedulerOption = None
     method: Annotated[
         SweepMethod | None,
-        typer.Option(help="Method for each combination. Default: the study's.", show_default=False),
+        choice_option(SweepMethod, "Method for each combination. Default: the study's."),
     ] = None
     set_: Annotated[list[str] | None, set_option("study")] = None
     figures: Annotated[str | None, figures_option()] = None

@@ -109,7 +109,7 @@ def _ratios(result: Result, anchor: str, called: str) -> Drawing:
     on.xaxis[0].major_label_orientation = 0.7
     level(on, 1.0)
     tell(on, marks, ("", "$name"), ("", "@state"), ("ratio", "@y{0.000}"), ("95 %", "@low{0.000} to @high{0.000}"))
-    caption = "What decoupling costs, state by state, with 95 % intervals: at 1 nothing."
+    caption = "Cost of decoupling for each state, with 95 % intervals; 1: no cost."
     return Drawing(f"ratios{anchor}", f"Decoupled over full{called}", [on], caption, keys, 1)
 
 
@@ -244,7 +244,7 @@ def _proof(result: Result, anchor: str, called: str) -> Drawing:
     runs = int(result["/montecarlo/runs"])
     keys = [Key("filter", colour(1)), Key(f"{runs} runs", colour(0)), Key(f"±{100 * share:g} %", colour(1), "band")]
     return Drawing(
-        f"proof{anchor}", f"Proof by runs{called}", panels, "The first experiment beside the filter's covariance.", keys
+        f"proof{anchor}", f"Proof by runs{called}", panels, "The first experiment and the filter's covariance.", keys
     )
 
 

@@ -201,6 +201,14 @@ def display_name(state: str) -> str:
     return "heading" if state == "attitude_down" else state.replace("_", " ")
 
 
+def is_sigma_wrong(most: float, least: float, band: tuple[float, float], tolerance: float) -> tuple[bool, bool]:
+    """Whether a sigma is too small, and whether it is too large, by more than chance and by more than the tolerance.
+
+    most, least: largest and smallest RMS of error / sigma over all outputs. band: its limits where sigma is right.
+    """
+    return most > band[1] and most - 1.0 > tolerance, least < band[0] and 1.0 - least > tolerance
+
+
 SLICES = slices(biases())
 NAMES = names(biases())
 UNITS = units(biases())

@@ -290,7 +290,7 @@ def schedule(outputs: np.ndarray, *tables: tuple[int, np.ndarray, np.ndarray]) -
     outputs that do not increase.
     """
     if np.any(np.diff(outputs) <= 0.0):
-        raise ValueError("each output needs a time of its own")
+        raise ValueError("two outputs have the same time")
     kind = np.concatenate([np.full(valid.size, which) for which, valid, _ in tables]).astype(np.int64)
     row = np.concatenate([np.arange(valid.size) for _, valid, _ in tables]).astype(np.int64)
     valid = np.concatenate([valid for _, valid, _ in tables])

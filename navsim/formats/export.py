@@ -134,7 +134,7 @@ def _lacking(result: Result, what: str) -> ResultError:
     """That a result holds nothing of single runs."""
     if result.attributes.get("method") == "covariance":
         return ResultError(f"a covariance analysis flies no runs and has no {what}; fly some with --method monte-carlo")
-    return ResultError(f"the result has no {what} of runs; fly it with --keep all (one run keeps them by itself)")
+    return ResultError(f"the result has no {what} of runs; run it with --keep all (a single run keeps them anyway)")
 
 
 def _rinex(result: Result, target: Path) -> dict[Path, str]:

@@ -103,7 +103,7 @@ def read_fixes(
     lines = read_lines(path, dropped)
     if has_sentences(lines):
         if replace(convention, time_offset=0.0) != GNSS_AS_DUE:
-            message = "NMEA sentences have units and columns of their own; only their times may be shifted"
+            message = "NMEA fixes units and columns; you can only shift its times"
             raise FileError(0, message, path)
         table = read_nmea(path, lines, dropped, simulated)
     else:

@@ -177,5 +177,5 @@ def _several_clocks(here: WatchedGlide) -> list[str]:
     if clocks < 2:
         return []
     return [
-        f"the sources keep {clocks} clocks, each an unknown of the fix; what is possible by rank is told for one clock"
+        f"the sources keep {clocks} clocks, each an unknown of the fix; the table by rank assumes one clock"
     ]

@@ -117,7 +117,7 @@ def merged(parts: Parts, case: Case) -> Result:
         whole = result(case, ensemble, seed, keep="none")
     if whole.attributes["scenario_sha256"] != first.attributes["scenario_sha256"]:
         raise OptionError(
-            f"{file}: its scenario does not read back to what it was: other files of satellites lie there"
+            f"{file}: its scenario has changed: the satellite files that it names are different now"
         )
     for name in whole.attributes:
         if name not in ("created", *first.attributes):

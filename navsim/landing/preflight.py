@@ -284,7 +284,7 @@ def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:
     if not on:
         return []
     most = f"{runway.length_m:g} m by {runway.width_m:g} m (runway.length_m, runway.width_m)"
-    return [f"pseudolites on the pavement of the runway, {most}: {', '.join(on)}; put them beside it"]
+    return [f"pseudolites on the pavement of the runway, {most}: {', '.join(on)}; move them off it"]
 
 
 def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:

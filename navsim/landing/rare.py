@@ -207,7 +207,7 @@ def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
     if off.max() > LINEAR:
         axis = AXES[np.flatnonzero(np.isfinite(edge.box.upper))[off.argmax()]]
         text = (
-            f"the {axis} error at the box is not linear in what is drawn: {off.max():.2g} sigma of it is not; the "
+            f"the {axis} error at the box is not linear in the random inputs by {off.max():.2g} sigma; the "
             "interval is too narrow more often than it says (docs/rare-events.md)"
         )
         out.append(Finding("not_linear", text, (), flown.runs, flown.runs, flown.runs))

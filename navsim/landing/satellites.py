@@ -182,7 +182,7 @@ class _Files:
             read = reader(path, utc, self.scenario)
         except FileError as error:
             curable = error.salvageable and self.key in LENIENT
-            cure = "; `sky.lenient: true` takes what is whole" if curable else ""
+            cure = "; `sky.lenient: true` takes the intact part" if curable else ""
             message = f"not a usable file of satellites: {error.message}{cure}"
             raise self._wrong(name, path, message, error.line) from None
         except OSError as error:

@@ -260,8 +260,8 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         # by geometry others are only screened
         seen = sources.by_directions
         warnings.append(
-            "DOPs are told without `interference`, noise by pseudolites.range_law cn0 and receiver.antenna, which "
-            "depend on where pseudolites are; the objective has them"
+            "the table's DOPs ignore `interference`, receiver.antenna and noise by pseudolites.range_law cn0, which "
+            "depend on the positions of pseudolites; the objective includes them"
         )
     geometry = glide_geometry(trajectory, seen, starts, fixes, counted)
     if 1 in study.counts and (lone := int(geometry.find_lone_pseudolite(1).sum())):

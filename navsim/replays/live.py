@@ -450,7 +450,7 @@ def failures(result: Result) -> list[str]:
         causes = (*_NO_FIX, "other", "before", "early", "late", "doubled", "contradicting")
         why = [f"{count[name]} {COUNTS[name]}" for name in causes if count[name]]
         without_cause = f"{count['received']} {COUNTS['received']}" if count["received"] else "none came"
-        return [f"not one message could be used: {', '.join(why) or without_cause}"]
+        return [f"no message could be used: {', '.join(why) or without_cause}"]
     out = []
     if not np.isfinite(result["/innovations/normalized_squared"]).any():
         out.append(f"none of the {several(used, 'fix')} could be weighed")
@@ -532,7 +532,7 @@ def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
         said.append(f"datagrams of other senders than the first were left out: {others}")
     few = MANY_CORRUPT * session.counts["received"]
     if session.counts["corrupt"] > few:
-        said.append(f"{session.counts['corrupt']} of {session.counts['received']} lines hold what is no message")
+        said.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are corrupt")
     cures = {"simulated": ": --simulator-fixes uses them", "no_checksum": ": --lenient reads them"}
     for name in ("dropped", "contradicting", "no_separation", *_LEFT_OUT):
         if session.counts[name] > (few if name == "no_checksum" else 0):

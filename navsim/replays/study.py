@@ -427,7 +427,7 @@ def _refused(document: Document, scenario: Replay, section: str, error: FileErro
     where = document.place((section, "file"))
     path = document.resolve((section, "file"), getattr(scenario, section).file)
     place = Place(str(path), error.line, 1) if error.line else where
-    cure = "; `lenient: true` takes what is whole" if error.salvageable else ""
+    cure = "; `lenient: true` takes the intact part" if error.salvageable else ""
     return InputError([Problem(place, f"{section}.file", f"{error.message} (named at {where}){cure}")])
 
 
@@ -771,7 +771,7 @@ def _outages_elsewhere(scenario: Replay, first: float, last: float) -> list[str]
         spans = _spans(outage)
         away = [f"{begin:g} to {end:g} s" for begin, end in spans if begin <= first or end > last]
         if away:
-            flown = f"what is flown, {first:.1f} to {last:.1f} s"
+            flown = f"the replayed part, {first:.1f} to {last:.1f} s"
             out.append(f"outages.{i}: {len(away)} of {len(spans)} are not within {flown}, and not judged: {away[0]}")
     return out
 

@@ -156,7 +156,7 @@ def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int
     if LATENCY in recording.free and min(abs(best[LATENCY] - bound) for bound in SEARCHED) <= AT_BOUND:
         side = "earlie" if best[LATENCY] < 0.0 else "late"
         out.append(
-            f"the tuned latency stands at its bound of {best[LATENCY]:.3g} s. The fixes are stamped even {side}r than "
+            f"the tuned latency is at its bound of {best[LATENCY]:.3g} s. The fixes are stamped even {side}r than "
             "that, or something else is wrong with them. Set the clocks right with gnss.time_offset_s, or give "
             f"gnss.latency_s ({FIX_LATENCIES[0]:g} to {FIX_LATENCIES[1]:g} s)"
         )

@@ -46,7 +46,7 @@ def differences(names: Sequence[str], settings: Sequence[Mapping[str, str]]) -> 
     """The settings in which results differ; None for one result. What a study sets in its scenario stands in that."""
     if len(names) < 2:
         return None
-    out = Table("", ("setting", *names), labelled=True, caption="In which settings the results differ")
+    out = Table("", ("setting", *names), caption="In which settings the results differ")
     keys = dict.fromkeys(key for each in settings for key in each)
     for key in keys:
         values = [each.get(key, ABSENT) for each in settings]
@@ -81,7 +81,7 @@ def compared(
     tables = [[part for part in of if isinstance(part, Table)] for of in each]
     for same in zip(*tables, strict=False):
         rows = [dict(_numbers(table)) for table in same]
-        listed = Table(same[0].title, ("", *names), labelled=True, caption=same[0].caption)
+        listed = Table(same[0].title, ("", *names), caption=same[0].caption)
         for label in rows[0]:
             if all(label in of for of in rows):
                 listed.add(label, *(of[label] for of in rows))

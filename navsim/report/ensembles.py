@@ -126,7 +126,7 @@ def _bands(result: Result, of: RunSpread, across: np.ndarray, label: str) -> Fig
     fig.align_ylabels(axes)
     title = f"truth minus estimate, {runs_of(result)}"
     if of.sigma is None and not against_height:
-        title += "; the filter's σ is told along the axes of the map alone"
+        title += "; the filter's σ is known along the axes of the map only"
     legend_above(fig, axes[0], 3, title)
     return fig
 

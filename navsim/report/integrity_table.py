@@ -28,7 +28,7 @@ def method(result: Result) -> str:
 
 
 def _table(result: Result, title: str) -> Table:
-    return Table(title, ("pseudolites", *(f"{n} satellites" for n in result["/satellites"])), labelled=True)
+    return Table(title, ("pseudolites", *(f"{n} satellites" for n in result["/satellites"])))
 
 
 def _possible(result: Result) -> Table:
@@ -98,8 +98,8 @@ def _listed(names: list[str]) -> str:
 
 def tables(result: Result) -> list[Table | str]:
     """Both tables, and what they are of."""
-    head = "Rank says what is possible, levels say what is useful."
-    return [head, "", _possible(result), _LEGEND, "", *_useful(result), _explained(result)]
+    head = "Rank: possible or not. Protection levels: useful or not."
+    return [head, _possible(result), _LEGEND, *_useful(result), _explained(result)]
 
 
 def figures(result: Result) -> dict[str, Figure]:
@@ -113,6 +113,6 @@ def more(result: Result) -> dict[str, Any]:
 
 
 VIEW = View(
-    one_by_one(tables), 110, figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more,
+    one_by_one(tables), figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more,
     drawings="navsim.report.page.tabulations:few_satellites",
 )  # fmt: skip

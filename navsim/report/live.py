@@ -51,5 +51,5 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 VIEW = View(
-    one_by_one(tables), 100, figures, ("/summary", "/stream", "/clock"), drawings="navsim.report.page.flights:lives"
+    one_by_one(tables), figures, ("/summary", "/stream", "/clock"), drawings="navsim.report.page.flights:lives"
 )

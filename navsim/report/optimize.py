@@ -56,7 +56,7 @@ def tables(result: Result) -> list[Table | str]:
     places = Table(
         "Where they stand, and how far each may be moved before the objective worsens (by direction; * to the limit of "
         "area or rules in some)",
-        ("of", "pseudolite", "s, m", "l1, m", "latitude, °", "longitude, °", *losses),
+        ("of", "name", "s, m", "l1, m", "latitude, °", "longitude, °", *losses),
     )
     for i, count in enumerate(result["/pseudolites"]):
         for k in range(int(count)):
@@ -140,7 +140,7 @@ def requirements(result: Result) -> Table:
             cells.append(_fulfilled(str(verdict), float(value), float(used)))
         out.add(str(statement), cell("{:g}", float(result[f"{branch}/limit"][k])), *cells)
     if not result[f"{branch}/decided"].all():
-        out.notes = "what is undecided is left to runs (navsim run) and was no constraint"
+        out.notes = "undecided requirements were no constraint; navsim run can decide them"
     return out
 
 
@@ -236,7 +236,7 @@ def plan_title(result: Result, i: int) -> str:
     border = _on_border(result, i)
     where = f"; on the border of the area: {', '.join(border)}" if border else ""
     met = f"; requirements {_met(result['/front/met'][i])}" if "/front/met" in result else ""
-    computed = "" if result["/map/computed"][i] else "; map not computed"
+    computed = "" if result["/map/computed"][i] or not result["/map/computed"].any() else "; map not computed"
     return f"{many}: {result['/front/objective'][i]:.4g}{met}{stopped}{where}{computed}"
 
 
@@ -270,6 +270,8 @@ def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
 
 def plan(result: Result) -> Figure:
     """For each number of pseudolites: the placement over the objective with the first one moved."""
+    from matplotlib.patches import Rectangle
+
     from navsim.report.figures import label_points, legend_above, ridge_lines, view_from_above
     from navsim.report.printing import COLUMN, new_figure
 
@@ -299,15 +301,22 @@ def plan(result: Result) -> Figure:
         ax.set_title(plan_title(result, i))
         ax.set_ylabel("right of the axis, m")
         ax.update_datalim([(-l1[-1], s[0]), (-l1[0], s[-1])])
-        ax.set_facecolor("#dddddd" if computed else "white")
-        ax.grid(visible=False)
+        if computed:
+            ax.set_facecolor("#dddddd")
+        else:
+            area = Rectangle((-l1[-1], s[0]), along, across, fill=False, ec="#777777", ls="--", lw=0.8)
+            ax.add_patch(area)
+            area.set_label("area of the search")
+        ax.grid(visible=not computed)
         ax.margins(0.03)
         ridge_lines(ax, shown_ridges(result), ax.get_xlim(), ax.get_ylim())
         view_from_above(ax)
         label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
     mapped = np.isfinite(maps).any()
     others = ", the others kept" if counts.max() > 1 else ""
-    legend_above(fig, axes[0], 3, f"colours: PL1 moved{others}" if mapped else "maps not computed")
+    stopped = str(result.attributes["stopped"])
+    unmapped = "maps not computed" + (f" (stopped: {stopped})" if stopped else "")
+    legend_above(fig, axes[0], 3, f"colours: PL1 moved{others}" if mapped else unmapped)
     unmet = ", or requirements not met" if "/front/met" in result else ""
     grey = f"; grey: not allowed{unmet}" if mapped else ""
     axes[-1].set_xlabel(f"along the runway from the threshold, m{grey}")
@@ -323,10 +332,16 @@ def front(result: Result) -> Figure:
     ax = fig.subplots()
     counts, values, met = front_points(result)
     ax.plot(counts, values, "o-", color=COLOURS[0], ms=4)
+    unfinished = np.isin(counts, result["/pseudolites"][result["/front/finished"] == 0])
+    title = None
+    if unfinished.any():
+        hollow = {"color": COLOURS[0], "mfc": "white", "ms": 5, "label": "search stopped"}
+        ax.plot(counts[unfinished], values[unfinished], "o", **hollow)
     if met is not None:
         ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
         fewest = int(result["/front/fewest"])
-        legend_above(fig, ax, 1, f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none")
+        title = f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none"
+    legend_above(fig, ax, 1, title)
     ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("pseudolites")
@@ -346,7 +361,7 @@ def utilisation(result: Result) -> Figure:
     for i, statement in enumerate(statements):
         ax.plot(counts, taken[:, i], "-", **marked(i), ms=5, mfc="none",
                 label=statement)  # fmt: skip
-    ax.axhline(1.0, color="black", lw=0.9, ls="--", label="what is asked for: met below")
+    ax.axhline(1.0, color="black", lw=0.9, ls="--", label="limit: met below")
     ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("pseudolites")
@@ -367,7 +382,6 @@ def _verdicts(result: Result) -> list[Table | str]:
 
 VIEW = View(
     one_by_one(tables),
-    140,
     figures,
     more=best_plain,
     verdicts=one_by_one(_verdicts),

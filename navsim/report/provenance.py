@@ -30,7 +30,7 @@ class Read:
 def provenance(read: Sequence[Read]) -> Table:
     """What files results are, and what made them; a column a result."""
     caption = "Where the results come from; times are UTC"
-    out = Table("", ("", *(each.name for each in read)), labelled=True, caption=caption)
+    out = Table("", ("", *(each.name for each in read)), caption=caption)
     out.add("file", *(str(each.path) for each in read))
     out.add("SHA-256 of the file", *(_sum(each.path) for each in read))
     for attribute, said in _HEADS.items():

@@ -78,7 +78,7 @@ def true_for(result: Result) -> str:
     runs = result["/run"].size
     if "/summary/at/lateral_fte" in result:
         return "the route, from which each run deviates"
-    return f"the truth, the same in all {runs} runs" if runs > 1 else ""
+    return f"the truth, which all {runs} runs share" if runs > 1 else ""
 
 
 def fix_errors(result: Result) -> np.ndarray:
@@ -298,8 +298,8 @@ def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
 def stanford_words(result: Result) -> str:
     """What a Stanford diagram counts."""
     return (
-        f"{runs_of(result)}; epochs {_span(result)} by error and level, without those with an alarm; what is beyond "
-        "the frame is at its edge"
+        f"{runs_of(result)}; epochs {_span(result)} by error and level, without those with an alarm; values outside "
+        "the frame are at its edge"
     )
 
 

@@ -33,7 +33,7 @@ _POINTS = 300
 def table(results: Sequence[tuple[str, Result]]) -> Table:
     """Probabilities of leaving a box, a column a result: names and results in order."""
     caption = "Probabilities of leaving the box, by runs that are pushed to its edge; in brackets 95 % intervals"
-    out = Table("", ("", *(name for name, _ in results)), labelled=True, caption=caption)
+    out = Table("", ("", *(name for name, _ in results)), caption=caption)
 
     def row(label: str, shown: Callable[[Result], Cell | str]) -> None:
         out.add(label, *(shown(result) for _, result in results))

@@ -243,5 +243,5 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 VIEW = View(
-    one_by_one(tables), 110, figures, ("/summary", "/tuning", "/outages"), drawings="navsim.report.page.flights:replays"
+    one_by_one(tables), figures, ("/summary", "/tuning", "/outages"), drawings="navsim.report.page.flights:replays"
 )

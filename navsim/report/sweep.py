@@ -600,7 +600,6 @@ def _verdicts(result: Result) -> list[Table | str]:
 
 VIEW = View(
     one_by_one(tables),
-    150,
     figures,
     more=best_plain,
     texts=_texts,

@@ -8,6 +8,7 @@ import fnmatch
 import io
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -15,7 +16,7 @@ from string import Formatter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 
 ABSENT = "-"
 """What stands for a number that is not known."""
@@ -93,16 +94,14 @@ class Row:
 
 @dataclass
 class Table:
-    """heads: of the columns, with units. notes: what stands below. lines: between rows; labelled: the first column
-    names the rows and is not broken, unless it is wide. caption: what the table says, for paper, where nothing else
-    says it."""
+    """heads: of the columns, with units. notes: text below. lines: between rows. caption: what the table shows, for
+    paper, where nothing else says it."""
 
     title: str
     heads: tuple[str, ...]
     rows: list[Row] = field(default_factory=list)
     notes: str = ""
     lines: bool = False
-    labelled: bool = False
     caption: str = ""
 
     def add(self, *cells: Cell | str) -> None:
@@ -117,44 +116,133 @@ class Table:
 def console(parts: Sequence[Table | str]) -> RenderableType:
     """Tables, and words between them, for the terminal."""
     from rich.console import Group
-    from rich.markup import escape as plain
+    from rich.text import Text
 
-    return Group(*(_drawn(part) if isinstance(part, Table) else plain(part) for part in parts))
+    drawn: list[RenderableType] = []
+    for before, part in zip([None, *parts], parts, strict=False):
+        if drawn and (isinstance(part, Table) or isinstance(before, Table)):
+            drawn.append(Text())
+        drawn.append(_Fitted(part) if isinstance(part, Table) else Text(part))
+    return Group(*drawn)
 
 
-_LABEL = 60
-"""Width up to which labels are not broken."""
+@dataclass(frozen=True)
+class _Fitted:
+    """A table that fits the terminal: cells are broken where no number suffers, then columns go below each other."""
+
+    table: Table
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        from rich.text import Text
+
+        if self.table.title:
+            yield Text(self.table.title, style="table.title")
+        for i, (columns, widths) in enumerate(_blocks(_layout(self.table), options.max_width)):
+            if i:
+                yield Text()
+            yield _drawn(self.table, columns, widths)
+        if self.table.notes:
+            yield Text(self.table.notes, style="table.caption")
 
 
-def _drawn(table: Table) -> RenderableType:
-    from rich import box
-    from rich import table as rich
-    from rich.markup import escape as plain
+_COLUMN_GAP = 2
+"""Blanks between two columns in the terminal."""
+_LABEL = 24
+"""Width below which the first column is not broken to make room."""
+_TOGETHER = re.compile(
+    r"\[[^\[\]]*\]|\([^()]{,24}\)|\S+ [→/-] \S+(?: \*)?|\d+ of \d+|σ \S+|[<>] \S+|(?<=\d) (?:%|°|\*|(?:m|s|dB|deg)\b)"
+)
+"""Parts of a cell that stay on one line: intervals, numbers with their units and signs."""
+_KEPT_BLANK = "\N{NO-BREAK SPACE}"
 
-    out = rich.Table(
-        title=plain(table.title) or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
-        show_lines=table.lines, caption=plain(table.notes) or None,
-    )  # fmt: skip
-    # a label that is a sentence is broken before values vanish
-    longest = max((len(line) for row in table.rows for line in row.texts()[0].splitlines()), default=0)
-    for i, head in enumerate(table.heads):
-        out.add_column(plain(head), no_wrap=table.labelled and i == 0 and longest <= _LABEL)
-    for row in table.rows:
-        first, *others = map(plain, row.texts())
-        if row.heading:
-            out.add_row(f"[bold]{first}[/bold]", *(f"[dim]{text}[/dim]" for text in others))
-        else:
-            out.add_row(first, *others)
+
+def _unbroken(text: str) -> str:
+    """A text whose blanks are places where it may be broken."""
+    return _TOGETHER.sub(lambda found: found[0].replace(" ", _KEPT_BLANK), text)
+
+
+def _wrapped(text: str, width: int) -> str:
+    """A cell in lines of some width."""
+    lines = []
+    for line in text.split("\n"):
+        inset = " " * (len(line) - len(line.lstrip()))
+        lines += textwrap.wrap(_unbroken(line), width, subsequent_indent=f"{inset}  " if inset else "",
+                               replace_whitespace=False, break_on_hyphens=False) or [""]  # fmt: skip
+    return "\n".join(lines).replace(_KEPT_BLANK, " ")
+
+
+def _layout(table: Table) -> list[tuple[int, int]]:
+    """The least and the natural width of each column."""
+    columns = list(zip(table.heads, *(row.texts() for row in _filled(table)), strict=True))
+    out = []
+    for i, cells in enumerate(columns):
+        natural = max(len(line) for cell in cells for line in cell.split("\n"))
+        least = max(len(word) for cell in cells for word in re.split("[ \n]+", _unbroken(cell)))
+        out.append((max(least, min(natural, _LABEL)) if i == 0 else least, natural))
     return out
 
 
-def text(parts: Sequence[Table | str], width: int) -> str:
-    """Tables, and words between them, as plain text."""
+def _blocks(layout: Sequence[tuple[int, int]], width: int) -> list[tuple[list[int], list[int]]]:
+    """Columns that stand side by side, and their widths: all of them where they fit, else evenly in as few blocks as
+    possible, each with the first column."""
+    others = range(1, len(layout))
+    for count in range(1, max(len(others), 1) + 1):
+        size = -(-len(others) // count)
+        blocks = [[0, *others[at : at + size]] for at in range(0, max(len(others), 1), max(size, 1))]
+        fitted = [_fit([layout[i] for i in block], width) for block in blocks]
+        if all(widths is not None for widths in fitted):
+            return [(block, widths) for block, widths in zip(blocks, fitted, strict=True) if widths]
+    # a word is longer than the terminal is wide
+    room = width - _COLUMN_GAP
+    return [(block, _shared([layout[i][1] for i in block], room)) for block in blocks]
+
+
+def _fit(columns: Sequence[tuple[int, int]], width: int) -> list[int] | None:
+    """Widths of columns, from their least and natural ones; None where they do not fit."""
+    room = width - _COLUMN_GAP * (len(columns) - 1)
+    widths = [least for least, _ in columns]
+    if sum(widths) > room:
+        return None
+    free = list(range(len(columns)))
+    while free:
+        left = room - sum(widths[i] for i in range(len(columns)) if i not in free)
+        share = dict(zip(free, _shared([columns[i][1] for i in free], left), strict=True))
+        narrow = [i for i in free if share[i] < columns[i][0]]
+        if not narrow:
+            return [share.get(i, widths[i]) for i in range(len(columns))]
+        free = [i for i in free if i not in narrow]
+    return widths
+
+
+def _drawn(table: Table, columns: Sequence[int], widths: Sequence[int]) -> RenderableType:
+    """Some columns of a table."""
+    from rich import box
+    from rich import table as rich
+    from rich.text import Text
+
+    out = rich.Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, _COLUMN_GAP - 1, 0, 0), pad_edge=False,
+                     show_lines=table.lines)  # fmt: skip
+    for i, width in zip(columns, widths, strict=True):
+        out.add_column(Text(_wrapped(table.heads[i], width)), no_wrap=True)
+    for row in _filled(table):
+        texts = row.texts()
+        styles = ["bold", *["dim"] * len(widths)] if row.heading else [""] * len(columns)
+        out.add_row(*(Text(_wrapped(texts[i], width), style=style)
+                      for i, width, style in zip(columns, widths, styles, strict=False)))  # fmt: skip
+    return out
+
+
+WIDEST = 120
+"""Width of tables where there is no terminal to ask for its own, and of comparisons at most."""
+
+
+def text(parts: Sequence[Table | str], width: int = WIDEST) -> str:
+    """Tables, and words between them, as plain text; lines end with what they show."""
     from rich.console import Console
 
     out = io.StringIO()
     Console(file=out, width=width, highlight=False).print(console(parts))
-    return out.getvalue()
+    return "".join(f"{line.rstrip(' ')}\n" for line in out.getvalue().splitlines())
 
 
 def html(parts: Sequence[Table | str]) -> str:

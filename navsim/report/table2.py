@@ -110,7 +110,7 @@ def _other_dops(result: Result, calibration: int) -> tuple[str, Table]:
     name."""
     weighted = bool(result["/fit/weighted"][calibration])
     group, name = ("table", "unit-weight") if weighted else ("weighted", "weighted")
-    out = Table(f"The same with {name} DOPs", ("case", *_HEADS[:3]))
+    out = Table(f"Computed with {name} DOPs", ("case", *_HEADS[:3]))
     for i in range(result["/case"].size):
         out.add(case(result, i), *(number(result[f"/{group}/{dop}"][calibration, i, 0]) for dop in COLUMNS[:3]))
     return name, out
@@ -216,7 +216,6 @@ def texts(result: Result, target: Path) -> dict[Path, str]:
 
 VIEW = View(
     one_by_one(tables),
-    170,
     figures,
     ("/fit", "/claims", "/table"),
     texts=texts,

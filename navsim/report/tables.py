@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core.arrays.sampling import LEAST
-from navsim.core.states import display_name
+from navsim.core.states import display_name, is_sigma_wrong
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
 from navsim.results.result import Result, scenario_of
 from navsim.results.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
@@ -81,6 +81,12 @@ def _percentiles(result: Result, path: str, i: int | None = None) -> Cell | str:
     return numbers(values, 3, names) if np.all(np.isfinite(values)) else ABSENT
 
 
+def _mean_head(result: Result) -> str:
+    """What stands over means per degree of freedom."""
+    flown = not single(result) and result.attributes["method"] != "covariance"
+    return "1 is right" + (" (95 % band, times inside)" if flown else "")
+
+
 def _unit_mean(result: Result, name: str) -> Cell | str:
     """Mean over time of a consistency series, with the band of one instant."""
     variable = result.variables[f"/summary/consistency/{name}"]
@@ -95,7 +101,7 @@ def _unit_mean(result: Result, name: str) -> Cell | str:
         return cell("{:.3f}  (one run, over time)", mean, names=("mean",))
     low, high = (float(variable.attributes[f"band_{end}"]) for end in ("low", "high"))
     inside = 100 * float(np.mean((known >= low) & (known <= high)))
-    return cell("{:.3f}  (95 % band {:.3f} to {:.3f}; {:.0f} % of times inside)", mean, low, high, inside,
+    return cell("{:.3f}  ({:.3f} to {:.3f}, {:.0f} % inside)", mean, low, high, inside,
                 names=("mean", "band from", "band to", "inside"))  # fmt: skip
 
 
@@ -151,22 +157,43 @@ _VERDICT, _STATES, _RATIO = "/summary/consistency/verdict", "/summary/consistenc
 
 
 def _consistency(table: Table, results: Sequence[tuple[str, Result]]) -> None:
-    """The consistency test of every state: the verdict, and of each group of states its worst one."""
+    """The consistency test of every state: the verdict, and the worst state of each group whose sigma is wrong."""
     if not any(_VERDICT in result for _, result in results):
         return
-    title = "Sigma of every state at every output: z is the RMS of error / σ, 1 is right"
-    table.head(title, *(_band(r) for _, r in results))
-    table.add("  verdict", *(state_verdict(result) for _, result in results))
-    for name in dict.fromkeys(group for _, result in results for group in _state_groups(result)):
-        table.add(f"  {name}, largest z", *(_worst(result, name) for _, result in results))
+    table.head("Sigma of every state", *(_band(r) for _, r in results))
+    table.add("  all states", *(state_verdict(result) for _, result in results))
+    groups = dict.fromkeys(group for _, result in results for group in _state_groups(result))
+    for name in groups:
+        if any(_is_wrong(result, name) for _, result in results):
+            table.add(f"  {name}, largest z", *(_worst(result, name) for _, result in results))
 
 
 def _band(result: Result) -> str:
-    """The band of z in words."""
-    if _RATIO not in result or single(result):
+    """What z is, and its band, in words."""
+    if _RATIO not in result:
         return ""
-    low, high = (float(result.variables[_RATIO].attributes[f"band_{end}"]) for end in ("low", "high"))
-    return "" if low == high or math.isnan(low) else f"99.9 % band of all together {low:.3f} to {high:.3f}"
+    low, high = _band_of(result)
+    words = "z = RMS of error / σ, 1 is right"
+    if single(result) or low == high or math.isnan(low):
+        return words
+    return f"{words}; 99.9 % band {low:.3f} to {high:.3f}"
+
+
+def _band_of(result: Result) -> tuple[float, float]:
+    """The band of z."""
+    attributes = result.variables[_RATIO].attributes
+    return float(attributes["band_low"]), float(attributes["band_high"])
+
+
+def _is_wrong(result: Result, group: str) -> bool:
+    """Whether the sigma of a state of a group is wrong."""
+    states = _state_groups(result).get(group, [])
+    if not states or "tolerance" not in result.variables[_VERDICT].attributes:  # of an earlier version
+        return False
+    worst, least = (result[f"/summary/consistency/{name}_z"][states] for name in ("worst", "least"))
+    tolerance = float(result.variables[_VERDICT].attributes["tolerance"])
+    pairs = zip(worst.tolist(), least.tolist(), strict=True)
+    return any(any(is_sigma_wrong(*pair, _band_of(result), tolerance)) for pair in pairs)
 
 
 def state_verdict(result: Result) -> str:
@@ -205,7 +232,7 @@ def _worst(result: Result, group: str) -> Cell | str:
         return cell("{:.2f}  {}, {:g} s", value, name, time, names=("z", "state", "time"))
     beyond = [100.0 * float(result[path][i]) for path in shares]
     names = ("z", "state", "time", "beyond 1.96σ", "beyond 3.29σ", "least z")
-    return cell("{:.3f}  {}, {:g} s; {:.1f} % > 1.96σ, {:.2f} % > 3.29σ; least z {:.3f}",
+    return cell("{:.3f}  {}, {:g} s\n{:.1f} % > 1.96σ, {:.2f} % > 3.29σ; least z {:.3f}",
                 value, name, time, *beyond, least, names=names)  # fmt: skip
 
 
@@ -225,9 +252,9 @@ def _aiding(result: Result, sensor: str) -> Cell | str:
 
 
 _LOSSES = (
-    ("Behind terrain, fix epochs", "hidden", True, "/geometry/behind_terrain"),
-    ("In the shadow of the aircraft, fix epochs", "shadowed", False, "/geometry/shadowed"),
-    ("Too weak or jammed, fix epochs", "lost", False, "/interference/js"),
+    ("Behind terrain", "hidden", True, "/geometry/behind_terrain"),
+    ("In the aircraft's shadow", "shadowed", False, "/geometry/shadowed"),
+    ("Too weak or jammed", "lost", False, "/interference/js"),
 )
 """What takes sources from a receiver that the mask lets pass: the section of the table, a word for it, whether
 pseudolites that it never takes are told of, too, and where results tell of it."""
@@ -253,7 +280,7 @@ def _losses(table: Table, results: Sequence[Result]) -> None:
         lost = [str(name) for r, c in told for name, times in zip(r["/geometry/source"], c, strict=True) if times]
         ground = [n for n in _named([r for r, _ in told], "/pseudolites/name") if all_of_them or n in lost]
         if lost or ground:
-            table.head(title, *("" for _ in results))
+            table.head(title, *("fix epochs" for _ in results))
         for name in dict.fromkeys([*ground, *lost]):
             table.add(f"  {name}", *(_lost(r, c, name, word) for r, c in zip(results, counts, strict=True)))
 
@@ -336,7 +363,9 @@ def box_head(result: Result, flown: bool) -> str:
         return ""
     interval = " [95 %]" if flown and (result["/run"].size > 1 or "/summary/rare/probability" in result) else ""
     total = ", of total system errors" if of_total(result) else ""
-    return f"probability{interval}, {float(result['/summary/box/height']):g} m above the runway{total}"
+    height = float(result["/summary/box/height"])
+    where = f"{height:g} m above the runway" if height else "at touchdown"
+    return f"probability{interval}, {where}{total}"
 
 
 def box_to_first_order(result: Result, i: int | None) -> Cell | str:
@@ -487,11 +516,11 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
 
 def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
     """A verdict on each requirement, and on the filter's sigmas where there are runs to judge them by."""
-    out = Table("", ("", *(name for name, _ in results)), labelled=True, caption="Verdicts on what was asked for")
+    out = Table("", ("", *(name for name, _ in results)), caption="Verdicts on what was asked for")
     requirements(out, results)
     if any(_VERDICT in result for _, result in results):
-        out.head("Is sigma right? Every state at every output", *("" for _ in results))
-        out.add("  filter", *(state_verdict(result) for _, result in results))
+        out.head("Sigma of every state", *("" for _ in results))
+        out.add("  all states", *(state_verdict(result) for _, result in results))
     return [out] if out.rows else []
 
 
@@ -517,7 +546,7 @@ _INTEGRITY = {
     "epochs available": "availability",
     "approaches available throughout": "approaches",
     "continuity risk in 15 s": "continuity_risk",
-    "hazardously misleading information, of runs": "hmi",
+    "hazardously misleading information": "hmi",
 }
 """Labels of shares, and their names in the result."""
 
@@ -554,14 +583,14 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     for name in ("hpl", "vpl"):
         row(name.upper(), lambda r, n=name: _protection(r, n))  # type: ignore[misc]
     for name in ("lateral", "along"):
-        row(f"level {name} in axes of the runway", lambda r, n=name: _protection(r, f"level_{n}"))  # type: ignore[misc]
+        row(f"{name} level, runway axes", lambda r, n=name: _protection(r, f"level_{n}"))  # type: ignore[misc]
     for form, names in (("sbas", ("hpl", "vpl")), ("gbas", ("lpl", "vpl"))):
         if any(f"/summary/integrity/{form}_vpl" in result for _, result in results):
             for name in names:
                 row(f"{name.upper()} by the form of {form.upper()}", lambda r, n=f"{form}_{name}": _compared(r, n))  # type: ignore[misc]
     row("share of epochs with levels", _level_share)
     if any(_priors(result) != ABSENT for _, result in results):
-        row("priors: satellite, system, pseudolite", _priors)
+        row("prior: satellite, system, pseudolite", _priors)
     if flown:
         row("alarms, of tested epochs", _alarms)
         if any(int(r["/summary/integrity/lost"]) for _, r in results if "/summary/integrity/lost" in r):
@@ -571,9 +600,9 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     if any(_range_noise(result) != ABSENT for _, result in results):
         row("noise of ranges", _range_noise)
     if any("/summary/integrity/innovation_share" in result for _, result in results):
-        row("alarms by innovations, of epochs", lambda r: _share(r, "/summary/integrity/innovation_share"))
+        row("epochs with an innovation alarm", lambda r: _share(r, "/summary/integrity/innovation_share"))
     if any("/summary/integrity/exclusions" in result for _, result in results):
-        row("exclusions: correct, wrong, needless", _exclusions)
+        row("exclusions: right, wrong, needless", _exclusions)
     if any("/summary/integrity/exclusions_available" in result for _, result in results):
         row("exclusions available", lambda r: _share(r, "/summary/integrity/exclusions_available"))
     if asked:
@@ -596,7 +625,7 @@ def _tails(table: Table, results: list[tuple[str, Result]]) -> None:
     ]
     if not rows:
         return
-    table.head("Beyond the level without an alarm, sampled", *("risk [95 %] (effective samples)" for _ in results))
+    table.head("Beyond the level without an alarm", *("sampled risk [95 %] (effective samples)" for _ in results))
     for at, axis in dict.fromkeys(rows):
         for part in (_LEVEL, _WHOLE, _NO_FAULT, _WORST):
             table.add(f"  {at:g} s, {axis}, {part}", *(_tail(result, at, axis, part) for _, result in results))
@@ -660,7 +689,7 @@ def _used(result: Result, kind: str) -> Cell | str:
 
 def summary_table(results: list[tuple[str, Result]]) -> Table:
     """One table of the summaries, a column a result: names and results in order."""
-    table = Table("", ("", *(name for name, _ in results)), labelled=True, caption=_SUMMARY)
+    table = Table("", ("", *(name for name, _ in results)), caption=_SUMMARY)
 
     def row(label: str, shown: Any) -> None:
         table.add(label, *(shown(r) for _, r in results))
@@ -674,15 +703,15 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     row("fix epochs without a fix", lambda r: _count(r, "/summary/count/epochs_without_fix"))
     sensors = [name for name in _SENSORS if any(_carries(r, name) for _, r in results)]
     if sensors:
-        section("Sensors beside the receiver, measurements of all runs")
+        section("Altimeters", lambda _: "measurements of all runs")
         for name in sensors:
             row(f"  {name.replace('_', ' ')}", lambda r, n=name: _aiding(r, n))
     if families := list(dict.fromkeys(family for _, r in results for family in _further_states(r))):
-        section("States of the filter beside navigation and biases")
+        section("Further states of the filter", lambda _: "number")
         for family in families:
             row(f"  {family}", lambda r, f=family: Cell("{}", (_further_states(r).get(f, 0),), names=("count",)))
     _losses(table, [r for _, r in results])
-    section("Geometry on the glide (mean, min - max)")
+    section("Geometry on the glide", lambda _: "mean (min - max)")
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
 
         def dop(r: Result, name: str = name) -> Cell:
@@ -693,7 +722,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     for name in ("satellites", "pseudolites"):
         if any(_uses(r, name) for _, r in results):
             row(f"  {name} used", lambda r, n=name: _used(r, n))
-    section("Fix, RMS by its covariance, mean on the glide, m")
+    section("Fix, RMS by its covariance, m", lambda _: "mean on the glide")
     for name in ("horizontal", "vertical", "3d"):
         row(f"  {name}", lambda r, n=name: number(r[f"/summary/fix/rms_{n}"][0], 2))
 
@@ -733,20 +762,20 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
                 path = f"/summary/at/{name}_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i))
     if any("/summary/at/lateral_tse" in r for _, r in results):
-        errors = "Navigation, flight-technical, total system error at height, m"
-        section(errors, lambda r: "of the run" if single(r) else "RMS")
+        errors = "navigation, flight-technical, total"
+        section("System errors at height, m", lambda r: errors if single(r) else f"{errors}: RMS")
         for i, label in enumerate(labels):
             for name in ("lateral", "along", "vertical"):
                 row(f"  {label}, {name}", lambda r, n=name, i=i: _total(r, n, i))
     if any("/summary/at/headwind" in r for _, r in results):
-        section("Mean wind at height, airspeed and crab angle")
+        section("Mean wind and airspeed at height")
         for i, label in enumerate(labels):
             for words, name, scale in _WIND:
                 row(f"  {label}, {words}", lambda r, i=i, n=name, s=scale: _wind(r, n, i, s))
     if any("/summary/track/rms_smoothed" in r for _, r in results):
         section("Trajectory of the table, smoothed")
         for path, label, scale, digits in (
-            ("rms_smoothed", "rms distance from its places, m", 1.0, 2),
+            ("rms_smoothed", "rms distance from the table, m", 1.0, 2),
             ("specific_force", "largest specific force, m/s2", 1.0, 2),
             ("rate", "largest rate, deg/s", _DEGREE, 1),
         ):
@@ -760,7 +789,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     if any("/summary/integrity/level_share" in r for _, r in results):
         _integrity(table, results)
         _tails(table, results)
-    section("Consistency (mean per degree of freedom, 1 is right)")
+    section("Consistency, mean per degree of freedom", _mean_head)
     counts = sorted(
         {int(r.variables["/summary/consistency/nees"].attributes["degrees_of_freedom"]) for _, r in results}
     )
@@ -773,7 +802,8 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             row(f"  share of position within {level:g}σ", lambda r, i=i: _coverage(r, i))
     _consistency(table, results)
     if sources := _budget_rows([r for _, r in results]):
-        section(f"Error budget, same {RMS_WINDOW:g} s: horizontal, vertical, m (share of mean square)")
+        shares = "horizontal, vertical, m (share of mean square)"
+        section(f"Error budget over the same {RMS_WINDOW:g} s", lambda _: shares)
         for label, names in sources.items():
             row(f"  {label}", lambda r, n=names: _budget(r, n))
     requirements(table, results)
@@ -839,9 +869,8 @@ def glance(result: Result) -> list[tuple[str, Cell | str]]:
 
 
 _SUMMARY = (
-    "Landings. Units stand in the names of rows and of their groups; what has none is a pure number. In brackets [low, "
-    "high]: 95 % intervals over runs. σ: root mean square of what the filter believes. Lateral, along and vertical are "
-    "axes of the runway"
+    "Landings. The names of rows and of their groups contain the units. In brackets [low, high]: 95 % intervals over "
+    "runs. σ: the filter's own, root mean square. Lateral, along and vertical are axes of the runway"
 )
 """What the table of landings says, on paper."""
 LONG = ("/summary/consistency/time",)

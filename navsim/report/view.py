@@ -25,8 +25,7 @@ _HEAD = ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
 class View:
     """How results of one kind are shown.
 
-    tables: of several results, each with its name, and words between them. width: of the tables where there is no
-    terminal to ask for its own, wider by `width_more` for every result after the first. figures: by name. summary: the
+    tables: of several results, each with its name, and words between them. figures: by name. summary: the
     paths whose variables are the summary as plain data. more: of it. texts: files of text beside the result, by
     their paths. drawings: what draws results for the page of `navsim report`, as "module:name"; it takes results, each
     with its name, and returns `page.marks.Drawing`s. verdicts: tables, and words,
@@ -35,12 +34,10 @@ class View:
     """
 
     tables: Callable[[Sequence[tuple[str, Result]]], list[Table | str]]
-    width: int
     figures: Callable[[Result], dict[str, Figure]]
     summary: tuple[str, ...] = ()
     more: Callable[[Result], dict[str, Any]] = lambda _: {}
     texts: Callable[[Result, Path], dict[Path, str]] = lambda _, __: {}
-    width_more: int = 0
     drawings: str = ""
     verdicts: Callable[[Sequence[tuple[str, Result]]], list[Table | str]] = lambda _: []
     glance: Callable[[Result], list[tuple[str, Cell | str]]] = lambda _: []

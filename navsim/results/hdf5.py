@@ -151,7 +151,7 @@ class Tree:
     def _meet(self, node: Any, path: str, paths: dict[int, str]) -> None:
         address = h5o.get_info(node).addr
         if address in paths:
-            raise CorruptFile(f"{path}: is the same as {paths[address]}")
+            raise CorruptFile(f"{path}: is a second name of {paths[address]}")
         paths[address] = path
 
     def _judged(self, node: Any, path: str) -> _Seen:

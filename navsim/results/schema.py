@@ -166,7 +166,7 @@ _AXES = Chapter(
 
 _TRUTH = Chapter(
     "Truth and geometry of a landing",
-    "The flight as it is, and what it sees.",
+    "The true flight, and the sources in view.",
     (
         _a("/truth/time", "time", "s", "time since the epoch", _FLOWN),
         _a("/truth/position_llh", "time llh", "rad, rad, m", "latitude, longitude, height of the IMU", _FLOWN),
@@ -205,7 +205,7 @@ _TRUTH = Chapter(
 
 _RECEIVER = Chapter(
     "Receiver",
-    "What is measured, and the fixes: of the simulated receiver, or as they were recorded.",
+    "Measurements and fixes, simulated or recorded.",
     (
         _a("/receiver/time", "time", "s", "times of the fixes since the epoch: of validity, of a recorded flight those "
            "that stand in the log", (*_FLOWN, REPLAY)),
@@ -372,7 +372,7 @@ _ANALYSIS = Chapter(
 
 _SUMMARY = Chapter(
     "Summary of a landing",
-    "What `navsim show` prints, and `--json` with the same names.",
+    "The numbers that `navsim show` prints, and `--json` under the same names.",
     (
         _a("/summary/dop/{dop}", "statistic", "1", "{DOP} over the fix epochs of the glide", _FLOWN, dop=_DOPS),
         _a("/summary/used/{part}", "statistic", "1", "number of {part} used over the fix epochs of the glide", _FLOWN,
@@ -545,7 +545,7 @@ _BOX = Chapter(
 _JAMMED = "where the scenario has `interference`"
 _INTERFERENCE = Chapter(
     "Interference",
-    "What jammers leave of signals, the same in all runs.",
+    "Signals under jamming; all runs share them.",
     (
         _a("/interference/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_JAMMED),
         _a("/interference/source", "source", "1", "names of the sources", _FLOWN, TEXT, when=_JAMMED),
@@ -572,8 +572,8 @@ _EXCLUDING_KEPT = f"{_EXCLUDING}, {_KEPT}"
 _EXCLUDING_ASKED = f"{_EXCLUDING} and limits"
 _INTEGRITY = Chapter(
     "Integrity",
-    "What watches the fixes: protection levels by the geometry, and what was said of the fixes that were flown. Shares "
-    "of epochs have the interval that runs give them, since epochs of a run go together.",
+    "Monitoring of the fixes: protection levels from the geometry, and alarms in the simulated runs. Intervals of "
+    "shares of epochs are over runs, since the epochs of a run are correlated.",
     (
         _a("/integrity/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_WATCHED),
         _a("/integrity/hpl", "time", "m", "horizontal protection level of a fix from all sources used. With method "
@@ -724,8 +724,8 @@ def _message(units: str, *names: str, dims: str = "message", of: str = NUMBER) -
 
 _NAVIGATION = Chapter(
     "Navigation messages",
-    "What the satellites sent or would have sent: state vectors of GLONASS in axes fixed to the Earth, elements of the "
-    "others. An export to RINEX needs them.",
+    "Messages that the satellites sent or would have sent: state vectors of GLONASS in Earth-fixed axes, elements of "
+    "the others. An export to RINEX needs them.",
     (
         _a("/navigation/{system}/message", "message", "1",
            "number of the message; exact: the satellites flew by these messages", _FLOWN, WHOLE, when=_MESSAGES,
@@ -816,7 +816,7 @@ COUNTS = {
 
 _LIVE = Chapter(
     "A live run",
-    "What came over the line, and what became of it.",
+    "Messages that arrived, and what navsim did with them.",
     (
         *(_a(f"/stream/{name}", "", "1", meaning, LIVE, WHOLE) for name, meaning in COUNTS.items()),
         _a("/clock/offset", "", "s", "what the source's clock reads at time 0 of the flight", LIVE),
@@ -1042,7 +1042,7 @@ _OPTIMIZE = Chapter(
 
 _TABLE2 = Chapter(
     "Table 2",
-    "What the paper prints, and what calibrations give.",
+    "Values of the paper, and of each calibration.",
     (
         _a("/calibration", "calibration", "1", "calibrations", TABLE2, TEXT),
         _a("/case", "case", "1", "case of the paper's Table 1, the empty one first", TABLE2, WHOLE),
@@ -1088,8 +1088,8 @@ MOST_LEVELS = 60
 _SEPARATING = "with method mhss or filter"
 _INTEGRITY_TABLE = Chapter(
     "Table of integrity",
-    "What numbers of sources make possible by rank, each on the same clock; and what their levels are worth: shares of "
-    "epochs of the glide with both protection levels within their limits.",
+    "For each number of sources on one clock: what their geometry allows by rank, and the share of epochs of the glide "
+    "with both protection levels within the limits.",
     (
         _a("/pseudolites", "pseudolites", "1", "number of pseudolites", INTEGRITY_TABLE, WHOLE),
         _a("/satellites", "satellites", "1", "number of satellites left", INTEGRITY_TABLE, WHOLE),

@@ -343,7 +343,7 @@ def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
             if k in other and other[k] != v
         ]
         if other.keys() != key.keys():
-            parts.insert(0, "a study of another kind, or of an earlier version")
+            parts.insert(0, "another kind of study, or an earlier version")
         whose = f"partial work of another study lies there ({'; '.join(parts)})"
     except (OSError, ValueError, AttributeError, TypeError):
         whose = f"partial work lies there whose {_KEY_FILE} is missing or damaged"

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays import chi_square, normal
-from navsim.core.states import display_name
+from navsim.core.states import display_name, is_sigma_wrong
 from navsim.results.findings import several
 
 FALSE_ALARM = 1e-3
@@ -148,8 +148,7 @@ def evaluate(ratios: Ratios, band: RatioBand, tolerance: float) -> StateVerdict:
         return StateVerdict("none: no uncertainty", False, None)
     top, bottom = (_place(pick(z), z) for pick in (np.nanargmax, np.nanargmin))
     most, least = float(z[top]), float(z[bottom])
-    small = most > band.high and most - 1.0 > tolerance
-    large = least < band.low and 1.0 - least > tolerance
+    small, large = is_sigma_wrong(most, least, (band.low, band.high), tolerance)
     whose = "to first order" if not ratios.runs else several(ratios.runs, "run")
     first = f"{_at(ratios, top)} (z {_number(most)}, {whose})"
     last = f"{_at(ratios, bottom)} (z {_number(least)}, {whose})"

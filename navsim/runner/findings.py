@@ -38,17 +38,17 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
     "not_finite": ((CONSISTENT,), "outputs are not finite numbers"),
     "covariance_not_positive": ((CONSISTENT,), "outputs have a covariance that is not positive definite"),
     "errors_beyond_sigma": ((CONSISTENT,), f"outputs have a position or velocity error beyond {BEYOND:g} sigma"),
-    "sigma_position_velocity": ((CONSISTENT,), "errors of position and velocity are larger than the filter believes"),
-    "sigma_all_states": ((CONSISTENT,), "errors of all states are larger than the filter believes"),
-    "sigma_of_state": ((CONSISTENT,), "errors of a state are larger than the filter believes at some output"),
-    "innovations": ((CONSISTENT,), "innovations are larger than the filter believes"),
+    "sigma_position_velocity": ((CONSISTENT,), "errors of position and velocity exceed the filter's sigma"),
+    "sigma_all_states": ((CONSISTENT,), "errors of all states exceed the filter's sigma"),
+    "sigma_of_state": ((CONSISTENT,), "errors of a state exceed the filter's sigma at some output"),
+    "innovations": ((CONSISTENT,), "innovations exceed the filter's sigma"),
     "aided_innovations": (
         (CONSISTENT,),
-        "innovations of a sensor beside the receiver are larger than the filter believes",
+        "innovations of an altimeter exceed the filter's sigma",
     ),
     "aided_rejections": (
         (CONSISTENT,),
-        "measurements of a sensor beside the receiver were rejected by the innovation gate",
+        "the innovation gate rejected measurements of an altimeter",
     ),
     "clipped_samples": ((CONSISTENT,), "samples of inertial sensors are beyond their range and cut off"),
 }
@@ -111,7 +111,7 @@ def doubted(name: str, whose: str, mean: float, degrees: float, runs: int = 1) -
     """The finding of a mean normalised square per degree of freedom beyond its `limit`, if it is; whose: in words."""
     if not degrees or not mean > limit(degrees):
         return []
-    size = f"{math.sqrt(mean):.3g} times what is due (mean square {mean:.3g} where 1 is due)"
+    size = f"{math.sqrt(mean):.3g} times their expected size (mean square {mean:.3g}, expected 1)"
     text = f"{whose}, normalised by the filter's covariance, are {size}"
     return [Finding(name, text, LANDING[name][0], runs, runs, runs)]
 

@@ -185,12 +185,12 @@ def _computed(
 
     def kept() -> str:
         if store is None or not store.holds_work():
-            return f"nothing of it is kept; {again()} begins anew"
+            return f"no work is kept; {again()} starts anew"
         if refused:
             way = f"move {target} away, or give {switch('force')}: {again()} then writes them, computing nothing anew"
             return f"finished {job.work} are kept in {store.folder}; {way}"
         resume = f", or navsim resume {shlex.quote(str(store.folder))}" if order.command else ""
-        return f"finished {job.work} are kept in {store.folder}; {again()} goes on from there{resume}"
+        return f"finished {job.work} are kept in {store.folder}; {again()} continues from there{resume}"
 
     def state() -> str:
         return kept() if _which(target) == former else f"{target} is complete"

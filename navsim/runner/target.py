@@ -40,7 +40,7 @@ def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
         raise ResultError(f"{error}; it is not overwritten, choose another {option('output')}") from None
     if there != sort and not force:
         raise ResultError(
-            f"{target}: holds a result of another sort ({there}) than the new one ({sort}); "
+            f"{target}: holds another kind of result ({there}) than the new one ({sort}); "
             f"choose another {option('output')}, or overwrite it with {switch('force')}"
         )
     if there.count > sort.count > 0 and not force:

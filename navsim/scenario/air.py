@@ -82,7 +82,7 @@ class GustSection(Section):
     ramp_m: Annotated[float, Field(ge=5.0, le=1e5)] | None = None
     """way through the air in which it rises, at the airspeed of its begin; null: ramp_s says it"""
     hold_s: Annotated[float, Field(ge=0.0, le=1e5)] | None = None
-    """time before it falls; null: it goes on"""
+    """time before it falls; null: it never does"""
 
     @model_validator(mode="after")
     def _one_ramp(self) -> Self:
@@ -143,7 +143,7 @@ class WindSection(Section):
     """direction the wind comes from, clockwise from true north"""
     profile: Literal["constant", "log", "power", "table"] = "constant"
     """how the wind changes with height: not at all, by the logarithmic law of MIL-F-8785C, by a power law, as `levels`
-    say; below 3 ft it stays what it is there"""
+    say; below 3 ft it is constant"""
     roughness_m: Annotated[float, Field(ge=1e-4, le=2.0)] = 0.04572
     """roughness length of profile log; MIL-F-8785C has 0.15 ft = 0.04572 m for approach and landing, 2 ft = 0.6096 m
     for other phases"""

@@ -65,7 +65,7 @@ class Runway(Section):
     heading_deg: Azimuth = 0.0
     """direction of landing, clockwise from true north; with runway.end or runway.bearing_deg it follows from them"""
     bearing_deg: Azimuth | None = None
-    """direction of landing as it is published; null: heading_deg"""
+    """published direction of landing; null: heading_deg"""
     bearing_is: Literal["true", "magnetic"] = "true"
     """what bearing_deg is counted from; magnetic north needs declination_deg"""
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | Literal["auto"] | None = None

@@ -300,6 +300,11 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         return Problem(place, key, text)
     elif kind == "string_pattern_mismatch":
         message = f"expected {_FORMS[error['ctx']['pattern']]}"
+    elif kind in ("float_type", "int_type"):
+        message = f"expected {'a number' if kind == 'float_type' else 'a whole number'}"
+    elif kind in _BOUNDS:
+        (bound,) = error["ctx"].values()
+        message = f"must be {_BOUNDS[kind]} {bound:.15g}"
     given = error.get("input")
     if kind in ("float_type", "int_type") and isinstance(given, str) and (said := _of_number(key, given)):
         return Problem(place, key, said)
@@ -314,11 +319,14 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
             key = dotted((*path, leaf))
             message = f"follows from the other keys; {message}"
         unit = f" {found}" if (found := unit_of(key)) else ""
+        shown = f"{given:.15g}" if isinstance(given, float) else shown
     return Problem(place, key, f"{message}{unit}, not {shown[:60]}{unit}")
 
 
-_BOUNDS = ("less_than", "less_than_equal", "greater_than", "greater_than_equal")
-"""Kinds of errors of numbers that are beyond a bound."""
+_BOUNDS = {
+    "less_than": "below", "less_than_equal": "at most", "greater_than": "above", "greater_than_equal": "at least",
+}  # fmt: skip
+"""Kinds of errors of numbers that are beyond a bound, and the words for it."""
 
 
 def _as_written(value: Any) -> str:

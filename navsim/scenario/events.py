@@ -65,7 +65,7 @@ class RangeSection(EventSection):
     """An error of ranges by itself."""
 
     code_only: bool = False
-    """whether it is an error of the code alone: range rates and carriers stay as they are"""
+    """whether it is an error of the code alone: range rates and carriers have none"""
 
     def model(self) -> Event:
         from dataclasses import replace
@@ -127,7 +127,7 @@ class SpoofSection(EventSection):
     rate_ned_m_s: Triple = _NONE
     """how the other place moves off from there: north, east, down"""
     clock_m: Error = 0.0
-    """what the receiver's clock seems to be off by, beside the truth"""
+    """apparent additional offset of the receiver's clock"""
     drift_m_s: Error = 0.0
     """how fast clock_m grows"""
 

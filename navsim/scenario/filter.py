@@ -17,7 +17,7 @@ from navsim.scenario.signals import ClockNoise
 
 
 class FilterInitial(Section):
-    """1 sigma the filter starts from; what is left out is that of initial_errors."""
+    """1 sigma the filter starts from; omitted keys: those of initial_errors."""
 
     attitude_deg: Sigma | None = None
     """1 sigma of attitude about each axis"""
@@ -76,11 +76,11 @@ class FilterSection(Section):
     rts with one backward pass, map iterated to the maximum a posteriori"""
     coupling: Coupling = "loose"
     """loose: the receiver's fixes are measurements; tight: pseudoranges and range rates of each source are, with the
-    receiver's clock as states, and fewer sources than a fix needs are used as they are"""
+    receiver's clock as states, and the filter also uses fewer sources than a fix needs"""
     clock: ClockNoise | None = None
     """noise of the receiver's clock that a tight filter believes in; left out: that of receiver.clock"""
     velocity: bool = True
-    """use the velocity of the fixes beside their position, or the range rates beside the pseudoranges"""
+    """use the velocity of the fixes as well as their position, or the range rates as well as the pseudoranges"""
     latency_s: FixLatency | None = None
     """latency of the fixes that the filter believes in; default: receiver.latency_s"""
     lever_arm_m: Triple | None = None
@@ -94,13 +94,13 @@ class FilterSection(Section):
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()
-    """1 sigma the filter starts from; what is left out is that of initial_errors"""
+    """1 sigma the filter starts from; omitted keys: those of initial_errors"""
     imu: FilterSensors = FilterSensors()
-    """sensor errors the filter believes in; what is left out is as `imu` says"""
+    """sensor errors that the filter assumes; omitted keys: those of `imu`"""
     radio_altimeter: FilterRadioAltimeter = FilterRadioAltimeter()
-    """what the filter takes the radio altimeter for; what is left out is as `radio_altimeter` says"""
+    """radio altimeter that the filter assumes; omitted keys: those of `radio_altimeter`"""
     barometric_altimeter: FilterBarometricAltimeter = FilterBarometricAltimeter()
-    """what the filter takes the barometric altimeter for; what is left out is as `barometric_altimeter` says"""
+    """barometric altimeter that the filter assumes; omitted keys: those of `barometric_altimeter`"""
     scale_factors: bool | None = None
     """follow the scale factors of gyros and accelerometers, three more states each where they have some; their 1 sigma
     at the start is that of imu. Left out: of each sensor whose scale factors are large for this flight"""

@@ -85,7 +85,7 @@ class InnovationsSection(Section):
     """A test of the filter's innovations, which sees what no single fix shows."""
 
     window_s: FlightTime = 30.0
-    """how long innovations are added up; 0: each epoch by itself"""
+    """how long innovations are added up; 0: single epochs"""
     p_fa: Chance = 1e-5
     """probability of an alarm at an epoch without a fault"""
 
@@ -187,8 +187,8 @@ class IntegritySection(Section):
     p_constellations: dict[Name, Prior] = Field(default_factory=dict)
     """mhss and filter: that of single satellite systems, by name, in place of p_constellation"""
     p_pseudolite: Prior | Literal["monitored", "unmonitored"] = 1e-4
-    """mhss and filter: probability that a pseudolite is faulty. monitored: 4.3e-5, of one with a monitor of its own
-    that shuts it down within 6 s; unmonitored: 1.04e-3, where a fault is found after an hour"""
+    """mhss and filter: probability that a pseudolite is faulty. monitored: 4.3e-5, it has a monitor that shuts it down
+    within 6 s; unmonitored: 1.04e-3, where a fault is found after an hour"""
     ground_groups: Annotated[ListOf[GroundGroup], Field(max_length=20)] | None = None
     """pseudolites that can fail together; null: all of them are one group where there are several, with its default
     prior"""
@@ -226,7 +226,7 @@ class IntegritySection(Section):
     def _of_fixes_alone(self) -> Self:
         if self.method == "filter":
             for name, default, why in (
-                ("exclusion", "none", "fixes are solved anew without what is excluded"),
+                ("exclusion", "none", "exclusion needs new fixes without the excluded source"),
                 ("alarmed_fixes", "use", "alarms of the filter come after it took the fix"),
                 ("tails", None, "they are sampled of fixes"),
                 ("comparison", None, "the forms are of fixes"),

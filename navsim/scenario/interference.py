@@ -137,7 +137,7 @@ class NearFarSection(Section):
     """pulses of the pseudolites; left out: they send always"""
     lines: bool | None = None
     """signals with the codes and the carrier of pseudolites are lost, too, while the highest line of a code, 23.94 dB
-    below its peak, exceeds them; null: where they send always. Of pulses, which are parts of codes, none is known"""
+    below its peak, exceeds them; null: where they send always. Lines of pulsed codes are not modelled"""
     isolation_db: Annotated[float, Field(ge=0.0, le=80.0)] | None = None
     """with lines: how much stronger a pseudolite may be than such a signal; null: 23.94, of codes without Doppler.
     21.1: of all whole kHz of Doppler; more: of longer integrations, or a pseudolite off the carrier"""

@@ -154,7 +154,11 @@ def _below(schema: Schema, written: Schema, forms: Sequence[Schema], key: str) -
     chosen = tuple(value for values in tags for value in values)
     said = {str(value): row.meaning for (_, _, found_rows), values in zip(variants, tags, strict=True)
             for row in found_rows if row.key == first.key for value in values}  # fmt: skip
-    meaning = first.meaning if len(set(said.values())) == 1 else ". ".join(f"`{v}`: {text}" for v, text in said.items())
+    values_of: dict[str, list[str]] = {}
+    for value, text in said.items():
+        values_of.setdefault(text, []).append(f"`{value}`")
+    meaning = ". ".join(f"{', '.join(values)}: {text}" for text, values in values_of.items())
+    meaning = first.meaning if len(values_of) == 1 else meaning
     yield replace(first, choices=chosen, kind="choice", meaning=meaning)
     for row, named in merged:
         always = len(named) == len(chosen)

@@ -104,17 +104,17 @@ class Landing(Section):
     imu: Imu = Imu()
     """the inertial sensors as they really are"""
     altimeter: AltimeterSection | None = None
-    """a sensor of height above the ellipsoid beside the receiver; null: none"""
+    """sensor of height above the ellipsoid; null: none"""
     radio_altimeter: RadioAltimeterSection | None = None
-    """a sensor of height above the ground beside the receiver; null: none"""
+    """sensor of height above the ground; null: none"""
     barometric_altimeter: BarometricAltimeterSection | None = None
-    """a sensor of height above sea level beside the receiver; null: none"""
+    """sensor of height above sea level; null: none"""
     initial_errors: InitialErrorsSection = InitialErrorsSection()
     """errors that the navigation starts with"""
     sky: Sky = Sky()
     """where the satellites are, and which of them are received"""
     pseudolites: PseudolitesSection = PseudolitesSection()
-    """transmitters beside the runway"""
+    """transmitters on the ground"""
     signals: SignalsSection = SignalsSection()
     """errors of the ranging signals of satellites"""
     events: Annotated[ListOf[AnyEvent], Field(max_length=100)] = ()
@@ -126,7 +126,7 @@ class Landing(Section):
     receiver: ReceiverSection = ReceiverSection()
     """the satellite receiver: epochs, antenna, clock"""
     filter: FilterSection = FilterSection()
-    """what the filter does and believes; what is left out follows from the truth"""
+    """what the filter does and assumes; omitted keys follow from the truth"""
     box: BoxSection | None = None
     """where the position error has to be at the end of a landing; null: anywhere"""
     integrity: IntegritySection | None = None
@@ -184,7 +184,7 @@ class Landing(Section):
                 raise reject(text, "receiver", "smoothing_s")
             station = None if self.integrity.comparison is None else self.integrity.comparison.gbas
             if station is not None and station.glide_path_deg is None and isinstance(self.approach, FileApproach):
-                text = "a recorded flight has no slope of its own: give the angle"
+                text = "a recorded flight defines no glide slope: give the angle"
                 raise reject(text, "integrity", "comparison", "gbas", "glide_path_deg")
             for i, at in enumerate(() if self.integrity.tails is None else self.integrity.tails.at_s):
                 if at > self.duration_s:
@@ -333,7 +333,7 @@ class Landing(Section):
             return
         excludes = self.integrity is not None and self.integrity.exclusion != "none"
         if excludes and not self.filter.tight and self.about_lasting_errors() == "states":
-            text = "fixes without what is excluded have other errors than those that states follow; use inflate"
+            text = "after an exclusion fixes have other errors than those that the states follow; use inflate"
             raise reject(text, "filter", "fix_errors")
         if watched and not (self.filter.tight and self.about_lasting_errors() == "inflate"):
             text = "levels of the filter take errors of fixes for independent in time; use mhss"
@@ -385,8 +385,8 @@ class Landing(Section):
             )
         if (further := self.imu.monte_carlo_only(self.method == "rare")) is not None:
             text = (
-                "what it adds is known of flown runs alone, not yet of the covariance analysis, on which method rare "
-                "rests too; use method monte-carlo"
+                "only Monte Carlo models it; the covariance analysis, on which method rare also rests, does not: "
+                "use method monte-carlo"
             )
             if self.method == "rare" and further != self.imu.monte_carlo_only(rare=False):
                 key = further[-1]

@@ -173,11 +173,11 @@ class Gnss(Section):
     `navigation`, RINEX observations"""
     navigation: Files | None = None
     """RINEX navigation files, one or a list: fixes are solved from the ranges of `file`, which `filter.coupling: tight`
-    takes as they are"""
+    uses directly"""
     navigation_sha256: Checksums | None = None
     """checksums of the navigation files, in order; when given, others are refused"""
     systems: DistinctListOf[Name] = ()
-    """take the ranges of these systems, each with a clock of its own; left out: GPS and GLONASS"""
+    """use the ranges of these systems, each with its own clock; left out: GPS and GLONASS"""
     mask_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 10.0
     """satellites lower than this are left out, of RINEX observations"""
     atmosphere: bool = True
@@ -218,8 +218,8 @@ class Gnss(Section):
     """1 sigma of positions: horizontal per axis, vertical, of fixes that have none in the table; default 2.5 s times
     the velocity's: receivers smooth positions with it"""
     errors: Annotated[ListOf[FixError], Field(max_length=4)] = ()
-    """errors of the fixes that last (of satellite orbits, of the atmosphere), which the filter follows as states beside
-    the noise of each fix; for `coupling: loose`"""
+    """time-correlated errors of the fixes (satellite orbits, atmosphere), which the filter estimates as states, in
+    addition to the noise of each fix; for `coupling: loose`"""
     spacing_s: NonNegative = 0.45
     """fixes closer than this to the last one used are left out: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0, le=1000)] = 4
@@ -246,7 +246,7 @@ class Gnss(Section):
             raise reject("RINEX observations have no columns of effects: give position_sigma_m", "errors")
         default = type(self)(file=self.file).convention()
         if replace(self.convention(), time_offset=0.0) != default:
-            raise reject("RINEX observations have units of their own; only their times may be shifted", "file")
+            raise reject("RINEX fixes the units; you can only shift its times", "file")
         return self
 
     @property
@@ -305,7 +305,7 @@ class AlignmentSection(Section):
     """How the attitude is found: level at rest, heading from the changes of velocity once it moves."""
 
     known: KnownSection | None = None
-    """state of the navigation at a time, instead of an alignment; what is below is then for a filter that is lost and
+    """state of the navigation at a time, instead of an alignment; the other keys are then for a filter that is lost and
     starts anew"""
     heading_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
     """heading at the start, where it is known; needs a standstill"""
@@ -378,7 +378,7 @@ class Replay(Section):
     gnss: Gnss
     """the fixes, or the observations they are solved from"""
     lenient: bool = False
-    """take what is whole of damaged files, and warn of what was left out"""
+    """use the intact part of damaged files, and warn of the rest"""
     start_s: LogTime | None = None
     """look for the alignment from here on; default: the first fix"""
     end_s: LogTime | None = None

@@ -130,11 +130,11 @@ class TrueGyro(Gyro):
     sine_hz: Frequency | None = None
     """frequency of the sine"""
     quantum_urad: NonNegative | None = None
-    """quantum of the integral, the angle; what is left over is carried on"""
+    """quantum of the integral, the angle; the remainder goes into the next sample"""
     range_deg_s: Annotated[float, Field(ge=0.1, le=1e5)] | None = None
     """largest rate measured, as the mean over a sample"""
     bandwidth_hz: Frequency | None = None
-    """frequency of -3 dB of a response of second order; none: rates are measured as they are"""
+    """frequency of -3 dB of a response of second order; none: unlimited"""
     damping: Damping | None = None
     """damping ratio of the response; default 0.7071"""
 
@@ -246,11 +246,11 @@ class TrueAccelerometer(Accelerometer):
     sine_hz: Frequency | None = None
     """frequency of the sine"""
     quantum_mm_s: NonNegative | None = None
-    """quantum of the integral, the velocity; what is left over is carried on"""
+    """quantum of the integral, the velocity; the remainder goes into the next sample"""
     range_g: Annotated[float, Field(ge=0.1, le=1e5)] | None = None
     """largest specific force measured, as the mean over a sample"""
     bandwidth_hz: Frequency | None = None
-    """frequency of -3 dB of a response of second order; none: specific forces are measured as they are"""
+    """frequency of -3 dB of a response of second order; none: unlimited"""
     damping: Damping | None = None
     """damping ratio of the response; default 0.7071"""
 
@@ -317,7 +317,7 @@ class TemperatureSection(Section):
     ramp_k_min: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
     """kelvin a minute"""
     warm_up_k: Annotated[float, Field(ge=-200.0, le=200.0)] = 0.0
-    """by how much they warm up in the end, beside the ramp"""
+    """by how much they warm up in the end, in addition to the ramp"""
     warm_up_time_s: CorrelationTime = 300.0
     """time constant of warming up"""
 
@@ -346,7 +346,7 @@ def _check_lowest(
     lowest, time = getattr(sensor, key), sensor.markov_time_s or USUAL_TIME
     density = sensor.density(rate)
     if lowest and math.isnan(density):
-        raise reject(f"white noise has to be given as {noise} beside it", *path, key)
+        raise reject(f"it needs white noise too: give {noise}", *path, key)
     if lowest and math.isnan(markov_of_lowest(lowest * unit, density, time)):
         alone = density / math.sqrt(MARKOV_PEAK[0] * time) / unit
         longer = (density / (lowest * unit)) ** 2 / MARKOV_PEAK[0]
@@ -482,7 +482,7 @@ class _Sensors(Section):
                 raise reject(text, sensor, taken[0])
             also = "".join(f", imu.{name}.{keys[0]} (or {keys[1]})" for name, keys in others)
             whose = f"is not printed in the data sheet of {self.preset}" if sheet else "is needed"
-            rest = "" if sheet else "; `imu.preset: paper` takes what is left out from the paper, perfect leaves it out"
+            rest = "" if sheet else "; `imu.preset: paper` fills omitted keys from the paper, perfect sets them to 0"
             raise reject(
                 f"{whose}: give it or {other}, 0 or more, 0 for none"
                 f"{also and '; missing as well: ' + also[2:]}{rest}", sensor, key,
@@ -561,7 +561,7 @@ class AltimeterSection(Section):
     sigma_m: Sigma = 1.0
     """1 sigma of its white noise"""
     offset_m: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
-    """how much too high it reads; the filter knows nothing of it"""
+    """how much too high it reads; the filter does not know it"""
     believed_sigma_m: Sigma | None = None
     """1 sigma of the noise that the filter believes in; default: sigma_m"""
 
@@ -698,8 +698,8 @@ class BarometricAltimeterSection(Section):
     isa_deviation_k: Warmer = 0.0
     """by how much the air is warmer than the standard atmosphere, at all heights"""
     qnh_error_hpa: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
-    """by how much it is set too high, about 8.3 m each; without filter.barometric_altimeter.errors the filter knows
-    nothing of it"""
+    """by how much it is set too high, about 8.3 m each; the filter knows it only with
+    filter.barometric_altimeter.errors"""
     qnh_sigma_hpa: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
     """1 sigma of what comes to qnh_error_hpa in each run"""
     drift_m: NonNegative = 0.0
@@ -752,7 +752,7 @@ class FilterBarometricAltimeter(Section):
     lag_s: Lag | None = None
     """lag that the filter believes in"""
     isa_deviation_k: Warmer | None = None
-    """by how much the filter believes the air warmer than the standard atmosphere; 0: heights as they are shown"""
+    """how much warmer than the standard atmosphere the filter assumes the air to be; 0: no correction"""
     geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | None = None
     """height of the geoid above the ellipsoid that the filter believes in; default: runway.geoid_undulation_m"""
     errors: Literal["states", "none"] = "none"

@@ -319,27 +319,27 @@ class PseudolitesSection(Section):
     """Transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
 
     count: Annotated[Literal[0, 1, 2], whole] = 0
-    """one stands at +s_m, two stand at +s_m and -s_m, l1_m before the threshold"""
+    """one at +s_m, two at +s_m and -s_m, all l1_m before the threshold"""
     s_m: Signed | None = None
     """distance from the runway axis, with `count`"""
     l1_m: Signed | None = None
     """distance before the threshold, with `count`"""
     sites: ListOf[Site] = ()
-    """instead of count, s_m and l1_m: each pseudolite by itself"""
+    """instead of count, s_m and l1_m: a list of pseudolites"""
     frame: Literal["table1", "runway"] = "runway"
     """table1: the coordinates the paper's Table 1 computes from s_m and l1_m; runway: s_m across, l1_m along"""
     height_m: Signed = 0.0
     """height of the antennas above the runway (its threshold), not above the ellipsoid or sea level"""
     clock: Clock | None = None
-    """time scale the pseudolites keep; own: one of their own, one unknown more; left out: that of the satellites in
-    use, of several systems the first in the order GLONASS, GPS, Galileo, BeiDou, QZSS"""
+    """time scale the pseudolites keep; own: a separate one, with its own clock unknown; left out: that of the
+    satellites in use, of several systems the first in the order GLONASS, GPS, Galileo, BeiDou, QZSS"""
     clock_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """offset of the transmitters' clocks from that scale, unknown to the receiver"""
     survey_error_m: Triple = (0.0, 0.0, 0.0)
     """true minus surveyed position: north, east, down"""
     survey_sigma_m: NonNegative = 0.0
-    """1 sigma, along each axis, of what is drawn for each run and pseudolite of true minus surveyed position beside
-    survey_error_m; the receiver weighs their ranges by it"""
+    """1 sigma, along each axis, of the random true minus surveyed position of each pseudolite in each run, in addition
+    to survey_error_m; the receiver weights the ranges with it"""
     clock_sigma_ns: NonNegative = 0.0
     """1 sigma of what calibration leaves of each pseudolite's clock, drawn for each run; the receiver weighs their
     ranges by it"""
@@ -506,7 +506,7 @@ class SignalsSection(Section):
     broadcast, without such a bias: gps_offset_ns, and for galileo or qzss the header of sky.navigation. The stored
     scenario has the number"""
     system_offset_sigma_ns: NonNegative = 0.0
-    """1 sigma of what is drawn for each run of the offset of each system to the first of the sky; for `one_clock`"""
+    """1 sigma of the random offset, in each run, of each system from the first of the sky; for `one_clock`"""
 
     @model_validator(mode="after")
     def _others(self) -> Self:
@@ -587,7 +587,7 @@ class ReceiverSection(Section):
     smoothing_s: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     """memory of the carrier-smoothed code; 0: bare code"""
     noise_figure_db: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
-    """noise figure of the receiver and its cables, over the 290 K that carrier to noise density ratios are told by"""
+    """noise figure of the receiver and its cables, over 290 K, the reference of carrier-to-noise density ratios"""
     antenna: AntennaSection | None = None
     """the antenna's gain in body axes; left out: that of signals.tracking.gain_horizon_db, however the aircraft lies"""
     one_clock: bool = False

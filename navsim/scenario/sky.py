@@ -94,9 +94,9 @@ class Sky(Section):
     orbits_sha256: Checksums | None = None
     """checksum of the file, or a list in their order; when given, another file is refused"""
     lenient: bool = False
-    """for `source: navigation` and `orbits`: take what is whole of damaged files, and warn of what was left out"""
+    """for `source: navigation` and `orbits`: use the intact part of damaged files, and warn of the rest"""
     systems: DistinctListOf[Name] = ()
-    """use these alone, each with a clock unknown of its own; left out: GPS and GLONASS, or that of `nominal-...`"""
+    """use only these, each with its own clock unknown; left out: GPS and GLONASS, or that of `nominal-...`"""
     galileo_message: Literal["inav", "fnav"] = "inav"
     """for `source: navigation`: what Galileo satellites fly by, I/NAV (of E1, E5b) or F/NAV (of E5a)"""
     broadcast: bool = False

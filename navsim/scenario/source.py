@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 import datetime
+import difflib
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -299,6 +300,20 @@ def dotted(path: KeyPath) -> str:
     return ".".join(str(part) for part in path)
 
 
+def _missing(path: Path) -> str:
+    """What to write for a file that is not there: one of a similar name, or the command that makes one."""
+    from navsim.scenario import shipped
+
+    if not path.parent.is_dir():
+        return f"there is no folder {path.parent}"
+
+    here = sorted(one.name for one in path.parent.glob("*.y*ml"))
+    if near := difflib.get_close_matches(path.name, here, n=1) or [n for n in here if Path(n).stem == path.name]:
+        return f"there is no such file; did you mean {path.with_name(near[0])}?"
+    template = f" {path.stem}" if path.stem in shipped.names() else ""
+    return f"there is no such file; 'navsim init{template}' writes a scenario to start from"
+
+
 def load(path: Path) -> Document:
     """Read a YAML file. Raises InputError: unreadable, not YAML, several documents, duplicate keys, more in it than
     this module allows."""
@@ -308,6 +323,8 @@ def load(path: Path) -> Document:
             raw = file.read(MOST_BYTES + 1)
     except IsADirectoryError:
         raise InputError([Problem(Place(name), "", "this is a folder; a YAML file is needed")]) from None
+    except FileNotFoundError:
+        raise InputError([Problem(Place(name), "", _missing(path))]) from None
     except OSError as error:
         raise InputError([Problem(Place(name), "", f"cannot be read: {error.strerror or error}")]) from None
     if raw.startswith(_HDF5):
@@ -517,7 +534,7 @@ def set_value(document: Document, key: str, value: Any, place: Place, folder: Pa
         step: str | int = part
         if isinstance(target, list):
             if not part.isdecimal() or len(part) > len(str(MOST_NODES)) or int(part) >= len(target):
-                raise fail(f"'{dotted(path)}' is a list of {len(target)}: '{part}' is not one of its indices from 0")
+                raise fail(f"'{dotted(path)}' is a list of {len(target)}: '{part}' is no index of it; the first is 0")
             step = int(part)
         elif not isinstance(target, dict):
             raise fail(f"'{dotted(path)}' is a single value, it has no '{part}' in it")

@@ -154,8 +154,8 @@ class Sweep(Section):
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
     # mypy knows no choice of names that are computed
     outputs: DistinctListOf[Literal[(*OUTPUTS, REQUIREMENTS)]] = ()  # type: ignore[valid-type]
-    """what is stored; default: all that the method tells of geometry and filter. What is told of watched fixes,
-    hpl_p95 to hmi, and verdicts on the base scenario's requirements are asked for by name"""
+    """outputs to store; default: all that the method gives of geometry and filter. Name those of the integrity monitor
+    (hpl_p95 to hmi) and the verdicts on the base scenario's requirements to get them"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None

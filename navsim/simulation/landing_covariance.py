@@ -649,8 +649,8 @@ def _check(analysis: Analysis, matched: bool) -> None:
     if matched and per_degree.size and np.abs(per_degree - 1.0).max() > _EXPECTED_NIS:
         worst = per_degree[np.argmax(np.abs(per_degree - 1.0))]
         raise AnalysisError(
-            f"the filter believes what is true, yet its expected NIS is {worst:.3f} instead of 1: "
-            "the analysis is wrong; please report this scenario"
+            f"the filter model equals the truth, yet the expected NIS is {worst:.3f} instead of 1: "
+            "a defect of navsim; please report this scenario"
         )
 
 

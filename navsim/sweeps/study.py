@@ -380,7 +380,7 @@ def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
     if REQUIREMENTS in study.wanted():
         for i, vary in enumerate(study.vary):
             if any(key.split(".")[0] == REQUIREMENTS for key in vary.names()):
-                text = "what is asked for has to be the same in all combinations where `outputs` has requirements"
+                text = "`outputs` has requirements: all combinations need the same ones"
                 raise InputError([Problem(document.place(("vary", i)), dotted(("vary", i)), text)])
     return out
 

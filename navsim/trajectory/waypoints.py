@@ -197,7 +197,7 @@ def landing(
     seconds of level flight at the last one's speed. Raises NoSuchPath."""
     last = points[-1]
     if abs(last.y) > _BESIDE:
-        text = f"waypoint {len(points)}, the last, lies {abs(last.y):.1f} m beside the extended centre line"
+        text = f"waypoint {len(points)}, the last, lies {abs(last.y):.1f} m off the extended centre line"
         raise NoSuchPath(f"{text}, on which the aircraft lands", len(points) - 1)
     segments, end = legs([*points[:-1], replace(last, y=0.0)], bank, roll, final=True)
     one = ended(profile(1.0).segments[0], 1.0)[0, 0]

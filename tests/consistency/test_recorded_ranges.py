@@ -320,7 +320,7 @@ def test_messages(written: Written, tmp_path: Path) -> None:
         (("gnss.navigation=flight.obs",), "gnss.navigation"),
         (("gnss.file=imu.csv",), "gnss.file"),
         (("epoch=2001-01-01T00:00:00Z",), "no common time"),
-        (("gnss.angle_unit=rad",), "units of their own"),
+        (("gnss.angle_unit=rad",), "RINEX fixes the units"),
         ((f"gnss.navigation_sha256={'0' * 64}",), "gnss.navigation_sha256"),
     ):
         with pytest.raises(InputError, match=match):

@@ -97,7 +97,7 @@ def test_a_latency_at_its_bound_is_told(tmp_path: Path) -> None:
     write_flight(tmp_path, duration=60.0)
     result = flown(tmp_path / "log.yaml", f"gnss.time_offset_s={-1.3 - LATENCY}", "checks=off")
     assert float(result["/tuning/latency"]) == pytest.approx(-1.0, abs=0.01)
-    assert any("the tuned latency stands at its bound of -1 s" in text for text in remarks(result))
+    assert any("the tuned latency is at its bound of -1 s" in text for text in remarks(result))
 
 
 def test_a_tuning_that_has_not_converged_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

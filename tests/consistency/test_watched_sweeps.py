@@ -176,7 +176,7 @@ def test_what_is_asked_for_does_not_vary(tmp_path: Path) -> None:
     path = study(tmp_path, "outputs: [requirements]", WATCHED | REQUIRED)
     vary = "vary=[{key: requirements.0.below_m, values: [40, 60]}]"
     done = navsim("sweep", path, "--set", vary, "-o", "s.h5", cwd=tmp_path, code=2)
-    assert "vary.0: what is asked for has to be the same in all combinations" in done.stderr
+    assert "vary.0: `outputs` has requirements: all combinations need the same ones" in done.stderr
 
 
 def test_an_optimum_of_a_watched_landing_is_that_of_an_unwatched_one(tmp_path: Path) -> None:

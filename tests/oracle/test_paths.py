@@ -153,7 +153,7 @@ def test_waypoints_by_coordinates_are_those_on_the_axes() -> None:
         (("circuit=~", "points=[{along_m: 0}, {along_m: 9, right_m: 9}]"), "approach.points.0", "along_m and"),
         (
             ("circuit=~", "points=[{along_m: -9000, right_m: 0}, {along_m: -5000, right_m: 8}]"),
-            "approach.points.1", "lies 8.0 m beside the extended centre line",
+            "approach.points.1", "lies 8.0 m off the extended centre line",
         ),
         (
             ("circuit=~", "ending=none",

@@ -225,7 +225,7 @@ def test_interrupt_keeps_what_is_finished_and_leaves_the_scheduler(cluster: Clus
     running = start(*LONG, "-o", file, "--scheduler", cluster.address, cwd=place)
     some_finished(running, file)
     running.send_signal(signal.SIGINT)
-    assert "the same command goes on from there" in ended(running, 130)
+    assert "the same command continues from there" in ended(running, 130)
     assert pieces(file)
     assert not cluster.scheduler.has_ended()
 
@@ -237,7 +237,7 @@ def test_the_scheduler_is_killed_and_another_goes_on(cluster: Cluster, place: Pa
     cluster.scheduler.send_signal(signal.SIGKILL)
     said = ended(running, 3)
     assert f"the scheduler {cluster.address} is gone" in said
-    assert "the same command goes on from there" in said
+    assert "the same command continues from there" in said
     before = pieces(file)
     assert 0 < len(before) < RUNS // 32
     cluster.close()

@@ -48,7 +48,7 @@ def test_signals_keep_finished_work(number: signal.Signals, tmp_path: Path) -> N
     process.send_signal(number)
     done = process.ended()
     assert done.code == 128 + number
-    assert "finished runs are kept in long.h5.partial; the same command goes on from there" in done.err
+    assert "finished runs are kept in long.h5.partial; the same command continues from there" in done.err
     assert done.err.endswith(f"{ending.WORDS[number]}\n")
     assert "Traceback" not in done.err
     assert done.out == ""

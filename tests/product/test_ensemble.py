@@ -20,7 +20,7 @@ from tests.product.test_run import SHORT, stored
 from tests.steps import PIECE
 
 RUNS = 16 * BATCH
-KEPT = "finished runs are kept in {0}.partial; the same command goes on from there, or navsim resume {0}.partial\n"
+KEPT = "finished runs are kept in {0}.partial; the same command continues from there, or navsim resume {0}.partial\n"
 QUICK = (*SHORT, "--set", "imu.rate_hz=50", "--set", "receiver.rate_hz=2", "--set", "filter.kind=eskf")
 BATCH_BYTES = 500_000
 """Of a batch of the study on disk, roughly."""
@@ -75,7 +75,7 @@ def test_interrupt_keeps_what_is_finished(place: Path, undisturbed: Path, tmp_pa
     done = stopped_by("SIGINT", file, 2)
     assert done.code == 130
     assert "Traceback" not in done.err
-    assert f"goes on from there, or navsim resume {file}.partial\n" in done.err
+    assert f"continues from there, or navsim resume {file}.partial\n" in done.err
     kept = {path.name: path.stat().st_mtime_ns for path in finished(file)}
     assert 2 <= len(kept) < 16
     said = navsim("resume", f"{file}.partial", cwd=tmp_path).stderr
@@ -119,7 +119,7 @@ def test_another_study_is_refused_unless_fresh(place: Path) -> None:
 def test_full_disk_keeps_finished_batches(place: Path) -> None:
     """A limit on the size of a file stands for a full disk: the first batch that does not fit ends the study."""
     file = place / "full.h5"
-    ends = {0: "; nothing of it is kept; the same command begins anew\n", 2: KEPT.format(file)}
+    ends = {0: "; no work is kept; the same command starts anew\n", 2: KEPT.format(file)}
     for before, end in ends.items():
         if before:
             stopped_by("SIGKILL", file, before)

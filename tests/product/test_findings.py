@@ -87,7 +87,7 @@ def test_sigmas_beyond_what_the_filter_carries() -> None:
     assert {"rejected_fixes", "errors_beyond_sigma", "sigma_position_velocity", "innovations"} <= set(found)
     assert found["rejected_fixes"].against == (FIX, CONSISTENT)
     assert found["errors_beyond_sigma"].first == pytest.approx(0.1)
-    assert "times what is due" in found["sigma_position_velocity"].text
+    assert "times their expected size" in found["sigma_position_velocity"].text
     assert "sigma_all_states" in found_in(case(*SURE, "duration_s=20"), 3)
 
 

@@ -46,7 +46,7 @@ def test_a_landing_under_damaged_messages(version: int, tmp_path: Path) -> None:
         satellites(*chosen)
     (problem,) = caught.value.problems
     assert (problem.place.file, problem.place.line) == (str(path), at + 4)
-    assert "`sky.lenient: true` takes what is whole" in problem.message
+    assert "`sky.lenient: true` takes the intact part" in problem.message
     names, warnings = satellites(*chosen, "sky.lenient=true")
     assert {"G01", "G03", "R01", "R02", "R03"} == set(names)
     (warning,) = warnings
@@ -66,7 +66,7 @@ def test_a_replay_of_damaged_tables(tmp_path: Path) -> None:
     (tmp_path / "imu.csv").write_text("\n".join(lines))
     (tmp_path / "gnss.csv").write_text((tmp_path / "gnss.csv").read_text()[:-25])
     log = tmp_path / "log.yaml"
-    with pytest.raises(InputError, match=r"imu\.csv:41:.*`lenient: true` takes what is whole"):
+    with pytest.raises(InputError, match=r"imu\.csv:41:.*`lenient: true` takes the intact part"):
         replay.prepare(*read_replay(log, ("tuning=none",)))
     recording = replay.prepare(*read_replay(log, ("tuning=none", "lenient=true")))
     said = [warning for warning in recording.warnings if "left out" in warning]
@@ -110,7 +110,7 @@ def test_a_few_values_outside_of_limits(tmp_path: Path) -> None:
     """They do not mislead the checks: refused at the first line with the way out, or left out, counted and said."""
     times_gyros(tmp_path, 1e9, slice(700, 730, 10))
     log = tmp_path / "log.yaml"
-    with pytest.raises(InputError, match=r"imu\.csv:702:.* `lenient: true` takes what is whole"):
+    with pytest.raises(InputError, match=r"imu\.csv:702:.* `lenient: true` takes the intact part"):
         replay.prepare(*read_replay(log, ("tuning=none",)))
     recording = replay.prepare(*read_replay(log, ("tuning=none", "lenient=true")))
     assert next(w for w in recording.warnings if "left out" in w).startswith("3 rows left out; the first: ")

@@ -617,7 +617,7 @@ def test_a_few_good_lines_among_many_are_no_result(flown) -> None:  # type: igno
     rows = table.read_text().splitlines()[1:]
     _, result, warned = flew(c, [row if k % 15 in (0, 1) else row[::-1] + "?" for k, row in enumerate(rows)])
     assert not flying.failures(result)  # one line of seven: poor, and of this landing
-    assert any("lines hold what is no message" in line for line in warned)
+    assert any("lines are corrupt" in line for line in warned)
     _, result, _ = flew(c, [row if k % 30 in (0, 1) else row[::-1] + "?" for k, row in enumerate(rows)])
     assert any("only 8 could be used" in line for line in flying.failures(result))
 
@@ -638,7 +638,7 @@ def test_sentences_without_a_time_are_no_result(flown) -> None:  # type: ignore[
     session, result, _ = flew(c, lines)
     untimed = sum("VTG" not in line for line in lines)
     assert session.counts["untimed"] == untimed
-    assert flying.failures(result) == [f"not one message could be used: {untimed} NMEA sentences without a time of day"]
+    assert flying.failures(result) == [f"no message could be used: {untimed} NMEA sentences without a time of day"]
     timed = nmea.read_text().splitlines()[:12]
     _, result, _ = flew(c, [*timed, *lines])
     assert any("messages and corrupt lines only 4 could be used" in line for line in flying.failures(result))
@@ -646,13 +646,13 @@ def test_sentences_without_a_time_are_no_result(flown) -> None:  # type: ignore[
 
 def test_lines_without_a_fix_are_not_called_none(flown) -> None:  # type: ignore[no-untyped-def]
     c, _, _, _ = flown
-    assert flying.failures(flew(c, [])[1]) == ["not one message could be used: none came"]
+    assert flying.failures(flew(c, [])[1]) == ["no message could be used: none came"]
     satellites = sentence("GPGSV,1,1,01,05,40,083,46").strip()
     assert flying.failures(flew(c, [satellites] * 3)[1]) == [
-        "not one message could be used: 3 whole sentences of kinds that have no fix"
+        "no message could be used: 3 whole sentences of kinds that have no fix"
     ]
     course = sentence("GPVTG,84.4,T,,M,22.4,N,41.5,K,A").strip()
-    assert flying.failures(flew(c, [course] * 3)[1]) == ["not one message could be used: 3 lines received"]
+    assert flying.failures(flew(c, [course] * 3)[1]) == ["no message could be used: 3 lines received"]
 
 
 def test_heights_over_the_geoid_are_warned_of(flown) -> None:  # type: ignore[no-untyped-def]
@@ -688,7 +688,7 @@ def test_what_is_no_fix_of_the_receiver_is_left_out(flown, quality: int, mode: s
     assert session.counts["used"] == whole.counts["used"] - 20
     assert any(words.startswith("20 NMEA epochs of ") and f"quality {quality}" in words for words in warned)
     _, result, _ = flew(c, [of_quality(line, quality, mode) for line in lines])
-    assert f"not one message could be used: {len(lines) // 3} NMEA epochs of" in flying.failures(result)[0]
+    assert f"no message could be used: {len(lines) // 3} NMEA epochs of" in flying.failures(result)[0]
     asked, _, warned = flew(c, mixed, simulated=True)
     assert asked.counts["used"] == whole.counts["used"] - (0 if kind == "simulated" else 20)
     assert (kind == "simulated") == (not warned)

@@ -72,7 +72,7 @@ def test_an_interrupt_is_logged(tmp_path: Path) -> None:
     process.communicate(timeout=60)
     *_, kept, end = events(tmp_path / "b.log")
     assert kept["text"] == (
-        "finished runs are kept in b.h5.partial; the same command goes on from there, or navsim resume b.h5.partial"
+        "finished runs are kept in b.h5.partial; the same command continues from there, or navsim resume b.h5.partial"
     )
     assert (end["code"], end["text"]) == (128 + signal.SIGTERM, "terminated")
 

@@ -229,7 +229,7 @@ def test_requirements_that_need_no_pseudolites(place: Path) -> None:
         ),
         (["pseudolites={first: 3, last: 2}"], "pseudolites.last: must not lie below first"),
         (["pseudolites={first: 1, lst: 2}"], "pseudolites.lst: unknown key; did you mean 'last'?"),
-        (["pseudolites={first: 0, last: 2}"], "pseudolites.first: input should be greater than or equal to 1"),
+        (["pseudolites={first: 0, last: 2}"], "pseudolites.first: must be at least 1"),
         (["pseudolites={first: 1, last: 5}"], "pseudolites: there are only 4 sites"),
         (["pseudolites=2"], "pseudolites: "),
     ],

@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from navsim.__main__ import main
 from navsim.cli import common
 from navsim.optimization import job
 from navsim.optimization import progress as watch
+from navsim.report.optimize import front, plan
 from navsim.results.result import read
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared
@@ -79,6 +81,8 @@ def test_time_limit_keeps_the_best(
     # the value is that of the full analysis, and better than nothing
     assert data["placements"][0]["value"] < data["without_pseudolites"]
     assert (study.parent / "study_plan.png").exists()
+    words = [text.get_text() for one in (plan(result), front(result)) for text in one.findobj(Text)]
+    assert {"maps not computed (stopped: time limit)", "area of the search", "search stopped"} <= set(words)
 
 
 def test_time_limit_after_the_search_says_what_is_left(

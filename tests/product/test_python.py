@@ -197,7 +197,7 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.run(LANDING, output="nowhere/a.h5"), "create it first or choose another output"),
         (lambda: navsim.run(LANDING, output=ROOT / "README.md"), "not a readable HDF5 file; it is not overwritten"),
         (lambda: navsim.sweep(LANDING), f"use navsim.run('{LANDING}') or navsim.validate('"),
-        (lambda: navsim.run("absent.yaml"), "absent.yaml: cannot be read: No such file or directory"),
+        (lambda: navsim.run("absent.yaml"), "absent.yaml: there is no such file; 'navsim init' writes a"),
         (lambda: navsim.run(3), "expected the path of a file, or a mapping with its contents"),  # type: ignore[arg-type]
         (lambda: navsim.load(ROOT / "README.md"), "README.md: not a readable HDF5 file"),
         (lambda: navsim.ResultFile("absent.h5"), "absent.h5: no such file"),
@@ -248,7 +248,7 @@ class Enough(Exception):
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, Enough])
 def test_what_ends_the_work_leaves_what_is_finished(stop: type[BaseException], tmp_path: Path) -> None:
-    """And the same call goes on from there, to the same result."""
+    """And the same call continues from there, to the same result."""
     target, runs = tmp_path / "a.h5", 2 * BATCH
     seen: list[tuple[int, int]] = []
 
@@ -263,7 +263,7 @@ def test_what_ends_the_work_leaves_what_is_finished(stop: type[BaseException], t
     kept = list((tmp_path / "a.h5.partial").glob("*.npz"))
     assert kept
     if stop is KeyboardInterrupt:
-        assert any("the same call goes on from there" in note for note in caught.value.__notes__)
+        assert any("the same call continues from there" in note for note in caught.value.__notes__)
     with pytest.raises(navsim.BadInput, match="fresh=True discards it") as refused:
         navsim.run(LANDING, set=SHORT, runs=runs, seed=9, output=target)
     plain(refused.value)

@@ -450,7 +450,7 @@ def test_what_does_not_fit_together_is_no_traceback(
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "r.h5", Result(flown.attributes, flown.variables | {path: Variable((), data, "1", "wrong")}))
     for command, *options in commands:
-        assert_refused(run(command, "r.h5", *options), "r.h5: what it holds does not fit together")
+        assert_refused(run(command, "r.h5", *options), "r.h5: the contents are inconsistent")
 
 
 def test_unknown_kinds_and_no_files_are_refused(

@@ -37,7 +37,7 @@ LANDING = SCENARIOS / "landing.yaml"
          "integrity.p_pseudolite: 'monitord' is not allowed; did you mean 'monitored'? "
          "allowed: monitored, unmonitored"),
         ("integrity={p_pseudolite: 2}",
-         "integrity.p_pseudolite: input should be less than or equal to 0.1, not 2"),
+         "integrity.p_pseudolite: must be at most 0.1, not 2"),
         ("approach.glide_slope_deg=5 deg",
          "approach.glide_slope_deg: a plain number is needed, in ° by the key's name, and nothing behind it, not "
          "'5 deg'"),
@@ -68,7 +68,7 @@ LANDING = SCENARIOS / "landing.yaml"
          "runway.height_above: 'msl' is not allowed; did you mean 'geoid'? allowed: ellipsoid, geoid"),
         ("filter.velocity=maybe", "filter.velocity: expected true or false, not 'maybe'"),
         ("filter.velocity=null", "filter.velocity: expected true or false, not null"),
-        ("sky.mask_deg=null", "sky.mask_deg: input should be a valid number, not null"),
+        ("sky.mask_deg=null", "sky.mask_deg: expected a number, not null"),
         ("pseudolites.count=null", "pseudolites.count: null is not allowed; allowed: 0, 1, 2"),
     ],
 )  # fmt: skip

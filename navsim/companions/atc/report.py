@@ -64,7 +64,7 @@ def tables(result: Result) -> list[Table | str]:
     parts.append(
         f"A covariance step takes {full} multiplications in the full filter, {groups} in the six groups: "
         f"{full / groups:.0f} times fewer; {stored[0]} and {stored[1]} numbers are stored. The full model is not full: "
-        "rates of the line of sight are noises of their own in it, though they follow from V, th, phi and D. The "
+        "it models rates of the line of sight as separate noises, though they follow from V, th, phi and D. The "
         "Cartesian filter uses that."
     )
     return parts
@@ -166,5 +166,5 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"errors": _errors(result), "ratios": _ratios(result)}
 
 
-VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits", "/link"),
+VIEW = View(one_by_one(tables), figures, ("/summary", "/limits", "/link"),
             drawings="navsim.companions.page:atcs", of_runs=("errors",))  # fmt: skip

@@ -12,7 +12,7 @@ from navsim.scenario.base import Decay, Latency, ListOf, NonNegative, ScanPeriod
 
 
 class Sigmas(Section):
-    """1 sigma of what is measured each scan."""
+    """1 sigma of the measurements of each scan."""
 
     range_m: Sigma = 30.0
     """1 sigma of the slant range"""
@@ -124,17 +124,17 @@ class Atc(Section):
         AtcCase(period_s=4.0),
         AtcCase(period_s=4.0, onboard_rates=True),
     )
-    """cases computed beside the main one"""
+    """cases computed in addition to the main one"""
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     """Monte Carlo runs of each case"""
     noise: Literal["as-given", "none"] = "as-given"
     """as-given: as `sigmas` says; none: no noise, no quantisation, no latency; the deterministic run"""
     sigmas: Sigmas = Sigmas()
-    """1 sigma of what is measured each scan"""
+    """1 sigma of the measurements of each scan"""
     link: DataLink = DataLink()
     """age and quantisation of the reports that come by data link"""
     groups: Groups = Groups()
-    """how the rates of the five pairs beside the range vary"""
+    """how the rates of the five pairs other than the range vary"""
     residual_m_s2: Sigma = 0.3
     """1 sigma of the range acceleration beyond the formula"""
     start_range_rate_m_s: Sigma = 5.0

@@ -232,5 +232,5 @@ def figures(result: Result) -> dict[str, Figure]:
     return out
 
 
-VIEW = View(one_by_one(tables), 130, figures, ("/summary", "/map"), drawings="navsim.companions.page:azimuths",
+VIEW = View(one_by_one(tables), figures, ("/summary", "/map"), drawings="navsim.companions.page:azimuths",
             of_runs=("errors",))  # fmt: skip

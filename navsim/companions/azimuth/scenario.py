@@ -104,7 +104,7 @@ class Azimuth(Section):
     period_s: ScanPeriod = 1.0
     """time between scans of the radar"""
     further_periods_s: ListOf[ScanPeriod] = (4.0,)
-    """scan periods of cases computed beside the main one"""
+    """scan periods of cases computed in addition to the main one"""
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     """Monte Carlo runs of each case"""
     noise: Literal["as-given", "none"] = "as-given"

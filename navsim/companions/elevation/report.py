@@ -93,7 +93,7 @@ def order_verdict(peak: float, recovery: float) -> str:
 
 def _orders(result: Result) -> list[Table | str]:
     table = Table(
-        "A first-order filter beside the second-order one, on the nominal approach",
+        "First-order and second-order filter on the nominal approach",
         ("filter", "Q over a period", "sd in the limit, deg", "bias before the capture, deg",
          "largest bias, deg", "settled after, s", "worst RMSE, deg", "the paper's claim"),
         notes="settled: the bias stays below a tenth of its largest value after the capture of the glide; "
@@ -181,7 +181,7 @@ def _limits(result: Result) -> Table:
 
 def _channels(result: Result) -> Table:
     table = Table(
-        "The azimuth beside the elevation, on the nominal approach",
+        "Azimuth and elevation on the nominal approach",
         ("channel", "rate, Hz", "Q, (deg/s)²", "sd in the limit, deg", "largest bias, deg", "at, s",
          "worst RMSE, deg"),
         notes="elevation: capture of the glide; azimuth: turn onto the centre line, seen from beyond the runway",
@@ -362,7 +362,6 @@ _SUMMARY = ("/filter/steady", "/band_theory", "/montecarlo/fraction", "/nominal/
             "/order/peak", "/criterion", "/limit", "/azimuth/worst", "/flare/touchdown", "/audit")  # fmt: skip
 VIEW = View(
     one_by_one(tables),
-    140,
     figures,
     _SUMMARY,
     drawings="navsim.companions.page:elevations",

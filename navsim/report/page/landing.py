@@ -315,7 +315,7 @@ def heights(results: Sequence[Named]) -> Drawing | None:
     what += "from left to right. "
     what += "Line: the error of the run. " if all(lone) else "Lines: ±3 RMS over runs. "
     what += "Thin lines: single runs. " if len(kept) == 1 and not lone[0] and "/filter/error" in kept[0][2] else ""
-    what += "Bars: ±3σ of the filter where errors are told"
+    what += "Bars: ±3σ of the filter at the heights of the table"
     what += f"; {drawn_as(kept)}: the same all the way" if straight else ""
     what += ", where the runway runs along a parallel or meridian" if turned and straight else "."
     what += " Across other axes than those of the map σ is known at the bars alone" if turned else ""
@@ -539,8 +539,8 @@ def percentiles(results: Sequence[Named]) -> Drawing | None:
         downwards(on, -0.03 * top, 1.05 * top)
         panels.append(on)
     caption = (
-        f"What {', '.join(said[:-1])} and {said[-1]} % of runs stay below (from below) at the heights where errors are "
-        "told, of errors of navigation; the table has the numbers. Of a covariance analysis: of a Gaussian."
+        f"Navigation errors that {', '.join(said[:-1])} and {said[-1]} % of runs stay below (lowest first), at the "
+        "heights of the table. A covariance analysis assumes Gaussian errors."
     )  # fmt: skip
     return Drawing("percentiles", "Percentiles of the error", panels, caption, keys_of(results, of=kept), 3)
 
@@ -586,8 +586,8 @@ def states(results: Sequence[Named]) -> Drawing | None:
              ("3σ of the filter", f"@s{k}{{0.0000}} {unit}"))  # fmt: skip
     lone = [single(r) for _, _, r, _ in kept]
     what = "the error of the run, truth minus estimate" if all(lone) else "3 RMS over all runs"
-    what = what if len(set(lone)) == 1 else "3 RMS over all runs, of one run its error"
-    caption = f"Line: {what}; {drawn_as(kept)}: 3σ of the filter. The axes fit what is left once the start has settled."
+    what = what if len(set(lone)) == 1 else "3 RMS over all runs; for a single run its error"
+    caption = f"Line: {what}; {drawn_as(kept)}: 3σ of the filter. The axes fit the errors after the start has settled."
     caption += most_thinned(thinned).words("output")
     keys = keys_of(results, band_key("3σ of the filter", BLUE, len(kept) > 1), of=kept)
     return Drawing("states", "All states of the filter over time", panels, caption, keys, 3)
@@ -653,8 +653,8 @@ def consistency(results: Sequence[Named]) -> Drawing:
         panels.append(on)
     caption = (
         "Squared errors by the filter's own covariance, per degree of freedom: 1 is right, more is overconfident. "
-        f"{drawn_as(results).capitalize()}: where the mean of so many runs lies at 95 % of instants if the filter is "
-        "right. Of a covariance analysis: what is to be expected." + most_thinned(thinned).words("output")
+        f"{drawn_as(results).capitalize()}: the mean over these runs is inside at 95 % of instants if the filter is "
+        "right. A covariance analysis shows expected values." + most_thinned(thinned).words("output")
     )
     return Drawing("consistency", "Consistency", panels, caption, keys_of(results), 3)
 
@@ -679,8 +679,8 @@ def ratios(results: Sequence[Named]) -> Drawing | None:
         return None
     caption = (
         "Root mean square over runs of each state's error in units of the filter's sigma, at every output. White, 1: "
-        "sigma is right; red: too small; blue: too large. Of one run: the size of its error in sigmas. Nothing is "
-        "drawn where a state has no uncertainty. " + " ".join(said)
+        "sigma is right; red: too small; blue: too large. For a single run: its error in sigmas. States without "
+        "uncertainty are left blank. " + " ".join(said)
     )
     return Drawing("ratios", "Consistency of every state", panels, caption, keys_of(results, of=kept), 1)
 

@@ -102,7 +102,7 @@ class Some:
 
     def words(self, what: str = "instant") -> str:
         """A sentence for the caption; nothing where all are drawn."""
-        return f" Of {self.of} {what}s every {_ordinal(self.step)} is drawn." if self.step > 1 else ""
+        return f" The figure shows every {_ordinal(self.step)} of {self.of} {what}s." if self.step > 1 else ""
 
 
 def _ordinal(n: int) -> str:
