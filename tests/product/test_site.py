@@ -85,7 +85,11 @@ QUESTIONS = {
     "C/N0": "glossary", "tfg": "glossary", "Gaussian sum": "filter", "no fix": "troubleshooting", "data sheet": "imu",
     "error budget": "covariance", "jammer": "how-to/jammer", "protection level": "integrity",
     "figure for a paper": "how-to/figure", "exit code": "commands", "lateral_run": "reference/results/landing",
-    "sky.mask_deg": "reference/landing/sky",
+    "sky.mask_deg": "reference/landing/sky", "heading large": "troubleshooting", "sigma small": "troubleshooting",
+    "NEES 1110": "troubleshooting", "placement map flat": "troubleshooting", "exit code 3": "commands",
+    "S and L1": "glossary", "how to cite": "citing", "lever arm": "glossary", "latency sign": "glossary",
+    "file formats": "how-to/files", "almanac": "how-to/files", "NMEA": "replay", "xarray": "python",
+    "how many runs": "requirements", "gust": "landing", "Monte Carlo": "glossary",
 }  # fmt: skip
 """What users look for, and the page that has the answer."""
 
