@@ -335,7 +335,7 @@ def front(result: Result) -> Figure:
     unfinished = np.isin(counts, result["/pseudolites"][result["/front/finished"] == 0])
     title = None
     if unfinished.any():
-        hollow = {"color": COLOURS[0], "mfc": "white", "ms": 5, "label": "search stopped"}
+        hollow: dict[str, Any] = {"color": COLOURS[0], "mfc": "white", "ms": 5, "label": "search stopped"}
         ax.plot(counts[unfinished], values[unfinished], "o", **hollow)
     if met is not None:
         ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
