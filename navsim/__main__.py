@@ -29,9 +29,9 @@ def main() -> None:
         with ends():
             shell = os.environ.get("_NAVSIM_COMPLETE")
             if shell is not None:  # a shell asks, not a person
-                from navsim.cli.completion import answer
+                from navsim.cli.completion import print_completions
 
-                answer(shell, sys.argv[1:])
+                print_completions(shell, sys.argv[1:])
             from navsim.cli.main import app
 
             app()

@@ -29,7 +29,7 @@ class Kind:
 KINDS = {
     "landing": Kind(
         "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.landing.job:job",
-        check="navsim.landing.preflight:told",
+        check="navsim.landing.preflight:warnings_of",
     ),
     "mls-elevation": Kind(
         "run", "navsim.companions.elevation.report:VIEW", "navsim.companions.elevation.scenario:Elevation",

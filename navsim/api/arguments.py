@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar, get_args, get_type_hints
 
-from navsim.runner.errors import BadInput, said
+from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.opening import Keep, Method, SweepMethod
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -143,7 +143,7 @@ def checked(command: str, arguments: Any, given: Mapping[str, Any]) -> dict[str,
         except (TypeError, ValueError) as error:
             wrong.append(f"{name}={value!r:.60}: {error}")
     if wrong:
-        raise BadInput(said(*wrong))
+        raise BadInput(as_problems(*wrong))
     return out
 
 

@@ -24,7 +24,7 @@ from navsim.api.arguments import (
 )
 from navsim.api.result import ResultFile
 from navsim.runner import opening, steps
-from navsim.runner.errors import BadInput, RunFailed, said, translate_input_errors
+from navsim.runner.errors import BadInput, RunFailed, as_problems, translate_input_errors
 from navsim.runner.reporter import Listener, Reporter
 from navsim.runner.requirements import ExitRequirements
 from navsim.words import of_python
@@ -102,15 +102,15 @@ def _computed(command: str, scenario: Scenario, asked: dict[str, Any]) -> Result
     heard: list[str] = []
     with _alone(), of_python():
         try:
-            made = _made(command, scenario, asked, heard)
+            made = _compute_result(command, scenario, asked, heard)
         except Defect as error:
-            raise RunFailed(said(error)) from error
+            raise RunFailed(as_problems(error)) from error
     for text in heard:
         warnings.warn(text, NavsimWarning, stacklevel=_CALLER)
     return made
 
 
-def _made(command: str, scenario: Scenario, asked: dict[str, Any], heard: list[str]) -> ResultFile:
+def _compute_result(command: str, scenario: Scenario, asked: dict[str, Any], heard: list[str]) -> ResultFile:
     """The result of a job; heard: takes the warnings."""
     import shutil
 
@@ -120,7 +120,7 @@ def _made(command: str, scenario: Scenario, asked: dict[str, Any], heard: list[s
     taken = {name: value for name, value in asked.items() if name in Options.__dataclass_fields__}
     options = Options(**taken)
     source = _source(scenario, _NOUNS[command])
-    job, suffix = opening.opened(command, source, _assignments(asked["set"]), options)
+    job, suffix = opening.open_job(command, source, _assignments(asked["set"]), options)
     temporary = Path(tempfile.mkdtemp(prefix="navsim-")) if asked["output"] is None else None
     stem = source.stem if isinstance(source, Path) else "result"
     order = steps.JobRequest(options, asked["figures"], True, asked["force"], asked["over_budget"])
@@ -171,7 +171,7 @@ def _source(scenario: Scenario, noun: str) -> Source:
         return Path(scenario).expanduser()
     except TypeError:
         text = f"expected the path of a file, or a mapping with its contents, not {type(scenario).__name__}"
-        raise BadInput(said(text)) from None
+        raise BadInput(as_problems(text)) from None
 
 
 def _assignments(given: Mapping[str, Any] | None) -> list[Assignment]:
@@ -185,7 +185,7 @@ def _alone() -> Iterator[None]:
     """One study at a time in a process: each takes all cores. Others wait; a call out of its own progress cannot."""
     here = threading.get_ident()
     if here in _by:
-        raise BadInput(said("a study is computed already; none can be begun from its progress"))
+        raise BadInput(as_problems("a study is computed already; none can be begun from its progress"))
     with _computing:
         _by.append(here)
         try:

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from navsim.runner.errors import BadInput, RunFailed, said
+from navsim.runner.errors import BadInput, RunFailed, as_problems
 from navsim.words import of_python
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def _read(path: Path) -> Result:
         except ResultError as error:
             from navsim.runner.opening import scenario_instead
 
-            raise BadInput(said(scenario_instead(path) or error)) from None
+            raise BadInput(as_problems(scenario_instead(path) or error)) from None
 
 
 class ResultFile:
@@ -100,7 +100,7 @@ class ResultFile:
         try:
             return view(self._result.attributes["kind"])
         except ResultError as error:
-            raise BadInput(said(f"{self.path}: {error}")) from None
+            raise BadInput(as_problems(f"{self.path}: {error}")) from None
 
     @property
     def kind(self) -> str:
@@ -149,7 +149,7 @@ class ResultFile:
         try:
             return self._result[whole]
         except ResultError as error:
-            raise RunFailed(said(error)) from None
+            raise RunFailed(as_problems(error)) from None
 
     @cached_property
     def summary(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 import typer
 
 from navsim.cli import ending, log
-from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED, print_message
 from navsim.runner.reporter import Reporter
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from navsim.runner.target import Written
 
 
-AT_TERMINAL = Reporter(say, lambda warning: say(f"warning: {warning}"))
+AT_TERMINAL = Reporter(print_message, lambda warning: print_message(f"warning: {warning}"))
 """The work speaks on standard error."""
 
 
@@ -43,7 +43,7 @@ def leaving() -> Iterator[None]:
 def leave(code: int, *messages: object) -> NoReturn:
     """End with an exit code and messages on standard error."""
     for message in messages:
-        say(f"error: {message}")
+        print_message(f"error: {message}")
     raise typer.Exit(code)
 
 
@@ -88,7 +88,7 @@ class _Standing:
         going_on = done > 0 and finished < self._extent  # what comes after all pieces has no estimate
         left = (now - self._first[1]) * (self._extent - finished) / done if going_on else None
         if self._spoken:
-            say(self._line(finished, words, used, left) if self._extent else words, logged=False)
+            print_message(self._line(finished, words, used, left) if self._extent else words, logged=False)
         if log.is_open():
             log.note("progress", text=words, finished=finished, extent=self._extent, unit=self._unit,
                      used_s=round(used, 1), left_s=None if left is None else round(left, 1))  # fmt: skip
@@ -108,7 +108,7 @@ def _bar(extent: int, unit: str) -> Iterator[Callable[[int, str], None]]:
     columns = (
         TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.fields[words]}"),
     )  # fmt: skip
-    with Progress(*columns, console=Console(file=cast("IO[str]", ending.Words())), transient=True) as bar:
+    with Progress(*columns, console=Console(file=cast("IO[str]", ending.LossyStderr())), transient=True) as bar:
         task = bar.add_task(unit, total=extent, words="")
         yield lambda finished, words: bar.update(task, completed=finished, words=words)
 
@@ -117,7 +117,7 @@ def _bar(extent: int, unit: str) -> Iterator[Callable[[int, str], None]]:
 def _status() -> Iterator[Callable[[int, str], None]]:
     from rich.console import Console
 
-    with Console(file=cast("IO[str]", ending.Words())).status("") as line:
+    with Console(file=cast("IO[str]", ending.LossyStderr())).status("") as line:
         yield lambda finished, words: line.update(words)
 
 

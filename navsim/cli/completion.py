@@ -106,7 +106,7 @@ class Candidate:
     meaning: str = ""
 
 
-def answer(shell: str, words: Sequence[str]) -> NoReturn:
+def print_completions(shell: str, words: Sequence[str]) -> NoReturn:
     """Print what may complete the last of the words, a line each with its meaning behind a tab; then leave.
 
     words: of the command line up to the cursor, the program first; bash has them in `COMP_LINE`.
@@ -204,7 +204,7 @@ def candidates(words: list[str]) -> Iterator[Candidate]:
         yield from (Candidate(max(p.names, key=len), p.meaning) for p in known if p.names)
         yield _HELP
     else:
-        yield from _arguments(words, [p for p in known if not p.names], _given(options, words))
+        yield from _arguments(words, [p for p in known if not p.names], _count_arguments(options, words))
 
 
 _HELP = Candidate("--help", "Show this help and exit.")
@@ -260,7 +260,7 @@ def _arguments(words: Sequence[str], arguments: Sequence[Parameter], given: int)
     yield from map(Candidate, offered()) if offered is not None else _paths(at.metavar)
 
 
-def _given(options: dict[str, Parameter], words: Sequence[str]) -> int:
+def _count_arguments(options: dict[str, Parameter], words: Sequence[str]) -> int:
     """How many arguments stand before the cursor, options and their values left out."""
     count, skip = 0, False
     for word in words[1:-1]:

@@ -48,16 +48,16 @@ _came: list[int] = []
 _held: list[ExitStack] = []
 
 
-def say(message: str, logged: bool = True) -> None:
+def print_message(message: str, logged: bool = True) -> None:
     """Tell the person at the terminal something, and the log, if it is not logged otherwise; standard output is for
     results alone."""
     with suppress(OSError):  # where nobody can be told, the work goes on
         print(message, file=sys.stderr)
     if logged and log.is_open():
-        log.note_said(message)
+        log.note_message(message)
 
 
-class Words:
+class LossyStderr:
     """Standard error for words that may be lost: where nobody can be told, as at a terminal that went away before its
     signal came, the work goes on."""
 
@@ -159,18 +159,18 @@ def ends() -> Iterator[None]:
                 sys.stdout.flush()
             finally:
                 _held.pop()
-                _say_notes()
+                _print_cache_notes()
     except KeyboardInterrupt:
         _leave_for_signal()
     except SystemExit as left:
-        if _came and not isinstance(left, _Told) and left.code == 128 + signal.SIGINT:
+        if _came and not isinstance(left, _EndedBySignal) and left.code == 128 + signal.SIGINT:
             _leave_for_signal()  # typer caught it before a command had begun, and says nothing
         raise
     except MemoryError:
-        say("error: there is too little memory; --dry-run tells how much is needed")
+        print_message("error: there is too little memory; --dry-run tells how much is needed")
         sys.exit(RUN_FAILED)
     except Defect as error:
-        say(f"error: {error}")
+        print_message(f"error: {error}")
         sys.exit(RUN_FAILED)
     except BrokenPipeError:  # the reader went away, as `| head` does
         _silence(sys.stdout)
@@ -180,7 +180,7 @@ def ends() -> Iterator[None]:
             raise
         blamed = "standard output cannot be written: " if error is Output.failed else ""
         _silence(sys.stdout)
-        say(f"error: {blamed}{error.strerror or error}")
+        print_message(f"error: {blamed}{error.strerror or error}")
         sys.exit(RUN_FAILED)
 
 
@@ -225,7 +225,7 @@ def _end(number: int, _: FrameType | None) -> None:
     if number == signal.SIGHUP:
         hung_up()
     if len(_came) > 1:
-        say("ended at once", logged=False)  # whatever the log waits for
+        print_message("ended at once", logged=False)  # whatever the log waits for
         os._exit(128 + number)
     waiting = threading.Timer(PATIENCE, _still_here, [number])
     waiting.daemon = True
@@ -238,9 +238,9 @@ def _still_here(number: int) -> None:
     if not _held:  # it has: the interpreter goes on in somebody else's hands
         return
     if _compiling_soon():
-        say(f"{WORDS[number]} while kernels were compiled", logged=False)
+        print_message(f"{WORDS[number]} while kernels were compiled", logged=False)
         os._exit(128 + number)
-    say(f"{WORDS[number]}; navsim finishes its current step first. Send it again to stop at once")
+    print_message(f"{WORDS[number]}; navsim finishes its current step first. Send it again to stop at once")
 
 
 def _compiling_soon() -> bool:
@@ -277,15 +277,15 @@ def _silence(stream: Any) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _say_notes() -> None:
+def _print_cache_notes() -> None:
     """What the kernels' cache has to tell, where it was used at all."""
     cache = sys.modules.get("navsim.compiler.kernel_cache")
     if cache is not None:
         while cache.notes:
-            say(f"warning: {cache.notes.pop(0)}")
+            print_message(f"warning: {cache.notes.pop(0)}")
 
 
-class _Told(SystemExit):
+class _EndedBySignal(SystemExit):
     """The end after a signal, of which the person at the terminal was told."""
 
 
@@ -296,5 +296,5 @@ def signal_that_came() -> int:
 
 def _leave_for_signal() -> NoReturn:
     number = signal_that_came()
-    say(WORDS[number])
-    raise _Told(128 + number) from None
+    print_message(WORDS[number])
+    raise _EndedBySignal(128 + number) from None

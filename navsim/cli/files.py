@@ -13,7 +13,7 @@ import typer
 
 from navsim.cli.common import AT_TERMINAL, leave, leaving, print_json
 from navsim.cli.completion import SHELLS, script
-from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.ending import BAD_INPUT, print_message
 from navsim.cli.options import set_option
 from navsim.kinds import KINDS, OF_FILES
 from navsim.runner.errors import BadInput
@@ -38,7 +38,7 @@ def validate(
         except BadInput as error:
             right = False
             for problem in error.problems:
-                say(f"error: {'' if problem.file == str(scenario) else of}{problem}")
+                print_message(f"error: {'' if problem.file == str(scenario) else of}{problem}")
             continue
         for text in warnings:
             AT_TERMINAL.warn(f"{of}{text}")
@@ -63,7 +63,7 @@ def schema(
     ] = False,
 ) -> None:
     """Print the JSON Schema of a kind of file, with unit, range and default of each key."""
-    from navsim.results.atomic_write import write_whole
+    from navsim.results.atomic_write import write_atomically
     from navsim.scenario.published import ANY, installed, published
 
     with leaving():
@@ -75,7 +75,7 @@ def schema(
         path = installed(each)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, json.dumps(published(each), ensure_ascii=False, indent=1).encode())
+            write_atomically(path, json.dumps(published(each), ensure_ascii=False, indent=1).encode())
         except OSError as error:
             leave(BAD_INPUT, f"{path}: cannot be written: {error.strerror or error}")
     print(f"schemas of {len(OF_FILES)} kinds, and {ANY}, written to {installed(ANY).parent}")
@@ -177,7 +177,7 @@ def init(
             written.append(str(path))
         except FileExistsError:
             if not path.is_file() or path.read_bytes() != content:
-                say(f"warning: {path} differs from the shipped file; navsim keeps it. {target} names it")
+                print_message(f"warning: {path} differs from the shipped file; navsim keeps it. {target} names it")
         except OSError as error:
             leave(BAD_INPUT, f"{path}: cannot be written: {error.strerror or error}")
     print(f"{', '.join(written)} written; go on with: navsim {KINDS[shipped.kind(template)].command} {target}")

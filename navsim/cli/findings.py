@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from navsim.cli.ending import say
+from navsim.cli.ending import print_message
 
 if TYPE_CHECKING:
     from navsim.results.result import Result
@@ -18,6 +18,6 @@ def warn(result: Result, name: str = "", known: Sequence[str] = ()) -> None:
     found = [finding.text for finding in of(result)]
     for text in found:
         if text not in known:
-            say(f"warning: {name}{': ' if name else ''}{text}")
+            print_message(f"warning: {name}{': ' if name else ''}{text}")
     if found:
-        say(f"{len(found)} warning(s)")
+        print_message(f"{len(found)} warning(s)")

@@ -45,7 +45,7 @@ def note(event: str, **members: Any) -> None:
                 print(f"warning: {file.name}: {error.strerror}; the log ends here", file=sys.stderr)
 
 
-def note_said(message: str) -> None:
+def note_message(message: str) -> None:
     """A message, whose beginning says whether it is a warning or an error."""
     kind, _, text = message.partition(": ")
     if kind in _KINDS:
@@ -61,7 +61,7 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
 
     try:
         file = open(path, "a+", encoding="utf-8", buffering=1, errors="replace")  # noqa: SIM115 - closed below
-        whole = _ends_whole(file)
+        whole = _ends_with_newline(file)
     except OSError as error:
         raise NoLog(f"{path}: {error.strerror or error}") from None
     with file:
@@ -83,7 +83,7 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
             _files.clear()
 
 
-def _ends_whole(file: IO[str]) -> bool | None:
+def _ends_with_newline(file: IO[str]) -> bool | None:
     """Whether a log, which may be empty, ends with a whole line; None for what is no log."""
     import json
 

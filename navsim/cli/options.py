@@ -19,7 +19,7 @@ _PLAIN = {int: re.compile("[0-9]{1,40}"), float: re.compile(r"(?:[0-9]+\.?[0-9]*
 """A number as people write one; Python's own reading takes `1_000`, `nan` and the digits of other scripts too."""
 
 
-def _is_whole(text: str, least: float, most: int) -> bool:
+def _is_integer(text: str, least: float, most: int) -> bool:
     """Whether a text is a number without decimals within limits, written with a point or an exponent."""
     if not _PLAIN[float].fullmatch(text):
         return False
@@ -35,7 +35,7 @@ def number_option(
     def parse(given: object) -> float:
         text = str(given)  # a default comes as a number
         if not _PLAIN[kind].fullmatch(text) or not least <= kind(text) <= most:
-            instead = f": write {float(text):.0f}" if _is_whole(text, least, most) else ""
+            instead = f": write {float(text):.0f}" if _is_integer(text, least, most) else ""
             raise typer.BadParameter(f"expected {what} from {least:g} to {most}, not {text[:40]!r}{instead}")
         return kind(text)
 

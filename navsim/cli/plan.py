@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import leave
-from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.ending import BAD_INPUT, print_message
 from navsim.cli.options import number_option
 from navsim.cli.reports import INSTALL
 
@@ -93,7 +93,7 @@ def plan(
 
     try:
         Planner(document, text, target, drawn).serve(
-            port, not no_browser, serving, lambda words: say(f"warning: {words}")
+            port, not no_browser, serving, lambda words: print_message(f"warning: {words}")
         )
     except OSError as error:
         leave(BAD_INPUT, f"--port {port}: cannot be had at {ADDRESS}: {error.strerror or error}")

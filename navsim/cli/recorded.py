@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from navsim.cli.common import AT_TERMINAL, leave, leaving, print_shown, progress
-from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, keep, say
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, keep, print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import (
     Care,
@@ -30,10 +30,9 @@ from navsim.cli.options import (
     set_option,
 )
 from navsim.cli.terminal import TerminalRequest, run_job
-from navsim.runner.opening import opened as opened_job
-from navsim.runner.opening import target_of
+from navsim.runner.opening import open_job, target_of
 from navsim.runner.resources import Request, check_resources
-from navsim.runner.target import begun, check_target, save
+from navsim.runner.target import check_target, locked_target, save
 
 if TYPE_CHECKING:
     from navsim.replays.live import Session
@@ -67,7 +66,7 @@ def replay(
 
     options = Options(require=required.require)
     with leaving():
-        job, suffix = opened_job("replay", log, given.set_ or [], options)
+        job, suffix = open_job("replay", log, given.set_ or [], options)
         target = target_of(given.output, log.stem + suffix)
     run_job(log, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))
 
@@ -125,7 +124,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
 
     Give --receiver or --imu. navsim counts late, lost and corrupt messages and continues.
     """
-    from navsim.formats.stream import StreamError, opened
+    from navsim.formats.stream import StreamError, open_source
     from navsim.results.result import ResultError, ResultKind
 
     if (given.receiver is None) == (given.imu is None):
@@ -143,10 +142,13 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
 
     with leaving():
         session = _session(scenario, given, care, target)
-    session.tell = lambda message: None if care.quiet and not message.startswith("warning") else say(message)
+    session.tell = lambda message: None if care.quiet and not message.startswith("warning") else print_message(message)
     extent = math.ceil(session.case.scenario.duration_s)
     try:
-        with opened(given.receiver or given.imu or "-") as lines, progress(extent, "seconds", not care.quiet) as done:
+        with (
+            open_source(given.receiver or given.imu or "-") as lines,
+            progress(extent, "seconds", not care.quiet) as done,
+        ):
             session.tell(f"reading {lines.place}" + (f"; {lines.note}" if lines.note else ""))
             with _ended_by_signals(session) as came:
                 why = session.pump(lines, given.silence, done)
@@ -165,7 +167,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     session.tell(f"ended: {why}")
     warn(result)
     for failure in wrong:
-        say(f"error: {failure}")
+        print_message(f"error: {failure}")
     if came:
         raise typer.Exit(128 + came[0])
     if wrong:
@@ -203,7 +205,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
             if getattr(section, name):
                 AT_TERMINAL.warn(f"{scenario}: {name} is not used: one live flight is not judged by it")
         start = None if given.start_time is None else source_clock.start_time(given.start_time)
-        keep(begun(target, _KERNELS, AT_TERMINAL))
+        keep(locked_target(target, _KERNELS, AT_TERMINAL))
         case = landing.prepare(section, document, ask)
         if not case.world.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")

@@ -68,10 +68,10 @@ def _refuse(target: Path, files: list[Path], generator: str) -> None:
         return
     if any(path.exists() and target.samefile(path) for path in files):
         leave(BAD_INPUT, f"{target}: is one of the results; choose another -o/--output")
-    from navsim.results.files import opened
+    from navsim.results.files import open_regular
 
     try:
-        with opened(target) as file:
+        with open_regular(target) as file:
             ours = f'name="generator" content="{generator}'.encode() in file.read(_BEGINNING)
     except OSError as error:
         leave(BAD_INPUT, f"{target}: {error.strerror or error}")

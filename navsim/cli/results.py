@@ -21,7 +21,7 @@ from navsim.cli.common import (
     print_tables,
     read_result,
 )
-from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.ending import BAD_INPUT, print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
 from navsim.runner.target import figure_folder
@@ -204,7 +204,7 @@ def plot(
             folder = figure_folder(figures, file, skipped=False)
         result = read_result(file)
         if folder is None:
-            say(f"{file}: no figures, as --figures none says")
+            print_message(f"{file}: no figures, as --figures none says")
             continue
         with shown_as_stored([result], [file]):
             from navsim.report.printing import Print
@@ -289,13 +289,15 @@ def export(
         for path in convert(chosen_run, target, chosen, result):
             print(path)
         if several is not None:
-            say(f"{file}: {several}; --run K takes another")
+            print_message(f"{file}: {several}; --run K takes another")
         approximate = approximate_systems(result) if rinex else []
         otherwise = differences(result) if imu else []
     for system in approximate:
-        say(
+        print_message(
             f"warning: the {system} satellites flew by an almanac, and the exported messages only resemble it; fly "
             "with sky.broadcast: true for exact ones"
         )
     for text in otherwise:
-        say(f"warning: the run's filter {text}; navsim replay of the exported log gives other estimates than the run")
+        print_message(
+            f"warning: the run's filter {text}; navsim replay of the exported log gives other estimates than the run"
+        )

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from navsim.cli.common import leave, leaving
-from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.ending import BAD_INPUT, print_message
 from navsim.cli.options import Care, SchedulerOption, WorkersOption, figures_option
 from navsim.cli.terminal import resuming
 
@@ -52,19 +52,21 @@ def resume(
     Scenario, files and code must be unchanged. Give options on figures, clusters, overwriting and logs again.
     """
     from navsim.cli.main import app
-    from navsim.runner.checkpoint import CheckpointError, begun_by
-    from navsim.runner.errors import BadInput, said
+    from navsim.runner.checkpoint import CheckpointError, command_of
+    from navsim.runner.errors import BadInput, as_problems
 
     with leaving():
         try:
-            begun = begun_by(folder)
+            begun = command_of(folder)
         except CheckpointError as error:
-            raise BadInput(said(error)) from None
+            raise BadInput(as_problems(error)) from None
     words, dropped = _read(folder, begun.words, given)
     words += _options(given, care)
-    say(f"navsim {shlex.join(words)}")
+    print_message(f"navsim {shlex.join(words)}")
     if dropped:
-        say(f"without {shlex.join(dropped)} of its first command; give it to navsim resume if you want it again")
+        print_message(
+            f"without {shlex.join(dropped)} of its first command; give it to navsim resume if you want it again"
+        )
     with resuming(folder.absolute()):
         try:
             os.chdir(begun.folder)

@@ -26,7 +26,7 @@ from navsim.cli.options import (
     set_option,
 )
 from navsim.cli.terminal import TerminalRequest, run_job
-from navsim.runner.opening import Keep, Method, opened, target_of
+from navsim.runner.opening import Keep, Method, open_job, target_of
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,6 @@ def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care:
         require_fix=required.require_fix, require_consistent=required.require_consistent, require=required.require,
     )  # fmt: skip
     with leaving():
-        job, suffix = opened("run", scenario, given.set_ or [], options)
+        job, suffix = open_job("run", scenario, given.set_ or [], options)
         target = target_of(given.output, scenario.stem + suffix)
     run_job(scenario, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))

@@ -27,7 +27,7 @@ from navsim.cli.options import (
 )
 from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.errors import translate_errors
-from navsim.runner.opening import SweepMethod, opened, target_of
+from navsim.runner.opening import SweepMethod, open_job, target_of
 
 StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)]
 
@@ -73,7 +73,7 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: C
         fresh=given.fresh, require=required.require,
     )  # fmt: skip
     with leaving():
-        job, suffix = opened("sweep", study, given.set_ or [], options)
+        job, suffix = open_job("sweep", study, given.set_ or [], options)
         target = target_of(given.output, study.stem + suffix)
     run_job(study, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))
 
@@ -114,7 +114,7 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
 
     options = Options(given.seed, given.runs, scheduler=given.scheduler, time_limit=given.time_limit, fresh=given.fresh)
     with leaving():
-        job, suffix = opened("optimize", study, given.set_ or [], options)
+        job, suffix = open_job("optimize", study, given.set_ or [], options)
         target = target_of(given.output, study.stem + suffix)
     run_job(study, job, target, TerminalRequest(care, Required(), options, given.figures, given.dry_run, given.json_))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navsim.cli.common import AT_TERMINAL, leaving, print_shown, progress
-from navsim.cli.ending import say
+from navsim.cli.ending import print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import Care, Required
 from navsim.runner import steps
@@ -83,7 +83,7 @@ def run_job(name: object, job: Job, target: Path, wanted: TerminalRequest) -> Re
     if done.stopped:
         AT_TERMINAL.warn(done.stopped)
     if done.kept:
-        say(done.kept)
+        print_message(done.kept)
     required = wanted.required
     with leaving():
         steps.raise_on_failure(

@@ -79,7 +79,7 @@ def atcs(results: Sequence[Named]) -> list[Drawing]:
             tell(on, marks[i], ("", "$name"), ("time", "@x{0.0} s"), ("RMSE", "@y{0.000}"), (_OF_RUNS, "@sigma{0.000}"))
         keys = [Key(f"{name}: {atc.WORDS[name]}", colour(f)) for f, name in enumerate(filters)]
         caption = (
-            f"{atc.in_words(result['/case'][0])}, {_runs(result)}; dotted: {_OF_RUNS}; shaded: manoeuvres."
+            f"{atc.case_label(result['/case'][0])}, {_runs(result)}; dotted: {_OF_RUNS}; shaded: manoeuvres."
             + which.words("scan")
         )
         out += [Drawing(f"errors{anchor}", f"Errors over time{called}", panels, caption, keys, 1),
@@ -102,7 +102,7 @@ def _ratios(result: Result, anchor: str, called: str) -> Drawing:
         value, low, high = ratios[c].T
         of = source(x=at, y=value, low=low, high=high, state=states)
         on.segment("x", "low", "x", "high", source=of, line_color=colour(c), line_width=2)
-        said = atc.in_words(case)
+        said = atc.case_label(case)
         marks.append(on.scatter("x", "y", source=of, size=7, color=colour(c), name=said))
         keys.append(Key(said, colour(c), "dot"))
     ticks(on, on.xaxis[0], range(len(states)), states)
@@ -118,7 +118,7 @@ def azimuths(results: Sequence[Named]) -> list[Drawing]:
     out = []
     for k, (_, result) in enumerate(results):
         anchor, called = _several(results, k)
-        words = azimuth.words(result)
+        words = azimuth.filter_labels(result)
         on = plot("", "time, s", "azimuth RMSE, deg", 340, y_axis_type="log")
         time = result["/time"]
         which = some(time.size, 800)

@@ -109,7 +109,7 @@ class ProtectedFolder:
 
     def names(self) -> list[str]:
         """Names of files and folders in it. Raises OSError."""
-        with _opened(".", self.descriptor, os.O_RDONLY | os.O_DIRECTORY) as readable:
+        with _open_checked(".", self.descriptor, os.O_RDONLY | os.O_DIRECTORY) as readable:
             return os.listdir(readable)
 
 
@@ -167,7 +167,7 @@ def _exchange(old: int, new: int) -> int:
 
 
 @contextmanager
-def _opened(name: str, folder: int, flags: int) -> Iterator[int]:
+def _open_checked(name: str, folder: int, flags: int) -> Iterator[int]:
     descriptor = os.open(name, flags | os.O_CLOEXEC, dir_fd=folder)
     try:
         yield descriptor

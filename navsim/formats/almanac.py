@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.formats.text import FileError, number, read_lines, whole, within
+from navsim.formats.text import FileError, integer, number, read_lines, within
 from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass, gps, tle
 from navsim.gnss.constellations.constellation import Constellation
@@ -210,7 +210,7 @@ _SEM_INCLINATION = 0.30
 
 
 def _sem(path: Path, lines: list[tuple[int, str]], near: float) -> gps.KeplerianEphemerides:
-    count = whole(path, lines[0][0], lines[0][1].split()[0], "the number of records")
+    count = integer(path, lines[0][0], lines[0][1].split()[0], "the number of records")
     within(path, lines[0][0], count, 1, GPS.highest, "the number of records")
     if len(lines) < 2:
         raise FileError(lines[0][0], "the file breaks off after its headline", path)

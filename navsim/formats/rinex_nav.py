@@ -20,7 +20,7 @@ from types import MappingProxyType
 import numpy as np
 
 from navsim.formats.rinex_write import INAV_SOURCES
-from navsim.formats.text import Dropped, FileError, date_and_time, number, read_lines, whole, within
+from navsim.formats.text import Dropped, FileError, date_and_time, integer, number, read_lines, within
 from navsim.gnss import timescales
 from navsim.gnss.constellations import gps
 from navsim.gnss.constellations.constellation import Constellation
@@ -191,7 +191,7 @@ def _header(path: Path, lines: list[str]) -> _Header:
             offsets[of] = index, line
         elif label == "LEAP SECONDS":
             if _counts_from_gps(line):
-                leap = int(within(path, index, whole(path, index, line[:6], "leap seconds"), 0, 100, "leap seconds"))
+                leap = int(within(path, index, integer(path, index, line[:6], "leap seconds"), 0, 100, "leap seconds"))
         elif label == "END OF HEADER":
             both = {"GPSA", "GPSB"} <= corrections.keys()
             ionosphere = (corrections["GPSA"], corrections["GPSB"]) if both else None
@@ -308,7 +308,7 @@ def _margin(version: float) -> int:
 
 def _satellite(path: Path, block: list[tuple[int, str]], version: float, most: int) -> int:
     line, text = block[0]
-    satellite = whole(path, line, text[:2] if version < 3.0 else text[1:3], "the satellite")
+    satellite = integer(path, line, text[:2] if version < 3.0 else text[1:3], "the satellite")
     within(path, line, satellite, 1, most, "the satellite's number")
     return satellite
 
@@ -428,7 +428,7 @@ def _galileo(path: Path, record: _Record, version: float, _: int, dropped: Dropp
     E5b of I/NAV, E5a of F/NAV [4]."""
     v = _keplerian(path, record, version, GALILEO, _GALILEO_FIELDS)
     line = record.lines[(_GALILEO_FIELDS.index("source") + 1) // 4][0]
-    source = whole(path, line, f"{v['source']:.10g}", "the data sources")
+    source = integer(path, line, f"{v['source']:.10g}", "the data sources")
     by_inav = _is_of_inav(path, line, source, dropped)
     v |= {"tgd": v["bgd_e5b" if by_inav else "bgd_e5a"], "ura": v["sisa"], "iodc": v["iode"]}
     return GALILEO.message if by_inav else GALILEO.other_messages[0], _in_order(v)
@@ -535,7 +535,7 @@ def _flags(path: Path, numbered: tuple[int, str], start: int, most: int, name: s
     piece = text[start : start + 19]
     if not piece.strip() or number(path, line, piece, name) == _UNKNOWN:
         return None
-    return int(within(path, line, whole(path, line, piece, name), 0, most, name))
+    return int(within(path, line, integer(path, line, piece, name), 0, most, name))
 
 
 _UNKNOWN = 0.999999999999e9

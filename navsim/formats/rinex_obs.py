@@ -21,9 +21,9 @@ from navsim.formats.text import (
     check_table,
     date_and_time,
     ends_within,
+    integer,
     number,
     read_lines,
-    whole,
     within,
 )  # fmt: skip
 from navsim.gnss import timescales
@@ -204,7 +204,7 @@ class _Header:
         elif label == "GLONASS SLOT / FRQ #":
             for place in range(4, 60, 7):
                 if line[place : place + 3].strip():
-                    self.channels[line[place : place + 3].replace(" ", "0")] = whole(
+                    self.channels[line[place : place + 3].replace(" ", "0")] = integer(
                         self.path, index, line[place + 3 : place + 6], "the frequency channel"
                     )
 
@@ -218,7 +218,7 @@ class _Header:
 
     def _announce(self, index: int, letter: str, text: str) -> None:
         name = "the number of types"
-        due = int(within(self.path, index, whole(self.path, index, text, name), 1, 200, name))
+        due = int(within(self.path, index, integer(self.path, index, text, name), 1, 200, name))
         self._types_of, self._codes[letter], self._due[letter] = letter, [], (index, due)
 
     def _types(self, index: int, line: str) -> None:
@@ -241,12 +241,12 @@ class _Header:
             if self.version >= 3.0 and not letter:
                 raise FileError(index, "a scale factor without a satellite system", self.path)
             of = self._system(index, letter) if letter else ""
-            value, where = whole(self.path, index, factor, "the scale factor"), index
+            value, where = integer(self.path, index, factor, "the scale factor"), index
             if value not in _FACTORS:
                 allowed = ", ".join(str(known) for known in _FACTORS)
                 raise FileError(index, f"the scale factor is {value}; allowed are {allowed}", self.path)
             name = "the number of scaled types"
-            due = int(within(self.path, index, whole(self.path, index, count.strip() or "0", name), 0, 200, name))
+            due = int(within(self.path, index, integer(self.path, index, count.strip() or "0", name), 0, 200, name))
             if not due and not codes:
                 self._of_system[of] = value
                 return
@@ -455,8 +455,8 @@ class _Reader:
 
     def _head(self, at: int, flag: str, count: str, parts: list[str]) -> _Epoch:
         name = "the number of satellites"
-        number_of = int(within(self.path, at + 1, whole(self.path, at + 1, count, name), 0, _MOST_SATELLITES, name))
-        kind = whole(self.path, at + 1, flag, "the epoch flag")
+        number_of = int(within(self.path, at + 1, integer(self.path, at + 1, count, name), 0, _MOST_SATELLITES, name))
+        kind = integer(self.path, at + 1, flag, "the epoch flag")
         within(self.path, at + 1, kind, 0, _CYCLE_SLIPS, "the epoch flag")
         return _Epoch(at, kind, number_of, parts)
 

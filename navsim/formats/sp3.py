@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.formats.text import Dropped, FileError, check_table, column, date_and_time, read_lines, whole, within
+from navsim.formats.text import Dropped, FileError, check_table, column, date_and_time, integer, read_lines, within
 from navsim.gnss import timescales
 from navsim.gnss.constellations.precise import OrbitTable
 from navsim.gnss.constellations.systems import GPS
@@ -37,7 +37,7 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     head = lines[0]
     if len(head) < 60 or head[0] != "#" or head[1] not in "abcd":
         raise FileError(1, "not an SP3 file: it begins with #a, #b, #c or #d", path)
-    epochs = whole(path, 1, head[32:39], "the number of epochs")
+    epochs = integer(path, 1, head[32:39], "the number of epochs")
     listed: list[str] = []
     satellites = 0
     scale = GPS.time_system
@@ -50,12 +50,12 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     for index, line in enumerate(lines[1:], 2):
         if line.startswith("+ "):
             if not satellites:
-                satellites = whole(path, index, line[3:6], "the number of satellites")
+                satellites = integer(path, index, line[3:6], "the number of satellites")
                 within(path, index, satellites, 1, 999, "the number of satellites")
             listed += [_name(line[9 + 3 * i : 12 + 3 * i]) for i in range(17) if line[9 + 3 * i : 12 + 3 * i].strip()]
         elif line.startswith("++"):
             pieces = [line[9 + 3 * i : 12 + 3 * i] for i in range(17)]
-            codes += [whole(path, index, piece, "the accuracy") for piece in pieces if piece.strip()]
+            codes += [integer(path, index, piece, "the accuracy") for piece in pieces if piece.strip()]
         elif line.startswith("%c"):
             scales_seen += 1
             if scales_seen == 1:

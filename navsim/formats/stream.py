@@ -132,7 +132,7 @@ class _Source:
 
 
 @contextmanager
-def opened(source: str) -> Iterator[Lines]:
+def open_source(source: str) -> Iterator[Lines]:
     """Lines of a source: `-`, udp://HOST:PORT (listens, keeps to the first sender), tcp://HOST:PORT (connects),
     tcp-listen://HOST:PORT (waits for one sender), serial:///dev/NAME?baud=N, or a file's path.
 

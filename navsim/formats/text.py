@@ -126,7 +126,7 @@ def read_lines(path: Path, dropped: Dropped | None = None) -> list[str]:
     FileError where the file is no text, cannot be unpacked, or takes more memory than `MOST_BYTES`; OSError where it
     cannot be read.
     """
-    with files.opened(path) as file:
+    with files.open_regular(path) as file:
         reading = _Reading(path, file, Dropped() if dropped is None else dropped)
         return reading.lines()
 
@@ -187,9 +187,9 @@ class _Reading:
             held = b""
             if data.endswith(b"\r"):  # of a line end that the next piece may complete
                 data, held = data[:-1], b"\r"
-            whole, end, last = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").rpartition(b"\n")
+            complete, end, last = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").rpartition(b"\n")
             if end:
-                out += self._decoded(whole)
+                out += self._decoded(complete)
             held = last + held
             if len(held) > _LONGEST_LINE:
                 raise FileError(len(out) + 1, f"a line of more than {_LONGEST_LINE:,} bytes", self.path)
@@ -559,7 +559,7 @@ def number(path: Path, line: int, text: str, name: str) -> float:
     return value
 
 
-def whole(path: Path, line: int, text: str, name: str) -> int:
+def integer(path: Path, line: int, text: str, name: str) -> int:
     """A whole number. Raises FileError."""
     value = number(path, line, text, name)
     if value != int(value):
@@ -579,7 +579,7 @@ def date_and_time(path: Path, line: int, parts: list[str]) -> float:
 
     Raises FileError.
     """
-    year, month, day, hour, minute = (whole(path, line, part, "the epoch") for part in parts[:5])
+    year, month, day, hour, minute = (integer(path, line, part, "the epoch") for part in parts[:5])
     if len(parts[0].strip()) <= 2:
         within(path, line, year, 0, 99, "the year")
         year += 1900 if year >= 80 else 2000

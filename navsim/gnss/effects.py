@@ -145,7 +145,7 @@ def space_sensitivity(space: Space, unit: np.ndarray, position: np.ndarray, velo
     return np.concatenate([orbit, np.full((*orbit.shape[:2], 1), space.clock)], axis=2)
 
 
-def seen_from(
+def directions_from(
     constellation: Constellation, gpst: np.ndarray, llh: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unit vectors ECEF (e, n, 3), azimuth, elevation (e, n) of satellites at times (e,) from one place llh (3,)."""

@@ -18,7 +18,7 @@ from navsim.gnss import atmosphere, dll, pseudorange, timescales
 from navsim.gnss.antenna import AircraftAntenna, GroundPattern
 from navsim.gnss.constellations.constellation import Constellation, carriers
 from navsim.gnss.constellations.systems import CLOCKS, GPS, OWN
-from navsim.gnss.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
+from navsim.gnss.effects import NO_EFFECTS, Effects, directions_from, propagation, space_sensitivity
 from navsim.gnss.events import PSEUDOLITES, Event, Scene, happened
 from navsim.gnss.interference import propagation as interference
 from navsim.gnss.interference.horizon import behind, horizon_dip, horizon_distance
@@ -419,7 +419,7 @@ def _affected(
         for group in environment.satellites:
             here = slice(first, first + len(group.names))
             first = here.stop
-            unit, azimuth, elevation = seen_from(group.constellation, earlier, effects.reference.llh)
+            unit, azimuth, elevation = directions_from(group.constellation, earlier, effects.reference.llh)
             there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
             # the station does not see it, or knows nothing of it: no correction, no use
             used[:, here] &= np.isfinite(there) & np.isfinite(elevation)

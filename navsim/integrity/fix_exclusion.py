@@ -13,7 +13,7 @@ import numpy as np
 
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity import exclusion
-from navsim.integrity.fixes import ReceiverFixes, left_over, solved
+from navsim.integrity.fixes import ReceiverFixes, range_residuals, solved
 from navsim.integrity.monitoring import RMS, Monitoring, Snapshot, tested_levels
 
 STRETCH = 256
@@ -83,7 +83,7 @@ class Excluder:
         for i, c in enumerate(tried):
             kept = np.where(self._candidates[c][:, None], np.nan, ranges)
             fixes = solved(self.start, signals, kept, rates)
-            residual, error = left_over(signals, antenna, self.axes[part], kept, fixes.llh, fixes.clocks)
+            residual, error = range_residuals(signals, antenna, self.axes[part], kept, fixes.llh, fixes.clocks)
             monitor = self._monitor(number, int(c), signals)
             there = (taken[c] & monitor.tested)[:, None] & ~np.isnan(fixes.llh[:, 0])
             passes[i] = alarm & there & (monitor.statistic(residual) <= monitor.threshold[:, None])

@@ -36,7 +36,7 @@ def solved(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.nd
     return out
 
 
-def left_over(
+def range_residuals(
     signals: Signals, antenna: np.ndarray, axes: np.ndarray, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What fixes llh (e, 3, W), clocks (e, MAX_CLOCKS, W) leave of their ranges (e, s, W), m, and the sizes of their

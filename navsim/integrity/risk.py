@@ -23,7 +23,7 @@ def silent(monitor: Monitor, epoch: int, source: int, bias: float, limit: float)
     return beyond * chi_square.probability_below(threshold, degrees, seen)
 
 
-def silent_apart(
+def undetected_by_separation(
     main: MonitoredFix, separation: np.ndarray, epoch: int, source: int, bias: float, limits: tuple[float, float]
 ) -> float:
     """The same under the test that the fix without the source is no further than a threshold from the whole one.

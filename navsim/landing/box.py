@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.core.arrays import normal
 from navsim.landing.case import Case
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.runner.statistics import share_interval
 
 AXES = ("lateral", "along", "vertical")
@@ -47,7 +47,7 @@ def box_of(case: Case) -> Box | None:
     )  # fmt: skip
 
 
-def described(draft: Draft, box: Box) -> None:
+def described(draft: ResultBuilder, box: Box) -> None:
     """What the box is."""
     if "/axis" not in draft:
         draft["/summary/box/axis"] = np.array(AXES)
@@ -58,7 +58,7 @@ def described(draft: Draft, box: Box) -> None:
         draft["/summary/box/place"] = box.place
 
 
-def counted(draft: Draft, box: Box, errors: np.ndarray) -> None:
+def counted(draft: ResultBuilder, box: Box, errors: np.ndarray) -> None:
     """The box, and how many errors (run, 3) are outside."""
     described(draft, box)
     outside = box.beyond(errors)
@@ -74,7 +74,7 @@ def counted(draft: Draft, box: Box, errors: np.ndarray) -> None:
         draft["/summary/box/axis_gaussian"] = where_limited(box, chances)
 
 
-def to_first_order(draft: Draft, box: Box, mean: np.ndarray, sigma: np.ndarray) -> None:
+def to_first_order(draft: ResultBuilder, box: Box, mean: np.ndarray, sigma: np.ndarray) -> None:
     """The box, and how often Gaussian errors with these means and sigmas (3,), m, are outside."""
     described(draft, box)
     draft["/summary/box/axis_mean"] = mean

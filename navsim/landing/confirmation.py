@@ -17,7 +17,7 @@ import numpy as np
 from navsim.landing.result import result
 from navsim.landing.study import Case
 from navsim.landing.study import fly_all as fly_landing
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import CONSISTENT, Finding, of, several
 from navsim.results.result import Result
 from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS
@@ -55,7 +55,7 @@ CANDIDATES = 12
 """Largest number of choices to fly until runs agree with the analysis of one."""
 
 
-def filter_outputs(tree: Result | Draft) -> dict[str, float]:
+def filter_outputs(tree: Result | ResultBuilder) -> dict[str, float]:
     """The filter's errors of a landing result, with the ends of their intervals as `NAME_low`, `NAME_high`."""
     out: dict[str, float] = {}
     for name in FILTER_QUANTITIES:

@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.core.consistency import ROUNDING
 from navsim.landing.case import Case
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.runner.batches import Ensemble
 from navsim.runner.consistency import RatioBand, Ratios, StateVerdict, correlation_of, evaluate, simultaneous_band
 
@@ -56,7 +56,7 @@ def evaluate_states(case: Case, ratios: Ratios) -> tuple[RatioBand, StateVerdict
     return band, evaluate(ratios, band, case.scenario.filter.sigma_tolerance)
 
 
-def put_consistency(draft: Draft, case: Case, ratios: Ratios, beyond: np.ndarray | None) -> None:
+def put_consistency(draft: ResultBuilder, case: Case, ratios: Ratios, beyond: np.ndarray | None) -> None:
     """Put the ratios, and what is worst of them, into a result. beyond: shares of runs (k, t, n) beyond the limits."""
     band, verdict = evaluate_states(case, ratios)
     draft["/consistency/time"] = ratios.time

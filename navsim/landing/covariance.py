@@ -28,7 +28,7 @@ from navsim.landing.ensemble import (
     variances_at_heights,
 )
 from navsim.landing.tree import accuracy, attributes, base, belief
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import Finding, kept, several
 from navsim.results.result import Result
 from navsim.results.schema import COVARIANCE
@@ -112,7 +112,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     believed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
     outputs[NOT_POSITIVE] = ~positive(analysis.believed)
     outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(believed, 0.0))).any(axis=1)
-    found = notes([*case.warnings, *_beyond_range(case), *integrity.told(case)])
+    found = notes([*case.warnings, *_beyond_range(case), *integrity.level_warnings(case)])
     if integrity.is_kept_from_faults(case):
         found += notes(
             ["the covariance analysis knows no exclusion and drops no fix: errors are those with the faults"]
@@ -142,16 +142,16 @@ def _one(masks: np.ndarray) -> Flaws:
     return Flaws(flaws.count[None], flaws.first[None], flaws.last[None])
 
 
-def covariance_summary(case: Case, analysis: Analysis) -> Draft:
+def covariance_summary(case: Case, analysis: Analysis) -> ResultBuilder:
     """The part of the result that the analysis gives to `/summary`, for those who need no more."""
-    draft = Draft(COVARIANCE)
+    draft = ResultBuilder(COVARIANCE)
     _summary(draft, case, analysis, _squares(analysis))
     return draft
 
 
 def judged_without_runs(case: Case, analysis: Analysis | None) -> list[requirements.Fulfilment]:
     """What is known of each requirement of a case by the geometry, and by its covariance analysis if there is one."""
-    draft = Draft(COVARIANCE) if analysis is None else covariance_summary(case, analysis)
+    draft = ResultBuilder(COVARIANCE) if analysis is None else covariance_summary(case, analysis)
     integrity.described(draft, case)
     return requirements.fulfilments(draft, case, 0, None if analysis is None else _moments(case, analysis))
 
@@ -171,7 +171,7 @@ def _exact(values: np.ndarray) -> np.ndarray:
     return np.repeat(np.asarray(values)[..., None], 3, axis=-1)
 
 
-def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -> None:
+def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.ndarray) -> None:
     window, n = rms_window(case), len(case.states)
     late = square[:, window].mean(axis=1) if window.any() else np.full(square.shape[::2], np.nan)
     mean, cov = _at_heights(case, analysis, crossing_times(case))

@@ -350,7 +350,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         Flaws(*(ensemble.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
     )
     runs = ensemble.runs
-    out = judging.notes([*case.warnings, *integrity.told(case)])
+    out = judging.notes([*case.warnings, *integrity.level_warnings(case)])
     out += of_fixes(case, fixes)
     epochs = case.world.signals.time
     fixed, probability = int(ensemble.per_run("fixes").sum()), case.scenario.filter.gate.probability

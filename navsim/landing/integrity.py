@@ -29,7 +29,7 @@ from navsim.integrity.monitoring import (
 )
 from navsim.landing.case import Case, times_at_heights
 from navsim.landing.sources import on_glide
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.schema import COVARIANCE
 from navsim.runner.batches import Ensemble
 from navsim.runner.checkpoint import Arrays
@@ -52,7 +52,7 @@ _EARLY = 1e-9
 
 
 @dataclass(frozen=True)
-class Asked:
+class ApproachLimits:
     """What is asked of an approach.
 
     limits: (2,) of the horizontal and the vertical error, m, inf for none. alert: time to alert, s. time: (e,) of the
@@ -77,7 +77,7 @@ def spread_over(epochs: np.ndarray, most: int) -> np.ndarray:
     return epochs[np.arange(count) * (epochs.size - 1) // max(count - 1, 1)]
 
 
-def asked_of(case: Case) -> Asked | None:
+def approach_limits(case: Case) -> ApproachLimits | None:
     """What the scenario asks, if anything."""
     section = case.scenario.integrity
     if section is None or section.limits is None:
@@ -88,16 +88,16 @@ def asked_of(case: Case) -> Asked | None:
         (passed,) = times_at_heights(case, [section.decision_height_m])
         due = glide & (time >= (-math.inf if math.isnan(passed) else passed) - _EARLY)
     limits = np.array([math.inf if limit is None else limit for limit in section.limits.limits()])
-    return Asked(limits, section.limits.tta_s, time, glide, due)
+    return ApproachLimits(limits, section.limits.tta_s, time, glide, due)
 
 
-def within(asked: Asked, levels: np.ndarray) -> np.ndarray:
+def within(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
     """Where levels (..., 2) of tested fixes, nan of others, are below their limits; a limit that is none asks for no
     level."""
     return relative_levels(asked, levels) <= 1.0
 
 
-def relative_levels(asked: Asked, levels: np.ndarray) -> np.ndarray:
+def relative_levels(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
     """Levels (..., 2) by their limits, inf where there is none, 0 where none is asked for."""
     relative = np.where(np.isfinite(levels), levels, np.inf) / np.where(np.isinf(asked.limits), 1.0, asked.limits)
     return np.where(np.isinf(asked.limits), 0.0, relative)
@@ -149,7 +149,7 @@ def tally(case: Case, runs: Run) -> Arrays:
     settled = (runs.monitor_status == QUIET) | (runs.monitor_status == EXCLUDED)
     beyond = settled[..., None] & (runs.watched_error > levels)
     out["integrity_exceeded"] = beyond[:, glide].sum(axis=1)
-    asked = asked_of(case)
+    asked = approach_limits(case)
     if asked is None:
         return out
     low = within(asked, levels)
@@ -205,7 +205,7 @@ def watches_innovations(case: Case) -> bool:
     return watching is not None and watching.innovations is not None
 
 
-def regions(asked: Asked, levels: np.ndarray, status: np.ndarray, error: np.ndarray) -> np.ndarray:
+def regions(asked: ApproachLimits, levels: np.ndarray, status: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Where in Stanford diagrams, horizontal and vertical, fixes with these errors (r, e, 2) lie (r, e, 2), by
     `REGIONS`; levels (r or 1, e, 2) of tested ones, status (r, e)."""
     level = np.where(np.isnan(levels), np.inf, levels)
@@ -228,7 +228,7 @@ def windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
     return np.stack([begun.sum(axis=1), (begun & broken).sum(axis=1)], axis=1)
 
 
-def stretches(asked: Asked, time: np.ndarray, misled: np.ndarray, alarm: np.ndarray) -> tuple[int, float]:
+def stretches(asked: ApproachLimits, time: np.ndarray, misled: np.ndarray, alarm: np.ndarray) -> tuple[int, float]:
     """Of stretches of time (e,) in which an error is beyond its limit and its level is not: how many got no alert, as
     of `alerted`, within the time to alert, and the longest wait for one, s, inf where it was due and did not come, nan
     where none was due. One that lasts to the end, without an alarm, is not forgiven for being short."""
@@ -245,7 +245,7 @@ def stretches(asked: Asked, time: np.ndarray, misled: np.ndarray, alarm: np.ndar
     return late, longest
 
 
-def described(draft: Draft, case: Case) -> None:
+def described(draft: ResultBuilder, case: Case) -> None:
     """Levels by the geometry, which are the same in all runs, and their summary; nothing where nothing watches."""
     monitor, watching = case.flight.monitor, case.flight.watching
     if monitor is None or watching is None:
@@ -268,7 +268,7 @@ def described(draft: Draft, case: Case) -> None:
     draft["/summary/integrity/level_share"] = there.mean() if there.size else math.nan
     for i, name in enumerate(("hpl", "vpl")):
         draft[f"/summary/integrity/{name}"] = _numbers(levels[glide][there, i])
-    asked = asked_of(case)
+    asked = approach_limits(case)
     if asked is not None:
         draft["/summary/integrity/hal"], draft["/summary/integrity/val"] = asked.limits
         draft["/summary/integrity/tta"] = asked.alert
@@ -281,7 +281,7 @@ def _numbers(values: np.ndarray) -> np.ndarray:
     return np.array([values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])])
 
 
-def in_runway_axes(draft: Draft, case: Case) -> None:
+def in_runway_axes(draft: ResultBuilder, case: Case) -> None:
     """Levels across the runway and along it, beside those of `described`; nothing where nothing watches."""
     flight, bearing = case.flight, case.scenario.runway.heading_deg * DEG
     if flight.bank is not None:
@@ -296,7 +296,7 @@ def in_runway_axes(draft: Draft, case: Case) -> None:
         draft[f"/summary/integrity/level_{name}"] = _numbers(levels[there, i])
 
 
-def compared(draft: Draft, case: Case) -> None:
+def compared(draft: ResultBuilder, case: Case) -> None:
     """Levels of the same fixes by the forms of other systems; nothing where none are asked for."""
     section = case.scenario.integrity
     if section is None or section.comparison is None:
@@ -324,7 +324,7 @@ def compared(draft: Draft, case: Case) -> None:
 
 def level_outputs(case: Case) -> dict[str, float]:
     """Levels on the glide for those who need no more, by the names that sweeps have for them."""
-    draft = Draft(COVARIANCE)
+    draft = ResultBuilder(COVARIANCE)
     described(draft, case)
     out = {"level_share": float(draft["/summary/integrity/level_share"])}
     for name in ("hpl", "vpl"):
@@ -333,7 +333,7 @@ def level_outputs(case: Case) -> dict[str, float]:
     return out
 
 
-def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+def counted(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     """What runs had of it; nothing where nothing watches."""
     if case.flight.monitor is None:
         return
@@ -351,7 +351,7 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     if excludes(case):
         draft["/integrity/candidate"] = np.array([one.name for one in case.flight.candidates], dtype=object)
         _counted_exclusions(draft, branch, ensemble, alarms)
-    if asked_of(case) is None:
+    if approach_limits(case) is None:
         return
     if excludes(case):
         regained, exclusions = (ensemble.per_run(f"integrity_{name}") for name in ("regained", "exclusions"))
@@ -372,7 +372,7 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft[f"{branch}/time_to_alert"] = np.fmax.reduce(delay, axis=None)
 
 
-def _counted_exclusions(draft: Draft, branch: str, ensemble: Ensemble, alarms: np.ndarray) -> None:
+def _counted_exclusions(draft: ResultBuilder, branch: str, ensemble: Ensemble, alarms: np.ndarray) -> None:
     """What exclusions came to, of runs with so many other alarms (run,)."""
     came = ensemble.per_run("integrity_exclusions")
     for i, name in enumerate(EXCLUSIONS):
@@ -403,7 +403,7 @@ def share_of_alike(value: float, runs: int) -> np.ndarray:
     return np.array([value, value * (1.0 - rare), value + rare * (1.0 - value)])
 
 
-def told(case: Case) -> list[str]:
+def level_warnings(case: Case) -> list[str]:
     """What the user must hear of levels that are not there."""
     monitor, glide = case.flight.monitor, glide_of(case)
     section = case.scenario.integrity

@@ -18,9 +18,9 @@ from navsim.gnss import events
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.monitoring import Monitoring, Snapshot, tested_levels
 from navsim.integrity.observability import possible
-from navsim.landing.integrity import Asked, asked_of, glide_of, spread_over, told, within
+from navsim.landing.integrity import ApproachLimits, approach_limits, glide_of, level_warnings, spread_over, within
 from navsim.landing.study import Case
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result
 from navsim.results.schema import INTEGRITY_TABLE, MOST_LEVELS
@@ -49,7 +49,7 @@ class WatchedGlide:
     """
 
     watching: Monitoring
-    asked: Asked
+    asked: ApproachLimits
     signals: Signals
     satellites: np.ndarray
     pseudolites: np.ndarray
@@ -91,7 +91,7 @@ def _of_these(signals: Signals, sources: np.ndarray) -> Signals:
 
 def watched(case: Case) -> WatchedGlide:
     """What levels of a case with limits are computed from. Raises ValueError without a fix epoch on the glide."""
-    watching, asked, glide = case.flight.watching, asked_of(case), np.flatnonzero(glide_of(case))
+    watching, asked, glide = case.flight.watching, approach_limits(case), np.flatnonzero(glide_of(case))
     assert watching is not None
     assert asked is not None
     if not glide.size:
@@ -140,7 +140,7 @@ def cells(here: WatchedGlide, seed: int, done: Callable[[int], None]) -> tuple[n
 
 def compute(case: Case, here: WatchedGlide, seed: int, done: Callable[[int], None] = lambda _: None) -> Result:
     """Both tables as a result of kind integrity-table; `done(n)` is told how many cells are finished."""
-    draft = Draft(INTEGRITY_TABLE)
+    draft = ResultBuilder(INTEGRITY_TABLE)
     draft["/pseudolites"], draft["/satellites"] = np.array(PSEUDOLITES), np.array(SATELLITES)
     flags = [[possible((0,) * n, (0,) * k) for n in SATELLITES] for k in PSEUDOLITES]
     for name in _FLAGS:
@@ -158,7 +158,9 @@ def compute(case: Case, here: WatchedGlide, seed: int, done: Callable[[int], Non
         draft["/useful/prior"] = np.array([fault.prior for fault in expected])
     draft.put("/glide/time", here.signals.time, {"epochs_of_glide": here.epochs})
     out = draft.result(root_attributes("integrity-table", seed, case.scenario))
-    out.variables.update(kept(notes([*case.warnings, *told(case), *_several_clocks(here), *_still_jamming(case)])))
+    out.variables.update(
+        kept(notes([*case.warnings, *level_warnings(case), *_several_clocks(here), *_still_jamming(case)]))
+    )
     return out
 
 

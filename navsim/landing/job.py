@@ -71,7 +71,7 @@ def _check_numbers(first: int, runs: int) -> None:
         raise OptionError(f"{option('first_run', first)}: {text}")
 
 
-def _told(tell: Progress, until: Until | None) -> Callable[[int], None]:
+def _progress_of(tell: Progress, until: Until | None) -> Callable[[int], None]:
     """What is told of runs that are finished: their number, and how narrow the interval is that is waited for."""
     return lambda flown: tell(flown, "" if until is None else until.words)
 
@@ -110,7 +110,7 @@ class MonteCarloJob(_Prepared):
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         flown = landing.fly_all(
             self.case, self.seed, self.first, self.runs, executor,
-            keep=self.keep, store=store, done=_told(tell, self.enough), enough=self.enough,
+            keep=self.keep, store=store, done=_progress_of(tell, self.enough), enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
         warnings = () if reached else (f"{option('until', self.until)}: not reached within {self.runs} runs",)
@@ -188,7 +188,7 @@ class RareJob(_Prepared):
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         flown = rare.fly_all(
             self.case, self.edge, self.seed, self.first, self.runs, executor,
-            store=store, done=_told(tell, self.enough), enough=self.enough,
+            store=store, done=_progress_of(tell, self.enough), enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
         warnings = () if reached else (f"{self.until}: not reached within {self.runs} runs",)

@@ -63,7 +63,7 @@ class PreflightChecks:
     def warnings(self) -> list[str]:
         """What the input has to be warned of beside its sky: a landing that does not end on the ground, a box before
         any fix, sources that are never heard."""
-        out = of_way(self.scenario, self.trajectory)
+        out = trajectory_warnings(self.scenario, self.trajectory)
         if self.scenario.box is not None and (self.outputs[1:2] > (when := self.box_time)).any():
             out.append(
                 f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
@@ -153,10 +153,10 @@ class PreflightChecks:
         """Of sources that are lost at fixes (e, s) bool: at how many, of pseudolites each by itself, and of all
         satellites together, "" where it is none."""
         counts = zip(self.signals.names, lost.sum(axis=0).tolist(), strict=True)
-        told = [(name, f"{name} at {times}") for name, times in counts if times]
+        shown = [(name, f"{name} at {times}") for name, times in counts if times]
         ground, of = self.environment.pseudolites.names, f"of {self.signals.time.size} fixes"
-        satellites = ", ".join(text for name, text in told if name not in ground)
-        return [f"{text} {of}" for name, text in told if name in ground], satellites and f"{satellites} {of}"
+        satellites = ", ".join(text for name, text in shown if name not in ground)
+        return [f"{text} {of}" for name, text in shown if name in ground], satellites and f"{satellites} {of}"
 
     def _shadowed(self) -> list[str]:
         """Sources that the aircraft is in the way of, by name."""
@@ -240,7 +240,7 @@ def lone_pseudolite_warning(clock: str, when: str, instead: str) -> str:
     )
 
 
-def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
+def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
     """What the way that is flown is warned of, and sections that need no sources of signals to be judged."""
     out = []
     touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
@@ -363,11 +363,11 @@ def _needs_sources(scenario: Landing) -> bool:
     return isinstance(scenario.approach, FileApproach) or any(sections)
 
 
-def told(scenario: Landing, document: Document) -> list[str]:
+def warnings_of(scenario: Landing, document: Document) -> list[str]:
     """What a landing is warned of that nobody has prepared yet, but for what sensors beside the receiver measure.
     Raises InputError as whoever prepares it."""
     if not _needs_sources(scenario):
-        return [*scenario.unused(), *of_way(scenario, scenario.trajectory())]
+        return [*scenario.unused(), *trajectory_warnings(scenario, scenario.trajectory())]
     from navsim.gnss.signals import build_signals
 
     trajectory, sources, scenario, warnings = modelled(scenario, document)

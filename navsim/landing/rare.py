@@ -32,7 +32,7 @@ from navsim.landing.ensemble import (
     to_runway,
 )
 from navsim.landing.tree import attributes
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import Finding, kept, several
 from navsim.results.result import Result
 from navsim.results.schema import RARE
@@ -248,7 +248,7 @@ def not_linear(edge: Edge, flown: Ensemble) -> np.ndarray:
 
 def result(case: Case, edge: Edge, flown: Ensemble, seed: int) -> Result:
     """The result."""
-    draft = Draft(RARE)
+    draft = ResultBuilder(RARE)
     error, log_weight, tilt = flown.per_run("error"), flown.per_run("log_weight"), edge.tilt
     outside = edge.box.beyond(error)
     value, relative, effective = probability(edge, flown)

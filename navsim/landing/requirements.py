@@ -17,14 +17,14 @@ from navsim.core.arrays import normal
 from navsim.integrity.monitoring import Monitoring, Watcher, tested_levels, threshold_by_faults, vertical_sigma
 from navsim.landing.case import Case, touches_down
 from navsim.landing.integrity import (
-    asked_of,
+    approach_limits,
     excludes,
     glide_of,
     is_kept_from_faults,
     relative_levels,
     share_of_alike,
 )
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.schema import COVARIANCE, HEIGHTS, RARE, VERDICTS
 from navsim.runner.statistics import rms_interval_of_means, share_interval
 from navsim.scenario.landing import Landing
@@ -121,7 +121,11 @@ Moments = tuple[np.ndarray, np.ndarray]
 
 
 def fulfilments(
-    draft: Draft, case: Case, runs: int, moments: Moments | None = None, within: Sequence[np.ndarray] | None = None
+    draft: ResultBuilder,
+    case: Case,
+    runs: int,
+    moments: Moments | None = None,
+    within: Sequence[np.ndarray] | None = None,
 ) -> list[Fulfilment]:
     """What a summary says of each requirement. Of layout `COVARIANCE` it may lack what an analysis would say, or
     what a monitor would: nothing is known then of what rests on it. within: see `integrity.levels_within`."""
@@ -152,7 +156,11 @@ def _uncounted(scenario: Landing) -> set[int]:
 
 
 def judged(
-    draft: Draft, case: Case, runs: int, moments: Moments | None = None, within: Sequence[np.ndarray] | None = None
+    draft: ResultBuilder,
+    case: Case,
+    runs: int,
+    moments: Moments | None = None,
+    within: Sequence[np.ndarray] | None = None,
 ) -> None:
     """The verdicts, by a summary that is complete otherwise; nothing where nothing is asked for."""
     found = fulfilments(draft, case, runs, moments, within)
@@ -171,7 +179,7 @@ def judged(
     draft[f"{branch}/more_runs"] = np.array([one.more(runs) for one in found])
 
 
-def _found(one: AnySingle, draft: Draft, case: Case, runs: int, moments: Moments | None) -> Fulfilment:
+def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments: Moments | None) -> Fulfilment:
     """What a summary says of a requirement."""
     text, limit, least = _statement(one)
     nothing = Fulfilment(text, UNKNOWN, limit, least)
@@ -240,7 +248,7 @@ def _counted(nothing: Fulfilment, count: int, runs: int) -> Fulfilment:
     return replace(nothing, value=share_interval(count, runs), again=again)
 
 
-def _of_box(nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
+def _of_box(nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:
     if draft.layout == RARE:
         value = draft["/summary/rare/probability"]
 
@@ -261,7 +269,7 @@ def _of_box(nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
 def _of_error(
     one: ErrorRequirement,
     nothing: Fulfilment,
-    draft: Draft,
+    draft: ResultBuilder,
     runs: int,
     moments: Moments | None,
 ) -> Fulfilment:
@@ -280,7 +288,7 @@ def _of_error(
     return _counted(nothing, int((np.abs(error) < one.below_m).sum()), runs)
 
 
-def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
+def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:
     if draft.layout == COVARIANCE and f"/summary/rms/{one.of}" not in draft:
         return nothing
     value = draft[f"/summary/rms/{one.of}"]
@@ -325,7 +333,7 @@ def sizes_of(
 def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
     """Between all epochs of the glide with levels within their limits, and those of them without a false alarm. What
     else may cause alarms, runs alone tell: faults, or ranges worse than the monitor holds them for."""
-    asked, monitor, section = asked_of(case), case.flight.monitor, case.scenario.integrity
+    asked, monitor, section = approach_limits(case), case.flight.monitor, case.scenario.integrity
     if asked is None or monitor is None or section is None:
         return nothing
     relative = relative_levels(asked, tested_levels(monitor))[asked.glide].max(axis=1)
@@ -346,7 +354,7 @@ def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case
 
 def _approaches_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
     """None, where an epoch that is due has a level beyond its limit; how many have no alarm, runs alone tell."""
-    asked, monitor = asked_of(case), case.flight.monitor
+    asked, monitor = approach_limits(case), case.flight.monitor
     if asked is None or monitor is None:
         return nothing
     relative = relative_levels(asked, tested_levels(monitor))[asked.due].max(axis=1, initial=0.0)
@@ -361,7 +369,7 @@ def _kept_by(values: np.ndarray, share: float) -> float:
 
 
 def _of_shares(
-    one: AvailabilityRequirement | RiskRequirement, nothing: Fulfilment, draft: Draft, runs: int
+    one: AvailabilityRequirement | RiskRequirement, nothing: Fulfilment, draft: ResultBuilder, runs: int
 ) -> Fulfilment:
     branch = "/summary/integrity"
     if one.what in ("approaches", "misleading"):

@@ -16,7 +16,7 @@ from navsim.landing.case import MOVING, PERCENTILES, Case, rms_window
 from navsim.landing.consistency import put_consistency, ratios_of_runs, shares_beyond
 from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, findings
 from navsim.landing.tree import accuracy, attributes, base, belief
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result, Stream
 from navsim.results.schema import LANDING, RUNWAY_AXES
@@ -67,7 +67,7 @@ def _history(
     return Stream((ensemble.runs, *first.shape[1:]), first.dtype, lambda: map(convert, ensemble.blocks(name)))
 
 
-def _measurements(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+def _measurements(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     s = case.world.signals
     draft["/measurements/time"] = s.time
     draft["/measurements/source"] = np.array(s.names, dtype=object)
@@ -79,7 +79,7 @@ def _measurements(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft["/measurements/cn0"] = _history(ensemble, "pseudorange", lambda block: np.broadcast_to(s.cn0, block.shape))
 
 
-def _receiver(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+def _receiver(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     s = case.world.signals
     clocks = sorted(set(s.clock[np.any(s.used, axis=0)].tolist()))
     draft["/receiver/clock_name"] = np.array([CLOCKS[c] for c in clocks], dtype=object)
@@ -90,7 +90,7 @@ def _receiver(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft["/receiver/clock"] = _history(ensemble, "fix_clock", lambda block: block[..., clocks])
 
 
-def _filter(draft: Draft, case: Case, ensemble: Ensemble, keep: str) -> None:
+def _filter(draft: ResultBuilder, case: Case, ensemble: Ensemble, keep: str) -> None:
     world = case.world
     draft["/filter/time"] = world.filter_time
     draft.put("/filter/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
@@ -115,7 +115,7 @@ def _filter(draft: Draft, case: Case, ensemble: Ensemble, keep: str) -> None:
         draft["/filter/range_status"] = _history(ensemble, "range_status", lambda block: block.astype(np.int8))
 
 
-def _filter_model(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+def _filter_model(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     """What the filter starts from, what it takes its sensors for, and what it takes for fixes."""
     sensors = case.beliefs.sensors
     for name, history in (("position_llh", "llh"), ("velocity_ned", "velocity"), ("attitude_rpy", "rpy")):
@@ -137,7 +137,7 @@ def _filter_model(draft: Draft, case: Case, ensemble: Ensemble) -> None:
             draft["/filter/fix_effect"] = case.flight.lasting_roots
 
 
-def _aiding(draft: Draft, case: Case, ensemble: Ensemble, measured: bool) -> None:
+def _aiding(draft: ResultBuilder, case: Case, ensemble: Ensemble, measured: bool) -> None:
     """What each sensor beside the receiver measured, and what the filter made of it."""
     first = 0
     for aid in case.world.aids:
@@ -159,7 +159,7 @@ def _aiding(draft: Draft, case: Case, ensemble: Ensemble, measured: bool) -> Non
         draft[f"{branch}/status"] = of("aided_status", kind=np.int8)
 
 
-def _watched(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+def _watched(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     """What the monitor of the fixes said, and how far off they were."""
     if case.flight.monitor is None:
         return
@@ -176,7 +176,7 @@ def _watched(draft: Draft, case: Case, ensemble: Ensemble) -> None:
         draft[f"/integrity/{name}_run"] = _history(ensemble, "monitor_level", lambda block, i=i: block[..., i])  # type: ignore[misc]
 
 
-def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     squares, at = ensemble.per_run("position_square"), ensemble.per_run("at_height")
 
     def each(mean_squares: np.ndarray) -> np.ndarray:
@@ -232,7 +232,7 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
         draft[f"/summary/count/{name}"] = np.int64(value)
 
 
-def _consistency(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+def _consistency(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     runs, branch = ensemble.runs, "/summary/consistency"
     draft[f"{branch}/time"] = case.world.filter_time
     most = int(ensemble.per_run("degrees").max())

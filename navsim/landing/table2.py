@@ -16,7 +16,7 @@ import numpy as np
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import Case, findings, fly_all, prepare
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result
 from navsim.results.schema import TABLE2
@@ -262,7 +262,7 @@ def relative_difference(computed: np.ndarray, published: np.ndarray) -> tuple[fl
 
 def result(found: dict[Calibration, Computed], seed: int, runs: int) -> Result:
     """All calibrations as one result of kind table2."""
-    draft = Draft(TABLE2)
+    draft = ResultBuilder(TABLE2)
     draft["/calibration"] = draft["/claims/calibration"] = np.array([c.name for c in found], dtype=object)
     draft["/case"] = np.arange(1, len(ROWS) + 1)
     nan = float("nan")

@@ -18,7 +18,7 @@ from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.solution import MonitoredFix
 from navsim.integrity.tails import UNMOVED, TailCase, sampled, under_separations, under_squares, worst_size
 from navsim.landing.case import Case
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.runner.statistics import weighted_share
 
 AXES = ("east", "north", "up")
@@ -51,7 +51,7 @@ class SampledLevel:
     total: np.ndarray
 
 
-def sampled_risks(draft: Draft, case: Case, seed: int) -> None:
+def sampled_risks(draft: ResultBuilder, case: Case, seed: int) -> None:
     """Risks beyond the levels at the times that the scenario asks for, if any."""
     section, monitor, time = case.scenario.integrity, case.flight.monitor, case.world.signals.time
     if section is None or section.tails is None or monitor is None or not time.size:

@@ -12,7 +12,7 @@ from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.landing.case import FOOT, Case, crossing_times
 from navsim.landing.sources import on_glide
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.schema import COVARIANCE, HEIGHTS, SKY_TIMES
 from navsim.runner.attributes import root_attributes
 from navsim.scenario.approach import TrackApproach
@@ -21,9 +21,9 @@ from navsim.trajectory.kinematics import Trajectory
 from navsim.trajectory.recorded import largest
 
 
-def base(case: Case, layout: str) -> Draft:
+def base(case: Case, layout: str) -> ResultBuilder:
     """A draft of a layout of landing's result with the truth, the geometry and their summary."""
-    draft = Draft(
+    draft = ResultBuilder(
         layout,
         {"mixed": ", ".join(dict.fromkeys(case.state_units))},
         sensor=[aid.sensor.name for aid in case.world.aids],
@@ -44,7 +44,7 @@ def attributes(case: Case, seed: int) -> dict[str, Any]:
     return root_attributes("landing", seed, case.scenario, method=case.scenario.method)
 
 
-def _truth(draft: Draft, case: Case) -> None:
+def _truth(draft: ResultBuilder, case: Case) -> None:
     truth = case.world.truth
     draft["/truth/time"] = truth.time
     draft["/truth/position_llh"] = truth.llh
@@ -57,7 +57,7 @@ def _truth(draft: Draft, case: Case) -> None:
     draft["/truth/threshold_llh"] = case.scenario.threshold(case.trajectory.frame)
 
 
-def _wind(draft: Draft, case: Case) -> None:
+def _wind(draft: ResultBuilder, case: Case) -> None:
     """The mean wind along the way, and its triangle at the decision heights, where it blows."""
     if not case.scenario.wind.blows:
         return
@@ -76,7 +76,7 @@ def _wind(draft: Draft, case: Case) -> None:
         draft[f"/summary/at/{name}"] = values
 
 
-def _track(draft: Draft, case: Case) -> None:
+def _track(draft: ResultBuilder, case: Case) -> None:
     """What became of a trajectory of a table by being smoothed."""
     if not isinstance(case.scenario.approach, TrackApproach):
         return
@@ -86,7 +86,7 @@ def _track(draft: Draft, case: Case) -> None:
     draft["/summary/track/rate"] = most.rate
 
 
-def _geometry(draft: Draft, case: Case) -> None:
+def _geometry(draft: ResultBuilder, case: Case) -> None:
     world = case.world
     s = world.signals
     draft["/geometry/time"] = s.time
@@ -113,7 +113,7 @@ def _geometry(draft: Draft, case: Case) -> None:
     draft["/receiver/covariance_enu"] = world.fix_covariance
 
 
-def _navigation(draft: Draft, case: Case) -> None:
+def _navigation(draft: ResultBuilder, case: Case) -> None:
     """The messages the satellites flew by, or would have sent: what an export to RINEX needs."""
     time = timescales.gps_from_utc(case.scenario.epoch.timestamp()) + case.world.signals.time
     for group in case.environment.satellites:
@@ -128,7 +128,7 @@ def _navigation(draft: Draft, case: Case) -> None:
             draft[f"{branch}/xyz"] = np.array(["x", "y", "z"])
 
 
-def _interference(draft: Draft, case: Case) -> None:
+def _interference(draft: ResultBuilder, case: Case) -> None:
     """What jammers leave of signals, where there are any."""
     jamming, s = case.environment.jamming, case.world.signals
     if jamming is None:
@@ -142,14 +142,14 @@ def _interference(draft: Draft, case: Case) -> None:
     draft["/interference/held"] = s.used.astype(np.int8)
 
 
-def geometry_summary(case: Case) -> Draft:
+def geometry_summary(case: Case) -> ResultBuilder:
     """What the fixes of the glide owe to the geometry, DOPs and SKO, for those who need no more of a result."""
-    draft = Draft(COVARIANCE)
+    draft = ResultBuilder(COVARIANCE)
     _geometry_summary(draft, case)
     return draft
 
 
-def _geometry_summary(draft: Draft, case: Case) -> None:
+def _geometry_summary(draft: ResultBuilder, case: Case) -> None:
     world = case.world
     glide = on_glide(case.scenario, case.trajectory, world.signals.time)
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
@@ -175,7 +175,7 @@ def _statistics(values: np.ndarray) -> np.ndarray:
 
 
 def accuracy(
-    draft: Draft,
+    draft: ResultBuilder,
     rms: np.ndarray,
     rpy: np.ndarray,
     horizontal: np.ndarray,
@@ -195,7 +195,7 @@ def accuracy(
         draft[f"/summary/at/{name}"] = at[i]
 
 
-def belief(draft: Draft, variance: np.ndarray, rpy: np.ndarray, at: np.ndarray) -> None:
+def belief(draft: ResultBuilder, variance: np.ndarray, rpy: np.ndarray, at: np.ndarray) -> None:
     """What the filter believes of the errors in the accuracy table: mean variances (15,) of the states and (3,) of
     roll, pitch, yaw over the last seconds before touchdown, and (h, 3) of lateral, along, vertical position at the
     decision heights; written as 1 sigma."""

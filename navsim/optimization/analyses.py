@@ -191,7 +191,7 @@ class LevelScreen:
                 at = _kept_by(one.share, levels.shape[1])
                 load = np.maximum(load, levels[:, at, 0 if one.of == "hpl" else 1] / one.below_m)
             elif isinstance(one, AvailabilityRequirement):
-                asked = integrity.asked_of(case)
+                asked = integrity.approach_limits(case)
                 assert asked is not None
                 at = _kept_by(one.at_least, levels.shape[1])
                 load = np.maximum(load, (levels[:, at] / asked.limits).max(axis=1))

@@ -66,7 +66,7 @@ class OptimizeJob:
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         unit = OBJECTIVE_QUANTITIES[self.section.objective][0]
         self._watch.tell = lambda progress: tell(
-            0, said(progress, unit, self.section.objective in LARGE, self.posed.quick)
+            0, progress_text(progress, unit, self.section.objective in LARGE, self.posed.quick)
         )
         with executor.pool(executor.workers) as pool:
             away = pool if isinstance(pool, RemoteExecutor) else None
@@ -85,7 +85,7 @@ def _unmet(result: Result) -> bool:
     return "/front/met" in result and not result["/front/met"].any()
 
 
-def said(progress: SearchProgress, unit: str, large: bool = False, quick: bool = False) -> str:
+def progress_text(progress: SearchProgress, unit: str, large: bool = False, quick: bool = False) -> str:
     """Where a search stands in words; unit: of the objective, large: it is the reciprocal of what is made small; quick:
     levels are all that is analysed."""
     analysed = sum(progress.tried.get(fidelity, 0) for fidelity in (COARSE, FULL))

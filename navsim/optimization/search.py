@@ -576,7 +576,7 @@ class _SurrogateFit:
         order = np.argsort(values, kind="stable")
         order = order[values[order] < PENALTY_UNSOLVED]
         if around is not None:
-            gaps = [apart(self.places[i], around) for i in order]
+            gaps = [largest_shift(self.places[i], around) for i in order]
             order = order[np.argsort(gaps, kind="stable")]
         known = order[: max(_INITIAL_SAMPLES, order.size // 2)]
         taught = features(np.array(self.places)[known])
@@ -604,11 +604,11 @@ class _SurrogateFit:
         """Placements, the best first."""
         return [self.places[i] for i in np.argsort(self.values, kind="stable")]
 
-    def apart(self, number: int, gap: float) -> list[np.ndarray]:
+    def spaced(self, number: int, gap: float) -> list[np.ndarray]:
         """The best placement and the next best ones more than `gap` metres away from the better, up to a number."""
         out: list[np.ndarray] = []
         for places in self.ranked():
-            if all(apart(places, other) > gap for other in out):
+            if all(largest_shift(places, other) > gap for other in out):
                 out.append(places)
                 if len(out) == number:
                     break
@@ -618,14 +618,14 @@ class _SurrogateFit:
         """The first `number` of the candidates that are `gap` metres away from each other and from all analysed."""
         out: list[np.ndarray] = []
         for candidate in candidates:
-            if all(apart(candidate, other) > gap for other in (*self.places, *out)):
+            if all(largest_shift(candidate, other) > gap for other in (*self.places, *out)):
                 out.append(candidate)
                 if len(out) == number:
                     break
         return out
 
 
-def apart(a: np.ndarray, b: np.ndarray) -> float:
+def largest_shift(a: np.ndarray, b: np.ndarray) -> float:
     """How far the farthest of a placement's pseudolites (k, 2) has to go to make another, whichever goes where, m."""
     from scipy.optimize import linear_sum_assignment
 
@@ -680,7 +680,7 @@ def _place_analysed(
                 break
             best = np.array(learner.ranked()[: size // 3])
             if i % 2:  # around the best, and by turns around the best elsewhere
-                around = learner.apart(2, _REGION * gaps[0])[i // 2 % 2 - 1]
+                around = learner.spaced(2, _REGION * gaps[0])[i // 2 % 2 - 1]
                 near = np.clip(around + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, 2)), low, high)
                 judge = trials.by(learner.surrogate(0.0, around))
                 evolved = near[np.argsort(judge(near), kind="stable")][:size]
@@ -698,7 +698,7 @@ def _place_analysed(
             return float(learner.values[-1])
 
         def refine() -> None:
-            for best in learner.apart(pace.finished, _REGION * gaps[-1]):
+            for best in learner.spaced(pace.finished, _REGION * gaps[-1]):
                 _finish(value, best.ravel(), bounds, pace.sizes, pace.tries)
 
         refine()
@@ -745,7 +745,7 @@ def _decided(
         for again in range(1 + _AGAIN):
             if again:
                 refine()
-            some = learner.apart(here.study.effort + 1, 10.0)
+            some = learner.spaced(here.study.effort + 1, 10.0)
             found = trials.full(np.array(some))
             i = int(np.argmin(found.value))
             if found.value[i] < lowest:
@@ -754,7 +754,7 @@ def _decided(
             if lowest < PENALTY_REQUIREMENT or not (expected <= learner.most).any():
                 break
             learner.most = min(learner.most, float(np.fmin.reduce(expected / found.load)))
-    others = (one for one in learner.apart(CANDIDATES, APART) if apart(one, best) > APART)
+    others = (one for one in learner.spaced(CANDIDATES, APART) if largest_shift(one, best) > APART)
     return _Best(best, lowest, tuple(others)[: CANDIDATES - 1])
 
 

@@ -27,7 +27,7 @@ from navsim.optimization.problem import (
 from navsim.optimization.progress import SearchMonitor, Step, TimeUp
 from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, Found, NoPlacement, named, search_one, steps
 from navsim.optimization.search_log import SearchLog
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
@@ -382,7 +382,7 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     counts = sorted(found)
     most = max(counts)
     unit, quantity = OBJECTIVE_QUANTITIES[study.objective]
-    draft = Draft(OPTIMIZE, {"how": "; by the coarse analysis, in proportion" if here.analysed else ""})
+    draft = ResultBuilder(OPTIMIZE, {"how": "; by the coarse analysis, in proportion" if here.analysed else ""})
     draft["/pseudolites"] = np.array(counts)
     draft["/pseudolite"] = np.arange(1, most + 1)
     draft["/bearing"] = BEARINGS
@@ -445,7 +445,7 @@ def _at(places: np.ndarray) -> str:
     return f"the placement at s, l1 {', '.join(f'({s:.2f}, {l1:.2f})' for s, l1 in places)} m"
 
 
-def _flown(draft: Draft, outcome: SearchOutcome, unit: str, quantity: str) -> None:
+def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: str) -> None:
     """What runs say of the best placements, and of those that they spoke against."""
     counts = sorted(outcome.found)
     errors, runs = np.full((len(counts), 3, 3), np.nan), np.zeros(len(counts), np.int64)
@@ -473,7 +473,7 @@ def _flown(draft: Draft, outcome: SearchOutcome, unit: str, quantity: str) -> No
     draft.put("/rejected/flown", np.array([one.errors[0] for _, one in rejected]), unit=unit, quantity=quantity)
 
 
-def _requirements(draft: Draft, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
+def _requirements(draft: ResultBuilder, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
     """What becomes of the requirements with each number of pseudolites and without any, and what of them no placement
     meets; nothing where there are none."""
     asked = here.requirements

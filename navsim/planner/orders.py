@@ -63,7 +63,7 @@ def _number(value: object, name: str, least: float, most: float) -> float:
     return float(value)
 
 
-def _whole(value: object, name: str) -> int:
+def _integer(value: object, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise WrongOrder(f"{name}: a whole number is needed, not {str(value)[:40]}")
     return value
@@ -91,8 +91,8 @@ _MEMBERS: dict[str, tuple[str, ...]] = {
 """Members of an order by what it asks for; `n`, its number, may stand in each."""
 _READ: dict[str, Callable[[object, str], Any]] = {
     "kind": _one_of("pseudolite", "jammer"),
-    "number": _whole,
-    "subject": _whole,
+    "number": _integer,
+    "subject": _integer,
     "x": _between(-_FARTHEST, _FARTHEST),
     "y": _between(-_FARTHEST, _FARTHEST),
     "up": _between(-_FARTHEST, _FARTHEST),

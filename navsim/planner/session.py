@@ -111,14 +111,14 @@ class PlannerSession:
             order: dict[str, Any] = {}
             try:
                 order = read_order(text, Known(len(self._proposal.names), len(self._proposal.jammers())))
-                self._carry_out(order)
+                self._execute(order)
             except (InputError, ResultError, WrongOrder) as error:
                 said = [str(p) for p in error.problems] if isinstance(error, InputError) else [str(error)]
                 self._tell(self._standing() | {"of": order.get("n"), "problems": said})
                 self.plan.put(self._proposal)
                 self._settle()
 
-    def _carry_out(self, order: dict[str, Any]) -> None:
+    def _execute(self, order: dict[str, Any]) -> None:
         """Raises InputError, ResultError for what cannot be done."""
         proposal, do = self._proposal, order["do"]
         if do == "hello":

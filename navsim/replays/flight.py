@@ -311,7 +311,7 @@ def _among(values: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Given:
+class _FlightInputs:
     """What all parts of a flight are flown with, as `fly` takes it."""
 
     flight: RecordedFlight
@@ -358,7 +358,7 @@ def fly(
     if beliefs.tight and (flight.ranges is None or range_sigma is None):
         raise ValueError("a tightly coupled filter needs ranges and their sigmas")
     withheld = np.zeros(flight.arrival.size, bool) if withheld is None else withheld
-    given = _Given(flight, beliefs, fix_sigma, times, withheld, range_sigma)
+    given = _FlightInputs(flight, beliefs, fix_sigma, times, withheld, range_sigma)
     until = min(until, float(flight.imu_time[-1]))
     parts: list[_Part] = []
     lost: list[LostSpan] = []
@@ -398,7 +398,7 @@ def _gap_before(flight: RecordedFlight, begin: PartStart, part: _Part, first: in
     return next((gap for gap in spans if gap[0] >= begin.alignment.time and earliest <= gap[1] <= latest), None)
 
 
-def _taken_after(given: _Given, begin: PartStart, end: float, gap: tuple[float, float]) -> _Part | None:
+def _taken_after(given: _FlightInputs, begin: PartStart, end: float, gap: tuple[float, float]) -> _Part | None:
     """The part flown without the gate, if no fix would be rejected but in the time after a gap, s: a manoeuvre that was
     not seen is larger than a filter takes it for, and nothing else is wrong. Else None."""
     beliefs = given.beliefs
@@ -436,7 +436,7 @@ def _contradiction(part: _Part, patience: float) -> tuple[int, int] | None:
 
 
 def _after_contradiction(
-    given: _Given, part: _Part, streak: tuple[int, int], lost: list[LostSpan], jump: np.ndarray
+    given: _FlightInputs, part: _Part, streak: tuple[int, int], lost: list[LostSpan], jump: np.ndarray
 ) -> PartStart | None:
     """The start after fixes that the filter contradicted, at the last of them; lost: so far.
 
@@ -477,7 +477,7 @@ def _cancel(one: np.ndarray, other: np.ndarray) -> bool:
     return bool(np.linalg.norm(one + other) < RETURNED * max(np.linalg.norm(one), np.linalg.norm(other)))
 
 
-def _joined(given: _Given, parts: list[_Part], lost: tuple[LostSpan, ...], count: int) -> Replayed:
+def _joined(given: _FlightInputs, parts: list[_Part], lost: tuple[LostSpan, ...], count: int) -> Replayed:
     """The parts of a flight as one, with its first `count` fixes; what no part has of them is not used."""
     last = -np.inf
     kept = []
@@ -528,7 +528,7 @@ def _cut(flight: RecordedFlight, begin: float, end: float) -> tuple[ImuData, sli
     return ImuData(time, dtheta, dv), within
 
 
-def _fly_part(given: _Given, begin: PartStart, end: float) -> _Part:
+def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
     """A flight from a start to `end`, s, as of `fly`."""
     flight, beliefs, fix_sigma, times = given.flight, given.beliefs, given.fix_sigma, given.times
     imu, within = _cut(flight, begin.alignment.time, end)

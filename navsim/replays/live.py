@@ -31,7 +31,7 @@ from navsim.gnss.signals import antenna_ecef
 from navsim.landing.case import Case
 from navsim.replays import source_clock
 from navsim.replays.live_filter import Increments, LiveFilter
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import Finding, several
 from navsim.results.result import Result
 from navsim.results.schema import COUNTS, LIVE, RMS_WINDOW
@@ -398,7 +398,7 @@ class Session:
         """What there is, as far as it came."""
         left = self.filter.estimates()
         case = self.case
-        draft = Draft(LIVE, {"mixed": ", ".join(dict.fromkeys(case.state_units))})
+        draft = ResultBuilder(LIVE, {"mixed": ", ".join(dict.fromkeys(case.state_units))})
         draft["/filter/time"] = left["time"]
         draft.put("/filter/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
         draft["/filter/error"] = left["error"]

@@ -35,7 +35,7 @@ from navsim.replays.recorded_ranges import read_messages, read_ranges, together
 from navsim.replays.single_point import PositioningOptions
 from navsim.replays.tuning import EVALUATIONS, FASTEST_NEEDED, LATENCY, moving_speed, tune
 from navsim.results import files
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import CONSISTENT, Finding, kept, several
 from navsim.results.result import Result
 from navsim.results.schema import REPLAY
@@ -606,7 +606,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     scales = [] if flight.ranges is None else [flight.ranges.scales[clock] for clock in flight.ranges.clocks]
     blocks = beliefs.sensors.blocks
     names = states.names(blocks, scales), states.units(blocks, len(scales))
-    draft = Draft(REPLAY, {"mixed": ", ".join(dict.fromkeys(names[1]))})
+    draft = ResultBuilder(REPLAY, {"mixed": ", ".join(dict.fromkeys(names[1]))})
     _filter(draft, flown, np.isin(flown.time, times), *names)
     _innovations(draft, flight, flown)
     _outages(draft, recording, flight, settings)
@@ -781,7 +781,7 @@ def _spans(outage: Outage) -> list[tuple[float, float]]:
 
 
 def _filter(
-    draft: Draft, flown: replay.Replayed, wanted: np.ndarray, names: Sequence[str], units: Sequence[str]
+    draft: ResultBuilder, flown: replay.Replayed, wanted: np.ndarray, names: Sequence[str], units: Sequence[str]
 ) -> None:
     draft["/filter/time"] = flown.time[wanted]
     draft.put("/filter/state", np.array(names, dtype=object), {"state_units": ", ".join(units)})
@@ -793,7 +793,7 @@ def _filter(
     draft["/filter/accelerometer_bias"] = flown.navigation[wanted, states.NAV_ACCEL : states.NAV_N]
 
 
-def _innovations(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
+def _innovations(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
     draft["/innovations/time"] = flight.arrival
     for name, part in (("position_ned", slice(0, 3)), ("velocity_ned", slice(3, 6))):
         draft[f"/innovations/{name}"] = flown.innovation[:, part]
@@ -809,20 +809,20 @@ def _innovations(draft: Draft, flight: replay.RecordedFlight, flown: replay.Repl
     draft["/innovations/range_status"] = flown.range_status
 
 
-def _lost(draft: Draft, flown: replay.Replayed) -> None:
+def _lost(draft: ResultBuilder, flown: replay.Replayed) -> None:
     draft["/lost/span"] = np.arange(len(flown.lost))
     draft["/lost/start"] = np.array([one.begin for one in flown.lost], dtype=float)
     draft["/lost/end"] = np.array([one.end for one in flown.lost], dtype=float)
     draft["/lost/cause"] = np.array([one.why for one in flown.lost], dtype=object)
 
 
-def _fixes(draft: Draft, flight: replay.RecordedFlight) -> None:
+def _fixes(draft: ResultBuilder, flight: replay.RecordedFlight) -> None:
     draft["/receiver/time"] = flight.arrival
     draft["/receiver/position_llh"] = flight.llh
     draft["/receiver/velocity_ned"] = flight.velocity
 
 
-def _outages(draft: Draft, recording: Recording, flight: replay.RecordedFlight, settings: np.ndarray) -> None:
+def _outages(draft: ResultBuilder, recording: Recording, flight: replay.RecordedFlight, settings: np.ndarray) -> None:
     beliefs = of_outages(recording.beliefs(settings, FILTER_KINDS[recording.scenario.filter.kind]))
     fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
     rows = []
@@ -848,7 +848,7 @@ def of_outages(beliefs: Beliefs) -> Beliefs:
     return replace(beliefs, kind=TFG if is_smoother(beliefs.kind) else beliefs.kind)
 
 
-def _summary(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
+def _summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
     used = (flown.degrees > 0) & (flown.status != REJECTED)
     groups = {"all": used, "moving": used & (flight.speed > moving)}
     draft.put("/summary/fixes", np.array(list(groups)), moving=f"{moving:.2g} m/s")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.report.figures import legend_above
-from navsim.report.limits import DOTTED, REQUIRED, Limit, asked, rectangle
+from navsim.report.limits import DOTTED, REQUIRED, Limit, rectangle, required_limits
 from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
 from navsim.report.quantities import blocks, come_down, ellipse, heights, settled
 from navsim.report.tables import box_limits, of_total, runs_of, setting
@@ -157,7 +157,7 @@ def _scatter(result: Result) -> Figure:
             wide = max(wide, float(np.abs(mean[:, None] + whole).max()))
         in_sight = {name: size for name, size in boxed.items() if max(-size[0], size[1]) <= 4.0 * wide}
         rectangle(ax, in_sight.get(x), in_sight.get(y), "box")
-        required = [one for one in asked(result, "error") if one.at == "touchdown" and one.of in (x, y)]
+        required = [one for one in required_limits(result, "error") if one.at == "touchdown" and one.of in (x, y)]
         shown = [one for one in required if one.size <= 4.0 * wide]
         for one in shown:
             _required_line(ax, one, upright=one.of == x)

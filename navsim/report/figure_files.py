@@ -45,7 +45,7 @@ def _mark(path: Path) -> str | None:
 
 def _mark_of_text(path: Path) -> str | None:
     try:
-        with files.opened(path) as file:
+        with files.open_regular(path) as file:
             begin = file.read(_ENDS)
             file.seek(max(0, path.stat().st_size - _ENDS))
             found = _OF_TEXT.search(begin) or _OF_TEXT.search(file.read(_ENDS))
@@ -58,7 +58,7 @@ def _mark_of_png(path: Path) -> str | None:
     from PIL import Image
 
     try:
-        with files.opened(path) as file, Image.open(file) as image:
+        with files.open_regular(path) as file, Image.open(file) as image:
             found = image.info.get(MARK)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         return None  # no picture, a damaged or a huge one: ours can be opened

@@ -43,7 +43,7 @@ from navsim.report.quantities import (
     touchdown,
     true_for,
 )
-from navsim.report.ridges import BROWN, ShownRidge, clipped, flown_over, on_plan, seen_skyline, shown_ridges
+from navsim.report.ridges import BROWN, ShownRidge, clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import REACH, RINGS, SHADE, WRITTEN, bearings, masked, shaded, sides, source_tracks
 from navsim.report.tables import runs_of, setting, single
 from navsim.results.result import Result, ResultError, write_bytes
@@ -193,7 +193,7 @@ def sky(result: Result) -> Figure:
     ax.add_patch(Circle((0.0, 0.0), 90.0 - mask, fill=False, color="black", lw=0.7, ls="--"))
     if "/geometry/horizon" in result:
         ax.fill(*shaded(result["/geometry/bearing"], result["/geometry/horizon"], mask), **shade)
-    terrain = seen_skyline(result)
+    terrain = terrain_skyline(result)
     if terrain is not None:
         ax.fill(*shaded(*terrain, mask), **shade | {"color": BROWN, "alpha": 0.45})
     for ring in RINGS:

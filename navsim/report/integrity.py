@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.report.figures import legend_above
-from navsim.report.limits import asked, level_lines
+from navsim.report.limits import level_lines, required_limits
 from navsim.report.printing import COLOURS, COLUMN, SMALL, abreast, new_figure
 from navsim.report.quantities import (
     ALARM,
@@ -18,7 +18,7 @@ from navsim.report.quantities import (
     alarms,
     largest_errors,
     limit,
-    stanford_words,
+    stanford_text,
     touchdown,
     whose,
 )
@@ -60,7 +60,7 @@ def levels(result: Result) -> Figure:
                     known = np.where(np.isfinite(of_axis), of_axis, np.nan)
                     ax.plot(time, known, color=COLOURS[5], ls=ls, lw=0.8, label=f"level {name_of}")
         level_lines(ax, result, level)
-        shown += [np.full(time.size, one.size) for one in asked(result, "level") if one.of == level]
+        shown += [np.full(time.size, one.size) for one in required_limits(result, "level") if one.of == level]
         if f"/integrity/error_{axis}" in result:
             several = "largest error of all runs" if result["/run"].size > 1 else f"error of the {whose(result)}"
             largest = largest_errors(result, axis)
@@ -94,7 +94,7 @@ def stanford(result: Result) -> Figure:
         _diagram(ax, counted(result, axis, level, name))
         ax.set_xlabel(f"{axis} error of the {whose(result)}, m")
         ax.set_ylabel(f"{axis} protection level, m")
-    fig.suptitle(stanford_words(result).replace("; ", "\n"))
+    fig.suptitle(stanford_text(result).replace("; ", "\n"))
     return fig
 
 

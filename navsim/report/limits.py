@@ -36,7 +36,7 @@ class Limit:
     verdict: str
 
 
-def asked(result: Result, *what: str) -> list[Limit]:
+def required_limits(result: Result, *what: str) -> list[Limit]:
     """The requirements of these kinds, presets as their parts, of a landing's result."""
     branch = "/summary/requirements"
     if f"{branch}/size" not in result:
@@ -75,7 +75,7 @@ def level_lines(ax: Axes, result: Result, level: str) -> None:
     """The sizes that a level is required to be within, over the glide."""
     begin, end = glide(result)
     shares: dict[float, list[str]] = {}
-    for one in asked(result, "level"):
+    for one in required_limits(result, "level"):
         if one.of == level:
             shares.setdefault(one.size, []).append(f"{100.0 * one.limit:g} %")
     for size, each in shares.items():
@@ -87,7 +87,7 @@ def rms_lines(ax: Axes, result: Result, axis: str) -> float:
     """The sizes that a root mean square error is required to be within, over the time that it is of; the largest, m, 0
     where there is none."""
     end = glide(result)[1]
-    sizes = [one.size for one in asked(result, "rms") if one.of == axis]
+    sizes = [one.size for one in required_limits(result, "rms") if one.of == axis]
     for size in sizes:
         _line(ax, end - RMS_WINDOW, end, size, f"required: {size:g} m")
     return max(sizes, default=0.0)
@@ -122,7 +122,7 @@ def word(ax: Axes, text: str, at: tuple[float, float], off: tuple[float, float],
 
 def within_sight(result: Result, axis: str, reach: float) -> float:
     """Half the height of a panel of errors, m, that shows limits, too, which are no more than three times as large."""
-    sizes = [1.15 * one.size for one in asked(result, "error") if one.of == axis]
+    sizes = [1.15 * one.size for one in required_limits(result, "error") if one.of == axis]
     return max([reach, *(size for size in sizes if size <= 3.0 * reach)])
 
 
@@ -130,7 +130,7 @@ def gates(ax: Axes, result: Result, axis: str, reach: float) -> None:
     """What errors of an axis are required to be between, when the aircraft passes the heights where they are; reach:
     half the height of the panel, m. Where a size is beyond it, it is said at the edge."""
     label: str | None = f"required of the {axis} error"
-    for one in asked(result, "error"):
+    for one in required_limits(result, "error"):
         when = passes(result, one.at)
         if one.of != axis or math.isnan(when):
             continue

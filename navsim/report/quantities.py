@@ -295,7 +295,7 @@ def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
     return Stanford(edges, counts, most, top)
 
 
-def stanford_words(result: Result) -> str:
+def stanford_text(result: Result) -> str:
     """What a Stanford diagram counts."""
     return (
         f"{runs_of(result)}; epochs {_span(result)} by error and level, without those with an alarm; values outside "

@@ -11,7 +11,7 @@ import numpy as np
 
 from navsim.core.arrays import normal
 from navsim.core.arrays.sampling import FEW, TWO_SIDED, relative_error
-from navsim.report.limits import DOTTED, REQUIRED, asked, word
+from navsim.report.limits import DOTTED, REQUIRED, required_limits, word
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.report.tables import box_head, box_limits, box_sides, box_to_first_order, requirements, runs_of
 from navsim.results.findings import several
@@ -141,7 +141,7 @@ def curve(result: Result, i: int) -> Exceedance:
     x, chance, low, high = exceeded(result["/rare/error"][:, i] - centre, result["/rare/log_weight"])
     at_limit = float(result["/summary/rare/axis_probability"][i, 0]), float(result["/summary/box/axis_first_order"][i])
     least = min((p for p in at_limit if p > 0.0), default=_LEAST)
-    required = min((one.limit for one in asked(result, "box")), default=math.inf)
+    required = min((one.limit for one in required_limits(result, "box")), default=math.inf)
     least = min(least, required)
     bottom = 0.0 if least > _COMMON else max(0.3 * least, _LEAST)
     grid = np.linspace(0.0, max(1.1 * limit, abs(mean) + 3.0 * sigma), _POINTS)
@@ -178,7 +178,7 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
     off = f" {-centre:+.3g} m" if (centre := middle(result, i)) else ""
     ax.set_ylabel(f"P(|{result['/axis'][i]} error{off}| > x)")
     _mark(ax, of.limit, float(grid[-1]))
-    required = min((one.limit for one in asked(result, "box")), default=math.inf)
+    required = min((one.limit for one in required_limits(result, "box")), default=math.inf)
     if math.isfinite(required):  # of the box, so of each of its sides at least
         ax.axhline(required, color=REQUIRED, ls=DOTTED, lw=1.2)
         word(ax, f"required of the box: {required:g}", (0.0, required), (3.0, 2.5))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.report.figures import legend_below, view_from_above
-from navsim.report.limits import REQUIRED, asked, glide, rectangle, rms_lines, spoken, word
+from navsim.report.limits import REQUIRED, glide, rectangle, required_limits, rms_lines, spoken, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
 from navsim.report.quantities import MOST_RUNS, blocks, settled, touchdown
 from navsim.report.tables import box_limits, of_total, outside_box, runs_of, single
@@ -34,7 +34,7 @@ _NAMES = {"lateral": "lateral (right)", "along": "along the track", "vertical": 
 def figures(result: Result) -> dict[str, Figure]:
     """Figures of what a landing is limited in, by name: those it has limits for."""
     out = {}
-    if asked(result, "error", "rms"):
+    if required_limits(result, "error", "rms"):
         out["requirements"] = errors(result)
     if "/summary/box/upper" in result:
         out["box"] = box(result)
@@ -43,8 +43,8 @@ def figures(result: Result) -> dict[str, Figure]:
 
 def errors(result: Result) -> Figure:
     """Root mean square errors over time, and errors at heights, with what is required of them."""
-    rms = [axis for axis in _STATES if any(one.of == axis for one in asked(result, "rms"))]
-    at = [axis for axis in _NAMES if any(one.of == axis for one in asked(result, "error"))]
+    rms = [axis for axis in _STATES if any(one.of == axis for one in required_limits(result, "rms"))]
+    at = [axis for axis in _NAMES if any(one.of == axis for one in required_limits(result, "error"))]
     rows = [row for row in (rms, at) if row]
     alone = max(map(len, rows)) == 1
     fig = new_figure(COLUMN if alone else 2 * COLUMN, 2.4 * len(rows) + 0.4)
@@ -105,7 +105,7 @@ def _at_heights(ax: Axes, result: Result, axis: str) -> None:
     """The errors of runs at the heights where they are judged, the size that 95 % of them keep, and the limits."""
     reach = max(_found_at(ax, result, axis, i, i == 0) for i in range(len(HEIGHTS)))
     beyond: list[tuple[int, str]] = []
-    limits = [one for one in asked(result, "error") if one.of == axis]
+    limits = [one for one in required_limits(result, "error") if one.of == axis]
     sizes = [one.size for one in limits]
     # what is far wider than what is found would press that together
     sight = _WIDEST * (reach if reach > 0.0 else min(sizes, default=1.0))
@@ -172,7 +172,7 @@ def box(result: Result) -> Figure:
     what = "total system errors" if of_total(result) else "errors"
     where = f"{height:g} m above the runway" if height else "touchdown"
     count = f": {int(outside_box(result).sum())} outside" if "/summary/box/error_run" in result else ""
-    required = [f"required: at most {one.limit:g} of landings outside" for one in asked(result, "box")]
+    required = [f"required: at most {one.limit:g} of landings outside" for one in required_limits(result, "box")]
     runs = f"{runs_of(result)}{count}"
     fig.suptitle("\n".join([f"{what} at {where}", runs, *required] if len(views) == 1 else
                            [f"{what} at {where}; {runs}", *required]))  # fmt: skip

@@ -104,7 +104,7 @@ def _tops(ridge: RidgeLine) -> np.ndarray:
     return np.stack([places[:-1], places[1:]], axis=1)
 
 
-def seen_skyline(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
+def terrain_skyline(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
     """Up to which elevations the terrain hides the sky from the antenna at the last fix epoch: azimuths (n,), growing,
     and elevations, -pi/2 where nothing stands, rad. None without terrain."""
     given = ridges(result)

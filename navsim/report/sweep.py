@@ -291,7 +291,7 @@ _LETTERS = {"s": "distance right of the axis", "l1": "distance before the thresh
             "lon": "longitude"}  # fmt: skip
 
 
-def words(key: str) -> str:
+def key_label(key: str) -> str:
     """A varied key, dotted, in words without its unit: its last name and whose it is, jammers[0] latitude."""
     parts = list[str]()
     for part in key.split("."):
@@ -309,9 +309,9 @@ def axis_label(result: Result, axis: str) -> str:
     """What runs along an axis, in words with its unit: a varied key, or the number of the point of several."""
     paths = [key_path(result, key) for key, own in keys(result).items() if own == axis]
     if len(paths) > 1:
-        return f"number of the point of {', '.join(map(words, paths))}"
+        return f"number of the point of {', '.join(map(key_label, paths))}"
     unit = unit_of(paths[0])
-    return words(paths[0]) + (f", {unit}" if unit else "")
+    return key_label(paths[0]) + (f", {unit}" if unit else "")
 
 
 def point_of(result: Result, axis: str, i: int) -> str:
@@ -322,7 +322,7 @@ def point_of(result: Result, axis: str, i: int) -> str:
             path = key_path(result, key)
             unit = unit_of(path)
             gap = "" if unit in ("", "°") else " "
-            said.append(f"{words(path)} = {as_text(result[f'/sweep/axes/{key}'][i])}{gap}{unit}")
+            said.append(f"{key_label(path)} = {as_text(result[f'/sweep/axes/{key}'][i])}{gap}{unit}")
     return ", ".join(said)
 
 
@@ -392,7 +392,7 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
             for axis, i in (*zip(others, point, strict=True), *zip(plane, here, strict=True)):
                 index[axis] = int(i)
             ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane and tied.sum() == 1]
-            borders = ", ".join(words(key_path(result, key)) for key in ends)
+            borders = ", ".join(key_label(key_path(result, key)) for key in ends)
             where = f", on the border of the map ({borders}): better may lie beyond" if ends else ""
             found_there = "any place" if everywhere else "best"
             title = f"{text + ': ' if text else ''}{found_there} {values[here]:.4g}{where}"

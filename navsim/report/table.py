@@ -22,7 +22,7 @@ ABSENT = "-"
 """What stands for a number that is not known."""
 
 
-class _Said(float):
+class _NumberOrAbsent(float):
     """A number that is said as `ABSENT` where it is not finite."""
 
     def __format__(self, how: str) -> str:
@@ -55,7 +55,7 @@ class Cell:
         first = self.values[0] if self.values else 0.0
         if self.whole and isinstance(first, float) and not math.isfinite(first):
             return ABSENT
-        return self.pattern.format(*(_Said(v) if isinstance(v, float) else v for v in self.values))
+        return self.pattern.format(*(_NumberOrAbsent(v) if isinstance(v, float) else v for v in self.values))
 
 
 def cell(pattern: str, *values: float | int | str, names: tuple[str, ...] = ()) -> Cell:

@@ -66,7 +66,7 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, *pieces: bytes | memoryview) -> None:
+def write_atomically(path: Path, *pieces: bytes | memoryview) -> None:
     """Write a file whole or not at all. Raises OSError."""
     with replacing(path) as temporary, open(temporary, "wb") as file:
         for piece in pieces:

@@ -33,7 +33,7 @@ class CorruptFile(OSError):
     """A file that is not as it was written."""
 
 
-def seal(size: int, part: Callable[[int, int], bytes | memoryview]) -> bytes:
+def checksum_trailer(size: int, part: Callable[[int, int], bytes | memoryview]) -> bytes:
     """What is to follow a content of this size, bytes. part: gives the bytes from one place up to another, to several
     threads at once. Raises Damaged where it gives fewer, and what it raises."""
 

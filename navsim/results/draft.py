@@ -15,7 +15,7 @@ from navsim.results.schema import DTYPES, FINDINGS, LATE, ROOT, Declared, declar
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
-class Draft:
+class ResultBuilder:
     """The variables of a result so far; it refuses what the schema does not declare, at once, with a Defect.
 
     layout: of the result, see `schema.LAYOUTS`. words: that come into all units and meanings, see `schema.WORDS`.

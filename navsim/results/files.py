@@ -53,7 +53,7 @@ class _CountedFile(io.FileIO):
         return io.RawIOBase.readall(self) or b""
 
 
-def opened(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
+def open_regular(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
     """A regular file of at most `most` bytes, open for reading.
 
     Raises OSError, whose `strerror` says what is wrong: not there, a folder, no regular file, too large. So do its
@@ -77,8 +77,8 @@ def opened(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
 
 
 def content(path: Path, most: int) -> bytes:
-    """The bytes of a regular file, at most `most` of them. Raises OSError as `opened`."""
-    with opened(path, most) as file:
+    """The bytes of a regular file, at most `most` of them. Raises OSError as `open_regular`."""
+    with open_regular(path, most) as file:
         data = file.read(most + 1)  # files of the kernel's say that they have no bytes, and have some
     if len(data) > most:
         raise _too_large(path, most)
@@ -86,8 +86,8 @@ def content(path: Path, most: int) -> bytes:
 
 
 def checksum(path: Path) -> str:
-    """SHA-256 of a regular file. Raises OSError as `opened`."""
-    with opened(path) as file:
+    """SHA-256 of a regular file. Raises OSError as `open_regular`."""
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.result import Result, ResultError, Variable
 from navsim.results.schema import FINDINGS, LANDING
 
@@ -41,7 +41,7 @@ def several(count: int, noun: str) -> str:
 
 def kept(found: list[Finding]) -> dict[str, Variable]:
     """The group `/findings` of a result of any sort."""
-    out = Draft(LANDING)
+    out = ResultBuilder(LANDING)
     for name, kind, values in (
         ("finding", object, [f.name for f in found]),
         ("text", object, [f.text for f in found]),

@@ -50,7 +50,7 @@ class Dataset:
 
 
 @dataclass
-class _Seen:
+class _PendingDataset:
     """A dataset on the way: its dimensions are known when all are seen. needed: bytes its data take in the file."""
 
     id: Any
@@ -71,7 +71,7 @@ class Tree:
             file.close()
             raise
         self._left = self._source.size
-        self._seen: dict[str, _Seen] = {}
+        self._seen: dict[str, _PendingDataset] = {}
         try:
             with self._guarded():
                 self._file = h5py.File(self._source, "r")
@@ -154,7 +154,7 @@ class Tree:
             raise CorruptFile(f"{path}: is a second name of {paths[address]}")
         paths[address] = path
 
-    def _judged(self, node: Any, path: str) -> _Seen:
+    def _judged(self, node: Any, path: str) -> _PendingDataset:
         """What a dataset declares. Raises Damaged for all that navsim does not write."""
         made = node.get_create_plist()
         if made.get_layout() not in _LAYOUTS or made.get_external_count():
@@ -172,9 +172,9 @@ class Tree:
         self._spend(needed, path)
         attributes = self._attributes(node, path)
         scale = attributes.get("CLASS") == "DIMENSION_SCALE"
-        return _Seen(node, shape, needed, attributes, scale)
+        return _PendingDataset(node, shape, needed, attributes, scale)
 
-    def _dataset(self, path: str, seen: _Seen, paths: dict[int, str]) -> Dataset:
+    def _dataset(self, path: str, seen: _PendingDataset, paths: dict[int, str]) -> Dataset:
         """A judged dataset with the names of its axes, which are scales of the same lengths in the same file."""
         dims: list[str] = []
         for axis, scale in enumerate([path] if seen.scale else self._scales(path, seen, paths)):
@@ -189,7 +189,7 @@ class Tree:
         dtype = np.dtype(object) if text else seen.id.dtype
         return Dataset(path, seen.shape, dtype, tuple(dims), kept)
 
-    def _scales(self, path: str, seen: _Seen, paths: dict[int, str]) -> list[str]:
+    def _scales(self, path: str, seen: _PendingDataset, paths: dict[int, str]) -> list[str]:
         """Paths of the scales that a dataset's axes are attached to."""
         if not seen.shape:
             return []

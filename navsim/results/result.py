@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.results import files
-from navsim.results.atomic_write import clean, destination, partial_folder, replacing, settle, write_whole
-from navsim.results.checksum import CorruptFile, seal
+from navsim.results.atomic_write import clean, destination, partial_folder, replacing, settle, write_atomically
+from navsim.results.checksum import CorruptFile, checksum_trailer
 from navsim.results.schema import CHECKSUMS
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file whole or not at all. Raises ResultError."""
     try:
         clean(path, owned=False)
-        write_whole(path, content)
+        write_atomically(path, content)
     except OSError as error:
         raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
 
@@ -219,14 +219,14 @@ def write(path: Path, result: Result) -> None:
     try:
         if size < IN_MEMORY:
             image = _image(result)
-            write_whole(path, image, seal(len(image), lambda start, end: image[start:end]))
+            write_atomically(path, image, checksum_trailer(len(image), lambda start, end: image[start:end]))
         else:
             with replacing(path) as temporary:
                 _claim(temporary, int(1.05 * size + IN_MEMORY))
                 _fill(temporary, result)
                 with open(temporary, "r+b") as file:
                     length = file.seek(0, os.SEEK_END)
-                    file.write(seal(length, lambda start, end: os.pread(file.fileno(), end - start, start)))
+                    file.write(checksum_trailer(length, lambda start, end: os.pread(file.fileno(), end - start, start)))
         settle(path)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -336,7 +336,7 @@ def _describe(node: Any, path: str, attributes: dict[str, Any]) -> None:
 def read(path: Path) -> Result:
     """Read a result file: what it holds now, its numbers when they are asked for. Raises ResultError for anything
     that is no result of navsim's, or damaged, now and then."""
-    tree = _opened(path)
+    tree = _open_tree(path)
     with _damage_of(path):
         attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != CHECKSUMS}
         return Result(attributes, {name: _variable(path, tree, found) for name, found in tree.datasets.items()})
@@ -354,7 +354,7 @@ def _variable(path: Path, tree: Tree, found: Dataset) -> Variable:
 
 def read_kind(path: Path) -> ResultKind:
     """The sort of a result file. Raises ResultError for anything else."""
-    tree = _opened(path)
+    tree = _open_tree(path)
     with _damage_of(path):
         method = str(tree.attributes.get("method", ""))
         found = tree.length("run") if method in ("monte-carlo", "rare") else None
@@ -363,11 +363,11 @@ def read_kind(path: Path) -> ResultKind:
         return ResultKind(tree.attributes["kind"], method, runs, count)
 
 
-def _opened(path: Path) -> Tree:
+def _open_tree(path: Path) -> Tree:
     from navsim.results.hdf5 import SIGNATURE, Tree
 
     try:
-        file = files.opened(path, sys.maxsize)
+        file = files.open_regular(path, sys.maxsize)
         if file.read(len(SIGNATURE)) != SIGNATURE:
             file.close()
             raise ResultError(f"{path}: not a readable HDF5 file")

@@ -30,7 +30,7 @@ import numpy as np
 
 import navsim
 from navsim.compiler.jit import digest
-from navsim.results.atomic_write import discard, replacing, write_whole
+from navsim.results.atomic_write import discard, replacing, write_atomically
 from navsim.words import again, option, switch
 
 _HASHED = {
@@ -134,7 +134,7 @@ class CheckpointStore:
                 _compare(folder, mine, key)
             else:  # at most a key, perhaps cut: nobody's work
                 folder.mkdir(parents=True, exist_ok=True)
-                write_whole(folder / _KEY_FILE, mine.encode())
+                write_atomically(folder / _KEY_FILE, mine.encode())
             for leftover in folder.glob(".*.tmp"):
                 leftover.unlink()
             self._known = {file.name for file in folder.glob("*.npz")}
@@ -142,11 +142,11 @@ class CheckpointStore:
             raise CheckpointError(f"{folder}: partial work cannot be kept there: {error.strerror or error}") from None
 
     def note(self, command: Sequence[str]) -> None:
-        """Keep the command line by which the study is computed, its words after the program, for `begun_by`. Raises
+        """Keep the command line by which the study is computed, its words after the program, for `command_of`. Raises
         CheckpointError where the disk does not take it, or the working folder was removed."""
         try:
             told = {"command": list(command), "folder": os.getcwd(), "work": str(self.folder.absolute())}
-            write_whole(self.folder / _COMMAND_FILE, json.dumps(told, indent=1).encode())
+            write_atomically(self.folder / _COMMAND_FILE, json.dumps(told, indent=1).encode())
         except OSError as error:
             raise CheckpointError(f"{self.folder}: the command cannot be kept: {error.strerror or error}") from None
 
@@ -249,7 +249,7 @@ def _check_owner(file: Path) -> None:
         raise CheckpointError(f"{file}: everybody may write it, and it says what you would compute; {_BY_HAND}")
 
 
-def begun_by(folder: Path) -> Command:
+def command_of(folder: Path) -> Command:
     """The command line whose work lies in a folder, as it is written there: `check_key` and the command's own target
     say whether it is of this work. Raises CheckpointError where none is known, or it would not go on from this work."""
     if not folder.is_dir():
@@ -291,7 +291,7 @@ class BegunWork:
     analyses: int
 
 
-def begun_before(folder: Path, key: dict[str, Any]) -> BegunWork | None:
+def earlier_work(folder: Path, key: dict[str, Any]) -> BegunWork | None:
     """What of a study lies in its folder, which stays as it is; None where nothing does. Whether each piece is whole is
     left to who uses it. Raises CheckpointError where another study's work lies there, or it cannot be read."""
     try:

@@ -35,7 +35,7 @@ class RunFailed(NavsimError):
     path: Path | None = None
 
 
-def said(*messages: object) -> list[Problem]:
+def as_problems(*messages: object) -> list[Problem]:
     """Problems that stand at no place of a file."""
     from navsim.scenario.source import NOWHERE, Problem
 
@@ -65,8 +65,8 @@ def translate_errors(name: object) -> Iterator[None]:
         with translate_input_errors():
             yield
     except OptionError as error:
-        raise BadInput(said(error)) from None
+        raise BadInput(as_problems(error)) from None
     except (JobError, WorkerLost) as error:
-        raise RunFailed(said(f"{name}: {error}")) from None
+        raise RunFailed(as_problems(f"{name}: {error}")) from None
     except (ResultError, CheckpointError) as error:
-        raise RunFailed(said(error)) from None
+        raise RunFailed(as_problems(error)) from None

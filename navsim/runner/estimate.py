@@ -52,7 +52,7 @@ def lacking(estimate: Budget, here: Machine, kept: float = 0.0) -> list[str]:
     return out
 
 
-def said(estimate: Budget, here: Machine, where: str = "", seconds: float | None = None) -> str:
+def estimate_text(estimate: Budget, here: Machine, where: str = "", seconds: float | None = None) -> str:
     """The estimate in words. where: the work is done, if not here. seconds: of the work, by a block that was timed."""
     parts = f", {size(estimate.partial_bytes)} of it until the result is complete" if estimate.partial_bytes else ""
     cores = f"on this machine's {here.cores} core{'' if here.cores == 1 else 's'}"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from navsim.runner.errors import BadInput, said, translate_errors
+from navsim.runner.errors import BadInput, as_problems, translate_errors
 from navsim.runner.reporter import Reporter
 from navsim.words import option
 
@@ -28,7 +28,9 @@ def open_executor(options: Options, speech: Reporter) -> Iterator[Executor]:
         return
     scheduler = option("scheduler")
     if options.workers is not None:
-        raise BadInput(said(f"{option('workers')}: threads of this machine; with {scheduler} the cluster has its own"))
+        raise BadInput(
+            as_problems(f"{option('workers')}: threads of this machine; with {scheduler} the cluster has its own")
+        )
     try:
         from navsim.runner.cluster import Cluster, connected
         from navsim.runner.cluster import executor as of
@@ -36,7 +38,7 @@ def open_executor(options: Options, speech: Reporter) -> Iterator[Executor]:
         if str(error.name).partition(".")[0] not in ("cloudpickle", "dask", "distributed"):
             raise
         message = f"{scheduler} works on a Dask cluster, and Dask is not installed here: {INSTALL}"
-        raise BadInput(said(message)) from None
+        raise BadInput(as_problems(message)) from None
     with translate_errors(scheduler):
         cluster = Cluster(options.scheduler)
     with connected(cluster):

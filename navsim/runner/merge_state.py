@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.result import Result
 from navsim.results.schema import PART
 from navsim.runner.batches import Batch, Ensemble
@@ -22,7 +22,7 @@ from navsim.runner.exact_sums import blocks
 _COLUMNS, _SUMS = f"{PART}/of_run", f"{PART}/sum"
 
 
-def pack(draft: Draft, ensemble: Ensemble) -> None:
+def pack(draft: ResultBuilder, ensemble: Ensemble) -> None:
     """Put what a part needs into a result."""
     numbers, names, layout = _flat(ensemble.columns())
     draft[f"{PART}/column"] = np.array(names, dtype=object)

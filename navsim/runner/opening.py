@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from navsim.runner.errors import BadInput, said, translate_errors, translate_input_errors
+from navsim.runner.errors import BadInput, as_problems, translate_errors, translate_input_errors
 from navsim.words import option
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def scenario_instead(path: Path) -> str:
     return f"{path}: is no result but {advice(kind, path)}" if kind in OF_FILES else ""
 
 
-def opened(command: str, source: Source, assignments: Sequence[Assignment], options: Options) -> tuple[Job, str]:
+def open_job(command: str, source: Source, assignments: Sequence[Assignment], options: Options) -> tuple[Job, str]:
     """The job of what `command` computes, and the suffix of its result's name where that is not by the file's own
     method. Raises BadInput."""
     from navsim.kinds import KINDS, named
@@ -73,7 +73,7 @@ def target_of(output: Path | None, default: str) -> Path:
     """The result's path: as given, else results/<default>.h5. Raises BadInput where its folder is not there."""
     if output is not None and not output.parent.is_dir():
         create = f"no such folder; create it first or choose another {option('output')}"
-        raise BadInput(said(f"{output.parent}: {create}"))
+        raise BadInput(as_problems(f"{output.parent}: {create}"))
     return output or Path("results") / f"{default}.h5"
 
 
@@ -84,5 +84,5 @@ def schema_of(kind: str) -> dict[str, Any]:
     from navsim.scenario.published import ANY, published
 
     if kind not in (*OF_FILES, ANY):
-        raise BadInput(said(f"{kind!r} is no kind of scenario; {hint(kind, [*OF_FILES, ANY])}"))
+        raise BadInput(as_problems(f"{kind!r} is no kind of scenario; {hint(kind, [*OF_FILES, ANY])}"))
     return published(kind)

@@ -21,7 +21,7 @@ class ExitRequirements:
     requirements: bool = False
 
 
-def wanting(result: Result, demands: ExitRequirements) -> list[str]:
+def unmet_requirements(result: Result, demands: ExitRequirements) -> list[str]:
     """What speaks against what was asked for, in words."""
     from navsim.results.findings import CONSISTENT, FIX, of
 

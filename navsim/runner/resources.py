@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from navsim.runner.errors import BadInput, said
+from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.reporter import Reporter
 from navsim.words import switch
 
@@ -29,10 +29,10 @@ class Request:
 
 def tell(asked: Request, estimate: Budget, speech: Reporter, seconds: float | None = None) -> None:
     """Say what work will take. seconds: from start to end, by a block of it that was timed."""
-    from navsim.runner.estimate import said as estimated
+    from navsim.runner.estimate import estimate_text
     from navsim.runner.machine import machine
 
-    words = estimated(estimate, machine(asked.target.parent), asked.away, seconds)
+    words = estimate_text(estimate, machine(asked.target.parent), asked.away, seconds)
     speech.say(f"{asked.name}: {'at most ' if asked.at_most else ''}{words}")
 
 
@@ -54,7 +54,7 @@ def check_resources(asked: Request, estimate: Budget, speech: Reporter, shown: b
     else:
         if shown:
             tell(asked, estimate, speech)
-        raise BadInput(said(f"{wanting}; {switch('over_budget')} computes it nevertheless"))
+        raise BadInput(as_problems(f"{wanting}; {switch('over_budget')} computes it nevertheless"))
 
 
 def _kept(target: Path) -> float:

@@ -11,12 +11,12 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from navsim.runner.errors import BadInput, RunFailed, said, translate_errors
+from navsim.runner.errors import BadInput, RunFailed, as_problems, translate_errors
 from navsim.runner.executors import open_executor
 from navsim.runner.reporter import Listener
-from navsim.runner.requirements import ExitRequirements, wanting
+from navsim.runner.requirements import ExitRequirements, unmet_requirements
 from navsim.runner.resources import Request, check_resources, tell
-from navsim.runner.target import Written, begun, check_target, figure_folder, refuse_other, save
+from navsim.runner.target import Written, check_target, figure_folder, locked_target, refuse_other, save
 from navsim.words import again, switch
 
 if TYPE_CHECKING:
@@ -78,9 +78,9 @@ def run_job(name: object, job: Job, target: Path, order: JobRequest, listener: L
     drawing = figure_folder(order.figures, target, order.plain or job.sort.runs == SEVERAL_RUNS)
     with open_executor(order.options, listener.speech) as executor:
         if order.dry_run:
-            _told(name, job, target, order, listener, executor)
+            _report_estimate(name, job, target, order, listener, executor)
             return None
-        with begun(target, job.kernels, listener.speech):
+        with locked_target(target, job.kernels, listener.speech):
             _load_ahead(job.kernels, listener.ahead)
             _prepare(name, job, target, order, listener, executor)
             return _computed(name, job, target, order, listener, executor, drawing)
@@ -92,7 +92,7 @@ def _check_resumed(target: Path, order: JobRequest) -> None:
 
     if order.resumed is not None and (own := partial_folder(target)).resolve() != order.resumed.resolve():
         where = f"would write {target}, whose work lies in {own}"
-        raise BadInput(said(f"{order.resumed}: its command {where}; if you mean that, give the command itself"))
+        raise BadInput(as_problems(f"{order.resumed}: its command {where}; if you mean that, give the command itself"))
 
 
 def _prepare(
@@ -116,18 +116,20 @@ def _prepare(
     return estimates[-1]
 
 
-def _told(name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor) -> None:
+def _report_estimate(
+    name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor
+) -> None:
     """Say what a job would take: its time by a block of it that is done, where that needs nothing to be compiled."""
     from navsim.compiler import jit
     from navsim.runner.timed import seconds_of
 
-    begun = time.monotonic()
+    started = time.monotonic()
     asked, budget = _prepare(name, job, target, order, listener, executor)
     seconds, why = None, "this work is not done in parts that take the same time"
     if not jit.is_warm(job.kernels):
         why = "its kernels are not compiled yet, which takes about a minute"
     else:
-        prepared = time.monotonic() - begun
+        prepared = time.monotonic() - started
         with translate_errors(name):
             seconds = seconds_of(job, executor)
         if seconds is not None:
@@ -136,15 +138,15 @@ def _told(name: object, job: Job, target: Path, order: JobRequest, listener: Lis
     if seconds is None:
         listener.speech.say(f"{name}: its time is not estimated: {why}")
     listener.speech.say(f"{name}: {job.described()}; would write {target}")
-    if kept := _begun_before(job, target, seconds, order.options.fresh):
+    if kept := _earlier_work_text(job, target, seconds, order.options.fresh):
         listener.speech.say(kept)
 
 
-def _begun_before(job: Job, target: Path, seconds: float | None, fresh: bool) -> str:
+def _earlier_work_text(job: Job, target: Path, seconds: float | None, fresh: bool) -> str:
     """What of a job was finished before, and what is left of it, in words; "" where nothing lies there. seconds: that
     all of it takes, where that is known."""
     from navsim.results.atomic_write import partial_folder
-    from navsim.runner.checkpoint import CheckpointError, begun_before
+    from navsim.runner.checkpoint import CheckpointError, earlier_work
     from navsim.runner.estimate import duration
 
     folder = partial_folder(target)
@@ -153,16 +155,16 @@ def _begun_before(job: Job, target: Path, seconds: float | None, fresh: bool) ->
     if fresh:
         return f"{folder}: work of an earlier attempt lies there and would be discarded"
     try:
-        begun = begun_before(folder, job.key())
+        earlier = earlier_work(folder, job.key())
     except CheckpointError as error:
-        raise BadInput(said(error)) from None
-    if begun is None:
+        raise BadInput(as_problems(error)) from None
+    if earlier is None:
         return ""
     if not job.even:
-        parts = f"{begun.pieces} finished steps and {begun.analyses} analyses"
+        parts = f"{earlier.pieces} finished steps and {earlier.analyses} analyses"
         return f"{folder}: begun before; {parts} are kept, and are not made again"
-    left = max(job.pieces - begun.pieces, 0)
-    kept = f"{folder}: begun before; {begun.pieces} of {job.pieces} pieces of the {job.work} are kept"
+    left = max(job.pieces - earlier.pieces, 0)
+    kept = f"{folder}: begun before; {earlier.pieces} of {job.pieces} pieces of the {job.work} are kept"
     if seconds is None:
         return kept
     return f"{kept}, what remains to be computed takes {duration(seconds * left / job.pieces)}"
@@ -241,12 +243,12 @@ def raise_on_failure(finished: Finished, demands: ExitRequirements) -> None:
         interrupt = KeyboardInterrupt()
         interrupt.add_note(finished.stopped)
         raise interrupt
-    wrong = [finished.failed] if finished.failed else wanting(finished.result, demands)
+    wrong = [finished.failed] if finished.failed else unmet_requirements(finished.result, demands)
     if not wrong:
         return
     if not finished.failed:
         wrong[-1] += f" ({finished.target} is complete)"
-    error = RunFailed(said(*wrong))
+    error = RunFailed(as_problems(*wrong))
     error.path = finished.target
     raise error
 
@@ -273,7 +275,9 @@ def _store(job: Job, target: Path, order: JobRequest) -> CheckpointStore | None:
 
     folder = partial_folder(target)
     if order.resumed is not None and not job.pieces:
-        raise BadInput(said(f"{order.resumed}: its command keeps no work; if you mean it, give the command itself"))
+        raise BadInput(
+            as_problems(f"{order.resumed}: its command keeps no work; if you mean it, give the command itself")
+        )
     if not job.pieces or (job.pieces == 1 and not folder.exists()):
         return None
     try:
@@ -284,4 +288,4 @@ def _store(job: Job, target: Path, order: JobRequest) -> CheckpointStore | None:
             store.note(order.command)
         return store
     except CheckpointError as error:
-        raise BadInput(said(error)) from None
+        raise BadInput(as_problems(error)) from None

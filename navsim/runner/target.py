@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from navsim.runner.errors import BadInput, said
+from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.reporter import Reporter
 from navsim.words import option, switch
 
@@ -25,7 +25,7 @@ def check_target(target: Path, sort: ResultKind, force: bool) -> None:
         check_writable(target)
         refuse_other(target, sort, force)
     except ResultError as error:
-        raise BadInput(said(error)) from None
+        raise BadInput(as_problems(error)) from None
 
 
 def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
@@ -51,7 +51,7 @@ def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
 
 
 @contextmanager
-def begun(target: Path, kernels: str, speech: Reporter) -> Iterator[None]:
+def locked_target(target: Path, kernels: str, speech: Reporter) -> Iterator[None]:
     """The computing of a result: while it lasts no other process works on it; leftovers of killed ones are cleaned, and
     why the first work with these kernels (`runner.job.Job`) ever takes longer is said. Raises BadInput."""
     from navsim.compiler import jit
@@ -61,7 +61,7 @@ def begun(target: Path, kernels: str, speech: Reporter) -> Iterator[None]:
         try:
             held.enter_context(locked(target))
         except Occupied as error:
-            raise BadInput(said(f"{error}; wait for it, or choose another {option('output')}")) from None
+            raise BadInput(as_problems(f"{error}; wait for it, or choose another {option('output')}")) from None
         except OSError as error:
             reason = error.strerror or error
             speech.warn(f"{target} cannot be locked ({reason}): let no other process write it")
@@ -102,5 +102,5 @@ def figure_folder(figures: str | Path | None, target: Path, skipped: bool) -> Pa
         return None
     folder = target.parent if figures is None else Path(figures)
     if folder.exists() and not folder.is_dir():
-        raise BadInput(said(f"{option('figures', str(folder))}: is a file, not a folder"))
+        raise BadInput(as_problems(f"{option('figures', str(folder))}: is a file, not a folder"))
     return folder

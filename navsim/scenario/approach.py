@@ -324,13 +324,13 @@ class GoAroundSection(Section):
 
     def broken_off(self, path: Path) -> Path:
         """A landing with this go-around. Raises NoSuchPath."""
-        from navsim.trajectory.go_around import PullUp, gone_around, time_at
+        from navsim.trajectory.go_around import PullUp, time_at, with_go_around
 
         at = self.at_s
         if at is None:
             assert self.height_m is not None
             at = time_at(path, self.height_m)
-        return gone_around(path, at, PullUp(self.load_factor, self.climb_deg * DEG, self.ease_s))
+        return with_go_around(path, at, PullUp(self.load_factor, self.climb_deg * DEG, self.ease_s))
 
 
 class _ToTheGround(_Approach):
@@ -477,7 +477,7 @@ class WaypointSection(Section):
     """ground speed there, kept through the turn; null: approach.speed_start_kmh"""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_alternatives(self) -> Self:
         on_axes, by_coordinates = [self.along_m, self.right_m], [self.lat_deg, self.lon_deg]
         if (None in on_axes) == (None in by_coordinates) or any(
             given != [None, None] for given in (on_axes, by_coordinates) if None in given

@@ -144,13 +144,13 @@ DistinctListOf = Annotated[tuple[T, ...], BeforeValidator(as_tuple), AfterValida
 """The same of values of which none is given twice."""
 
 
-def _whole(value: Any) -> Any:
+def _as_integer(value: Any) -> Any:
     if isinstance(value, (bool, float)):
         raise ValueError("expected a whole number")
     return value
 
 
-whole = BeforeValidator(_whole)
+whole = BeforeValidator(_as_integer)
 """For choices of whole numbers, among which Python finds false, true and 2.0 too."""
 Version = Annotated[Literal[1], whole]
 

@@ -72,7 +72,7 @@ class JammerSection(Section):
     """when it sends: from, to, one or several times; left out: always"""
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_consistent(self) -> Self:
         wide = self.waveform in ("noise", "sweep")
         if wide and self.bandwidth_mhz is None:
             raise reject(f"a {self.waveform} needs its width", "bandwidth_mhz")
@@ -178,7 +178,7 @@ class InterferenceSection(Section):
     """one-sided bandwidth of the loop that range rates come from"""
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_consistent(self) -> Self:
         if not self.jammers and self.pseudolites is None:
             raise reject("nobody jams: give a list here, or `pseudolites`", "jammers")
         if self.horizon and not self.jammers:

@@ -141,7 +141,7 @@ class Landing(Section):
         return with_published(data)
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_consistent(self) -> Self:
         if (self.approach.start is None) == (self.runway.threshold is None):
             raise reject(
                 "give exactly one of approach.start and runway.threshold; the other follows from it",

@@ -179,7 +179,7 @@ class Optimize(Section):
     """searches from independent starts, of which the best is kept; for an error of the filter, rounds of learning"""
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_consistent(self) -> Self:
         if (self.area is None) == (not self.sites):
             raise reject("give exactly one of area and sites", "area")
         if not self.pseudolites:

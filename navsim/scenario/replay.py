@@ -158,7 +158,7 @@ class FixError(Section):
     columns are error1_n, error1_e, error1_d, error1_vn, error1_ve, error1_vd, error2_n, ..."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_alternatives(self) -> Self:
         if (self.position_sigma_m is None) == (self.states is None):
             raise reject("give one of position_sigma_m and states", "position_sigma_m")
         return self

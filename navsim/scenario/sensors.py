@@ -506,7 +506,7 @@ class Imu(_Sensors):
     """how much warmer they become"""
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_consistent(self) -> Self:
         for name in ("gyro", "accelerometer"):
             sensor = getattr(self, name)
             sensor.check(self.rate_hz, name)
@@ -622,7 +622,7 @@ class RadioAltimeterSection(Section):
     and level ground before and beyond it"""
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_consistent(self) -> Self:
         if self.lowest_m >= self.highest_m:
             raise reject(f"must be below highest_m, {self.highest_m:g} m", "lowest_m")
         check_profile(self.ground, "ground")

@@ -63,7 +63,7 @@ class Site(Section):
     """height of the antenna above the runway; default pseudolites.height_m"""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_alternatives(self) -> Self:
         by_runway = (self.s_m is not None, self.l1_m is not None)
         by_point = (self.lat_deg is not None, self.lon_deg is not None)
         if not ((all(by_runway) and not any(by_point)) or (all(by_point) and not any(by_runway))):
@@ -391,7 +391,7 @@ class PseudolitesSection(Section):
         return self
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_alternatives(self) -> Self:
         if self.sites:
             for key in ("count", "s_m", "l1_m"):
                 if getattr(self, key):

@@ -319,7 +319,7 @@ def load(path: Path) -> Document:
     this module allows."""
     name = str(path)
     try:
-        with files.opened(path) as file:
+        with files.open_regular(path) as file:
             raw = file.read(MOST_BYTES + 1)
     except IsADirectoryError:
         raise InputError([Problem(Place(name), "", "this is a folder; a YAML file is needed")]) from None

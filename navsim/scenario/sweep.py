@@ -112,7 +112,7 @@ class Vary(Section):
     """a dimension of the study's Latin hypercube of `samples` points"""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_alternatives(self) -> Self:
         if (self.key is None) == (self.keys is None):
             raise reject("give either key or keys", "key")
         given = [name for name in ("values", "grid", "range", "lhs") if getattr(self, name) is not None]
@@ -162,7 +162,7 @@ class Sweep(Section):
     """points of the Latin hypercube"""
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_consistent(self) -> Self:
         seen: list[str] = []
         for i, axis in enumerate(self.vary):
             for name in axis.names():

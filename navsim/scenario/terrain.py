@@ -33,7 +33,7 @@ class RidgeSection(Section):
     """distance of a skyline along the ground"""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_alternatives(self) -> Self:
         ridge, skyline = ("ends", "height_m"), ("azimuth_deg", "elevation_deg", "distance_m")
         given = {name for name in (*ridge, *skyline) if getattr(self, name) is not None}
         if given not in ({*ridge}, {*skyline}):

@@ -51,7 +51,7 @@ from navsim.gnss.sky import enu_matrix
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.fix_exclusion import Excluder, SettledFixes
-from navsim.integrity.fixes import ReceiverFixes, left_over, solved
+from navsim.integrity.fixes import ReceiverFixes, range_residuals, solved
 from navsim.sensors import imu
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.curvature import (
@@ -1066,7 +1066,7 @@ class Watched:
         if monitor is None:
             return cls(none[0], *none, *none)
         signals, axes = flight.world.signals, flight.world.antenna_enu
-        left, error = left_over(signals, antenna, axes, ranges, fixes.llh, fixes.clocks)
+        left, error = range_residuals(signals, antenna, axes, ranges, fixes.llh, fixes.clocks)
         fixed = ~np.isnan(fixes.llh[:, 0])
         statistic = np.where(fixed, monitor.statistic(left), np.nan)
         said = monitoring.status(monitor.tested, monitor.threshold, statistic, fixed)

@@ -47,7 +47,7 @@ from navsim.landing.study import (
 )
 from navsim.landing.tree import geometry_summary
 from navsim.results import files
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import FIX, Finding, kept, of
 from navsim.results.result import Result
 from navsim.results.schema import OUTCOMES, SWEEP, VERDICTS
@@ -496,7 +496,7 @@ def dop_outputs(geometry: Geometry, sites: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip(DOP_OUTPUTS, values, strict=True))
 
 
-def _of_landing(summary: Draft, lost: int) -> dict[str, float]:
+def _of_landing(summary: ResultBuilder, lost: int) -> dict[str, float]:
     """The same of a landing, by what its result tells; lost: epochs of the glide without a fix."""
     dops = [summary[f"/summary/dop/{name}"] for name in ("pdop", "hdop", "vdop")]
     sigmas = [summary[f"/summary/fix/rms_{name}"] for name in ("horizontal", "vertical")]
@@ -656,7 +656,7 @@ def partial_key(planned: Plan) -> dict[str, object]:
 def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirmation] = _NOTHING) -> Result:
     """The cube of the study, with where the pseudolites of each combination stand, and what runs say of the best."""
     study = planned.study
-    draft = Draft(
+    draft = ResultBuilder(
         SWEEP,
         dimension=[axis.name for axis in planned.axes],
         varied=[short(study, key) for axis in planned.axes for key in axis.keys],
@@ -703,7 +703,7 @@ def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirm
     return out
 
 
-def _flown(draft: Draft, confirmed: Mapping[str, Confirmation]) -> None:
+def _flown(draft: ResultBuilder, confirmed: Mapping[str, Confirmation]) -> None:
     """What runs say of the best combinations, and of those that they spoke against."""
     for name, one in confirmed.items():
         draft["/flown/runs"] = np.int64(one.runs)
@@ -761,7 +761,7 @@ def _column(values: list[Any]) -> np.ndarray:
     return np.array([x if isinstance(x, str) else json.dumps(x) for x in values], dtype=object)
 
 
-def _places(draft: Draft, planned: Plan, found: Ensemble) -> None:
+def _places(draft: ResultBuilder, planned: Plan, found: Ensemble) -> None:
     """The approach and the sites of every combination in the plane of the runway."""
     scenario = planned.first[0]
     time = np.linspace(0.0, scenario.duration_s, 200)

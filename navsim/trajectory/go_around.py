@@ -57,7 +57,7 @@ def time_at(path: Path, height: float) -> float:
     return float(low)
 
 
-def gone_around(path: Path, begin: float, how: PullUp) -> Path:
+def with_go_around(path: Path, begin: float, how: PullUp) -> Path:
     """A landing up to a time on its glide, s, and a climb from there. Its flare, if begun, is no event any more: the
     nose stays turned into the wind. Raises NoSuchPath."""
     first, last = path.events[GLIDE_START], path.events[TOUCHDOWN]

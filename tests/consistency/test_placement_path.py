@@ -21,7 +21,7 @@ from navsim.landing.sources import on_glide
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.landing.tree import base
 from navsim.optimization import problem as objective
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.schema import COVARIANCE
 from navsim.runner.findings import LANDING
 from navsim.scenario.base import Section
@@ -493,7 +493,7 @@ def test_an_error_of_the_filter_is_the_landings_own(
     assert objective.problem(*study).objective(np.array([places]))[0] == pytest.approx(expected, rel=1e-9)
 
 
-def of_result(result: Draft, lost: int) -> np.ndarray:
+def of_result(result: ResultBuilder, lost: int) -> np.ndarray:
     """What a landing's result file says, in the order of DOP_OUTPUTS."""
     dops = [result[f"/summary/dop/{d}dop"] for d in "phv"]
     sigmas = [result[f"/summary/fix/rms_{n}"][0] for n in ("horizontal", "vertical")]

@@ -20,7 +20,7 @@ from navsim.results.findings import of
 from navsim.results.result import Result
 from navsim.runner.consistency import Ratios
 from navsim.runner.executor import threads
-from navsim.runner.requirements import ExitRequirements, wanting
+from navsim.runner.requirements import ExitRequirements, unmet_requirements
 from navsim.simulation.landing import Run
 from tests.helpers import case
 
@@ -75,7 +75,7 @@ def test_one_false_belief_is_found_by_name_and_time() -> None:
     assert state[int(np.argmax(worst))] == "attitude_down"
     (finding,) = (one for one in of(found) if one.name == "sigma_of_state")
     assert finding.text == words
-    assert wanting(found, ExitRequirements(consistent=True)) == [f"--require-consistent: {words}"]
+    assert unmet_requirements(found, ExitRequirements(consistent=True)) == [f"--require-consistent: {words}"]
     shown = rows(found)
     assert shown["all states"] == words
     assert "position, largest z" not in shown  # right, as the verdict says
@@ -90,14 +90,14 @@ def test_the_tolerance_is_the_scenarios() -> None:
     assert " % small (significant, within the 30 % tolerance): heading at " in words
     assert found.variables["/summary/consistency/verdict"].attributes["tolerance"] == 0.3
     assert not [one for one in of(found) if one.name == "sigma_of_state"]
-    assert wanting(found, ExitRequirements(consistent=True)) == []
+    assert unmet_requirements(found, ExitRequirements(consistent=True)) == []
 
 
 def test_a_sigma_that_is_too_large_is_reported_and_no_finding() -> None:
     found = flown(believing_too_little(1.5, A_D), 300)
     assert str(found["/summary/consistency/verdict"]).startswith("sigma 3")
     assert " % large: heading at " in str(found["/summary/consistency/verdict"])
-    assert wanting(found, ExitRequirements(consistent=True)) == []
+    assert unmet_requirements(found, ExitRequirements(consistent=True)) == []
 
 
 def test_a_belief_of_nothing_and_an_exact_start() -> None:
@@ -131,7 +131,7 @@ def test_a_covariance_analysis_has_the_expected_ratio() -> None:
     assert str(found["/summary/consistency/verdict"]).endswith("(z 1.25, to first order)")
     (finding,) = (one for one in of(found) if one.name == "sigma_of_state")
     assert finding.text == str(found["/summary/consistency/verdict"])
-    assert wanting(found, ExitRequirements(consistent=True)) == [f"--require-consistent: {finding.text}"]
+    assert unmet_requirements(found, ExitRequirements(consistent=True)) == [f"--require-consistent: {finding.text}"]
 
 
 def test_a_run_that_is_not_finite_leaves_the_others_judged(monkeypatch: pytest.MonkeyPatch) -> None:

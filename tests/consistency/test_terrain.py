@@ -21,7 +21,7 @@ from navsim.landing.tree import base
 from navsim.optimization import problem as objective
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
-from navsim.report.ridges import ShownRidge, clipped, flown_over, seen_skyline, shown_ridges
+from navsim.report.ridges import ShownRidge, clipped, flown_over, shown_ridges, terrain_skyline
 from navsim.report.tables import summary_table
 from navsim.results.result import Result
 from navsim.results.schema import COVARIANCE
@@ -239,7 +239,7 @@ def test_a_ridge_that_is_flown_through_is_told(result: Result) -> None:
 def test_what_is_drawn_is_what_is_hidden(hilly: Case, result: Result) -> None:
     """The skyline of the figures against the models' own sights to far points all around; ridges where they are given;
     the way over one of them."""
-    seen = seen_skyline(result)
+    seen = terrain_skyline(result)
     assert seen is not None
     azimuth, skyline = seen
     rng = np.random.default_rng(5)

@@ -16,7 +16,7 @@ from navsim.integrity import monitoring
 from navsim.integrity.monitoring import ALARM, NO_FIX, QUIET
 from navsim.landing import integrity
 from navsim.landing.study import Case
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.schema import COVARIANCE
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
@@ -254,7 +254,7 @@ def spread_of(c: Case) -> np.ndarray:
 
 def test_levels_without_runs() -> None:
     c = case(*SHORT, FILTER, "method=covariance")
-    draft = Draft(COVARIANCE)
+    draft = ResultBuilder(COVARIANCE)
     integrity.described(draft, c)
     assert list(draft["/integrity/fault"]) == [fault.name for fault in c.flight.expected]
     assert float(draft["/summary/integrity/level_share"]) == 1.0
@@ -323,7 +323,7 @@ def test_levels_rise_with_priors_however_small_the_budget() -> None:
         for p in ("1.0e-10", "1.0e-8", "1.0e-7")
     ]
     assert np.all(np.diff(last, axis=0) > 0.0)
-    (told,) = integrity.told(case(*SHORT, "integrity={method: filter}"))
+    (told,) = integrity.level_warnings(case(*SHORT, "integrity={method: filter}"))
     assert told.startswith("integrity: without glonass 0.0001")
 
 
@@ -344,7 +344,7 @@ def test_availability_without_runs_is_that_of_runs(method: str) -> None:
     limits = "limits: {hal_m: 60, val_m: 90, tta_s: 6}"
     wanted = f"integrity={{method: {method}, p_constellation: 1.0e-8, {limits}}}"
     c = case("duration_s=40", "receiver.rate_hz=2", "filter.kind=eskf", wanted, silence(begin=20, end=90))
-    asked = integrity.asked_of(c)
+    asked = integrity.approach_limits(c)
     assert asked is not None
     assert c.flight.monitor is not None
     by_levels = integrity.within(asked, monitoring.tested_levels(c.flight.monitor)).all(axis=1)[asked.glide].sum()

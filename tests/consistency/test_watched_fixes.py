@@ -171,10 +171,10 @@ def test_separation_alarms_no_more_often_than_allotted() -> None:
     assert 0.2 * 0.02 * epochs < count < 0.02 * epochs + 3.0 * np.sqrt(0.02 * epochs)
 
 
-def asked(seconds: int, limits: tuple[float, float] = (10.0, 20.0), alert: float = 2.0) -> integrity.Asked:
+def asked(seconds: int, limits: tuple[float, float] = (10.0, 20.0), alert: float = 2.0) -> integrity.ApproachLimits:
     time = np.arange(seconds, dtype=float)
     every = np.ones(seconds, bool)
-    return integrity.Asked(np.array(limits), alert, time, every, every)
+    return integrity.ApproachLimits(np.array(limits), alert, time, every, every)
 
 
 @pytest.mark.parametrize(
@@ -230,16 +230,16 @@ def test_epochs_without_a_test_are_said() -> None:
     assert set(run.monitor_status) == {UNTESTED}
     assert not counts["integrity_available"].any()
     assert not counts["integrity_approach"].any()
-    (text,) = integrity.told(c)
+    (text,) = integrity.level_warnings(c)
     assert "no protection level at 40 of 40 epochs" in text
 
 
 def test_faults_that_cannot_be_monitored_are_named() -> None:
-    (text,) = integrity.told(brief("integrity={}"))
+    (text,) = integrity.level_warnings(brief("integrity={}"))
     assert "glonass 0.0001" in text
     assert "p_unmonitored_max is 8e-08" in text
-    assert integrity.told(brief(MHSS)) == []
-    assert integrity.told(brief("integrity={p_constellations: {glonass: 1.0e-8}}")) == []
+    assert integrity.level_warnings(brief(MHSS)) == []
+    assert integrity.level_warnings(brief("integrity={p_constellations: {glonass: 1.0e-8}}")) == []
 
 
 def test_a_scenario_has_the_defaults_of_the_levels() -> None:
@@ -272,7 +272,7 @@ def test_what_is_left_of_several_faults_at_once() -> None:
 def test_two_systems_are_monitored_with_their_coincidences() -> None:
     """At the default priors, two systems and two pseudolites at 1e-4 come two at once with 1.3e-7."""
     c = brief("integrity={}", "sky.source=nominal")
-    assert integrity.told(c) == []
+    assert integrity.level_warnings(c) == []
     names = [fault.name for fault in c.flight.expected]
     assert "PL1 & glonass" in names
     assert isinstance(c.flight.monitor, SeparationMonitor)
@@ -306,7 +306,7 @@ def test_the_result_says_what_was_counted(tmp_path: Path, keep: str) -> None:
     if keep != "none":  # the diagram is of the same epochs, those with an alarm left out
         for axis in quantities.LEVELS:
             assert quantities.stanford(result, *axis).counts.sum() == tested - alarms
-        assert "epochs of the glide alone, from its start to touchdown" in quantities.stanford_words(result)
+        assert "epochs of the glide alone, from its start to touchdown" in quantities.stanford_text(result)
     value, low, high = result[f"{branch}/hmi"]
     assert value == 0.0
     assert low == 0.0

@@ -19,9 +19,9 @@ from navsim.integrity.innovations import InnovationTest, SteadyWalk, detection
 from navsim.integrity.monitoring import QUIET
 from navsim.integrity.observability import possible
 from navsim.integrity.residuals import ChiSquareTest, Monitor
-from navsim.integrity.risk import silent, silent_apart
+from navsim.integrity.risk import silent, undetected_by_separation
 from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
-from navsim.landing.integrity import REGIONS, Asked, regions
+from navsim.landing.integrity import REGIONS, ApproachLimits, regions
 from navsim.scenario.integrity import OPERATIONS, LimitsSection
 from tests.conftest import DATA, Within
 
@@ -351,7 +351,7 @@ def test_risk_under_a_separation_test(cases: dict[str, Any], within: Within) -> 
     assert np.sqrt(solution.noise.variance(apart))[0, UP] == pytest.approx(entry["sigma_ss"], rel=1e-9)
     for row in entry["expected"]:
         for bias, name in ((row["worst_bias_m"], "p_hmi"), (40.0, "at_bias_40")):
-            ours = silent_apart(solution, apart[0], 0, source, bias, (row["level_m"], entry["threshold_m"]))
+            ours = undetected_by_separation(solution, apart[0], 0, source, bias, (row["level_m"], entry["threshold_m"]))
             assert ours == pytest.approx(row[name], rel=within["risk"]), name
 
 
@@ -469,7 +469,7 @@ def test_regions(cases: dict[str, Any]) -> None:
     for point in cases["stanford"]["points"]:
         limit, level, error = (float(point[name]) for name in ("al", "pl", "error"))
         every = np.ones(1, bool)
-        asked = Asked(np.full(2, limit), 1.0, np.zeros(1), every, every)
+        asked = ApproachLimits(np.full(2, limit), 1.0, np.zeros(1), every, every)
         found = regions(asked, np.full((1, 1, 2), level), np.array([[QUIET]]), np.full((1, 1, 2), error))
         assert REGIONS[found[0, 0, 0]].replace("_", "-") == point["region"]
 

@@ -278,7 +278,7 @@ def test_words_for_a_terminal_that_went_away_are_lost(monkeypatch: pytest.Monkey
         done(3)
     with progress(0, "placements", True):
         pass
-    ending.say("nobody hears")
+    ending.print_message("nobody hears")
 
 
 @pytest.mark.parametrize("full", [True, False])

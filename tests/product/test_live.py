@@ -31,7 +31,7 @@ from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import ImuData, schedule
 from navsim.formats.export import export
-from navsim.formats.stream import Lines, StreamError, opened
+from navsim.formats.stream import Lines, StreamError, open_source
 from navsim.landing import study as landing
 from navsim.replays import live as flying
 from navsim.replays.live import Session
@@ -263,7 +263,7 @@ def test_over_the_network(kind: str) -> None:
     if kind == "tcp":
         ready.wait(5.0)
     got = []
-    with opened(f"{kind}://127.0.0.1:{port}") as lines:
+    with open_source(f"{kind}://127.0.0.1:{port}") as lines:
         ready.set()
         while len(got) < len(sent):
             line = lines.take(3.0)
@@ -278,7 +278,7 @@ def test_a_serial_device(tmp_path: Path) -> None:
     """A pseudo terminal stands for the device."""
     master, slave = pty.openpty()
     tty.setraw(slave)
-    with opened(f"serial://{os.ttyname(slave)}?baud=115200") as lines:
+    with open_source(f"serial://{os.ttyname(slave)}?baud=115200") as lines:
         os.write(master, b"$GPGGA,1\r\n$GPGGA,2\r\npart")
         assert [lines.take(3.0), lines.take(3.0)] == ["$GPGGA,1", "$GPGGA,2"]
         assert lines.take(0.3) is None
@@ -292,7 +292,7 @@ def test_a_serial_device(tmp_path: Path) -> None:
     "source", ["udp://0.0.0.0", "gopher://x:1", "no/such/file", "serial:///dev/none", "tcp://localhost:1"]
 )
 def test_sources_that_cannot_be_opened(source: str) -> None:
-    with pytest.raises(StreamError, match="cannot be opened"), opened(source):
+    with pytest.raises(StreamError, match="cannot be opened"), open_source(source):
         pass
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from navsim import __version__
 from navsim.cli import common, log
-from navsim.cli.ending import ends, keep, say
+from navsim.cli.ending import ends, keep, print_message
 from tests import forks
 from tests.conftest import SCENARIOS
 
@@ -100,8 +100,8 @@ def test_a_full_disk_ends_the_log_and_not_the_work(capsys: pytest.CaptureFixture
         pytest.skip("no /dev/full here")
     with ends():
         log._files.append(open("/dev/full", "w", buffering=1))  # noqa: SIM115
-        say("one")
-        say("two")
+        print_message("one")
+        print_message("two")
     assert capsys.readouterr().err == "one\nwarning: /dev/full: No space left on device; the log ends here\ntwo\n"
     assert not log.is_open()
 

@@ -496,7 +496,7 @@ def test_elevation_figures_follow_the_scenario() -> None:
 
 def test_azimuth_names_its_filters_by_the_scenario() -> None:
     scenario = read_for("run", SCENARIOS / "azimuth_tracking.yaml", ["filters.singer_sigma_m_s2=[0.7, 4]"])[0]
-    words = azimuth.words(Result({"scenario": resolved_yaml(scenario)}, {}))
+    words = azimuth.filter_labels(Result({"scenario": resolved_yaml(scenario)}, {}))
     assert words["S1"] == "Singer, 0.7 m/s²"
     assert words["S2"] == "Singer, 4 m/s²"
 
@@ -538,7 +538,7 @@ def test_varied_keys_are_words_with_units() -> None:
         "interference.jammers.0.place.lat_deg": "jammers[0] latitude", "imu.gyro.noise_deg_h": "gyro noise",
         "signals.range_sigma_m": "signals range sigma", "method": "method",
     }  # fmt: skip
-    assert {key: sweep.words(key) for key in said} == said
+    assert {key: sweep.key_label(key) for key in said} == said
 
 
 @pytest.mark.parametrize("better", [True, False])

@@ -210,7 +210,7 @@ def test_blocks_that_do_not_fit_leave_no_thread(file: Path, monkeypatch: pytest.
 @pytest.mark.parametrize("size", [0, 1, checksum.BLOCK, 9_000_000])
 def test_a_seal_is_of_each_block_in_its_place(size: int, tmp_path: Path) -> None:
     content = np.random.default_rng(1).bytes(size)
-    sealed = content + checksum.seal(size, lambda start, end: content[start:end])
+    sealed = content + checksum.checksum_trailer(size, lambda start, end: content[start:end])
     table = b"".join(
         hashlib.sha256(content[at : at + checksum.BLOCK]).digest() for at in range(0, size, checksum.BLOCK)
     )
@@ -223,7 +223,7 @@ def test_a_seal_is_of_each_block_in_its_place(size: int, tmp_path: Path) -> None
 
 def test_a_content_that_ends_early_is_not_sealed() -> None:
     with pytest.raises(checksum.CorruptFile, match="became shorter"):
-        checksum.seal(100, lambda start, end: b"x" * (end - start - 1))
+        checksum.checksum_trailer(100, lambda start, end: b"x" * (end - start - 1))
 
 
 def test_what_hdf5_does_not_take_harms_nothing(file: Path) -> None:

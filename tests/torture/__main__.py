@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import navsim
-from navsim.results.atomic_write import write_whole
+from navsim.results.atomic_write import write_atomically
 from tests.conftest import ROOT
 from tests.forks import Forks
 from tests.torture import trials
@@ -59,7 +59,7 @@ def main() -> None:
     plan = KEPT / "seeds.json"
     if chosen.seed is not None or not plan.exists():
         first = chosen.seed if chosen.seed is not None else random.SystemRandom().randrange(10**6, 10**9)
-        write_whole(plan, json.dumps(list(range(first, first + chosen.seeds))).encode())
+        write_atomically(plan, json.dumps(list(range(first, first + chosen.seeds))).encode())
     seeds = json.loads(plan.read_text())
     for part, (trial, count, _) in PARTS.items():
         if chosen.part in (None, part):
@@ -84,7 +84,7 @@ def _once(part: str, trial: Trial, seed: int, count: int) -> None:
         "slowest_s": tally.slowest_s,
         "peak_mb": tally.peak_mb,
     }
-    write_whole(file, json.dumps(kept | {"took_s": time.monotonic() - began}, indent=1).encode())
+    write_atomically(file, json.dumps(kept | {"took_s": time.monotonic() - began}, indent=1).encode())
     print(f"{part} {seed}: {dict(tally.ended)}, {time.monotonic() - began:.0f} s", flush=True)
     for what, wrong in tally.wrong:
         print(f"    {what}: {wrong}", flush=True)

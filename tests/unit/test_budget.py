@@ -15,7 +15,7 @@ from navsim.landing import study as landing
 from navsim.landing.ensemble import history_bytes
 from navsim.landing.estimate import extent
 from navsim.runner import machine as having
-from navsim.runner.estimate import Budget, Machine, duration, lacking, said, size
+from navsim.runner.estimate import Budget, Machine, duration, estimate_text, lacking, size
 from navsim.scenario.load import read_any
 from navsim.simulation.landing import Run
 from tests.conftest import SCENARIOS
@@ -150,9 +150,9 @@ def test_what_is_lacking_is_said_with_what_there_is() -> None:
     assert disk == "about 3 GB on disk, where 2.5 GB are free"
     assert lacking(budget, Machine(4e9, 2.5e9, 2), kept=0.6e9) == []
     assert lacking(budget, Machine(None, None, 2)) == []
-    words = said(budget, small)
+    words = estimate_text(budget, small)
     assert words.startswith("about 3 GB of memory")
-    timed = said(budget, small, seconds=40.0)
+    timed = estimate_text(budget, small, seconds=40.0)
     assert timed.startswith("about 40 s on this machine's 2 cores (within a factor of 1.5, by a block that was timed)")
     assert timed.endswith(words)
     assert words.endswith("3 GB on disk, 1 GB of it until the result is complete")

@@ -67,11 +67,11 @@ def test_bytes_are_counted_as_they_are_read(tmp_path: Path) -> None:
     path.write_bytes(b"x" * 100)
     assert files.content(path, 100) == b"x" * 100
     assert files.checksum(path) == hashlib.sha256(b"x" * 100).hexdigest()
-    with files.opened(path, 1000) as file:
+    with files.open_regular(path, 1000) as file:
         assert file.read(10) == b"x" * 10
         with path.open("ab") as more:
             more.write(b"y" * 2000)
         with pytest.raises(OSError, match="more than 1,000 bytes"):
             file.read()
     with pytest.raises(OSError, match="more than 1,000 bytes"):
-        files.opened(path, 1000)
+        files.open_regular(path, 1000)

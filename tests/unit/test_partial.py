@@ -17,7 +17,7 @@ import pytest
 
 from navsim.optimization.search_log import SearchLog
 from navsim.results import atomic_write as whole
-from navsim.results.atomic_write import Occupied, clean, discard, locked, partial_folder, write_whole
+from navsim.results.atomic_write import Occupied, clean, discard, locked, partial_folder, write_atomically
 from navsim.runner.checkpoint import CheckpointError, CheckpointStore
 
 KEY = {"seed": 1, "runs": 50}
@@ -214,14 +214,14 @@ def test_fresh_killed_under_way_leaves_nothing_that_counts(folder: Path, monkeyp
 
 def test_a_file_is_whole_or_as_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "f"
-    write_whole(file, b"before")
+    write_atomically(file, b"before")
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(whole.os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        write_whole(file, b"after")
+        write_atomically(file, b"after")
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("f", b"before")]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from navsim.core.defect import Defect
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Stream
 from navsim.results.schema import (
@@ -91,7 +91,7 @@ def test_every_output_of_a_sweep_is_declared() -> None:
 
 
 def test_data_get_what_is_declared() -> None:
-    draft = Draft(LANDING, {"mixed": "m, m/s"}, sensor=("altimeter",))
+    draft = ResultBuilder(LANDING, {"mixed": "m, m/s"}, sensor=("altimeter",))
     draft["/run"] = np.arange(2)
     draft["/filter/time"] = np.arange(3.0)
     draft.put("/filter/state", ["north", "east"], {"state_units": "m, m/s"})
@@ -107,7 +107,7 @@ def test_data_get_what_is_declared() -> None:
 
 
 def test_what_a_draft_refuses() -> None:
-    draft = Draft(LANDING, sensor=("altimeter",))
+    draft = ResultBuilder(LANDING, sensor=("altimeter",))
     draft["/filter/time"] = np.arange(3.0)
     for path, data, attributes, said in (
         ("/filter/tiem", np.zeros(3), {}, "not declared for results of layout landing"),
@@ -127,12 +127,14 @@ def test_what_a_draft_refuses() -> None:
     with pytest.raises(Defect, match=r"a result of layout landing without .*/truth/time"):
         draft.result({})
     with pytest.raises(Defect, match="no word for unit"):
-        Draft(LANDING, {"mixed": "m"}, sensor=("altimeter",)).put("/aiding/altimeter/measured", np.zeros((1, 3, 1)))
+        ResultBuilder(LANDING, {"mixed": "m"}, sensor=("altimeter",)).put(
+            "/aiding/altimeter/measured", np.zeros((1, 3, 1))
+        )
 
 
 def test_a_coordinate_that_is_lacking_is_missed() -> None:
     """Though it is there on a condition: data along a dimension that nothing describes cannot be stored."""
-    draft = Draft(SWEEP, dimension=("s_m",), varied=("s_m",))
+    draft = ResultBuilder(SWEEP, dimension=("s_m",), varied=("s_m",))
     draft["/sweep/pdop"] = np.zeros(4)
     with pytest.raises(Defect, match=r"without .*/s_m"):
         draft.result({})
@@ -140,7 +142,7 @@ def test_a_coordinate_that_is_lacking_is_missed() -> None:
 
 def test_a_case_may_be_named_twice() -> None:
     """As a scenario with the same further case twice does; the later data stand."""
-    draft = Draft(ATC, case=("T4_angles", "T4_angles"))
+    draft = ResultBuilder(ATC, case=("T4_angles", "T4_angles"))
     for end in (1.0, 2.0):
         draft["/cases/T4_angles/time"] = np.linspace(0.0, end, 3)
     assert draft["/cases/T4_angles/time"][-1] == 2.0

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from navsim.formats import stream
-from navsim.formats.stream import Lines, opened
+from navsim.formats.stream import Lines, open_source
 
 
 def port_of(lines: Lines) -> int:
@@ -35,17 +35,17 @@ ADDRESSES = [
 
 @pytest.mark.parametrize(("host", "family", "name"), ADDRESSES)
 def test_addresses_of_both_kinds(host: str, family: socket.AddressFamily, name: str) -> None:
-    with opened(f"udp://{name}:0") as lines, socket.socket(family, socket.SOCK_DGRAM) as sender:
+    with open_source(f"udp://{name}:0") as lines, socket.socket(family, socket.SOCK_DGRAM) as sender:
         assert lines.place == f"udp://{name}:{port_of(lines)}"
         assert not lines.note
         sender.sendto(b"one", (host, port_of(lines)))
         assert lines.take(5.0) == "one"
-    with opened(f"tcp-listen://{name}:0") as lines, socket.create_connection((host, port_of(lines))) as link:
+    with open_source(f"tcp-listen://{name}:0") as lines, socket.create_connection((host, port_of(lines))) as link:
         link.sendall(b"two\n")
         assert lines.take(5.0) == "two"
     with (
         socket.create_server((host, 0), family=family) as server,
-        opened(f"tcp://{name}:{server.getsockname()[1]}") as lines,
+        open_source(f"tcp://{name}:{server.getsockname()[1]}") as lines,
     ):
         with server.accept()[0] as link:
             link.sendall(b"three\n")
@@ -57,7 +57,7 @@ def test_addresses_of_both_kinds(host: str, family: socket.AddressFamily, name: 
 @pytest.mark.skipif(not has_ipv6(), reason="no IPv6 here")
 @pytest.mark.parametrize("kind", ["udp", "tcp-listen"])
 def test_all_addresses_are_those_of_both_kinds(kind: str) -> None:
-    with opened(f"{kind}://[::]:0") as lines:
+    with open_source(f"{kind}://[::]:0") as lines:
         if kind == "udp":
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
                 sender.sendto(b"here", ("127.0.0.1", port_of(lines)))
@@ -69,17 +69,17 @@ def test_all_addresses_are_those_of_both_kinds(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["udp", "tcp-listen"])
 def test_without_an_address_only_this_machine_is_heard(kind: str) -> None:
-    with opened(f"{kind}://:0") as lines:
+    with open_source(f"{kind}://:0") as lines:
         assert lines.place.startswith(f"{kind}://127.0.0.1:")
         assert lines.note == f"only this machine is heard; {kind}://0.0.0.0:0 hears others too"
-    with opened(f"{kind}://0.0.0.0:0") as lines:
+    with open_source(f"{kind}://0.0.0.0:0") as lines:
         assert lines.place.startswith(f"{kind}://0.0.0.0:")
         assert not lines.note
 
 
 def test_datagrams_of_the_first_sender_alone() -> None:
     with (
-        opened("udp://127.0.0.1:0") as lines,
+        open_source("udp://127.0.0.1:0") as lines,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
     ):
@@ -94,7 +94,7 @@ def test_datagrams_of_the_first_sender_alone() -> None:
 
 
 def test_a_second_sender_is_refused() -> None:
-    with opened("tcp-listen://127.0.0.1:0") as lines:
+    with open_source("tcp-listen://127.0.0.1:0") as lines:
         there = ("127.0.0.1", port_of(lines))
         with socket.create_connection(there) as link:
             link.sendall(b"one\n")
@@ -159,7 +159,7 @@ def test_a_pipe_that_stays_open_is_left(full: bool, tmp_path: Path, monkeypatch:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     threads = threading.active_count()
-    with opened(str(pipe)) as lines:
+    with open_source(str(pipe)) as lines:
         assert lines.take(0.05) is None
         assert not lines.ended  # nobody writes yet
         writer = os.open(pipe, os.O_WRONLY)
@@ -174,7 +174,7 @@ def test_a_pipe_that_stays_open_is_left(full: bool, tmp_path: Path, monkeypatch:
 def test_a_source_that_goes_away_says_why() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
-        opened(f"tcp://127.0.0.1:{server.getsockname()[1]}") as lines,
+        open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}") as lines,
     ):
         link = server.accept()[0]
         link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\x00\x00\x00\x00\x00\x00\x00")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from navsim.cli import common
-from navsim.optimization.job import said
+from navsim.optimization.job import progress_text
 from navsim.optimization.progress import SearchMonitor, SearchProgress, Step, TimeUp
 
 
@@ -74,7 +74,7 @@ def test_a_line_every_ten_seconds_without_a_terminal(capsys: pytest.CaptureFixtu
     with common.progress(0, "placements", True, clock) as tell:
         for used in np.arange(0.0, 31.0, 0.5):
             clock.now = began + used
-            tell(0, said(progress(float(used), None if used < 15 else 0.15619), "m"))
+            tell(0, progress_text(progress(float(used), None if used < 15 else 0.15619), "m"))
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
     assert lines[0] == (
@@ -86,7 +86,7 @@ def test_a_line_every_ten_seconds_without_a_terminal(capsys: pytest.CaptureFixtu
 
 def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     with common.progress(0, "placements", False) as tell:
-        tell(0, said(progress(100.0, 0.1), "m"))
+        tell(0, progress_text(progress(100.0, 0.1), "m"))
     assert capsys.readouterr().err == ""
 
 
@@ -95,7 +95,7 @@ def test_a_live_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "200")
     with common.progress(0, "placements", True) as tell:
-        tell(0, said(progress(1.0, 2.5), "1"))
+        tell(0, progress_text(progress(1.0, 2.5), "1"))
         import time
 
         time.sleep(0.3)  # the line is drawn some ten times a second

@@ -30,7 +30,7 @@ def tables(result: Result) -> list[Table | str]:
     heads = ("filter", "", "D manoeuvre, m", "D' manoeuvre, m/s", "D straight, m", "azimuth man., deg")
     azimuth = names.index("azimuth")
     for c, case in enumerate(result["/case"]):
-        errors = Table(f"{in_words(case)}: RMSE [95 %]", heads)
+        errors = Table(f"{case_label(case)}: RMSE [95 %]", heads)
         for f, name in enumerate(result["/filter"]):
             errors.add(
                 str(name), WORDS[str(name)], interval(rmse[c, f, 0, 0], 2), interval(rmse[c, f, 0, 1], 3),
@@ -51,11 +51,11 @@ def tables(result: Result) -> list[Table | str]:
             (False, True): "for the range, not for the pairs", (False, False): "no",
         }[kept_pairs, kept_range]  # fmt: skip
         spread = cell("{:.3f} to {:.3f}", float(pairs.min()), float(pairs.max()), names=("smallest", "largest"))
-        kept.add(in_words(case), interval(range_, 3), interval(rate, 3), spread, verdict)
+        kept.add(case_label(case), interval(range_, 3), interval(rate, 3), spread, verdict)
     parts.append(kept)
     gain = Table("Singer over adapt in the manoeuvre [95 %]", ("case", "D", "D'"))
     for c, case in enumerate(result["/case"]):
-        gain.add(in_words(case), *(interval(x, 3) for x in result["/summary/singer_to_adapt"][c, 0]))
+        gain.add(case_label(case), *(interval(x, 3) for x in result["/summary/singer_to_adapt"][c, 0]))
     parts.append(gain)
     if "/link/cost" in result:
         parts += _link(result)
@@ -97,7 +97,7 @@ def _link(result: Result) -> list[Table | str]:
 _COLOURS = {"singer": "#999999", "fix": "#0072B2", "adapt": "#D55E00", "full": "#009E73", "cartesian": "#CC79A7"}
 
 
-def in_words(case: object) -> str:
+def case_label(case: object) -> str:
     """`T1_angles` as people write it."""
     period, measured = str(case).removeprefix("T").split("_")
     return f"T = {period} s, {'angles and rates' if measured == 'rates' else 'angles'}"
@@ -128,7 +128,7 @@ def _errors(result: Result) -> Figure:
         if highest > 0.0:
             ax.set_ylim(0.0, 1.08 * highest)
         ax.set_ylabel(f"{label} {'RMSE' if runs > 1 else 'error'}, {'m' if label == 'range' else 'm/s'}")
-    title = f"{in_words(result['/case'][0])}, {f'{runs} runs' if runs > 1 else 'one run'}; dotted: σ of the filter"
+    title = f"{case_label(result['/case'][0])}, {f'{runs} runs' if runs > 1 else 'one run'}; dotted: σ of the filter"
     legend_above(fig, axes[0], 2, title)
     axes[1].set_xlim(time[0], time[-1])
     axes[1].set_xlabel("time, s; grey: manoeuvre")
@@ -152,7 +152,7 @@ def _ratios(result: Result) -> Figure:
         ax.errorbar(
             at + gap * (c - 0.5 * (cases.size - 1)), value, yerr=[value - low, high - value],
             fmt="os^D"[c // len(COLOURS) % 4], ms=3, lw=0.8, color=COLOURS[c % len(COLOURS)],
-            label=in_words(case),
+            label=case_label(case),
         )  # fmt: skip
     ax.axhline(1.0, color="#777777", lw=0.6)
     ax.set_xticks(at, names, rotation=90 if narrow(fig) else 35, ha="center" if narrow(fig) else "right")

@@ -18,7 +18,7 @@ from navsim.companions.circuit import CircuitFlight, at, fly
 from navsim.companions.kalman import singer, steady_state
 from navsim.companions.reports import quantise
 from navsim.core.streams import generator
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import ATC
@@ -177,7 +177,7 @@ def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], No
     cases = [(scenario.period_s, scenario.onboard_rates),
              *((c.period_s, c.onboard_rates) for c in scenario.further_cases)]  # fmt: skip
     labels = [f"T{period:g}_{'rates' if rates else 'angles'}" for period, rates in cases]
-    draft = Draft(ATC, case=labels[1:])
+    draft = ResultBuilder(ATC, case=labels[1:])
     draft["/run"] = np.arange(count)
     draft["/case"] = np.array(labels, dtype=object)
     draft["/filter"] = np.array(FILTERS)
@@ -241,7 +241,7 @@ def linked(scenario: Atc) -> bool:
 LINK_FILTERS = ("full", "adapt", "fix", "cartesian")
 
 
-def _link(draft: Draft, scenario: Atc, flight: CircuitFlight, seed: int) -> None:
+def _link(draft: ResultBuilder, scenario: Atc, flight: CircuitFlight, seed: int) -> None:
     """What age and quantisation of reports cost in the manoeuvre, over exact reports of the same runs."""
     section = scenario.link
     exact = section.model_copy(
@@ -273,7 +273,7 @@ def _link(draft: Draft, scenario: Atc, flight: CircuitFlight, seed: int) -> None
     draft["/link/exact_rmse"], draft["/link/rmse"], draft["/link/cost"] = ideal, rmses, costs
 
 
-def _case(draft: Draft, label: str, time: np.ndarray, found: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+def _case(draft: ResultBuilder, label: str, time: np.ndarray, found: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
     """Time and filters of a case; label: "" for the first, the others are kept with fewer digits."""
     place = f"/cases/{label}" if label else ""
     if label:

@@ -27,7 +27,7 @@ GROWTH = (1.5, 2.0)
 
 def tables(result: Result) -> list[Table | str]:
     """RMSE by phase, the claim, the sweep of ages, why the literal formula fails."""
-    said = words(result)
+    said = filter_labels(result)
     periods = result["/period"]
     parts: list[Table | str] = []
     for i, period in enumerate(periods):
@@ -89,7 +89,7 @@ def _growth(result: Result) -> list[Table | str]:
         f"The paper: Singer's error {GROWTH[0]:g} to {GROWTH[1]:g} times larger in the manoeuvre than straight [95 %]",
         ("T, s", "filter", "", "RMSE", "largest RMSE of a scan", "verdict"),
     )
-    said = words(result)
+    said = filter_labels(result)
     for i, period in enumerate(result["/period"]):
         for j, name in enumerate(map(str, result["/baseline"])):
             mean, peak = result["/summary/growth"][i, j], float(result["/summary/peak_growth"][i, j])
@@ -116,7 +116,7 @@ def _growth(result: Result) -> list[Table | str]:
     return [table, tuned]
 
 
-def words(result: Result) -> dict[str, str]:
+def filter_labels(result: Result) -> dict[str, str]:
     """What each filter is."""
     from navsim.report.tables import setting
 
@@ -132,7 +132,7 @@ def _errors(result: Result) -> Figure:
     ax = fig.subplots()
     time = result["/time"]
     colours = ("#999999", COLOURS[0], "#CC79A7", "#E69F00", COLOURS[1], COLOURS[2])
-    said = words(result)
+    said = filter_labels(result)
     for name, colour in zip(("S1", "S2", "L1", "L2", "L3", "L4"), colours, strict=True):
         error = result[f"/filters/{name}/error_deg"]
         ax.semilogy(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {said[name]}")

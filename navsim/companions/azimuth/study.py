@@ -16,7 +16,7 @@ from navsim.companions.circuit import CircuitFlight, at, fly
 from navsim.companions.circuit_section import CircuitSection
 from navsim.companions.kalman import singer
 from navsim.companions.reports import Draws, Onboard, draw, nodes, reported, stamped
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import AZIMUTH
@@ -153,7 +153,7 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
     count = run_count(scenario, runs)
     flight = fly(scenario.circuit.circuit())
     periods = [scenario.period_s, *scenario.further_periods_s]
-    draft = Draft(AZIMUTH, case=[f"T{period:g}" for period in periods[1:]])
+    draft = ResultBuilder(AZIMUTH, case=[f"T{period:g}" for period in periods[1:]])
     draft["/run"] = np.arange(count)
     draft["/filter"] = np.array([*FILTERS, *SOURCES], dtype=object)
     draft["/window"] = np.array(WINDOWS)
@@ -203,7 +203,7 @@ def _tuned(scenario: Azimuth, name: str, case: Scans) -> Errors:
     return run_filter(name, case, f.alpha_1_s, sigma)
 
 
-def _case(draft: Draft, label: str, case: Scans, found: dict[str, Errors]) -> None:
+def _case(draft: ResultBuilder, label: str, case: Scans, found: dict[str, Errors]) -> None:
     """Time and filters of a case; label: "" for the first, the others keep the variants of L4 to themselves. A case has
     scans of its own: another dimension than that of the root, which it would be taken for."""
     place = f"/cases/{label}" if label else ""
@@ -228,7 +228,7 @@ def _latencies(
     return out
 
 
-def _truth(draft: Draft, flight: CircuitFlight) -> None:
+def _truth(draft: ResultBuilder, flight: CircuitFlight) -> None:
     thin = slice(None, None, 10)
     draft["/instant"] = np.arange(flight.time[thin].size)
     draft["/truth/time"] = flight.time[thin]
@@ -243,7 +243,7 @@ def _truth(draft: Draft, flight: CircuitFlight) -> None:
         draft[f"/truth/{name}"] = np.degrees(values)[thin]
 
 
-def _model_errors(draft: Draft, scenario: Azimuth, flight: CircuitFlight) -> None:
+def _model_errors(draft: ResultBuilder, scenario: Azimuth, flight: CircuitFlight) -> None:
     """How far the paper's acceleration is from the true one, window by window, without a filter."""
     ahead, right = flight.level_acceleration()
     d = flight.track - flight.azimuth
@@ -261,7 +261,9 @@ def _model_errors(draft: Draft, scenario: Azimuth, flight: CircuitFlight) -> Non
     draft["/summary/acceleration_rms"] = np.degrees(np.array(rows))
 
 
-def _maps(draft: Draft, scenario: Azimuth, flight: CircuitFlight, seed: int, done: Callable[[int], None]) -> None:
+def _maps(
+    draft: ResultBuilder, scenario: Azimuth, flight: CircuitFlight, seed: int, done: Callable[[int], None]
+) -> None:
     """Singer over L4, each at its best tuning in the manoeuvre."""
     section = scenario.map
     draft["/map/scan_period"] = np.array(section.periods_s)

@@ -17,7 +17,7 @@ from navsim.companions.elevation.scenario import SETTLING, Elevation
 from navsim.companions.kalman import covariance_sequence, driven_covariance, singer, singer_sigma, steady_state
 from navsim.core.arrays import chi_square
 from navsim.core.streams import generator
-from navsim.results.draft import Draft
+from navsim.results.draft import ResultBuilder
 from navsim.results.findings import CONSISTENT, Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import ELEVATION
@@ -440,7 +440,7 @@ def compute(scenario: Elevation, seed: int, runs: int | None, done: Callable[[in
     flown = nominal(scenario)
     m = _model(scenario)
     limit, gain = steady_state(m.phi, m.q, m.h, m.r)
-    draft = Draft(ELEVATION)
+    draft = ResultBuilder(ELEVATION)
     names = np.array(("beta", "beta_rate", "beta_acceleration")[: m.phi.shape[0]])
     draft.put("/step", np.arange(1, section.steps + 1), {"period_s": scenario.filter.period_s})
     draft["/state"] = draft["/state_column"] = names
@@ -489,7 +489,7 @@ def _findings(proof: Proof, steps: int, runs: int) -> list[Finding]:
     return out + doubted("innovations", "innovations", proof.nis, steps * runs, runs)
 
 
-def _approach(draft: Draft) -> None:
+def _approach(draft: ResultBuilder) -> None:
     time = np.linspace(0.0, mls.GLIDE_END + mls.FLARE + 20.0, 1000)
     draft["/approach/time"] = time
     for name, column in zip(("beta", "beta_rate", "beta_acceleration"), mls.approach(time), strict=True):
@@ -497,7 +497,7 @@ def _approach(draft: Draft) -> None:
     draft["/approach/segment_start"] = np.array([0.0, mls.LEVEL_END, mls.GLIDE_END, mls.GLIDE_END + mls.FLARE])
 
 
-def _nominal(draft: Draft, scenario: Elevation, flown: ChannelRun) -> None:
+def _nominal(draft: ResultBuilder, scenario: Elevation, flown: ChannelRun) -> None:
     draft["/nominal/rate_variance"] = np.array(scenario.nominal.rate_variances_deg2_s2)
     draft.put("/nominal/time", flown.time, {"settling_s": SETTLING})
     draft["/nominal/beta"] = flown.angle
@@ -508,7 +508,7 @@ def _nominal(draft: Draft, scenario: Elevation, flown: ChannelRun) -> None:
     draft["/nominal/steady_sigma"] = flown.sigma
 
 
-def _orders(draft: Draft, scenario: Elevation, flown: ChannelRun) -> None:
+def _orders(draft: ResultBuilder, scenario: Elevation, flown: ChannelRun) -> None:
     found, settled = orders(scenario, flown), judged(scenario, flown.time)
     draft["/order/filter"] = np.array([order.name for order in found], dtype=object)
     draft["/order/time"] = flown.time
@@ -517,7 +517,7 @@ def _orders(draft: Draft, scenario: Elevation, flown: ChannelRun) -> None:
     _worst(draft, "/order", flown.time, settled)
 
 
-def _worst(draft: Draft, place: str, time: np.ndarray, settled: np.ndarray) -> None:
+def _worst(draft: ResultBuilder, place: str, time: np.ndarray, settled: np.ndarray) -> None:
     """The largest bias of each filter, its time, and the largest root mean square error, of what is in the draft."""
     bias, noise = draft[f"{place}/bias"][..., settled], draft[f"{place}/noise"][..., settled]
     peak = np.argmax(np.abs(bias), axis=-1)
@@ -526,7 +526,7 @@ def _worst(draft: Draft, place: str, time: np.ndarray, settled: np.ndarray) -> N
     draft[f"{place}/worst_rmse"] = np.hypot(bias, noise).max(axis=-1)
 
 
-def _model_limits(draft: Draft, scenario: Elevation) -> None:
+def _model_limits(draft: ResultBuilder, scenario: Elevation) -> None:
     f, m = scenario.filter, _model(scenario)
     length, largest = memory(m, f.period_s), largest_accelerations(scenario)
     draft["/criterion/acceleration"] = largest
@@ -542,7 +542,7 @@ def _model_limits(draft: Draft, scenario: Elevation) -> None:
         draft[f"/limit/{name}"] = np.array([getattr(row, name) for row in rows])
 
 
-def _azimuth(draft: Draft, scenario: Elevation) -> None:
+def _azimuth(draft: ResultBuilder, scenario: Elevation) -> None:
     found = azimuth_channel(scenario)
     draft["/azimuth/rate_variance"] = np.array(scenario.azimuth.rate_variances_deg2_s2)
     draft["/azimuth/time"] = found.time
@@ -552,7 +552,7 @@ def _azimuth(draft: Draft, scenario: Elevation) -> None:
     _worst(draft, "/azimuth", found.time, found.time >= scenario.azimuth.from_s + SETTLING)
 
 
-def _flare(draft: Draft, scenario: Elevation) -> None:
+def _flare(draft: ResultBuilder, scenario: Elevation) -> None:
     found = flare_guidance(scenario)
     draft["/flare/rate_variance"] = np.array(scenario.flare.rate_variances_deg2_s2)
     draft["/flare/time"] = found.time

@@ -94,7 +94,7 @@ def _synchronous(
 ) -> Elements:  # fmt: skip
     """Elements (n,) of satellites that go around with the Earth; node: its longitude, rad, and anomaly: the mean one,
     rad, at `_PHASE_TIME`; shape: eccentricity and perigee of what are no circles."""
-    toe = _whole_second(utc)
+    toe = _floor_second(utc)
     turned = system.earth_rate * (toe - float(timescales.gps_from_utc(_PHASE_TIME)))
     return _with_the_earth(
         system, numbers, toe, i0=inclination,
@@ -106,7 +106,7 @@ def _synchronous(
 def _stationary(system: System, numbers: tuple[int, ...], longitude: np.ndarray, utc: float) -> Elements:
     """Elements (n,) in tilted axes of satellites that stay over longitudes, rad: a circle around the Earth's axis, seen
     from axes tilted against it, is inclined by the tilt."""
-    toe = _whole_second(utc)
+    toe = _floor_second(utc)
     node = np.pi + system.earth_rate * second_of_week(np.array(toe), system)
     count = len(numbers)
     return _with_the_earth(
@@ -115,7 +115,7 @@ def _stationary(system: System, numbers: tuple[int, ...], longitude: np.ndarray,
     )  # fmt: skip
 
 
-def _whole_second(utc: float) -> float:
+def _floor_second(utc: float) -> float:
     """GPS time of the second that a UTC time (POSIX s) is in."""
     return float(np.floor(timescales.gps_from_utc(utc)))
 

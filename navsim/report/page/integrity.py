@@ -39,7 +39,7 @@ from navsim.report.quantities import (
     largest_errors,
     limit,
     settled,
-    stanford_words,
+    stanford_text,
     touchdown,
     whose,
 )
@@ -108,7 +108,7 @@ def stanford(results: Sequence[Named]) -> Drawing | None:
         return None
     panels, said = [], []
     for name, result in kept:
-        said.append(f"{name + ': ' if len(results) > 1 else ''}{stanford_words(result)}")
+        said.append(f"{name + ': ' if len(results) > 1 else ''}{stanford_text(result)}")
         for axis, path, most in LEVELS:
             of = counted(result, axis, path, most)
             title = f"{axis.capitalize()}{f', {name}' if len(results) > 1 else ''}"

@@ -10,7 +10,7 @@ import numpy as np
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
-from navsim.report.limits import asked
+from navsim.report.limits import required_limits
 from navsim.report.page import integrity, rare
 from navsim.report.page.marks import (
     BLUE,
@@ -64,7 +64,7 @@ from navsim.report.quantities import (
     true_for,
 )
 from navsim.report.quantities import heights as height_of
-from navsim.report.ridges import clipped, flown_over, on_plan, seen_skyline, shown_ridges
+from navsim.report.ridges import clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import SourceTrack, masked, source_tracks
 from navsim.report.tables import box_limits, of_total, outside_box, runs_of, setting, single, state_verdict
 from navsim.results.result import Result
@@ -199,7 +199,7 @@ def _sky(title: str, result: Result, sources: Sequence[SourceTrack], edge: float
     mask = float(setting(result, "sky", "mask_deg"))
     if "/geometry/horizon" in result:
         skyline(on, result["/geometry/bearing"], result["/geometry/horizon"], mask)
-    if (terrain := seen_skyline(result)) is not None:
+    if (terrain := terrain_skyline(result)) is not None:
         skyline(on, *terrain, mask, BROWN, 0.5)
     marks = []
     for each in sources:
@@ -461,7 +461,7 @@ def _box(on: figure, result: Result, axes: tuple[str, str], start: float, own: s
 
 def _required(on: figure, result: Result, height: str, axes: tuple[str, str], own: str) -> bool:
     """Draw the required sizes of the errors across and up the page at a height; whether there are any."""
-    found = [one for one in asked(result, "error") if one.at == height and one.of in axes]
+    found = [one for one in required_limits(result, "error") if one.at == height and one.of in axes]
     for one in found:
         for side in (-one.size, one.size):
             (upright if one.of == axes[0] else level)(on, side, own, "dotted")
