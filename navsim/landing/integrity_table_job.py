@@ -9,14 +9,12 @@ from navsim.landing.estimate import extent, shared_memory
 from navsim.results.result import ResultKind
 from navsim.results.schema import MOST_LEVELS
 from navsim.runner.checkpoint import CheckpointStore
-from navsim.runner.estimate import NUMBER, VARIABLE, WRITING, Budget
+from navsim.runner.estimate import NUMBER, TEXTS, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
 from navsim.runner.job import JobError, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 
-_TEXTS = 6400
-"""Scenario and study in the attributes of a result, bytes."""
 _LEVEL_MEMORY = 200
 """A pair of sources at an epoch then, bytes."""
 
@@ -61,7 +59,14 @@ class IntegrityTableJob:
             raise JobError(str(error)) from None
 
     def estimate(self, scenario: Landing, sources: Environment) -> Budget:
-        return estimated(scenario, sources)
+        """What is possible by rank, and the levels of subsets of the satellites in an approach."""
+        here = extent(scenario, sources)
+        separated = scenario.integrity is not None and scenario.integrity.method != "chi2"
+        result = TEXTS + NUMBER * MOST_LEVELS + (20 if separated else 18) * VARIABLE
+        return Budget(
+            shared_memory(here) + _LEVEL_MEMORY * MOST_LEVELS * here.sources**2 + WRITING * result,
+            result,
+        )
 
     def described(self) -> str:
         here = self.watched
@@ -75,14 +80,3 @@ class IntegrityTableJob:
 
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         return Outcome(integrity_table.compute(self.case, self.watched, self.seed, tell))
-
-
-def estimated(scenario: Landing, sources: Environment) -> Budget:
-    """What is possible by rank, and the levels of subsets of the satellites in an approach."""
-    here = extent(scenario, sources)
-    separated = scenario.integrity is not None and scenario.integrity.method != "chi2"
-    result = _TEXTS + NUMBER * MOST_LEVELS + (20 if separated else 18) * VARIABLE
-    return Budget(
-        shared_memory(here) + _LEVEL_MEMORY * MOST_LEVELS * here.sources**2 + WRITING * result,
-        result,
-    )

@@ -35,7 +35,22 @@ class Table2Job:
         allow(self.estimate())
 
     def estimate(self) -> Budget:
-        return estimated(self.runs)
+        """Table 2 of the paper: every row under every calibration."""
+        runs = self.runs
+        memory, points = 0.0, 0
+        for calibration in table2.CALIBRATIONS:
+            scenario, document = read(path(calibration.name), table2.ROWS[-1].assignments())
+            sources, scenario, _ = environment(scenario, document)
+            here = extent(scenario, sources)
+            for i in range(len(table2.ROWS)):
+                keep = "errors" if i in table2.CURVES else "none"
+                # no partial work is kept: histories stay in memory
+                held = runs * sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
+                sums = -(-runs // BATCH) * sums_bytes(here)
+                memory = max(memory, shared_memory(here) + held + sums + 3 * STATISTICS * runs)
+            points = max(points, here.epochs)
+        result = NUMBER * points * (1 + 2 * len(table2.CURVES)) + 10_000 + 44 * VARIABLE
+        return Budget(memory + WRITING * result, result)
 
     def described(self) -> str:
         return f"{self.extent} rows of {self.runs} run(s)"
@@ -46,21 +61,3 @@ class Table2Job:
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         found = table2.compute_all(self.seed, self.runs, executor, tell)
         return Outcome(table2.result(found, self.seed, self.runs))
-
-
-def estimated(runs: int) -> Budget:
-    """Table 2 of the paper: every row under every calibration."""
-    memory, points = 0.0, 0
-    for calibration in table2.CALIBRATIONS:
-        scenario, document = read(path(calibration.name), table2.ROWS[-1].assignments())
-        sources, scenario, _ = environment(scenario, document)
-        here = extent(scenario, sources)
-        for i in range(len(table2.ROWS)):
-            keep = "errors" if i in table2.CURVES else "none"
-            # no partial work is kept: histories stay in memory
-            held = runs * sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
-            sums = -(-runs // BATCH) * sums_bytes(here)
-            memory = max(memory, shared_memory(here) + held + sums + 3 * STATISTICS * runs)
-        points = max(points, here.epochs)
-    result = NUMBER * points * (1 + 2 * len(table2.CURVES)) + 10_000 + 44 * VARIABLE
-    return Budget(memory + WRITING * result, result)

@@ -55,7 +55,26 @@ class OptimizeJob:
         self._runs = RUNS if self.options.runs is None else self.options.runs
 
     def estimate(self, scenario: Landing, sources: Environment) -> Budget:
-        return estimated(self.section, scenario, sources)
+        """What a search for placements takes."""
+        study = self.section
+        here = extent(scenario, sources)
+        starts = 1 if study.period is None else study.period.count
+        most = max(study.counts)
+        # a map is judged at one go, choices of sites in chunks
+        at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.counts}
+        judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.counts)
+        signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
+        glide = int(glide_epochs(scenario, scenario.trajectory())[1].sum())  # epochs by which placements are judged
+        ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
+        judged = _JUDGED_MEMORY * judged_places * glide * ruled
+        result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 46 * VARIABLE
+        flown = 0.0
+        if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
+            flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
+        return Budget(
+            BASE_MEMORY + signals + judged + flown,
+            result,
+        )
 
     def described(self) -> str:
         return f"{self.section.objective} for {list(self.section.counts)} pseudolites"
@@ -101,28 +120,6 @@ def progress_text(progress: SearchProgress, unit: str, large: bool = False, quic
         best += f" at s, l1 {at} m"
     remaining = "time left not known yet" if progress.remaining is None else f"at most {progress.remaining:.0f} s left"
     return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"
-
-
-def estimated(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
-    """What a search for placements takes."""
-    here = extent(scenario, sources)
-    starts = 1 if study.period is None else study.period.count
-    most = max(study.counts)
-    # a map is judged at one go, choices of sites in chunks
-    at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.counts}
-    judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.counts)
-    signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
-    glide = int(glide_epochs(scenario, scenario.trajectory())[1].sum())  # epochs by which placements are judged
-    ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
-    judged = _JUDGED_MEMORY * judged_places * glide * ruled
-    result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 46 * VARIABLE
-    flown = 0.0
-    if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
-        flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
-    return Budget(
-        BASE_MEMORY + signals + judged + flown,
-        result,
-    )
 
 
 def check(section: Optimize, document: Document) -> list[str]:

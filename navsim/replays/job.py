@@ -48,7 +48,22 @@ class ReplayJob:
         allow(self.estimate())
 
     def estimate(self) -> Budget:
-        return estimated(self.recording)
+        """A recorded flight that was read and aligned."""
+        recording = self.recording
+        samples, fixes = recording.samples.time.size, recording.fixes.time.size
+        lasts = float(recording.samples.time[-1]) - recording.alignment.time
+        rate = recording.scenario.filter.output_rate_hz
+        outputs = fixes + 1.0 if rate == "fixes" else lasts * rate
+        outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
+        smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
+        result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE
+        memory = (
+            _READ_MEMORY * (samples + fixes)
+            + _SPAN_MEMORY * outages
+            + smoothed * _REPLAYED_MEMORY * (outputs + fixes)
+            + WRITING * result
+        )
+        return Budget(BASE_MEMORY + memory, result)
 
     def described(self) -> str:
         here = self.recording
@@ -62,24 +77,6 @@ class ReplayJob:
 
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         return Outcome(replay.compute(self.recording, tell))
-
-
-def estimated(recording: replay.Recording) -> Budget:
-    """A recorded flight that was read and aligned."""
-    samples, fixes = recording.samples.time.size, recording.fixes.time.size
-    lasts = float(recording.samples.time[-1]) - recording.alignment.time
-    rate = recording.scenario.filter.output_rate_hz
-    outputs = fixes + 1.0 if rate == "fixes" else lasts * rate
-    outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
-    smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
-    result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE
-    memory = (
-        _READ_MEMORY * (samples + fixes)
-        + _SPAN_MEMORY * outages
-        + smoothed * _REPLAYED_MEMORY * (outputs + fixes)
-        + WRITING * result
-    )
-    return Budget(BASE_MEMORY + memory, result)
 
 
 def check(section: Replay, document: Document) -> list[str]:

@@ -17,6 +17,8 @@ VARIABLE = 2900
 """What a variable of one dimension adds to a file beside its numbers, bytes: name, units, where its chunks are."""
 AXIS = 520
 """What a dimension more adds to that."""
+TEXTS = 6400
+"""Scenario and study in the attributes of a result, bytes."""
 BUILT_IN_MEMORY = 64e6
 WRITING = 1.3
 """Size of a file in the making over that of its numbers, where it is built in memory."""

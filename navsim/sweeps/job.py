@@ -17,7 +17,7 @@ from navsim.landing.estimate import (
 from navsim.results.result import ResultKind
 from navsim.runner.batches import BATCH
 from navsim.runner.checkpoint import CheckpointStore
-from navsim.runner.estimate import AXIS, BASE_MEMORY, BATCH_FILE, NUMBER, VARIABLE, WRITING, Budget
+from navsim.runner.estimate import AXIS, BASE_MEMORY, BATCH_FILE, NUMBER, TEXTS, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
@@ -35,8 +35,6 @@ _SAMPLED = 20
 """Combinations of a sweep that are looked at for its sizes."""
 _OUTPUT_WIDTH = 12
 """Characters of an output in the table of a sweep."""
-_TEXTS = 6400
-"""Scenario and study in the attributes of a result, bytes."""
 
 
 class SweepJob:
@@ -77,7 +75,30 @@ class SweepJob:
         allow(self.estimate(executor))
 
     def estimate(self, executor: Executor) -> Budget:
-        return estimated(self.plan, executor.workers, executor.away)
+        """All combinations of a study. Sizes are those of combinations spread over it that are valid."""
+        planned = self.plan
+        names = sweep.columns(planned)
+        keys = sum(len(axis.keys) for axis in planned.axes)
+        of_one = NUMBER * (len(names) + 2 * sweep.MOST_MAP_SITES)
+        axes = sum(len(axis.points) * (len(axis.keys) + 1) for axis in planned.axes)
+        variables = len(names) + keys + len(planned.axes) + 14
+        row = _OUTPUT_WIDTH * len(names) + sum(_width(axis, i) for axis in planned.axes for i in range(len(axis.keys)))
+        table = planned.size * row
+        file = planned.size * of_one + NUMBER * (axes + 600) + variables * VARIABLE + TEXTS
+        file += len(names) * (len(planned.axes) - 1) * AXIS
+        workers = max(1, min(executor.workers, -(-planned.size // planned.batch)))
+        memory = 0.0
+        if planned.geometry_alone:
+            here = extent(planned.first[0], planned.sources)
+            memory = SIGNAL_MEMORY * here.epochs * here.sources
+        elif not executor.away:
+            memory = workers * max(_combination(planned, scenario) for scenario in planned.spread(_SAMPLED))
+        batches = -(-planned.size // planned.batch)
+        return Budget(
+            BASE_MEMORY + memory + (2.0 + WRITING) * file + 6 * table + 200 * axes,
+            file + table,
+            planned.size * of_one + batches * BATCH_FILE if batches > 1 else 0.0,
+        )
 
     def described(self) -> str:
         extent = " x ".join(f"{len(axis.points)} {axis.name}" for axis in self.plan.axes)
@@ -91,33 +112,6 @@ class SweepJob:
         if self.confirming:
             confirmed = sweep.confirm_best(self.plan, found, self.confirming, store, partial(tell, self.plan.size))
         return Outcome(sweep.sweep_result(self.plan, found, confirmed))
-
-
-def estimated(planned: sweep.Plan, workers: int, away: bool = False) -> Budget:
-    """All combinations of a study. Sizes are those of combinations spread over it that are valid. away: whether the
-    workers have memory of their own."""
-    names = sweep.columns(planned)
-    keys = sum(len(axis.keys) for axis in planned.axes)
-    of_one = NUMBER * (len(names) + 2 * sweep.MOST_MAP_SITES)
-    axes = sum(len(axis.points) * (len(axis.keys) + 1) for axis in planned.axes)
-    variables = len(names) + keys + len(planned.axes) + 14
-    row = _OUTPUT_WIDTH * len(names) + sum(_width(axis, i) for axis in planned.axes for i in range(len(axis.keys)))
-    table = planned.size * row
-    file = planned.size * of_one + NUMBER * (axes + 600) + variables * VARIABLE + _TEXTS
-    file += len(names) * (len(planned.axes) - 1) * AXIS
-    workers = max(1, min(workers, -(-planned.size // planned.batch)))
-    memory = 0.0
-    if planned.geometry_alone:
-        here = extent(planned.first[0], planned.sources)
-        memory = SIGNAL_MEMORY * here.epochs * here.sources
-    elif not away:
-        memory = workers * max(_combination(planned, scenario) for scenario in planned.spread(_SAMPLED))
-    batches = -(-planned.size // planned.batch)
-    return Budget(
-        BASE_MEMORY + memory + (2.0 + WRITING) * file + 6 * table + 200 * axes,
-        file + table,
-        planned.size * of_one + batches * BATCH_FILE if batches > 1 else 0.0,
-    )
 
 
 def _width(axis: sweep.Axis, number: int) -> float:
