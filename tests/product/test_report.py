@@ -253,7 +253,7 @@ def test_figures_of_an_ensemble_show_the_ensemble(one: Result, many: Result) -> 
         assert "run 0, seed 1" in words_of(alone[name]), name
         assert "6 runs (0 to 5), seed 1" in words_of(ensemble[name]), name
     for name in ("track", "sky", "dop"):
-        assert "the same in all 6 runs" in words_of(ensemble[name]), name
+        assert "which all 6 runs share" in words_of(ensemble[name]), name
     panel = ensemble["errors"].axes[2]
     lines = [np.asarray(line.get_ydata()) for line in panel.lines]
     assert len(lines) == 6 + 2
