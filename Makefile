@@ -45,6 +45,10 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/sensor_errors.py
 	$(BIN)/python scripts/heights.py
 	$(BIN)/python scripts/faults.py
+	$(BIN)/python scripts/integrity.py
+	$(BIN)/python scripts/interference.py
+	$(BIN)/python scripts/filter_settings.py
+	$(BIN)/python scripts/replays.py
 	$(BIN)/python scripts/rare_events.py
 	$(BIN)/python scripts/recorded_approach.py
 	$(BIN)/python -m pytest -n 2 --long

@@ -6,21 +6,9 @@ Run by `make validate`, some two minutes on two cores.
 
 from __future__ import annotations
 
-import functools
-import warnings
-from pathlib import Path
-from typing import Any
-
 import measured
-import numpy as np
-import yaml
+from measured import SEED, available, command, count, horizontal, levels, share, summary
 
-import navsim
-
-ROOT = Path(__file__).resolve().parent.parent
-LANDING = ROOT / "scenarios" / "landing.yaml"
-SEED, RUNS = 1, 100
-"""The seed of the documented commands: readers can repeat each row."""
 CONSTELLATION = "p_constellation: 1.0e-8"
 APPROACH = "limits: {hal_m: 40, val_m: 60, tta_s: 2}"
 CHI2 = f"integrity={{method: chi2, {APPROACH}}}"
@@ -51,67 +39,19 @@ TAILS: dict[str, str] = {
 }
 
 
-@functools.cache
-def flown(*settings: str, runs: int = RUNS) -> navsim.ResultFile:
-    """What `navsim run scenarios/landing.yaml --runs RUNS --set ...` gives, by its statistics."""
-    keys = {key: yaml.safe_load(value) for key, _, value in (text.partition("=") for text in settings)}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", navsim.NavsimWarning)  # of faults that the page is about
-        return navsim.run(LANDING, set=keys, seed=SEED, runs=runs, keep="none")
-
-
-def command(*settings: str) -> str:
-    return " ".join(["    navsim run scenarios/landing.yaml --runs 100", *(f"--set '{text}'" for text in settings)])
-
-
-def integrity(made: navsim.ResultFile) -> dict[str, Any]:
-    return made.summary["summary"]["integrity"]
-
-
-def count(value: int) -> str:
-    """A whole number, its digits in groups of three."""
-    return f"{value:,}".replace(",", " ") if value >= 10_000 else f"{value}"
-
-
-def share(values: list[float], digits: int = 3) -> str:
-    """A share with its 95 % interval."""
-    value, low, high = values
-    return f"{value:.{digits}g} [{low:.3g}, {high:.3g}]"
-
-
-def size(values: list[float]) -> str:
-    """An RMS with its 95 % interval, to three digits of the RMS."""
-    value, low, high = values
-    places = max(0, 2 - int(np.floor(np.log10(value))))
-    return f"{value:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
-
-
-def horizontal(made: navsim.ResultFile) -> str:
-    return size(made.summary["summary"]["rms"]["horizontal"])
-
-
-def levels(made: navsim.ResultFile, names: tuple[str, str] = ("hpl", "vpl"), between: str = " and ") -> str:
-    """Mean levels on the glide, m."""
-    return between.join(f"{integrity(made)[name][0]:.1f}" for name in names)
-
-
-def available(made: navsim.ResultFile) -> str:
-    return f"{integrity(made)['availability'][0]:.4g}"
-
-
 def faults() -> list[str]:
-    made = {label: flown(CHI2, *events) for label, events in FAULTS.items()}
+    made = {label: summary(CHI2, *events) for label, events in FAULTS.items()}
     lines = [
         "## Faults and alarms",
         "",
         "`method: chi2` with its defaults, limits 40 and 60 m, 2 s:",
         "",
-        f"| what happens | alarms, of {count(integrity(made['nothing'])['tested'])} fixes | approaches available | "
+        f"| what happens | alarms, of {count(made['nothing']['integrity']['tested'])} fixes | approaches available | "
         "hazardously misleading information, of runs |",
         "|---|---|---|---|",
     ]
     for label, one in made.items():
-        found = integrity(one)
+        found = one["integrity"]
         lines.append(measured.row(label, count(found["alarms"]), share(found["approaches"]), share(found["hmi"])))
     return [
         *lines,
@@ -127,26 +67,27 @@ def forms() -> list[str]:
     watching = {"`chi2`": CHI2, f"`mhss`, `{CONSTELLATION}`": apart}
     for name, setting in watching.items():
         for added, settings in (("two pseudolites", ()), ("none", ("pseudolites.count=0",))):
-            lines.append(measured.row(f"{name}, {added}", levels(flown(setting, *settings, runs=1), between=" | ")))
+            lines.append(measured.row(f"{name}, {added}", levels(summary(setting, *settings, runs=1), between=" | ")))
     stations = (
         "receivers: 4, ground_sigma_m: 0.3, b_m: 0.2",
         "receivers: 2, ground_sigma_m: 1.0, b_m: 5",
     )
     compared = [
-        flown(f"integrity={{method: mhss, {CONSTELLATION}, comparison: {{gbas: {{{station}}}}}}}", runs=1)
+        summary(f"integrity={{method: mhss, {CONSTELLATION}, comparison: {{gbas: {{{station}}}}}}}", runs=1)
         for station in stations
     ]
-    ground = [levels(one, ("gbas_lpl", "gbas_vpl")) for one in compared]
+    ground = [levels(one, ("gbas_lpl", "gbas_vpl"), " and ") for one in compared]
     return [
         *lines,
         "",
-        f"By the forms of SBAS the same fixes have {levels(compared[0], ('sbas_hpl', 'sbas_vpl'))} m, by "
+        f"By the forms of SBAS the same fixes have {levels(compared[0], ('sbas_hpl', 'sbas_vpl'), ' and ')} m, by "
         f"those of GBAS {ground[0]} (`{stations[0]}`) or {ground[1]} (`{stations[1]}`).",
     ]
 
 
 def exclusions() -> list[str]:
-    made = {label: flown(*settings) for label, settings in EXCLUSIONS.items()}
+    made = {label: summary(*settings) for label, settings in EXCLUSIONS.items()}
+    tested = count(made["no step"]["integrity"]["tested"])
     lines = [
         "## Exclusion",
         "",
@@ -154,12 +95,12 @@ def exclusions() -> list[str]:
         "",
         command(*EXCLUSIONS["`residual`, `drop`"]),
         "",
-        f"| | alarms that stay, of {count(integrity(made['no step'])['tested'])} fixes | exclusions: correct, wrong, "
+        f"| | alarms that stay, of {tested} fixes | exclusions: correct, wrong, "
         "needless | epochs available | horizontal RMS of the filter, m |",
         "|---|---|---|---|---|",
     ]
     for label, one in made.items():
-        found = integrity(one)
+        found = one["integrity"]
         kinds = ("correct", "wrong", "needless")
         done = ", ".join(count(found[f"exclusions_{kind}"]) for kind in kinds) if "exclusions" in found else ""
         lines.append(measured.row(label, count(found["alarms"]), done, available(one), horizontal(one)))
@@ -174,21 +115,22 @@ def exclusions() -> list[str]:
 
 
 def tails() -> list[str]:
-    made = {label: flown(setting) for label, setting in TAILS.items()}
+    made = {label: summary(setting) for label, setting in TAILS.items()}
+    tested = count(made["`chi2`, `gaussian`"]["integrity"]["tested"])
     lines = [
         "## Heavier tails",
         "",
         command(TAILS["`chi2`, `heavier`"]),
         "",
-        f"| | alarms, of {count(integrity(made['`chi2`, `gaussian`'])['tested'])} fixes | beyond HPL, VPL without an "
+        f"| | alarms, of {tested} fixes | beyond HPL, VPL without an "
         "alarm | epochs available | approaches available | horizontal RMS of the filter, m, beside its σ |",
         "|---|---|---|---|---|---|",
     ]
     for label, one in made.items():
-        found = integrity(one)
+        found = one["integrity"]
         shares = (found[f"exceeded_{axis}"][0] for axis in ("horizontal", "vertical"))
         beyond = ", ".join(f"{round(part * found['tested'])}" for part in shares)
-        sigma = f"{one.summary['summary']['sigma']['horizontal']:.3f}"
+        sigma = f"{one['sigma']['horizontal']:.3f}"
         cells = (count(found["alarms"]), beyond, available(one), share(found["approaches"]))
         lines.append(measured.row(label, *cells, f"{horizontal(one)}, {sigma}"))
     return [
@@ -208,9 +150,9 @@ def probe() -> measured.Probe:
     }
     out = {}
     for label, settings in cases.items():
-        one = flown(*settings, runs=measured.PROBE_RUNS)
-        found = integrity(one)
-        rms = one.summary["summary"]["rms"]["horizontal"][0]
+        one = summary(*settings, runs=measured.PROBE_RUNS)
+        found = one["integrity"]
+        rms = one["rms"]["horizontal"][0]
         out[label] = [found["alarms"], found["availability"][0], found["hpl"][0], found["vpl"][0], rms]
     return out
 
@@ -224,7 +166,7 @@ def main() -> None:
     lines = [
         "# Faults and exclusions, measured",
         "",
-        f"Scenario `landing.yaml`, {RUNS} runs of seed {SEED} unless stated otherwise; 95 % intervals in brackets. "
+        f"Scenario `landing.yaml`, 100 runs of seed {SEED} unless stated otherwise; 95 % intervals in brackets. "
         "More: [monitors and jammers](integrity-measured.md).",
     ]
     for section in (faults, forms, exclusions, tails):

@@ -6,20 +6,29 @@ numbers than the page's code changes the probe; tests/consistency/test_measured_
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import json
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 
+import navsim
 from navsim.core import states
 from navsim.landing.study import Case, covariance_analysis, fly_all
 from navsim.runner.executor import threads
 
 ROOT = Path(__file__).resolve().parent.parent
+STORE = ROOT / "results" / "measured"
+SEED = 1
+"""The seed of the documented commands: readers can repeat each row."""
 CODE = ("navsim", "scenarios", "scripts")
 """Folders whose content decides a page's numbers."""
 OPEN, CLOSE = "<!-- probe: ", " -->"
@@ -46,6 +55,89 @@ def commit() -> str:
 def _git(*arguments: str) -> str:
     done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
     return done.stdout.rstrip()
+
+
+@functools.cache
+def _code() -> str:
+    """Name of the code and scenarios that decide the numbers of a run."""
+    digest = hashlib.sha256()
+    for folder in ("navsim", "scenarios"):
+        for path in sorted(p for p in (ROOT / folder).rglob("*") if p.is_file() and "__pycache__" not in p.parts):
+            digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def kept(key: object, compute: Callable[[], Any]) -> Any:
+    """What `compute` returned for this key with this code, as JSON has it; computed and stored the first time."""
+    path = STORE / _code() / f"{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.json"
+    if not path.exists():
+        text = json.dumps(compute())
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(".part")
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def set_keys(settings: Sequence[str]) -> dict[str, Any]:
+    """Keys and values of `--set KEY=VALUE`."""
+    return {key: yaml.safe_load(value) for key, _, value in (text.partition("=") for text in settings)}
+
+
+def summary(*settings: str, scenario: str = "landing", runs: int | None = 100, seed: int = SEED) -> Any:
+    """The summary of `navsim run scenarios/SCENARIO.yaml --runs RUNS --set ...`; without runs of the covariance
+    analysis."""
+    how = {"method": "covariance"} if runs is None else {"runs": runs, "keep": "none"}
+
+    def compute() -> Any:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", navsim.NavsimWarning)  # of faults that the page is about
+            made = navsim.run(ROOT / "scenarios" / f"{scenario}.yaml", set=set_keys(settings), seed=seed, **how)
+        return made.summary["summary"]
+
+    if runs is not None and runs <= PROBE_RUNS:
+        return compute()  # also for probes, which must not read what is stored
+    return kept(("summary", scenario, settings, runs, seed), compute)
+
+
+def command(*settings: str, scenario: str = "landing", runs: int = 100) -> str:
+    """The same as a line of a page."""
+    return " ".join(
+        [f"    navsim run scenarios/{scenario}.yaml --runs {runs}", *(f"--set '{text}'" for text in settings)]
+    )
+
+
+def count(value: int) -> str:
+    """A whole number, its digits in groups of three."""
+    return f"{value:,}".replace(",", " ") if value >= 10_000 else f"{value}"
+
+
+def share(values: Sequence[float], digits: int = 3) -> str:
+    """A share with its 95 % interval."""
+    value, low, high = values
+    return f"{value:.{digits}g} [{low:.3g}, {high:.3g}]"
+
+
+def size(values: Sequence[float]) -> str:
+    """An RMS with its 95 % interval, to three digits of the RMS."""
+    value, low, high = values
+    places = max(0, 2 - int(np.floor(np.log10(value))))
+    return f"{value:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
+
+
+def horizontal(made: Any) -> str:
+    """Horizontal RMS of the filter, of a summary."""
+    return size(made["rms"]["horizontal"])
+
+
+def levels(made: Any, names: Sequence[str] = ("hpl", "vpl"), between: str = ", ") -> str:
+    """Mean levels on the glide, m."""
+    return between.join(f"{made['integrity'][name][0]:.1f}" for name in names)
+
+
+def available(made: Any) -> str:
+    """Share of epochs available."""
+    return f"{made['integrity']['availability'][0]:.4g}"
 
 
 @dataclass(frozen=True)

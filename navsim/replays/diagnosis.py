@@ -72,6 +72,8 @@ OFFSETS = 40.0
 """Largest offset between the clocks that is looked for, s: GPS time is 18 s from UTC, TAI 37 s."""
 USUAL_OFFSET = (-2.1, 0.4)
 """Times of samples less those of fixes, s, that the latency of a receiver explains."""
+USUAL_LATENCY = 0.5
+"""Latency that a receiver without a radio link has at most, s."""
 LEAST_WINDOWS, LARGEST_SHARE = 2, 0.7
 """An offset of the clocks is judged where it has so many windows of those as written, half of them at least, and is no
 larger than this share of their length: a flight that repeats itself fits a few windows anywhere."""
@@ -1134,7 +1136,9 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     ]
     # forward is kept where nothing shows it: of several ways to mount both triads the one that changes least
     alternatives.sort(key=lambda e: (_changed_letters(e), e.square))
-    alike = {"imu.axes" if "imu.axes" in e.remedy else f"{e.remedy} {e.seems}": e for e in reversed(alternatives)}
+    alike: dict[str, _Explanation] = {}
+    for e in alternatives:
+        alike.setdefault("imu.axes" if "imu.axes" in e.remedy else f"{e.remedy} {e.seems}", e)
     unique = sorted(alike.values(), key=lambda e: e.square)[:3]
     evidence = _evidence(home, float(levels[0]), unique[0])
     remedies = tuple(e.remedy for e in unique if not (log.sentences and e.fit.hypothesis.reading))
@@ -1190,14 +1194,14 @@ def _evidence(home: _Fit, as_written: float, best: _Explanation) -> str:
 def _explained(
     log: Log, readings: list[_Interpretation], fit: _Fit, square: float, tolerated: tuple[float, float]
 ) -> list[_Explanation]:
-    """What a fit says of the log, for each way of pointing its axes that gravity and the velocity allow."""
+    """What a fit says of the log, for each cure of its times and each way of pointing its axes that gravity and the
+    velocity allow."""
     hypothesis = fit.hypothesis
     reading = readings[hypothesis.reading]
     remedy, seems, changes = dict(reading.remedy), [reading.seems] if reading.seems else [], int(bool(reading.seems))
+    cures: list[tuple[dict[str, Any], list[str]]] = [({}, [])]
     if not tolerated[0] - 1e-9 <= hypothesis.offset <= tolerated[1] + 1e-9:
-        key, value, clocks = _of_clocks(log, hypothesis.offset)
-        remedy[key] = value
-        seems.append(clocks)
+        cures = [({key: value}, [said]) for key, value, said in _of_times(log, hypothesis.offset)]
         changes += 1
     if abs(hypothesis.factor) != 1.0:
         units = _relative(conventions.GYRO_UNITS, log.imu.gyro_unit)
@@ -1206,27 +1210,30 @@ def _explained(
         seems.append(f"the gyros seem to be in {unit}")
         changes += 1
     out = []
-    for turn in _pointed(fit):
+    for (shift, shifted), turn in itertools.product(cures, _pointed(fit)):
         gyro, accel = turn @ hypothesis.gyro, turn @ hypothesis.accel
         axes, said, more, usual = _axes_said(log, gyro, accel)
-        out.append(_Explanation({**remedy, **axes}, " and ".join([*seems, *said]), changes + more, usual, square, fit))
+        words = " and ".join([*shifted, *seems, *said])
+        out.append(_Explanation({**remedy, **shift, **axes}, words, changes + more, usual, square, fit))
     return out
 
 
-def _of_clocks(log: Log, offset: float) -> tuple[str, float, str]:
-    """The key that cures an offset of the times of samples less those of fixes, s, its value, and what is the case: a
-    latency that is given, where one as receivers have it explains the offset, or else the clocks."""
-    low, high = USUAL_OFFSET
-    if log.latency is not None and low <= offset <= high:
-        found = round(-offset, 1) + 0.0
-        said = f"the fixes seem to have a latency of {found:g} s, not of {log.latency:g} s"
-        return "gnss.latency_s", found, said
+def _of_times(log: Log, offset: float) -> list[tuple[str, float, str]]:
+    """What cures an offset of the times of samples less those of fixes, s: key, value, and what is the case. If a
+    latency is given, it or the clocks may be wrong: the motion shows only their sum. The more usual comes first."""
     apart = offset + (log.latency or 0.0)
     whole = round(apart)
     shift = float(whole) if abs(apart - whole) < 0.35 else round(apart, 1)
     leap = ": GPS time is 18 s from UTC" if abs(shift) == 18.0 else ""
     said = f"the times of the fixes seem to be {-shift:+g} s off those of the samples{leap}"
-    return "gnss.time_offset_s", log.gnss.time_offset + shift, said
+    clocks = ("gnss.time_offset_s", log.gnss.time_offset + shift, said)
+    low, high = USUAL_OFFSET
+    if log.latency is None or not low <= offset <= high:
+        return [clocks]
+    found = round(-offset, 1) + 0.0
+    said = f"the fixes seem to have a latency of {found:g} s, not of {log.latency:g} s"
+    latency = ("gnss.latency_s", found, said)
+    return [latency, clocks] if abs(found) <= USUAL_LATENCY else [clocks, latency]
 
 
 def _pointed(fit: _Fit) -> list[np.ndarray]:

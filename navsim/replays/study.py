@@ -175,6 +175,14 @@ class Recording:
         """1 sigma of pseudoranges, m, and range rates, m/s, overhead, for values of `tuned` (5,) of a tight filter."""
         return float(settings[1]), float(settings[0])
 
+    def with_error(self, time: float, sigma: tuple[float, float]) -> Recording:
+        """The same with fixes whose positions also have an error of this correlation time, s, and 1 sigma, horizontal
+        and vertical, m, that the filter follows."""
+        error = FixError(time_s=time, position_sigma_m=sigma)
+        gnss = self.scenario.gnss.model_copy(update={"errors": [error]})
+        scenario = self.scenario.model_copy(update={"gnss": gnss})
+        return replace(self, scenario=scenario, fixes=_with_effects(self.fixes, [error]))
+
     def flight(self, latency: float) -> replay.RecordedFlight:
         """The increments and fixes after the alignment."""
         ranges = self.ranges if self.tight else None

@@ -42,6 +42,10 @@ AT_BOUND = 0.01
 """Distance from a bound of the latency, s, below which the latency is at that bound."""
 COARSE = 2.5
 """Step between the latencies that are tried before the simplex, tenths of a second."""
+WANDERING = ((5.0, 1.0), (20.0, 1.0), (20.0, 2.0), (60.0, 2.0), (60.0, 4.0), (200.0, 8.0))
+"""Correlation times, s, and sizes, over the noise of positions, of errors of the fixes that are looked for."""
+LIKELIER = 12.5
+"""Gain of log-likelihood from which on such an error is certain: five sigma."""
 EVALUATIONS = 400
 """Largest number of flights of a tuning."""
 
@@ -102,14 +106,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
         values = settings(x)
         if not SEARCHED[0] <= values[LATENCY] <= SEARCHED[1]:
             return 1e12
-        flight, beliefs = recording.flight(values[LATENCY]), recording.beliefs(values, TFG)
-        if not judged:
-            beliefs = replace(beliefs, gate=gate_limits(0.0))
-        seen = replay.fly(
-            flight, beliefs, recording.fix_sigma(values), np.empty(0),
-            range_sigma=recording.range_sigma(values),
-        )  # fmt: skip
-        total = seen.surprise(flight.speed > threshold, recording.of_rejected(given, flight))
+        total = _surprise(recording, values, judged)
         total += 0.5 * float(np.sum((np.log(values[GYRO_NOISE:LATENCY] / given[GYRO_NOISE:LATENCY]) / TRUST) ** 2))
         return total if np.isfinite(total) else 1e12
 
@@ -127,8 +124,40 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
     if not recording.has_vertical:
         best[1] = best[0]
         tuned[1] = tuned[0]
-    remarks = _remarks(recording, best, bool(found.success), flown)
+    remarks = [*_remarks(recording, best, bool(found.success), flown), *wandering_errors(recording, best)]
     return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks))
+
+
+def _surprise(recording: Recording, values: np.ndarray, judged: bool = True) -> float:
+    """Minus the log-likelihood of the innovations in motion, by settings (5,); judged: with the gate."""
+    flight, beliefs = recording.flight(values[LATENCY]), recording.beliefs(values, TFG)
+    if not judged:
+        beliefs = replace(beliefs, gate=gate_limits(0.0))
+    seen = replay.fly(
+        flight, beliefs, recording.fix_sigma(values), np.empty(0), range_sigma=recording.range_sigma(values)
+    )
+    return seen.surprise(flight.speed > recording.moving_speed, recording.of_rejected(recording.settings, flight))
+
+
+def wandering_errors(recording: Recording, settings: np.ndarray) -> list[str]:
+    """The warning of position errors that last for seconds to minutes, if a filter that follows them finds the
+    innovations likelier: one that takes them for white noise believes its positions too much."""
+    if recording.tight or recording.scenario.gnss.errors or recording.fixes.has_own_noise:
+        return []
+    noise = recording.fix_sigma(settings)[[0, 2]]
+    before = _surprise(recording, settings)
+    gains = [before - _surprise(recording.with_error(time, tuple(size * noise)), settings) for time, size in WANDERING]
+    gain = max(gains)
+    if not gain > LIKELIER:
+        return []
+    time, size = WANDERING[gains.index(gain)]
+    horizontal, vertical = (f"{sigma:.2g}" for sigma in size * noise)
+    return [
+        f"the position errors of the fixes wander over about {time:g} s by {horizontal} m (1 sigma). A filter that "
+        f"follows them finds the innovations e^{gain:.0f} times likelier; one that takes them for white noise has too "
+        f"small sigmas of position. Write `gnss: {{errors: [{{time_s: {time:g}, position_sigma_m: [{horizontal}, "
+        f"{vertical}]}}]}}`"
+    ]
 
 
 def _first_latency(cost: Callable[[float], float]) -> float:

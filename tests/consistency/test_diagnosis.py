@@ -157,11 +157,20 @@ def test_units_of_speed_that_are_near_each_other() -> None:
         assert of_fixes(wrong, GnssConvention(speed_unit=written)) == [({"gnss.speed_unit": due},)]
 
 
-def test_a_latency_that_is_wrong_is_named_itself() -> None:
-    """Its remedy is not the time offset, which is as due."""
-    (found,) = diagnose(Log(*aircraft(), latency=5.0))
-    assert found.remedies == ({"gnss.latency_s": 0.1},)
-    assert "a latency of 0.1 s, not of 5 s" in str(found)
+@pytest.mark.parametrize(
+    ("given", "late", "remedies"),
+    [
+        (5.0, 0.0, ({"gnss.latency_s": 0.1}, {"gnss.time_offset_s": 5.0})),
+        (0.1, 1.5, ({"gnss.time_offset_s": -1.5}, {"gnss.latency_s": 1.6})),
+        (0.1, -1.5, ({"gnss.time_offset_s": 1.5},)),
+    ],
+)
+def test_a_latency_and_the_clocks_are_both_named(given: float, late: float, remedies: tuple[Any, ...]) -> None:
+    """The motion shows only their sum: a latency as receivers have it comes first, else the clocks."""
+    samples, fixes = aircraft()
+    (found,) = diagnose(Log(samples, replace(fixes, time=fixes.time + late), latency=given))
+    assert found.remedies == remedies
+    assert (f"a latency of {0.1 + late:g} s, not of {given:g} s" in str(found)) == (len(remedies) == 2)
 
 
 def test_clocks_that_do_not_meet() -> None:
@@ -176,7 +185,7 @@ def test_an_offset_within_the_latency_is_no_mistake_unless_the_latency_is_given(
     late = replace(fixes, time=fixes.time + 1.4)
     assert diagnose(Log(samples, late)) == []
     (found,) = diagnose(Log(samples, late, latency=0.1))
-    assert found.remedies == ({"gnss.latency_s": 1.5},)
+    assert found.remedies == ({"gnss.time_offset_s": -1.4}, {"gnss.latency_s": 1.5})
 
 
 @cache
