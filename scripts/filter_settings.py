@@ -12,9 +12,9 @@ import numpy as np
 from measured import command, row, size
 
 from navsim.core.states import A_D, ACCEL
+from navsim.landing.study import Case, covariance_analysis, fly_all, prepare
+from navsim.runner.executor import threads
 from navsim.scenario.load import read
-from navsim.study.executor import threads
-from navsim.study.landing import Case, covariance_analysis, fly_all, prepare
 
 SEED = 417
 """Of no run that anything was chosen by."""

@@ -13,9 +13,9 @@ import measured
 import numpy as np
 from measured import SEED, command, count, levels, row, share, summary
 
+from navsim.landing import integrity_table
+from navsim.landing.study import covariance_analysis, covariance_result, prepare
 from navsim.scenario.load import read
-from navsim.study import integrity_table
-from navsim.study.landing import covariance_analysis, covariance_result, prepare
 
 CONSTELLATION = "p_constellation: 1.0e-8"
 LIMITS = "limits: {hal_m: 40, val_m: 60, tta_s: 6}"

@@ -31,7 +31,7 @@ def test_a_page_is_of_this_code(name: str, request: pytest.FixtureRequest) -> No
     commit = r"commit `[0-9a-f]{10,}` \([0-9-]{10}\)"
     (seeds,) = re.findall(rf"Made by `{page.command}` with the code of {commit}, seeds? ([0-9, ]+)\.", text)
     assert seeds == ", ".join(map(str, page.seeds))
-    if name == "recorded_approach":
+    if name in ("recorded_approach", "replays"):
         request.getfixturevalue("shared")
     found = measured.differences(page.stored(), page.probe())
     assert not found, "\n".join([f"docs/{page.name} is of other code; make it anew: `{page.command}`", *found])
