@@ -20,6 +20,8 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
+from measured import commit
+
 from navsim.compiler.jit import is_warm
 from navsim.landing import study as landing
 from navsim.landing.ensemble import LandingStudy
@@ -155,8 +157,9 @@ def page(costs: dict[str, Costs], size: int) -> str:
     lines = [
         "# How far a cluster reaches",
         "",
-        "Made by `python scripts/cluster_scaling.py`. The first table is measured on one machine, with a scheduler",
-        "and two workers, the quickest of several tries. The second is a simulation from it, event by event.",
+        f"Made by `python scripts/cluster_scaling.py` with the code of commit {commit()}.",
+        "The first table is measured on one machine, with a scheduler and two workers, the quickest of several",
+        "tries. The second is a simulation from it, event by event.",
         "No cluster of a hundred or a thousand workers was used.",
         "",
         f"The shipped landing (`scenarios/landing.yaml`), batches of {BATCH} runs. The study that every worker is sent",

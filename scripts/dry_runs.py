@@ -15,6 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import measured
+
 from navsim.runner.executor import threads
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -69,14 +71,15 @@ def row(study: str) -> tuple[str, float]:
 
 
 def main() -> None:
-    rows = []
+    begun, rows = measured.commit(), []
     for study in STUDIES:
         rows.append(row(study))
         print(rows[-1][0], flush=True)
     ratios = [ratio for _, ratio in rows]
     PAGE.write_text(
         "# Dry runs against what studies took\n\n"
-        f"By `scripts/dry_runs.py`, on {platform.machine()} with {threads().workers} cores. "
+        f"By `scripts/dry_runs.py` with the code of commit {begun}, on {platform.machine()} "
+        f"with {threads().workers} cores. "
         "Seconds are of whole processes.\n\n"
         "| command | told | took, s | told by took | the dry run itself, s |\n|---|---|---|---|---|\n"
         + "\n".join(line for line, _ in rows)

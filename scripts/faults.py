@@ -167,7 +167,7 @@ def main() -> None:
         "# Faults and exclusions, measured",
         "",
         f"Scenario `landing.yaml`, 100 runs of seed {SEED} unless stated otherwise; 95 % intervals in brackets. "
-        "More: [monitors and jammers](integrity-measured.md).",
+        "More: [monitors](integrity-measured.md), [jammers](interference-measured.md).",
     ]
     for section in (faults, forms, exclusions, tails):
         lines += ["", *section()]

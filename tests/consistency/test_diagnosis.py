@@ -497,6 +497,22 @@ def test_real_flights_raise_no_alarm(
     assert diagnose(Log(*comma)) == []
 
 
+@pytest.mark.parametrize(("written", "due"), [("m/s", "kn"), ("kn", "m/s")])
+@pytest.mark.parametrize("columns", [slice(0, 3), slice(0, 2)])
+@pytest.mark.parametrize("first", [0.0, 150.0])
+def test_knots_of_a_whole_real_flight_are_named(
+    written: str, due: str, columns: slice, first: float, whole_thor: tuple[Samples, Fixes]
+) -> None:
+    """From take-off to landing, of all velocities or of the horizontal ones alone."""
+    samples, fixes = whole_thor
+    fixes = fixes.take(fixes.time >= first)
+    velocity = fixes.velocity.copy()
+    velocity[:, columns] *= conventions.SPEED_UNITS[written] / conventions.SPEED_UNITS[due]
+    log = Log(samples.between(first, 1e4), replace(fixes, velocity=velocity), gnss=GnssConvention(speed_unit=written))
+    found, _ = ways(log, [])
+    assert found[0].remedies == ({"gnss.speed_unit": due},)
+
+
 @pytest.mark.parametrize("name", BY_NAME)
 def test_each_mistake_of_a_real_flight_is_named(name: str, thor: tuple[Samples, Fixes]) -> None:
     (found,) = named(BY_NAME[name], thor)

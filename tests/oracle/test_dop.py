@@ -178,7 +178,7 @@ def test_published_figure_at_56n_37e(shared: Path, within: Within) -> None:
 def test_sky_of_row_one(shared: Path, within: Within) -> None:
     """A real sky, its upper part jammed, has row 1 of Table 2 at touchdown.
 
-    Source: `docs/landing-measured.md`, "Row 1 of Table 2 under a real sky". R19 stands at 45.87 degrees
+    Told in `docs/corrections.md`. R19 stands at 45.87 degrees
     there and must be lost for the printed figures; with a limit of 46.0 PDOP is 3.41.
     """
     common = (
