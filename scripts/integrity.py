@@ -242,7 +242,6 @@ def probe() -> measured.Probe:
     for label, settings in {
         "loose": (SEPARATED, *FAULTS["R01 is 15 m too long from 20 s on"]),
         "tight": (SEPARATED, TIGHT, *FAULTS["R01 is 15 m too long from 20 s on"]),
-        "late": (SEPARATED, *FALSE_ALARMS["no source for the first 20 s"]),
     }.items():
         found = summary(*settings, runs=runs)["integrity"]
         out[label] = [found["alarms"], found["hpl"][0], found["vpl"][0]]
