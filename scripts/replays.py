@@ -16,7 +16,7 @@ import numpy as np
 from measured import row
 from scipy.spatial.transform import Rotation
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay
