@@ -189,10 +189,10 @@ def shared() -> Forks:
     """The one of this test process; it ends with it."""
     landing = ROOT / "scenarios" / "landing.yaml"
     short = ("run", landing, "--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1", "-q",
-             "--force")  # fmt: skip
+             "--force", "--figures", "none", "-o", "warm.h5")  # fmt: skip
     warm = (
         short,
-        (*short, "--figures", "."),
+        ("plot", "warm.h5", "--only", "errors"),
         (*short, "--method", "covariance"),
         (*short, "--runs", 26, "--keep", "all"),
     )

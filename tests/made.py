@@ -32,10 +32,10 @@ COMMANDS: dict[str, tuple[object, ...]] = {
     "sweep": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set", "vary.1.grid.count=6", "--set",
               "vary.2.grid.count=6", *_QUIET),
     "optimize": ("optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1, 2]", "--set", "effort=1",
-                 *_QUIET),
+                 "--runs", 8, *_QUIET),
     "replay": ("replay", SCENARIOS / "recorded_flight.yaml", "--set", "tuning=none", *_QUIET),
     "mls-elevation": ("run", SCENARIOS / "mls_elevation.yaml", "--set", "montecarlo.experiments=5", *_QUIET),
-    "atc-tracking": ("run", SCENARIOS / "atc_tracking.yaml", "--runs", 5, *_QUIET),
+    "atc-tracking": ("run", SCENARIOS / "atc_tracking.yaml", "--runs", 5, "--set", "link.study_runs=5", *_QUIET),
     "azimuth-tracking": ("run", SCENARIOS / "azimuth_tracking.yaml", "--runs", 5, "--set", "map.runs=3", *_QUIET),
     "integrity-table": ("integrity-table", "--set", _LIMITS, "-q"),
 }  # fmt: skip

@@ -179,7 +179,7 @@ def test_search_is_that_of_one_machine(cluster: Cluster, place: Path) -> None:
         "effort: 1\nsites:\n"
         + "".join(f"  - {{s_m: {s}, l1_m: {l1}}}\n" for s in (100, 500, 900) for l1 in (-400, 0, 400, 800))
     )
-    command = ("optimize", study, "-q", "--figures", "none")
+    command = ("optimize", study, "-q", "--figures", "none", "--runs", 8)
     navsim(*command, "-o", "search-here.h5", cwd=place)
     navsim(*command, "-o", "search-dask.h5", "--scheduler", cluster.address, cwd=place)
     assert stored(place / "search-dask.h5") == stored(place / "search-here.h5")

@@ -31,9 +31,9 @@ SHIPPED = {
 
 
 SHORTER = {
-    "mls_elevation": ("--set", "montecarlo.experiments=20"),
-    "azimuth_tracking": ("--runs", 40, "--set", "map.runs=4"),
-    "atc_tracking": ("--runs", 40),
+    "mls_elevation": ("--set", "montecarlo.experiments=5"),
+    "azimuth_tracking": ("--runs", 5, "--set", "map.runs=3"),
+    "atc_tracking": ("--runs", 5, "--set", "link.study_runs=5"),
 }
 
 

@@ -47,12 +47,12 @@ BRIEF = [
     (r"navsim table2\b", "navsim table2 --runs 2"),
     (r"navsim replay", "navsim replay --set tuning=none"),
     (r"navsim sweep", "navsim sweep --set vary.1.grid.count=6 --set vary.2.grid.count=6"),
-    (r"navsim optimize", "navsim optimize --set pseudolites=[1] --set effort=1"),
+    (r"navsim optimize", "navsim optimize --set pseudolites=[1] --set effort=1 --runs 8"),
     (r"navsim plot", "navsim plot --only errors"),
     (r" --realtime", ""),  # a landing lasts two minutes
     (r"navsim live", "navsim live --silence 2 --set duration_s=62"),
     (r"scenarios/mls_elevation.yaml", r"\g<0> --set montecarlo.experiments=5"),
-    (r"scenarios/atc_tracking.yaml", r"\g<0> --runs 5"),
+    (r"scenarios/atc_tracking.yaml", r"\g<0> --runs 5 --set link.study_runs=5"),
     (r"scenarios/azimuth_tracking.yaml", r"\g<0> --runs 5 --set map.runs=0"),
     # what takes ten seconds however small it is made: its kind has another command that is run
     (r"navsim optimize(?=.*(objective=|lpv200))", r"\g<0> --dry-run"),

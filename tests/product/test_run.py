@@ -267,7 +267,7 @@ def test_epochs_without_a_fix(place: Path) -> None:
     assert np.all(np.diff(sigma) > -1e-4 * sigma[:-1])
     assert np.all(sigma[10::10] > sigma[:-10:10])
     assert np.all(np.isnan(r["/summary/dop/pdop"]))
-    refused = navsim("run", SCENARIOS / "landing.yaml", *jam, "--require-fix", cwd=place, code=3)
+    refused = navsim("run", SCENARIOS / "landing.yaml", *jam, "--figures", "none", "--require-fix", cwd=place, code=3)
     assert "650 epochs without a fix" in refused.stderr
     assert "0.1 s" in refused.stderr
 

@@ -32,15 +32,16 @@ STUDIES: dict[str, tuple[object, ...]] = {
     ),
     "optimum of PDOP": (
         *("optimize", SCENARIOS / "placement_optimum.yaml", *QUIET, "--set", "pseudolites=[1, 2]", "--set", "effort=1"),
+        *("--runs", 8),
     ),
     "optimum of the filter": (
         *("optimize", SCENARIOS / "placement_optimum.yaml", *QUIET, "--set", "pseudolites=[1]", "--set", "effort=1"),
         *("--set", "objective=vertical"),
-        *("--set", "set={imu.rate_hz: 10, duration_s: 61, receiver.rate_hz: 1}"),
+        *("--set", "set={imu.rate_hz: 10, duration_s: 61, receiver.rate_hz: 1}", "--runs", 8),
     ),
     "replay": ("replay", SCENARIOS / "recorded_flight.yaml", "--set", "tuning=none", "--set", "outages=[]", *QUIET),
     "elevation": ("run", SCENARIOS / "mls_elevation.yaml", "--set", "montecarlo.experiments=5", *QUIET),
-    "atc": ("run", SCENARIOS / "atc_tracking.yaml", "--runs", 5, *QUIET),
+    "atc": ("run", SCENARIOS / "atc_tracking.yaml", "--runs", 5, "--set", "link.study_runs=5", *QUIET),
     "azimuth": ("run", SCENARIOS / "azimuth_tracking.yaml", "--runs", 5, "--set", "map.runs=0", *QUIET),
 }
 RESUMED = [name for name, words in STUDIES.items() if name.startswith(("ensemble", "sweep", "optimum"))]
