@@ -461,7 +461,7 @@ def test_a_single_value_outside_of_limits_is_refused_at_its_line(tmp_path: Path)
 def test_nmea_takes_no_units(tmp_path: Path) -> None:
     table(tmp_path, *level())
     (tmp_path / "gnss.csv").write_text("$GPGGA,000000.00,4500.0000,N,00900.0000,E,1,09,0.9,50.0,M,0.0,M,,*5F\n" * 3)
-    with pytest.raises(InputError, match="NMEA sentences have units"):
+    with pytest.raises(InputError, match="NMEA fixes units"):
         replay.prepare(*read_replay(tmp_path / "log.yaml", ("gnss.speed_unit=kn",)))
 
 

@@ -276,7 +276,7 @@ def test_first_order_filters(result: Result, within: Within) -> None:
     for factor in (0.5, 0.8, 1.25, 2.0):
         bias, noise = kalman(np.eye(1), factor * result["/order/variance"][3:, None], R, [[0.625]], [2.4], angle)
         assert np.hypot(bias, noise)[(time >= 65) & (time < 80)].max() > 0.999 * least
-    rows = [row.texts() for row in titled(result, "first-order filter beside").rows]
+    rows = [row.texts() for row in titled(result, "First-order and second-order filter").rows]
     assert [row[-1].split(":")[0] for row in rows] == ["", "as claimed", "not as claimed", "not as claimed"]
 
 
