@@ -28,7 +28,7 @@ POWERS: dict[str, tuple[str, ...]] = {
     "none": (LIMITED,),
     **{power: jammed(power) for power in ("-20", "-10", "0", "10")},
     "0, behind a skyline of 2° over the azimuths 0 to 90°, 1 km from the threshold": jammed("0", beside=SKYLINE % 2),
-    "0, the same of 5°": jammed("0", beside=SKYLINE % 5),
+    "0, behind one of 5°": jammed("0", beside=SKYLINE % 5),
     "0, a sweep of the same band in 10 s": jammed("0", "sweep, sweep_s: 10"),
 }
 APPROACH = (

@@ -149,7 +149,7 @@ def main() -> int:
         "",
         "## A small fixed-wing UAV",
         "",
-        "`fw_thor75` (2012; `start_s: 150`). An untuned filter is beside it:",
+        "`fw_thor75` (2012; `start_s: 150`), and an untuned filter:",
         "",
         "| | navsim | untuned filter |",
         "|---|---|---|",
