@@ -322,7 +322,7 @@ def test_outages_that_are_not_flown_are_said(tmp_path: Path) -> None:
         *read_replay(tmp_path / "log.yaml", ("tuning=none", "outages=[{start_s: [50, 6000], duration_s: [5, 1000]}]"))
     )
     (told,) = [text for text in recording.warnings if text.startswith("outages.0: ")]
-    assert told.startswith("outages.0: 3 of 4 are not within what is flown, ")
+    assert told.startswith("outages.0: 3 of 4 are not within the replayed part, ")
     assert told.endswith(", and not judged: 6000 to 6005 s")
 
 
