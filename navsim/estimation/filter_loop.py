@@ -259,7 +259,8 @@ def run(chart, imu, measurements, events, state, way, model, account):
             advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
         if model.steady_force and not ahead and what != OUTPUT and what != PASS and has_begun(line):
             velocity_of(nav, p, v, variance)
-            end_interval(line, v, variance, force_noise(model, cursor), cursor[1], m_force)
+            attitude = nav[NAV_QUAT:NAV_HELD]
+            end_interval(line, v, variance, attitude, force_noise(model, cursor), cursor[1], m_force)
             couple(p, VEL, m_force, 1.0)
         if what == OUTPUT:
             answer(chart, nav, p, left, row)

@@ -55,6 +55,7 @@ from navsim.estimation.steady_force import (
     has_begun,
     mean_velocity,
     start_line,
+    turns_from_mean,
 )
 from navsim.estimation.weighing import decide, errors_from, held, numbers_in, update, weighing, whitened_square
 from navsim.geodesy.attitude_kernels import dcm, left_jacobian
@@ -551,7 +552,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
         runs_ahead |= events.ahead[i]
     late = _components(state_nav, most if runs_ahead else 1, nav_size, n)
     line, v, variance = registers(state.steady), room(state_nav, (3,)), room(state_nav, (3,))
-    m_force, turns = room(state_nav, (3,)), room(state_nav, (most, 3))
+    m_force, turns, attitude = room(state_nav, (3,)), room(state_nav, (most, 3)), room(state_nav, (4,))
     rejections, cursors, cursor = room(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
     copy(state_rejected, rejections[0])
     copy(way.cursor, cursors[0])
@@ -593,7 +594,8 @@ def run(chart, imu, measurements, events, state, way, model, account):
             copy(cursor, cursors[ahead])
         if model.steady_force and not ahead and what != OUTPUT and what != PASS and has_begun(line):
             mean_velocity(now, count, v, variance)
-            end_interval(line, v, variance, force_noise(model, cursor), cursor[1], m_force)
+            turns_from_mean(now, count, turns, attitude)
+            end_interval(line, v, variance, attitude, force_noise(model, cursor), cursor[1], m_force)
             couple_sum(now, count, m_force, turns)
         if what == OUTPUT:
             moments(now, gauge.nav, gauge.p, True, space, bench)

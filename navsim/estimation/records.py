@@ -57,7 +57,10 @@ STEADY_STEP, STEADY_TIME, STEADY_BEGUN = 16, 17, 18
 """Age of the line, s; 1 while the flight is steady; mean square of the changes of velocity beside the line, in that of
 the noise, and the number that it is of; length of the last interval between measurements, s; when the next began, s;
 1 where it has."""
-STEADY_N = 19
+STEADY_FORCE, STEADY_OMITTED, STEADY_USES_FORCE = 19, 22, 25
+"""Mean specific force since the line began, m/s2, in body axes; what it left out of the change of velocity, as far as
+fixes have not corrected it yet, m/s, NED; 1 while it is used."""
+STEADY_N = 26
 """Size of `State.steady`."""
 SHIFT_N = 6
 """Size of `State.shift`: position, m, and velocity, m/s."""

@@ -6,6 +6,9 @@ and believe it. So while the velocity that the fixes confirm follows a straight 
 velocity errors by the change of that line, not by the change that the accelerometers measured. In a manoeuvre, which
 the tests here notice, the measured force is used again, and what was left out before is put back.
 
+A young line is noisy itself, by the fixes' noise. While the aircraft keeps its attitude, the mean of the measured force
+in body axes since the line began says better what the noise of an interval was; the line stays the judge.
+
 The line belongs to the filter, not to a component: it follows the mean velocity of a Gaussian sum.
 
 Source: `docs/theory/steady-force.md`.
@@ -16,28 +19,32 @@ from __future__ import annotations
 import math
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, no, select, small_vector
+from navsim.compiler.lanes import any_lane, no, select, small_matrix, small_vector
+from navsim.compiler.linear import copy
 from navsim.core.states import A_D, A_E, A_N, NAV_HELD, NAV_QUAT, NAV_VEL, VEL
 from navsim.estimation.records import (
     STEADY_AGE,
     STEADY_BEGUN,
     STEADY_COUNT,
+    STEADY_FORCE,
     STEADY_IS,
     STEADY_LAST,
     STEADY_LEFT,
     STEADY_LINE,
+    STEADY_OMITTED,
     STEADY_ROUGHNESS,
     STEADY_SLOPE,
     STEADY_STEP,
     STEADY_TIME,
+    STEADY_USES_FORCE,
     TIME_TOLERANCE,
 )
-from navsim.geodesy.attitude_kernels import difference, half_sinc
+from navsim.geodesy.attitude_kernels import dcm, difference, half_sinc, rotate_left
 
 _WINDOW = 40.0
-"""Least memory of the line, s."""
+"""Least memory of the line and of the mean force, s."""
 _WINDOW_MEMORIES = 12.0
-"""Memory of the line, in memories of the filter's velocity."""
+"""The same in memories of the filter's velocity."""
 _YOUNG = 2.0
 """Age that the line needs before it is used, s."""
 _YOUNG_MEMORIES = 1.3
@@ -48,6 +55,8 @@ _UNCONFIRMED = 3.0
 """Steady flight ends where the memory grows to this part more: fixes do not confirm the velocity any more."""
 _OFF_LINE = 4.5
 """Distance of the velocity from the line that ends steady flight, in its sigma."""
+_OFF_MEAN = 4.5
+"""Change of velocity beside that of the mean force, in its sigma, after which the line is used instead."""
 _JUMP = 6.0
 """Change of velocity beside that of the line that ends steady flight, in the noise of the interval."""
 _ROUGH = 4.0
@@ -56,6 +65,8 @@ _ROUGHNESS_TIME = 20.0
 """Memory of that mean square, s."""
 _SLOWING = 1.5
 """By this an interval between fixes may be longer than the one before, if it is no hole."""
+_GRAVITY = 9.8
+"""Gravity, m/s2: its error matters as far as tilt changes."""
 
 
 @kernel
@@ -67,12 +78,21 @@ def start_line(line, velocity, time):
         line[STEADY_LAST + i] = select(new, velocity[i], line[STEADY_LAST + i])
     line[STEADY_TIME] = select(new, time, line[STEADY_TIME])
     line[STEADY_ROUGHNESS] = select(new, 1.0, line[STEADY_ROUGHNESS])
+    line[STEADY_USES_FORCE] = select(new, 1.0, line[STEADY_USES_FORCE])
 
 
 @kernel
 def has_begun(line):
     """Whether an interval of the line is under way: the velocity that it began with is known."""
     return any_lane(line[STEADY_BEGUN] > 0.5)
+
+
+@kernel
+def _span(age, memory):
+    """How much of what is so old, s, the line and the mean force remember, with that memory of the velocity."""
+    longest = _WINDOW_MEMORIES * memory
+    longest = select(longest < _WINDOW, _WINDOW, longest)
+    return select(age > longest, longest, age)
 
 
 @kernel
@@ -83,21 +103,19 @@ def begin_interval(line, v, variance, q, time):
     """
     dt = line[STEADY_STEP]
     memory = (variance[0] + variance[1] + variance[2]) / (3.0 * q)
-    longest = _WINDOW_MEMORIES * memory
-    longest = select(longest < _WINDOW, _WINDOW, longest)
     youngest = _YOUNG_MEMORIES * memory
     youngest = select(youngest < _YOUNG, _YOUNG, youngest)
     age = line[STEADY_AGE] + dt
     # a line by least squares, whose memory grows with its age
-    span = select(age > longest, longest, age)
-    many = select(dt > 0.0, span / select(dt > 0.0, dt, 1.0), 1.0)
+    many = select(dt > 0.0, _span(age, memory) / select(dt > 0.0, dt, 1.0), 1.0)
     many = select(many < 1.0, 1.0, many)
     gain = 2.0 * (2.0 * many - 1.0) / (many * (many + 1.0))
     gain = select(gain > 1.0, 1.0, gain)
     slope_gain = select(many < 1.5, 0.0, 6.0 / (many * (many + 1.0)))
     steady = line[STEADY_IS] > 0.5
     grown = (age > youngest + TIME_TOLERANCE) & (memory < _SLOWEST)
-    count = select(steady | grown, line[STEADY_COUNT], 0.0)
+    # gusts are not forgotten with the line that they ended; beside a young line all changes look like some
+    count = select(steady | grown | (line[STEADY_USES_FORCE] > 0.5), line[STEADY_COUNT], 0.0)
     begins = grown & no(steady) & no(_is_rough(line[STEADY_ROUGHNESS], count)) & (count * dt > _YOUNG + TIME_TOLERANCE)
     for i in range(3):
         off = v[i] - line[STEADY_LINE + i]
@@ -106,6 +124,7 @@ def begin_interval(line, v, variance, q, time):
         line[STEADY_LINE + i] = s
         line[STEADY_LAST + i] = select(steady, line[STEADY_LAST + i], s)
         line[STEADY_LEFT + i] = v[i]
+        line[STEADY_OMITTED + i] = select(begins, 0.0, line[STEADY_OMITTED + i])
     line[STEADY_AGE], line[STEADY_COUNT] = age, count
     line[STEADY_IS] = select(begins, 1.0, line[STEADY_IS])
     line[STEADY_TIME] = time + 0.0 * dt
@@ -121,27 +140,40 @@ def _is_rough(roughness, count):
 
 
 @kernel
-def end_interval(line, v, variance, q, time, m):
+def end_interval(line, v, variance, attitude, q, time, m):
     """Compare the velocity v (3,) before a measurement, of this variance (3,), with the line.
 
-    m (3,): out, what is to be added to the change of velocity that attitude errors turn: less the noise of the interval
-    in steady flight, what was left out where it ends, else nothing.
+    attitude (4,): b -> n. m (3,): out, what is to be added to the change of velocity that attitude errors turn: less
+    the noise of the interval in steady flight, what was left out where it ends, else nothing.
     """
     dt = time - line[STEADY_TIME]
     steady = line[STEADY_IS] > 0.5
     memory = (variance[0] + variance[1] + variance[2]) / (3.0 * q)
-    ends = steady & (memory > _UNCONFIRMED * _SLOWEST)
-    sudden = steady & no(steady)
-    square = 0.0 * dt
-    for i in range(3):
-        off = v[i] - (line[STEADY_LINE + i] + line[STEADY_SLOPE + i] * dt)
-        jump = v[i] - line[STEADY_LEFT + i] - line[STEADY_SLOPE + i] * dt
-        sudden = sudden | (off * off > _OFF_LINE * _OFF_LINE * variance[i])
-        sudden = sudden | (steady & (jump * jump > _JUMP * _JUMP * q * dt))
-        square += jump * jump
     # after a hole the line is no older by fixes that did not come
     most = _SLOWING * line[STEADY_STEP]
     step = select((most > 0.0) & (dt > most), most, dt)
+    age = line[STEADY_AGE] + step
+    force, noise, omitted = small_vector(line, 3), small_vector(line, 3), small_vector(line, 3)
+    _compare(line, v, attitude, _span(age, memory) / step, dt, force, noise)
+    uses = line[STEADY_USES_FORCE] > 0.5
+    # fixes correct within the memory of the velocity what noise did to it
+    forgotten = select(dt < memory, dt / memory, 1.0)
+    limit = _OFF_MEAN * _OFF_MEAN * q * memory * (0.5 + memory / age)
+    ends = steady & (memory > _UNCONFIRMED * _SLOWEST)
+    sudden = steady & no(steady)
+    turned = sudden
+    beside, by_line = 0.0 * dt, 0.0 * dt
+    for i in range(3):
+        off = v[i] - (line[STEADY_LINE + i] + line[STEADY_SLOPE + i] * dt)
+        jump = v[i] - line[STEADY_LEFT + i] - line[STEADY_SLOPE + i] * dt
+        omitted[i] = (1.0 - forgotten) * line[STEADY_OMITTED + i] - noise[i]
+        sudden = sudden | (off * off > _OFF_LINE * _OFF_LINE * variance[i])
+        sudden = sudden | (steady & (jump * jump > _JUMP * _JUMP * q * dt))
+        turned = turned | (omitted[i] * omitted[i] > limit) | (noise[i] * noise[i] > _JUMP * _JUMP * q * dt)
+        beside += noise[i] * noise[i]
+        by_line += jump * jump
+    keeps = uses & no(turned)
+    square = select(keeps, beside, by_line)
     longest = _ROUGHNESS_TIME / step
     count = line[STEADY_COUNT] + 1.0
     count = select(count > longest, longest, count)
@@ -153,16 +185,42 @@ def end_interval(line, v, variance, q, time, m):
     for i in range(3):
         s = line[STEADY_LINE + i] + line[STEADY_SLOPE + i] * dt
         before, last = line[STEADY_LEFT + i], line[STEADY_LAST + i]
-        m[i] = select(stays, (s - last) - (v[i] - before), select(stops, before - last, 0.0))
+        # what the line and the mean force left out until now, and what each leaves out of this interval
+        of_line, of_force = last - before, line[STEADY_OMITTED + i]
+        follows = (s - last) - (v[i] - before) + select(uses, of_line - of_force, 0.0)
+        back = -select(uses, of_force, of_line)
+        m[i] = select(stays, select(keeps, -noise[i], follows), select(stops, back, 0.0))
+        line[STEADY_OMITTED + i] = select(ends, 0.0, omitted[i])
+        line[STEADY_FORCE + i] = select(ends, force[i], line[STEADY_FORCE + i])
         s = select(ends, v[i], s)
         line[STEADY_LINE + i] = s
         line[STEADY_LAST + i] = s
         line[STEADY_SLOPE + i] = select(ends, (v[i] - before) / dt, line[STEADY_SLOPE + i])
+    line[STEADY_USES_FORCE] = select(ends, 1.0, select(keeps, 1.0, 0.0))
     line[STEADY_AGE] = select(ends, 0.0, line[STEADY_AGE])
     line[STEADY_IS] = select(ends, 0.0, line[STEADY_IS])
     line[STEADY_COUNT] = select(sudden, 0.0, count)
     line[STEADY_STEP] = step
     line[STEADY_BEGUN] = 0.0 * dt
+
+
+@kernel
+def _compare(line, v, attitude, many, dt, force, noise):
+    """Add the specific force of an interval of dt, s, to the mean of so `many`. force (3,): out, it in body axes; noise
+    (3,): out, by how much the change of velocity v (3,) differs from that of the mean force."""
+    c_nb, level = small_matrix(noise, 3, 3), small_vector(noise, 3)
+    dcm(attitude, c_nb)
+    many = select(many < 1.0, 1.0, many)
+    for i in range(3):
+        level[i] = (v[i] - line[STEADY_LEFT + i]) / dt - (_GRAVITY if i == 2 else 0.0)
+    for i in range(3):
+        force[i] = c_nb[0, i] * level[0] + c_nb[1, i] * level[1] + c_nb[2, i] * level[2]
+        line[STEADY_FORCE + i] += (force[i] - line[STEADY_FORCE + i]) / many
+    for i in range(3):
+        mean = 0.0 * dt
+        for k in range(3):
+            mean += c_nb[i, k] * line[STEADY_FORCE + k]
+        noise[i] = (level[i] - mean) * dt
 
 
 @kernel
@@ -215,14 +273,10 @@ def mean_velocity(mixture, count, v, variance):
 
 
 @kernel
-def couple_sum(mixture, count, m, turns):
-    """`couple` every component of a sum, and take from its velocity what its own attitude made of the noise.
-
-    A component whose attitude is turned by phi from the mean has mechanised the noise turned by phi: its velocity and
-    its coupling take m turned likewise, and all components are left with the noise of one attitude. turns (M, 3): work.
-    """
+def turns_from_mean(mixture, count, turns, attitude):
+    """The mean attitude (4,) of a sum of `count` components, and turns (M, 3), by which theirs are turned from it."""
     weight = mixture.weight
-    mean, own = small_vector(m, 3), small_vector(m, 3)
+    mean = small_vector(attitude, 3)
     for i in range(3):
         mean[i] = 0.0
     first = mixture.navigation[0, NAV_QUAT:NAV_HELD]
@@ -232,8 +286,23 @@ def couple_sum(mixture, count, m, turns):
             turns[j, i] = select(weight[j] > 0.0, turns[j, i], 0.0)
             mean[i] += weight[j] * turns[j, i]
     for j in range(count):
-        there = weight[j] > 0.0
-        a, b, c = turns[j, 0] - mean[0], turns[j, 1] - mean[1], turns[j, 2] - mean[2]
+        for i in range(3):
+            turns[j, i] -= mean[i]
+    copy(first, attitude)
+    rotate_left(attitude, mean[0], mean[1], mean[2])
+
+
+@kernel
+def couple_sum(mixture, count, m, turns):
+    """`couple` every component of a sum, and take from its velocity what its own attitude made of the noise.
+
+    A component whose attitude is turned by phi from the mean, of turns (M, 3), has mechanised the noise turned by phi:
+    its velocity and its coupling take m turned likewise, and all components are left with the noise of one attitude.
+    """
+    own = small_vector(m, 3)
+    for j in range(count):
+        there = mixture.weight[j] > 0.0
+        a, b, c = turns[j, 0], turns[j, 1], turns[j, 2]
         s, w = half_sinc(a * a + b * b + c * c)
         # (R - I) m = 2 w s phi x m + 2 s^2 phi x (phi x m)
         x, y, z = b * m[2] - c * m[1], c * m[0] - a * m[2], a * m[1] - b * m[0]

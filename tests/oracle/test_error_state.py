@@ -78,7 +78,7 @@ class Evaluated:
             judge.predict(kept["delta_angle"][:, before:now], kept["delta_velocity"][:, before:now])
             if steady:
                 velocity, variance = judge.velocity_ned, judge.velocity_variance
-                judge.couple(rule.before_measurement(velocity, variance, intervals[epoch]))
+                judge.couple(rule.before_measurement(velocity, variance, judge.to_level, intervals[epoch]))
             self._weigh(judge, epoch)
             sigma.append(np.sqrt(np.einsum("rii->ri", judge.in_level_axes(judge.p)))[:, :15])
             error.append(self._error(judge, epoch + 1))
@@ -111,7 +111,7 @@ class Evaluated:
 
     def _error(self, judge: TextbookFilter, output: int) -> np.ndarray:
         axes, truth = judge.axes, self.truth
-        turned = attitude(truth.rpy[output]) @ (axes.swapaxes(1, 2) @ judge.c).swapaxes(1, 2)
+        turned = attitude(truth.rpy[output]) @ judge.to_level.swapaxes(1, 2)
         bias = self.kept["error"][:, 0, 9:15]  # the filter begins without an estimate of it
         return np.concatenate(
             [

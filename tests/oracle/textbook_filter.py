@@ -235,6 +235,11 @@ class TextbookFilter:
         return np.asarray(turn.swapaxes(1, 2) @ matrix @ turn)
 
     @property
+    def to_level(self) -> np.ndarray:
+        """From body axes to north, east, down (R, 3, 3)."""
+        return self.axes.swapaxes(1, 2) @ self.c
+
+    @property
     def velocity_variance(self) -> np.ndarray:
         """Of the velocity along north, east and down (R, 3)."""
         return np.einsum("rii->ri", self.in_level_axes(self.p)[:, VEL, VEL])
@@ -327,12 +332,19 @@ class SteadyForce:
     steady: np.ndarray
     square: np.ndarray
     count: np.ndarray
+    force: np.ndarray
+    """Mean specific force in body axes since the line began (R, 3)."""
+    omitted: np.ndarray
+    """What it left out, as far as fixes have not corrected it (R, 3)."""
+    keeps: np.ndarray
     step: float = 0.0
 
     @classmethod
     def begun(cls, density: float, velocity: np.ndarray) -> SteadyForce:
         zero = np.zeros(velocity.shape[0])
-        return cls(density, velocity, 0.0 * velocity, velocity, velocity, zero, zero > 0.0, zero + 1.0, zero)
+        none = 0.0 * velocity
+        steady, keeps = zero > 0.0, zero == 0.0
+        return cls(density, velocity, none, velocity, velocity, zero, steady, zero + 1.0, zero, none, none, keeps)
 
     def _rough(self) -> np.ndarray:
         with np.errstate(divide="ignore"):
@@ -348,28 +360,45 @@ class SteadyForce:
             self.line = self.line + 2.0 * (2.0 * n - 1.0) / (n * (n + 1.0)) * off
             self.slope = self.slope + np.where(n > 1.5, 6.0 / (n * (n + 1.0)) * off / self.step, 0.0)
         old = (self.age > np.maximum(1.3 * memory, 2.0) + 1e-9) & (memory < 8.0)
-        self.count = np.where(old | self.steady, self.count, 0.0)
+        self.count = np.where(old | self.steady | self.keeps, self.count, 0.0)
         begins = old & ~self.steady & (self.count * self.step > 2.0 + 1e-9) & ~self._rough()
         self.coupled = np.where(self.steady[:, None], self.coupled, self.line)
         self.line = np.where(begins[:, None], v, self.line)
         self.coupled = np.where(begins[:, None], v, self.coupled)
+        self.omitted = np.where(begins[:, None], 0.0, self.omitted)
         self.steady = self.steady | begins
         self.left = v
 
-    def before_measurement(self, v: np.ndarray, variance: np.ndarray, step: float) -> np.ndarray:
-        """What is to be added (R, 3) to the change of velocity that couples, over an interval of `step`, s."""
+    def before_measurement(self, v: np.ndarray, variance: np.ndarray, to_level: np.ndarray, step: float) -> np.ndarray:
+        """What is to be added (R, 3) to the change of velocity that couples, over an interval of `step`, s; to_level
+        (R, 3, 3) from body axes."""
         noise = self.density * step
+        memory, age = variance.mean(axis=1) / self.density, self.age + step
+        n = np.maximum(np.minimum(age, np.maximum(40.0, 12.0 * memory)) / step, 1.0)[:, None]
+        felt = (v - self.left) / step - [0.0, 0.0, 9.8]
+        in_body = np.einsum("rij,ri->rj", to_level, felt)
+        self.force = self.force + (in_body - self.force) / n
+        by_force = (np.einsum("rij,rj->ri", to_level, self.force) - felt) * step
         expected = self.line + self.slope * step
+        of_line, of_force = self.coupled - self.left, self.omitted
+        omitted = np.maximum(1.0 - step / memory, 0.0)[:, None] * of_force + by_force
+        limit = 4.5 * np.sqrt(self.density * memory * (0.5 + memory / age))
+        turned = (np.abs(omitted) > limit[:, None]) | (np.abs(by_force) > 6.0 * np.sqrt(noise))
+        keeps = self.keeps & ~turned.any(axis=1)
         change = v - self.left - self.slope * step
+        beside = np.where(keeps[:, None], by_force, change)
         self.count = np.minimum(self.count + 1.0, 20.0 / step)
-        self.square = self.square + ((change**2).sum(axis=1) / (3.0 * noise) - self.square) / self.count
+        self.square = self.square + ((beside**2).sum(axis=1) / (3.0 * noise) - self.square) / self.count
         sudden = (np.abs(v - expected) > 4.5 * np.sqrt(variance)).any(axis=1)
         sudden |= self.steady & (np.abs(change) > 6.0 * np.sqrt(noise)).any(axis=1)
-        unconfirmed = variance.mean(axis=1) / self.density > 24.0
-        ends = sudden | (self.steady & (self._rough() | unconfirmed))
-        smooth = (expected - self.coupled) - (v - self.left)
-        m = np.where((self.steady & ends)[:, None], self.left - self.coupled, np.where(ends[:, None], 0.0, smooth))
+        ends = sudden | (self.steady & (self._rough() | (memory > 24.0)))
+        by_line = (expected - self.coupled) - (v - self.left) + np.where(self.keeps[:, None], of_line - of_force, 0.0)
+        back = -np.where(self.keeps[:, None], of_force, of_line)
+        m = np.where(ends[:, None], back, np.where(keeps[:, None], by_force, by_line))
         m[~self.steady] = 0.0
+        self.omitted = np.where(ends[:, None], 0.0, omitted)
+        self.force = np.where(ends[:, None], in_body, self.force)
+        self.keeps = keeps | ends
         self.line = self.coupled = np.where(ends[:, None], v, expected)
         self.slope = np.where(ends[:, None], (v - self.left) / step, self.slope)
         self.age = np.where(ends, 0.0, self.age)
