@@ -41,6 +41,9 @@ STYLE: Any = {
     "grid.alpha": 0.3,
     "grid.linewidth": 0.4,
     "lines.linewidth": 0.9,
+    # figures have their layout from `fit`, whatever the user's matplotlibrc says
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
     "hatch.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -180,8 +183,9 @@ def fit(figure: Figure) -> None:
     whole = 72.0 * figure.get_figwidth() - 8.0
     for text in figure.texts:
         _fit(text, whole)
-    figure.draw_without_rendering()
-    renderer, broken = _renderer(figure), False
+    engine, renderer, broken = figure.get_layout_engine(), _renderer(figure), False
+    if engine is not None:
+        engine.execute(figure)
     scale = 72.0 / figure.dpi
     for ax in figure.axes:
         box = ax.get_window_extent(renderer)
@@ -200,11 +204,10 @@ def fit(figure: Figure) -> None:
         for line in ax.lines:
             _thin(line, ax, box.width * scale)
     _close_up(figure)
-    engine = figure.get_layout_engine()
     if engine is not None:
         if broken or figure in _TO_SCALE:
             engine.execute(figure)
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)  # with any engine, one that does nothing too, matplotlib draws each file twice
 
 
 def _spread_numbers(ax: Axes) -> None:

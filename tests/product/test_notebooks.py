@@ -24,7 +24,7 @@ BRIEF = (
     ("runs=100", "runs=30"),
     ('"count": 40', '"count": 8'),
     ('"count": 51', '"count": 11'),
-    ('"pseudolites": [1, 2]', '"pseudolites": [1]'),
+    ('"pseudolites": [1, 2], "effort": 1}', '"pseudolites": [1], "effort": 1}, runs=8'),
 )
 """What is written in notebooks, and what is run instead in brief."""
 

@@ -17,6 +17,9 @@ from tests.product.test_run import navsim, stored
 
 BASE = SCENARIOS / "landing_gnss_only.yaml"
 
+FEW = ("--runs", 8)
+"""Runs of the best placements, where a test says nothing of them."""
+
 
 def study(place: Path, text: str) -> Path:
     file = place / "study.yaml"
@@ -31,9 +34,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_shipped_study(place: Path) -> None:
     """Files, figures, a front that falls, rules kept, the same again with the same seed."""
-    done = navsim(
-        "optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1, 2]", "-o", "a.h5", cwd=place
-    )
+    shipped = ("optimize", SCENARIOS / "placement_optimum.yaml", "--set", "effort=1", *FEW)
+    done = navsim(*shipped, "--set", "pseudolites=[1, 2]", "-o", "a.h5", cwd=place)
     assert "PL2" in done.stdout
     result = read(place / "a.h5")
     tree = xr.open_datatree(place / "a.h5", engine="h5netcdf")
@@ -53,10 +55,7 @@ def test_shipped_study(place: Path) -> None:
         with Image.open(place / f"a_{name}.png") as image:
             assert min(image.size) > 300
     for name in ("b.h5", "c.h5"):
-        navsim(
-            "optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1]", "--runs", 8, "-o", name, "-q",
-            cwd=place,
-        )
+        navsim(*shipped, "--set", "pseudolites=[1]", "-o", name, "-q", "--figures", "none", cwd=place)
     assert stored(place / "b.h5") == stored(place / "c.h5")
     assert read(place / "b.h5")["/front/objective"] == result["/front/objective"][0]
     assert "PL2" in navsim("show", "a.h5", cwd=place).stdout
@@ -64,7 +63,7 @@ def test_shipped_study(place: Path) -> None:
 
 def test_json(place: Path) -> None:
     file = study(place, "pseudolites: [1]\nobjective: vdop\narea: {s_m: [100, 900], l1_m: [0, 2000]}\n")
-    done = navsim("optimize", file, "--json", "-o", "json.h5", "--seed", 4, cwd=place)
+    done = navsim("optimize", file, "--json", "-o", "json.h5", "--seed", 4, "--figures", "none", cwd=place)
     data = json.loads(done.stdout)
     assert 100 <= data["placements"][0]["sites"][0]["s_m"] <= 900
     assert data["placements"][0]["value"] < data["without_pseudolites"]
@@ -81,7 +80,7 @@ def test_json(place: Path) -> None:
 
 def test_none_is_flown_where_that_is_asked_for(place: Path) -> None:
     file = study(place, NARROW)
-    done = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", cwd=place)
+    done = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", "--figures", "none", cwd=place)
     assert "The best placements were not flown (--runs 0)" in done.stdout
 
 
@@ -155,8 +154,6 @@ def judged(place: Path, text: str = JUDGED) -> Path:
 
 
 NUMBERS = "pseudolites={first: 1, last: 3}"
-FEW = ("--runs", 8)
-"""Runs of the best placements, where a test says nothing of them."""
 
 
 def test_requirements_are_told_with_every_number(place: Path) -> None:
@@ -210,7 +207,7 @@ def test_what_cannot_be_met_fails_with_the_nearest(place: Path) -> None:
 def test_requirements_that_need_no_pseudolites(place: Path) -> None:
     limit = "set.requirements=[{what: level, of: vpl, below_m: 80}]"
     one = ("--set", "pseudolites=[1]", *FEW)
-    done = navsim("optimize", judged(place), *one, "--set", limit, "-o", "n.h5", cwd=place)
+    done = navsim("optimize", judged(place), *one, "--set", limit, "-o", "n.h5", "--figures", "none", cwd=place)
     assert "the fewest pseudolites with which the requirements are met: 0" in done.stdout
 
 
