@@ -17,7 +17,8 @@ from measure import STEPS, Job, Line, Plan, alternate, ratios, seconds, timed
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import WIDTH, in_lanes, registers, room
 from navsim.core import strapdown
-from navsim.core.covariance import NOISE_ACCEL, NOISE_GYRO, add_white, carry_covariance, gain, joseph, transition
+from navsim.core.covariance import NOISE_ACCEL, NOISE_GYRO, carry_covariance, gain, joseph
+from navsim.core.interval import add_step, add_white, begin_sums, sums_of, transition
 from navsim.core.states import MOST, SENSORS, VEL, N
 from navsim.estimation.estimate import in_all_lanes
 from navsim.simulation.landing import exact_start
@@ -37,25 +38,31 @@ Run = Callable[[np.ndarray, int], None]
 
 @kernel
 def one_transition(nav, declared, dtheta, dv, dt, phi):
-    """Phi - I over one interval, phi (9, n)."""
-    increments, c_nb, mid, inverse = np.zeros(6), np.empty((3, 3)), np.empty(strapdown.MID_N), np.empty((2, 3, 3))
+    """Phi - I over an interval of one step, phi (9, n)."""
+    increments, c_nb, mid, inverse = np.zeros(6), np.empty((3, 3)), np.empty(strapdown.MID_N), np.empty((6, 3))
+    sums = sums_of(nav, declared)
+    begin_sums(sums)
+    sums.length[0], sums.length[1] = dt, 1.0
     tx, ty, tz, ux, uy, uz = strapdown.compensated(
         nav, False, inverse, dtheta[0], dtheta[1], dtheta[2], dv[0], dv[1], dv[2], dt
     )
     strapdown.step(nav, tx, ty, tz, ux, uy, uz, increments, dt, c_nb, mid)
-    transition(mid, dt, increments, declared, phi)
+    add_step(sums.total, sums.left, mid, dt, increments, declared)
+    transition(sums, mid, phi)
 
 
 @kernel
-def covariance_steps(p_, phi_, h_, r_, noise, dt, steps, every):
+def covariance_steps(p_, phi_, h_, r_, noise, dt, steps, declared, every):
     """P (n, n) over so many steps of one Phi, in place, with an update of six numbers each `every` steps."""
     p, phi, h, r = registers(p_), registers(phi_), registers(h_), registers(r_)
     n = p.shape[0]
     a, pht, k, work = room(p, (n, SENSORS)), room(p, (n, MOST)), room(p, (n, MOST)), room(p, (n, MOST))
-    s = room(p, (MOST, MOST))
+    s, sums = room(p, (MOST, MOST)), sums_of(p, declared)
+    begin_sums(sums)
+    sums.length[0], sums.length[1] = dt, 1.0
     for step in range(1, steps + 1):
         carry_covariance(p, phi, n, a)
-        add_white(p, noise, dt)
+        add_white(sums, noise[NOISE_GYRO], noise[NOISE_ACCEL], p)
         if step % every == 0:
             gain(p, h, r, MOST, pht, s, k)
             joseph(p, h, r, MOST, pht, k, work)
@@ -89,7 +96,7 @@ def lines_of_c(plan: Plan, flight: Any) -> list[Line]:
     def ours(p: np.ndarray, steps: int) -> None:
         lanes = p.ndim == 3
         arrays = (p, *(in_all_lanes(m) if lanes else m for m in (phi, h, r)))
-        covariance_steps(*(in_lanes(m) if lanes else m for m in arrays), noise, dt, steps, EVERY)
+        covariance_steps(*(in_lanes(m) if lanes else m for m in arrays), noise, dt, steps, declared, EVERY)
 
     def theirs(function: Any) -> Run:
         def run(p: np.ndarray, steps: int) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.core import covariance, strapdown
+from navsim.core import strapdown
+from navsim.core.interval import add_step, begin_sums, sums_of, transition
 from navsim.core.states import SENSORS, N
 
 
@@ -25,14 +26,18 @@ def dense_filter(nav, declared, dtheta, dv, dt, p, q, every):
     previous = np.zeros(6)
     c_nb = np.empty((3, 3))
     mid = np.empty(strapdown.MID_N)
-    inverse = np.empty((2, 3, 3))
+    inverse = np.empty((6, 3))
+    sums = sums_of(nav, declared)
     flat = np.zeros((SENSORS, N))
     phi, a, b, gain = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
     for k in range(dtheta.shape[0]):
         g, f = dtheta[k], dv[k]
         tx, ty, tz, ux, uy, uz = strapdown.compensated(nav, False, inverse, g[0], g[1], g[2], f[0], f[1], f[2], dt)
         strapdown.step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid)
-        covariance.transition(mid, dt, previous, declared, flat)
+        begin_sums(sums)
+        sums.length[0], sums.length[1] = dt, 1.0
+        add_step(sums.total, sums.left, mid, dt, previous, declared)
+        transition(sums, mid, flat)
         for i in range(N):
             for j in range(N):
                 phi[i, j] = (1.0 if i == j else 0.0) + (flat[i, j] if i < SENSORS else 0.0)

@@ -1,15 +1,9 @@
-"""The covariance of the errors: prediction over one IMU interval, Joseph update, reset, for any declared sensor states.
+"""The covariance of the errors: prediction over an interval, Joseph update, reset, for any declared sensor states.
 
-Error model, truth minus estimate, in the local-level frame (r in metres NED, C_true = exp(theta x) C):
-    r' = F_rr r + v
-    v' = F_vr r + F_vv v - [f x] theta - C b_a
-    theta' = F_tr r + F_tv v - [omega_in x] theta - C b_g
-    x' = -x / tau for each sensor state x; a bias enters as b above, a scale factor as s times what its axis feels, a
-    lasting error of measurements not at all
-Sources: [1] Groves (2013), section 14.2.4 (local-navigation-frame error states, with position in metres and
-signs of truth minus estimate). [2] Bucy & Joseph (1968), the update that keeps P symmetric and positive;
-`docs/theory/filter.md`, eq. (23). [3] Mueller, Hehn & D'Andrea, Covariance correction step for Kalman filtering with an
-attitude, JGCD 40 (2017).
+The error model, the transition and the noise of an interval are those of `interval`.
+
+Sources: [1] Bucy & Joseph (1968), the update that keeps P symmetric and positive; `docs/theory/filter.md`, eq. (23).
+[2] Mueller, Hehn & D'Andrea, Covariance correction step for Kalman filtering with an attitude, JGCD 40 (2017).
 """
 
 from __future__ import annotations
@@ -19,6 +13,7 @@ import math
 from navsim.compiler.jit import inlined, kernel
 from navsim.compiler.lanes import any_lane, fma, select, small_vector
 from navsim.compiler.linear import cholesky, solve_lower
+from navsim.core.interval import add_driven, add_white
 from navsim.core.states import (
     A_D,
     A_E,
@@ -26,11 +21,8 @@ from navsim.core.states import (
     ACCEL,
     ACCELEROMETERS,
     ATT,
-    CONSTANT,
     GYRO,
-    GYROS,
     MOST,
-    POS,
     R_D,
     R_E,
     R_N,
@@ -38,198 +30,14 @@ from navsim.core.states import (
     V_D,
     V_E,
     V_N,
-    VEL,
     N,
 )
-from navsim.core.strapdown import (
-    MID_COS,
-    MID_FORCE,
-    MID_GRAVITY,
-    MID_HEIGHT,
-    MID_MERIDIAN,
-    MID_RATE_IN,
-    MID_SIN,
-    MID_TRANSVERSE,
-    MID_VEL,
-)
 from navsim.geodesy.attitude_kernels import left_jacobian
-from navsim.geodesy.earth import E2, RATE, SOMIGLIANA, A
-
-_STEEPENING = 2.0 * SOMIGLIANA + E2
-"""d(ln gravity)/d(latitude) = this times sin(lat) cos(lat), to 1 %: the effect itself is 1e-8 of a step."""
 
 # densities of the sensors' white noise, one flat array: the squares of ARW and VRW
 NOISE_GYRO, NOISE_ACCEL = 0, 1
 """Angular rate (rad2/s) and specific force (m2/s3)."""
 NOISE_N = 2
-
-
-@inlined
-def kept(decay, dt):
-    """The part of a state that is left after dt (s) of a decay (1/s)."""
-    return math.exp(-decay * dt) if decay > 0.0 else 1.0
-
-
-@inlined
-def transition(mid, dt, increments, declared, phi):
-    """Phi - I over one interval of dt, s: its navigation rows, phi (9, n).
-
-    Second order in dt: I + F dt + F^2 dt^2 / 2 with F at mid-interval. Left out of F^2 are the products of
-    two Earth-curvature terms (each below 1e-10 in Phi at 100 Hz and aircraft speeds), and of the effect of sensor
-    states the estimated scale factors themselves (1e-3 of it where they are as large). mid: (MID_N,) from
-    `strapdown.step`. increments: (6,) of angle and velocity over the interval, compensated by the estimate. declared:
-    `states.DECLARED`. phi: what this function leaves alone must be zero.
-    """
-    h = 0.5 * dt * dt
-    fn, fe, fd = mid[MID_FORCE], mid[MID_FORCE + 1], mid[MID_FORCE + 2]
-    wn, we, wd = mid[MID_RATE_IN], mid[MID_RATE_IN + 1], mid[MID_RATE_IN + 2]
-    vn, ve, vd = mid[MID_VEL], mid[MID_VEL + 1], mid[MID_VEL + 2]
-    irm = 1.0 / mid[MID_MERIDIAN]
-    irt = 1.0 / mid[MID_TRANSVERSE]
-    sin = mid[MID_SIN]
-    cos = mid[MID_COS]
-    tan = sin / cos
-    ien, ied = RATE * cos, -RATE * sin
-    sec2 = 1.0 + tan * tan
-
-    # omega_in as a function of north and down position and of velocity
-    in_r0 = ied * irm  # d(omega_ie)_n / dr_n = -RATE sin / R
-    id_r0 = -ien * irm
-    en_v1 = irt
-    en_r2 = ve * irt * irt
-    ee_v0 = -irm
-    ee_r2 = -vn * irm * irm
-    ed_v1 = -tan * irt
-    ed_r0 = -ve * sec2 * irt * irm
-    ed_r2 = -ve * tan * irt * irt
-
-    # position rows: F_rr r + v
-    rr00 = -vd * irm
-    rr02 = vn * irm
-    rr10 = ve * tan * irm
-    rr11 = -vd * irt - vn * tan * irt
-    rr12 = ve * irt
-    phi[R_N, R_N] = rr00 * dt
-    phi[R_N, R_D] = rr02 * dt
-    phi[R_E, R_N] = rr10 * dt
-    phi[R_E, R_E] = rr11 * dt
-    phi[R_E, R_D] = rr12 * dt
-
-    # velocity rows: -(2 omega_ie + omega_en) x v, its change with position and velocity, gravity gradient
-    on, oe, od = 2.0 * ien + ve * irt, -vn * irm, 2.0 * ied - ve * tan * irt
-    # change of (2 omega_ie + omega_en) with r_n and r_d
-    on_r0, od_r0 = 2.0 * in_r0, 2.0 * id_r0 + ed_r0
-    on_r2, oe_r2, od_r2 = en_r2, ee_r2, ed_r2
-    # -(d omega) x v
-    vr00 = -(-od_r0 * ve)
-    vr10 = -(od_r0 * vn - on_r0 * vd)
-    vr20 = -(on_r0 * ve) + mid[MID_GRAVITY] * _STEEPENING * sin * cos * irm
-    vr02 = -(oe_r2 * vd - od_r2 * ve)
-    vr12 = -(od_r2 * vn - on_r2 * vd)
-    vr22 = -(on_r2 * ve - oe_r2 * vn) + 2.0 / A * mid[MID_GRAVITY] * (1.0 + 2.0 / A * mid[MID_HEIGHT])
-    vv00 = -(ee_v0 * vd)
-    vv01 = od + ed_v1 * ve
-    vv02 = -oe
-    vv10 = -od
-    vv11 = -(ed_v1 * vn - en_v1 * vd)
-    vv12 = on
-    vv20 = oe + ee_v0 * vn
-    vv21 = -on - en_v1 * ve
-    phi[V_N, R_N] = vr00 * dt
-    phi[V_N, R_D] = vr02 * dt
-    phi[V_E, R_N] = vr10 * dt
-    phi[V_E, R_D] = vr12 * dt
-    phi[V_D, R_N] = vr20 * dt
-    phi[V_D, R_D] = vr22 * dt
-    phi[V_N, V_N] = vv00 * dt
-    phi[V_N, V_E] = vv01 * dt
-    phi[V_N, V_D] = vv02 * dt
-    phi[V_E, V_N] = vv10 * dt
-    phi[V_E, V_E] = vv11 * dt
-    phi[V_E, V_D] = vv12 * dt
-    phi[V_D, V_N] = vv20 * dt
-    phi[V_D, V_E] = vv21 * dt
-    # r <- v: dt + (F_rr + F_vv) dt^2 / 2
-    phi[R_N, V_N] = dt + h * (rr00 + vv00)
-    phi[R_N, V_E] = h * vv01
-    phi[R_N, V_D] = h * (rr02 + vv02)
-    phi[R_E, V_N] = h * (rr10 + vv10)
-    phi[R_E, V_E] = dt + h * (rr11 + vv11)
-    phi[R_E, V_D] = h * (rr12 + vv12)
-    phi[R_D, V_N] = h * vv20
-    phi[R_D, V_E] = h * vv21
-    phi[R_D, V_D] = dt
-
-    # -[f x]: v <- theta to second order, r <- theta
-    # (F_vv F_vt + F_vt F_tt) with F_vv = -[o x] and F_tt = -[w x], each product [a x][b x] = b a' - (a.b) I
-    of = on * fn + oe * fe + od * fd
-    wf = wn * fn + we * fe + wd * fd
-    s = of + wf
-    phi[V_N, A_N] = h * (fn * on + wn * fn - s)
-    phi[V_N, A_E] = fd * dt + h * (fn * oe + wn * fe)
-    phi[V_N, A_D] = -fe * dt + h * (fn * od + wn * fd)
-    phi[V_E, A_N] = -fd * dt + h * (fe * on + we * fn)
-    phi[V_E, A_E] = h * (fe * oe + we * fe - s)
-    phi[V_E, A_D] = fn * dt + h * (fe * od + we * fd)
-    phi[V_D, A_N] = fe * dt + h * (fd * on + wd * fn)
-    phi[V_D, A_E] = -fn * dt + h * (fd * oe + wd * fe)
-    phi[V_D, A_D] = h * (fd * od + wd * fd - s)
-    phi[R_N, A_E] = h * fd
-    phi[R_N, A_D] = -h * fe
-    phi[R_E, A_N] = -h * fd
-    phi[R_E, A_D] = h * fn
-    phi[R_D, A_N] = h * fe
-    phi[R_D, A_E] = -h * fn
-
-    # attitude rows
-    phi[A_N, R_N] = -in_r0 * dt
-    phi[A_N, R_D] = -en_r2 * dt
-    phi[A_E, R_D] = -ee_r2 * dt
-    phi[A_D, R_N] = -(id_r0 + ed_r0) * dt
-    phi[A_D, R_D] = -ed_r2 * dt
-    phi[A_N, V_E] = -en_v1 * dt
-    phi[A_E, V_N] = -ee_v0 * dt
-    phi[A_D, V_E] = -ed_v1 * dt
-    ww = wn * wn + we * we + wd * wd
-    phi[A_N, A_N] = h * (wn * wn - ww)
-    phi[A_N, A_E] = wd * dt + h * wn * we
-    phi[A_N, A_D] = -we * dt + h * wn * wd
-    phi[A_E, A_N] = -wd * dt + h * we * wn
-    phi[A_E, A_E] = h * (we * we - ww)
-    phi[A_E, A_D] = wn * dt + h * we * wd
-    phi[A_D, A_N] = we * dt + h * wd * wn
-    phi[A_D, A_E] = -wn * dt + h * wd * we
-    phi[A_D, A_D] = h * (wd * wd - ww)
-
-    # sensor states: -C on theta and v, with the turning of n and their decay; second order on r and v
-    for c in range(declared.shape[0]):
-        if declared[c].triad > ACCELEROMETERS:
-            continue  # an error of measurements, whose `axis` is no axis of the body
-        axis = declared[c].axis
-        x, y, z = mid[axis], mid[3 + axis], mid[6 + axis]
-        size = dt - h * declared[c].decay
-        second = h
-        if declared[c].signal != CONSTANT:
-            signal = increments[3 * declared[c].triad + declared[c].signal] / dt
-            size *= signal
-            second *= signal
-        column = SENSORS + c
-        if declared[c].triad == ACCELEROMETERS:
-            phi[R_N, column] = -second * x
-            phi[R_E, column] = -second * y
-            phi[R_D, column] = -second * z
-            # -C size + [o x] C h
-            phi[V_N, column] = -size * x + second * (oe * z - od * y)
-            phi[V_E, column] = -size * y + second * (od * x - on * z)
-            phi[V_D, column] = -size * z + second * (on * y - oe * x)
-        elif declared[c].triad == GYROS:
-            # [f x] C h on v;  -C size + [w x] C h on theta
-            phi[V_N, column] = second * (fe * z - fd * y)
-            phi[V_E, column] = second * (fd * x - fn * z)
-            phi[V_D, column] = second * (fn * y - fe * x)
-            phi[A_N, column] = -size * x + second * (we * z - wd * y)
-            phi[A_E, column] = -size * y + second * (wd * x - wn * z)
-            phi[A_D, column] = -size * z + second * (wn * y - we * x)
 
 
 @inlined
@@ -300,13 +108,14 @@ def _carried(phi, coupled, p, half, out):
     """
     whole = p.shape[1]
     # a letter for the row, one for what it is coupled to
-    nr, nv, na, _, nf = _couplings(phi, R_N)
-    er, ev, ea, _, ef = _couplings(phi, R_E)
+    nr, nv, na, ng, nf = _couplings(phi, R_N)
+    er, ev, ea, eg, ef = _couplings(phi, R_E)
     for j in range(R_E + 1 if half else whole):
-        r, v, a, _, f = _column(p, j)
+        r, v, a, g, f = _column(p, j)
         n, e = _add_outer(nr, r, r[0]), _add(er, r, r[1])
         n, e = _add(nv, v, n), _add(ev, v, e)
         n, e = fma(na[2], a[2], fma(na[1], a[1], n)), _add_outer(ea, a, e)
+        n, e = _add(ng, g, n), _add(eg, g, e)
         out[j, R_N], out[j, R_E] = _add(nf, f, n), _add(ef, f, e)
     nr, nv, na, ng, nf = _couplings(phi, V_N)
     er, ev, ea, eg, ef = _couplings(phi, V_E)
@@ -317,13 +126,13 @@ def _carried(phi, coupled, p, half, out):
         n, e = _add(na, a, n), _add(ea, a, e)
         n, e = _add(ng, g, n), _add(eg, g, e)
         out[j, V_N], out[j, V_E] = _add(nf, f, n), _add(ef, f, e)
-    _, rv, ra, _, rf = _couplings(phi, R_D)
+    rr, rv, ra, rg, rf = _couplings(phi, R_D)
     vr, vv, va, vg, vf = _couplings(phi, V_D)
     for j in range(V_D + 1 if half else whole):
         r, v, a, g, f = _column(p, j)
-        s, t = _add(rv, v, r[2]), _add_outer(vr, r, v[2])
+        s, t = _add(rv, v, fma(rr[2], r[2], r[2])), _add_outer(vr, r, v[2])
         s, t = fma(ra[1], a[1], fma(ra[0], a[0], s)), fma(vv[1], v[1], fma(vv[0], v[0], t))
-        t = _add(vg, g, _add(va, a, t))
+        s, t = _add(rg, g, s), _add(vg, g, _add(va, a, t))
         out[j, R_D], out[j, V_D] = _add(rf, f, s), _add(vf, f, t)
     nr, nv, na, ng, _ = _couplings(phi, A_N)
     er, ev, ea, eg, _ = _couplings(phi, A_E)
@@ -344,16 +153,6 @@ def _carried(phi, coupled, p, half, out):
                     out[j, i], out[j, i + 1], out[j, i + 2] = (
                         _add(n, x, out[j, i]), _add(e, x, out[j, i + 1]), _add(d, x, out[j, i + 2]),
                     )  # fmt: skip
-
-
-@kernel
-def decay_rows(declared, dt, matrix):
-    """The sensor rows of a matrix (n, m) over dt, s, in place."""
-    for c in range(declared.shape[0]):
-        if declared[c].decay > 0.0:
-            part = kept(declared[c].decay, dt)
-            for j in range(matrix.shape[1]):
-                matrix[SENSORS + c, j] *= part
 
 
 @kernel
@@ -385,17 +184,6 @@ def is_varying(declared):
 
 
 @kernel
-def gather(declared, dt, left, gathered):
-    """Let dt (s) more pass in what `age` needs of declared states (k,)."""
-    part = 1.0
-    for c in range(declared.shape[0]):
-        if c == 0 or declared[c].decay != declared[c - 1].decay:
-            part = kept(declared[c].decay, dt)
-        left[c] *= part
-        gathered[c] = part * gathered[c] * part + declared[c].drive * dt
-
-
-@kernel
 def carry_covariance(p, phi, coupled, a):
     """P <- Phi P Phi' (n, n) but for the decay of its sensor states, in place and exactly symmetric.
 
@@ -415,44 +203,36 @@ def carry_covariance(p, phi, coupled, a):
 
 
 @inlined
-def add_white(p, noise, dt):
-    """P <- P + Q of white sensor noises of the densities noise (2,) over dt, s, in place."""
-    # it enters velocity as it adds up over the interval, and position through the trapezoid rule
-    qg = noise[NOISE_GYRO] * dt
-    qa = noise[NOISE_ACCEL] * dt
-    half = 0.5 * dt
-    for i in range(3):
-        p[POS + i, POS + i] += half * half * qa
-        p[POS + i, VEL + i] += half * qa
-        p[VEL + i, POS + i] += half * qa
-        p[VEL + i, VEL + i] += qa
-        p[ATT + i, ATT + i] += qg
+def predict(p, sums, noise, declared, phi, a):
+    """P <- Phi P Phi' + Q over an interval, in place.
 
-
-@inlined
-def predict(p, mid, dt, increments, noise, declared, phi, a):
-    """P <- Phi P Phi' + Q over one interval, in place, but for decay and drive of the sensor states (`age`).
-
-    p: (n, n). mid, dt, increments, declared, phi: as of `transition`. noise: (2,) densities of the white noises. a: (n,
-    9) work space.
+    p: (n, n). sums: of its steps, for the declared sensor states (k,) first. noise: (2,) densities of the white noises.
+    phi: as `interval.transition` writes it. a: (n, 9) work space.
     """
-    transition(mid, dt, increments, declared, phi)
     carry_covariance(p, phi, SENSORS + felt(declared), a)
-    add_white(p, noise, dt)
+    if is_varying(declared):
+        known = declared.shape[0]
+        age(p, SENSORS, sums.left[:known], sums.gathered[:known])
+        for c in range(felt(declared)):
+            if declared[c].drive > 0.0:
+                add_driven(sums, c, declared[c].drive, SENSORS + c, p)
+    add_white(sums, noise[NOISE_GYRO], noise[NOISE_ACCEL], p)
 
 
 @kernel
-def carry_errors(phi, declared, dt, matrix, work):
-    """matrix <- Phi matrix, in place: errors and sensor states (n, m) over dt, s.
+def carry_errors(phi, coupled, left, matrix, work):
+    """matrix <- Phi matrix, in place: errors and sensor states (n, m) over an interval.
 
-    phi: (9, n) as `transition` writes it for the declared states. work: (m, 9).
+    phi, coupled: as of `carry_covariance`. left (k,): what decay leaves of the sensor states. work: (m, 9).
     """
-    _carried(phi, SENSORS + felt(declared), matrix, 0, work)
+    _carried(phi, coupled, matrix, 0, work)
     for i in range(SENSORS):
         for j in range(matrix.shape[1]):
             matrix[i, j] = work[j, i]
-    if is_varying(declared):
-        decay_rows(declared, dt, matrix)
+    for c in range(left.shape[0]):
+        if left[c] != 1.0:
+            for j in range(matrix.shape[1]):
+                matrix[SENSORS + c, j] *= left[c]
 
 
 @kernel
@@ -512,7 +292,7 @@ def _solve_rows(s, m, pht, k):
 
 @kernel
 def joseph(p, h, r, m, pht, k, work):
-    """P <- (I - K H) P (I - K H)' + K R K', in place and exactly symmetric [2].
+    """P <- (I - K H) P (I - K H)' + K R K', in place and exactly symmetric [1].
 
     Arguments as left by `gain`; work: (n, m') space.
     """
@@ -570,7 +350,7 @@ def _add_products(p, sign, a, b, m):
 
 @kernel
 def reset(p, x, y, z, jac, work):
-    """P <- G P G' after the attitude estimate was turned by theta = (x, y, z): G is I but for J_l(theta) [3].
+    """P <- G P G' after the attitude estimate was turned by theta = (x, y, z): G is I but for J_l(theta) [2].
 
     The error left, delta, is defined by exp(delta) exp(theta) = exp(theta + epsilon): delta = J_l epsilon.
     p: (n, n). jac: (3, 3), work: (n, 3) space.

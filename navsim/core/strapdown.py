@@ -14,7 +14,7 @@ import math
 
 from navsim.compiler.elementary import sincos_of_latitude
 from navsim.compiler.jit import inlined, kernel
-from navsim.compiler.lanes import any_lane, registers, room, select, small_matrix, small_vector
+from navsim.compiler.lanes import any_lane, registers, select, small_matrix, small_vector
 from navsim.compiler.linear import copy, identity, invert3
 from navsim.core.states import (
     ACCELEROMETERS,
@@ -32,17 +32,17 @@ from navsim.geodesy.attitude_kernels import dcm, normalise, rotate_left, rotate_
 from navsim.geodesy.earth_kernels import RATE, gravity, radii, short_way
 
 # What a step leaves behind for the error model, one flat array (`mid`): everything at mid-interval.
-MID_DCM, MID_FORCE, MID_RATE_IN, MID_SIN = 0, 9, 12, 15
-"""Offsets: C_nb by rows (9), specific force NED m/s2 (3), omega_in NED rad/s (3), sin(latitude),"""
-MID_COS, MID_HEIGHT, MID_VEL, MID_MERIDIAN, MID_TRANSVERSE = 16, 17, 18, 21, 22
+MID_DCM, MID_FELT, MID_SIN = 0, 9, 12
+"""Offsets: C_nb by rows (9), specific force NED over the interval m/s (3), sin(latitude),"""
+MID_COS, MID_HEIGHT, MID_VEL, MID_MERIDIAN, MID_TRANSVERSE = 13, 14, 15, 18, 19
 """cos(latitude), height m, velocity NED m/s (3), radii of curvature plus height m."""
-MID_GRAVITY = 23
-MID_N = 24
+MID_GRAVITY = 20
+MID_N = 21
 
 
 @kernel
 def unmixing(nav, declared, out):
-    """What takes the estimated scale factors off increments: out (2, 3, 3), (I + M)^-1 of each triad, where measured =
+    """What takes the estimated scale factors off increments: out (6, 3), (I + M)^-1 of each triad, where measured =
     (I + M) felt + bias."""
     m = small_matrix(nav, 3, 3)
     for triad in range(2):
@@ -50,7 +50,7 @@ def unmixing(nav, declared, out):
         for c in range(N - SENSORS, declared.shape[0]):
             if declared[c].triad == triad:
                 m[declared[c].axis, declared[c].signal] += nav[NAV_SENSORS + c]
-        invert3(m, out[triad])
+        invert3(m, out[3 * triad : 3 * triad + 3])
 
 
 @kernel
@@ -77,14 +77,14 @@ def compensated(nav, mixed, inverse, gx, gy, gz, fx, fy, fz, dt):
     uz = fz - nav[NAV_ACCEL + 2] * dt
     if mixed:
         tx, ty, tz = (
-            inverse[0, 0, 0] * tx + inverse[0, 0, 1] * ty + inverse[0, 0, 2] * tz,
-            inverse[0, 1, 0] * tx + inverse[0, 1, 1] * ty + inverse[0, 1, 2] * tz,
-            inverse[0, 2, 0] * tx + inverse[0, 2, 1] * ty + inverse[0, 2, 2] * tz,
+            inverse[0, 0] * tx + inverse[0, 1] * ty + inverse[0, 2] * tz,
+            inverse[1, 0] * tx + inverse[1, 1] * ty + inverse[1, 2] * tz,
+            inverse[2, 0] * tx + inverse[2, 1] * ty + inverse[2, 2] * tz,
         )
         ux, uy, uz = (
-            inverse[1, 0, 0] * ux + inverse[1, 0, 1] * uy + inverse[1, 0, 2] * uz,
-            inverse[1, 1, 0] * ux + inverse[1, 1, 1] * uy + inverse[1, 1, 2] * uz,
-            inverse[1, 2, 0] * ux + inverse[1, 2, 1] * uy + inverse[1, 2, 2] * uz,
+            inverse[3, 0] * ux + inverse[3, 1] * uy + inverse[3, 2] * uz,
+            inverse[4, 0] * ux + inverse[4, 1] * uy + inverse[4, 2] * uz,
+            inverse[5, 0] * ux + inverse[5, 1] * uy + inverse[5, 2] * uz,
         )
     return tx, ty, tz, ux, uy, uz
 
@@ -186,12 +186,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
         mid[3 * i] = c0 + 0.5 * (c1 * tz - c2 * ty)
         mid[3 * i + 1] = c1 + 0.5 * (c2 * tx - c0 * tz)
         mid[3 * i + 2] = c2 + 0.5 * (c0 * ty - c1 * tx)
-    mid[MID_FORCE] = dn / dt
-    mid[MID_FORCE + 1] = de / dt
-    mid[MID_FORCE + 2] = dd / dt - g
-    mid[MID_RATE_IN] = en + wn
-    mid[MID_RATE_IN + 1] = we
-    mid[MID_RATE_IN + 2] = ed + wd
+    mid[MID_FELT], mid[MID_FELT + 1], mid[MID_FELT + 2] = dn, de, dd - g * dt
     mid[MID_SIN] = sin_m
     mid[MID_COS] = cos_m
     mid[MID_HEIGHT] = h
@@ -204,7 +199,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
 @kernel
 def first_increments(nav, declared, dtheta, dv, dt, previous):
     """What stands for the interval before the first one: its own compensated increments. previous: (6,) out."""
-    inverse = room(nav, (2, 3, 3))
+    inverse = small_matrix(nav, 6, 3)
     unmixing(nav, declared, inverse)
     increments = compensated(nav, is_mixed(declared), inverse, dtheta[0], dtheta[1], dtheta[2], dv[0], dv[1], dv[2], dt)
     for i in range(6):
@@ -232,7 +227,7 @@ def navigate(nav, declared, dtheta, dv, dt, every, out):
     dv: (n, 3) rad, m/s. dt: s. out: (n // every + 1, NAV_N).
     """
     nav, dtheta, dv, out = registers(nav), registers(dtheta), registers(dv), registers(out)
-    previous, inverse = small_vector(nav, 6), room(nav, (2, 3, 3))
+    previous, inverse = small_vector(nav, 6), small_matrix(nav, 6, 3)
     first_increments(nav, declared, dtheta[0], dv[0], dt, previous)
     copy(nav, out[0])
     unmixing(nav, declared, inverse)

@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import inlined, kernel, within
-from navsim.compiler.lanes import any_lane, registers, room, select
+from navsim.compiler.lanes import any_lane, registers, room, select, small_matrix, small_vector
 from navsim.compiler.linear import copy, copy_matrix
-from navsim.core.covariance import NOISE_ACCEL, age, felt, gain, gather, is_varying, predict
+from navsim.core.covariance import NOISE_ACCEL, NOISE_GYRO, gain, is_varying, predict
+from navsim.core.interval import LONGEST, StepSums, add_step, age_sums, begin_sums, sums_of, transition
 from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, SENSORS, VEL, N
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation.answers import answer, nothing_yet, opened
@@ -49,35 +50,33 @@ _NO_NOISE = 1e-30
 
 
 class Workshop(NamedTuple):
-    """Work space: mid (MID_N,), phi (9, n), a (n, 9), c_nb (3, 3), inverse (2, 3, 3) of `advance`; diagonal, column
-    (5, 3, 3), turned (n, 15), columns (n, 3) of `correct`; left, gathered (n - 9,), no lanes, of what time does to
-    sensor states; straight: as of `charts`."""
+    """Work space: sums, mid (MID_N,), phi (9, 9 + k), a (n, 9), c_nb (3, 3) of `advance`, of k sensor states; diagonal,
+    column (5, 3, 3), turned (n, 15), columns (n, 3) of `correct`; straight: as of `charts`."""
 
+    sums: StepSums
     mid: np.ndarray
     phi: np.ndarray
     a: np.ndarray
     c_nb: np.ndarray
-    inverse: np.ndarray
     diagonal: np.ndarray
     column: np.ndarray
     turned: np.ndarray
     columns: np.ndarray
-    left: np.ndarray
-    gathered: np.ndarray
     straight: int
 
 
 @within
-def workshop(nav, n, straight):
-    """Work space for a filter of n states, of what `nav` holds."""
-    phi = room(nav, (SENSORS, n))
+def workshop(nav, n, straight, declared):
+    """Work space for a filter of n states, of what `nav` holds; declared: the sensor states that act on it, those that
+    it follows first."""
+    known = SENSORS + declared.shape[0]
+    phi = room(nav, (SENSORS, known))
     for i in range(SENSORS):
-        for j in range(n):
+        for j in range(known):
             phi[i, j] = 0.0
     return Workshop(
-        room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)), room(nav, (2, 3, 3)),
-        room(nav, (N // 3, 3, 3)), room(nav, (N // 3, 3, 3)), room(nav, (n, N)), room(nav, (n, 3)),
-        np.empty(n - SENSORS), np.empty(n - SENSORS), straight,
+        sums_of(nav, declared), room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)),
+        room(nav, (N // 3, 3, 3)), room(nav, (N // 3, 3, 3)), room(nav, (n, N)), room(nav, (n, 3)), straight,
     )  # fmt: skip
 
 
@@ -101,25 +100,16 @@ def set_off(imu, nav, declared, cursor, increments):
 
 
 @inlined
-def start_ageing(left, gathered):
-    """No time has passed for declared states (k,) yet, see `core.covariance.gather`."""
-    for c in range(left.shape[0]):
-        left[c], gathered[c] = 1.0, 0.0
-
-
-@inlined
-def grow_old(nav, p, first, left, gathered):
-    """Let the declared states from `first` on decay and be driven, in their estimates and in P."""
-    for c in range(left.shape[0]):
-        nav[NAV_SENSORS + first + c] *= left[c]
-    age(p, SENSORS + first, left, gathered)
-
-
-@inlined
 def is_ahead(time, cursor):
     """Whether a time is later than the present of a filter: where not there is nowhere to `advance` to, and a call of
     so many arrays costs as much as an interval."""
     return cursor[1] < time - TIME_TOLERANCE
+
+
+@inlined
+def goes_on(imu, until, cursor):
+    """Whether a filter has not yet got to `until` (s), and its IMU goes further."""
+    return int(cursor[0]) < imu.time.shape[0] - 1 and cursor[1] < until - TIME_TOLERANCE
 
 
 @inlined
@@ -129,63 +119,96 @@ def force_noise(model, cursor):
     return max(model.noise[k, NOISE_ACCEL], _NO_NOISE)
 
 
-@kernel
-def advance(chart, until, imu, model, nav, p, cursor, increments, space):
-    """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
+@inlined
+def mechanise(chart, until, imu, model, nav, p, cursor, increments, space):
+    """Mechanise from the present time to `until` (s), or over the longest interval, and sum what its transition needs.
 
-    imu, model: `records`. nav (NAV,), p (n, n), cursor (3,), increments (6,), as of `Way`: overwritten. space: from
-    `workshop`; its mid and phi are those of the last interval.
+    Cuts an IMU step where it must. Arguments are those of `advance`.
     """
-    time, dtheta, dv = imu.time, registers(imu.dtheta), registers(imu.dv)
-    declared, noise = model.declared, model.noise
-    inertial = felt(declared)
-    own, lasting = declared[:inertial], declared[inertial:]
-    varying, others_vary, mixed = is_varying(own), is_varying(lasting), is_mixed(declared)
-    left, gathered = space.left[:inertial], space.gathered[:inertial]
-    # errors that last act on nothing before they are measured: what time does to them is done once
-    known = declared.shape[0]
-    others_left, others_gathered = space.left[inertial:known], space.gathered[inertial:known]
-    start_ageing(others_left, others_gathered)
+    time, dtheta, dv, noise = imu.time, registers(imu.dtheta), registers(imu.dv), model.noise
+    mixed, varying, known = is_mixed(model.declared), is_varying(space.sums.declared), model.declared.shape[0]
+    inverse = small_matrix(nav, 6, 3)
     if mixed:
-        unmixing(nav, declared, space.inverse)
-    k = int(cursor[0])
+        unmixing(nav, model.declared, inverse)
+    begin_sums(space.sums)
+    declared, total, left = space.sums.declared, space.sums.total, space.sums.left
+    # on the stack a step finds its numbers in registers
+    motion, previous = small_vector(nav, NAV_SENSORS), small_vector(nav, 6)
+    c_nb, mid = small_matrix(nav, 3, 3), small_vector(nav, MID_N)
+    for i in range(NAV_SENSORS):
+        motion[i] = nav[i]
+    for i in range(6):
+        previous[i] = increments[i]
+    k, length, steps = int(cursor[0]), 0.0, 0
     now = cursor[1]
-    last = time.shape[0] - 1
+    begin, first, last = now, min(k, noise.shape[0] - 1), time.shape[0] - 1
     while k < last and now < until - TIME_TOLERANCE:
         end = time[k + 1]
         whole = end - time[k]
         whole_left = now - time[k] < TIME_TOLERANCE
         to_end = end <= until + TIME_TOLERANCE
         dt = (end if to_end else until) - now
+        row = min(k, noise.shape[0] - 1)
+        if now > begin and (now + dt - begin > LONGEST + TIME_TOLERANCE or is_other(noise, row, first)):
+            break
         scale = dt / cursor[2]
         if abs(scale - 1.0) > 1e-6:
             for i in range(6):
-                increments[i] *= scale
+                previous[i] *= scale
         share = 1.0 if whole_left and to_end else dt / whole
         tx, ty, tz, ux, uy, uz = compensated(
-            nav, mixed, space.inverse, share * dtheta[k, 0], share * dtheta[k, 1], share * dtheta[k, 2],
+            nav, mixed, inverse, share * dtheta[k, 0], share * dtheta[k, 1], share * dtheta[k, 2],
             share * dv[k, 0], share * dv[k, 1], share * dv[k, 2], dt,
         )  # fmt: skip
-        step(nav, tx, ty, tz, ux, uy, uz, increments, dt, space.c_nb, space.mid)
-        predict(p, space.mid, dt, increments, noise[min(k, noise.shape[0] - 1)], declared, space.phi, space.a)
+        step(motion, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid)
+        add_step(total, left, mid, dt, previous, declared)
+        length, steps = length + dt, steps + 1
         if varying:
-            start_ageing(left, gathered)
-            gather(own, dt, left, gathered)
-            grow_old(nav, p, 0, left, gathered)
-        if others_vary:
-            gather(lasting, dt, others_left, others_gathered)
-        turn_axes(chart, nav, p, increments, dt)
+            age_sums(space.sums, dt)
+            for c in range(known):
+                nav[NAV_SENSORS + c] *= space.sums.step_left[c]
+        turn_axes(chart, motion, p, previous, dt)
         cursor[2] = dt
         if to_end:
             k += 1
             now = end
         else:
             now = until
-    if others_vary:
-        grow_old(nav, p, inertial, others_left, others_gathered)
-    run_clock_on(model.clock, now - cursor[1], nav, p)
+    for i in range(NAV_SENSORS):
+        nav[i] = motion[i]
+    for i in range(6):
+        increments[i] = previous[i]
+    copy(mid, space.mid)
+    space.sums.length[0], space.sums.length[1] = length, steps
     cursor[0] = k
     cursor[1] = now
+
+
+@inlined
+def is_other(noise, row, first):
+    """Whether the noise of a step is another than that of the first."""
+    return noise[row, NOISE_GYRO] != noise[first, NOISE_GYRO] or noise[row, NOISE_ACCEL] != noise[first, NOISE_ACCEL]
+
+
+@inlined
+def advance_once(chart, until, imu, model, nav, p, cursor, increments, space):
+    """`advance` over one interval."""
+    begin, row = cursor[1], min(int(cursor[0]), model.noise.shape[0] - 1)
+    mechanise(chart, until, imu, model, nav, p, cursor, increments, space)
+    transition(space.sums, space.mid, space.phi)
+    predict(p, space.sums, model.noise[row], model.declared, space.phi, space.a)
+    run_clock_on(model.clock, cursor[1] - begin, nav, p)
+
+
+@kernel
+def advance(chart, until, imu, model, nav, p, cursor, increments, space):
+    """Mechanise and predict from the present time to `until` (s), P once an interval.
+
+    imu, model: `records`. nav (NAV,), p (n, n), cursor (3,), increments (6,), as of `Way`: overwritten. space: from
+    `workshop`.
+    """
+    while goes_on(imu, until, cursor):
+        advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
 
 
 @kernel
@@ -205,7 +228,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     left = opened(account)
     n = state_p.shape[0]
     gauge = weighing(state_nav, n)
-    space = workshop(state_nav, n, chart.straight)
+    space = workshop(state_nav, n, chart.straight, declared)
     epoch, first = range_epoch(state_nav, n, 1, events, model.clock.scales.shape[0]), 0
     # the filter itself, and its copy that runs ahead
     navs, ps = room(state_nav, (2, state_nav.shape[0])), room(state_nav, (2, n, n))

@@ -544,7 +544,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     zs, ss, ks = room(state_nav, (most, MOST)), room(state_nav, (most, MOST, MOST)), room(state_nav, (most, n, MOST))
     squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
     there = room(state_nav, (MOST,))
-    space, bench = workshop(state_nav, n, chart.straight), _bench(state_nav, n, most)
+    space, bench = workshop(state_nav, n, chart.straight, declared), _bench(state_nav, n, most)
     epoch, first = range_epoch(state_nav, n, most, events, model.clock.scales.shape[0]), 0
     # the copy that runs ahead
     runs_ahead = False

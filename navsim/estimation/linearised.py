@@ -18,42 +18,18 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import fma, numbers, registers, room
-from navsim.compiler.linear import copy, copy_matrix
-from navsim.core.covariance import gain, joseph, kept, transition
-from navsim.core.states import (
-    A_D,
-    A_E,
-    A_N,
-    ATT,
-    GYRO,
-    MOST,
-    POS,
-    R_D,
-    R_E,
-    R_N,
-    SENSORS,
-    V_D,
-    V_E,
-    V_N,
-    VEL,
-    N,
-)
-from navsim.core.strapdown import MID_N
+from navsim.compiler.lanes import fma
+from navsim.compiler.linear import copy, copy_matrix, identity
+from navsim.core.covariance import age, carry_covariance, gain, joseph
+from navsim.core.interval import add_driven, add_white
+from navsim.core.states import MOST, SENSORS, N
 from navsim.estimation.charts import PLAIN
-from navsim.estimation.filter_loop import advance, set_off, workshop
+from navsim.estimation.filter_loop import advance_once, goes_on, set_off, workshop
 from navsim.estimation.observations import observe
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Events
 
 NOISES = 4
 """Sensor noises: white gyro, white accelerometer, drive of the Markov gyro and accelerometer bias."""
-
-ROWS = 4
-"""Lanes that rows of matrices are taken in: nine rows fill most of three registers."""
-
-_DT = MID_N + 6
-_PAST_N = _DT + 1
-"""What is kept of a step: mid (MID_N,) of `strapdown.step`, compensated increments (6,), its length, s."""
 
 
 class Linearised(NamedTuple):
@@ -119,152 +95,99 @@ def empty(steps: Steps, outputs: int, n: int, truth: np.ndarray) -> Linearised:
 
 
 @kernel
-def _add_square(columns, numbers_, scale, total):
-    """total (9, 9) <- total + scale times the sum of c c' of three columns c (9,) of nine numbers.
-
-    The nine are rows, side by side in registers: columns (3, g), total (9 or more, g), which has its columns first;
-    numbers_: those of `columns`.
-    """
-    for g in range(total.shape[1]):
-        x, y, z = scale * columns[0, g], scale * columns[1, g], scale * columns[2, g]
-        for j in range(SENSORS):
-            total[j, g] = fma(z, numbers_[2, j], fma(y, numbers_[1, j], fma(x, numbers_[0, j], total[j, g])))
-
-
-@kernel
-def _one_earlier(phi, keep, m):
-    """What numbers at the end of an interval owe to the states at a moment, taken one step back: m <- m Phi.
-
-    m (9 + k, g): the nine rows of each column side by side in registers. phi (9, 9 + k): as `transition` writes it.
-    keep (k,): what is left of the sensor states after the step.
-    """
-    for g in range(m.shape[1]):
-        r0, r1, r2, v0, v1, v2, a0, a1, a2 = (
-            m[R_N, g], m[R_E, g], m[R_D, g], m[V_N, g], m[V_E, g], m[V_D, g], m[A_N, g], m[A_E, g], m[A_D, g],
-        )  # fmt: skip
-        for c in range(m.shape[0]):
-            t = m[c, g]
-            if c >= SENSORS:
-                t *= keep[c - SENSORS]
-            t = fma(r2, phi[R_D, c], fma(r1, phi[R_E, c], fma(r0, phi[R_N, c], t)))
-            t = fma(v2, phi[V_D, c], fma(v1, phi[V_E, c], fma(v0, phi[V_N, c], t)))
-            m[c, g] = fma(a2, phi[A_D, c], fma(a1, phi[A_E, c], fma(a0, phi[A_N, c], t)))
-
-
-@kernel
-def _describe(count, past, both, markov, noises, space, clock, phi_total, inputs, added):
-    """What happened in an interval that was flown in `count` steps: phi_total (n, n), inputs (9, t), added (NOISES, 15,
-    15); clock: `clock.ReceiverClock`.
-
-    Backward in time, since what a step adds is then taken to the end by what all later steps do together. past: as
-    `_interval` leaves it. both (k,), markov, noises: as of `linearise`. space: phi (9, 9 + k), keep, left (k,), own
-    (6,) and, in lanes of rows, m (9 + k, g), push (3, g), total (NOISES, 15, g).
-    """
-    phi, keep, left, own, m, push, total = space
-    m_numbers, push_numbers, total_numbers = numbers(m), numbers(push), numbers(total)
-    size, k, groups, scales = phi_total.shape[0], both.shape[0], m.shape[1], clock.scales.shape[0]
-    # the states of navigation and of its sensors, before those of the clock
-    n = size - scales - 1 if scales > 0 else size
-    length = 0.0
-    for c in range(SENSORS + k):
-        for g in range(groups):
-            m[c, g] = 0.0
+def _carry_all(phi, left, errors, work):
+    """errors (9 + k, 9 + k) <- what an interval makes of them; phi (9, 9 + k), left (k,). work: the same size."""
+    size = errors.shape[0]
     for i in range(SENSORS):
-        m_numbers[i, i] = 1.0
-    for c in range(k):
-        left[c] = 1.0
-    for a in range(NOISES):
-        for j in range(N):
-            for g in range(groups):
-                total[a, j, g] = 0.0
-    for i in range(own.shape[0]):
-        own[i] = 0.0
-    for i in range(count - 1, -1, -1):
-        dt = past[i, _DT]
-        length += dt
-        # noise comes in at the end of its step, that of velocity through the trapezoid rule into position (`add_white`)
-        if noises[0]:
-            _add_square(m[ATT : ATT + 3], m_numbers[ATT : ATT + 3], dt, total[0])
-        if noises[1]:
-            for c in range(3):
-                for g in range(groups):
-                    push[c, g] = fma(m[POS + c, g], 0.5 * dt, m[VEL + c, g])
-            _add_square(push, push_numbers, dt, total[1])
-        for a in range(2, NOISES):
-            if noises[a]:
-                triad = 3 * (a - 2)
-                column = SENSORS + markov + triad
-                _add_square(m[column : column + 3], m_numbers[column : column + 3], dt, total[a])
-                for c in range(3):
-                    rest = left[markov + triad + c]
-                    own[triad + c] += rest * rest * dt
-                    for g in range(groups):
-                        total[a, GYRO + triad + c, g] = fma(m[column + c, g], rest * dt, total[a, GYRO + triad + c, g])
-        transition(past[i, :MID_N], dt, past[i, MID_N:_DT], both, phi)
-        for c in range(k):
-            keep[c] = kept(both[c].decay, dt)
-            left[c] *= keep[c]
-        _one_earlier(phi, keep, m)
-    for i in range(size):
         for j in range(size):
-            phi_total[i, j] = m_numbers[j, i] if i < SENSORS and j < n else 0.0
-    for c in range(SENSORS, n):
-        phi_total[c, c] = left[c - SENSORS]
-    for c in range(n, size):
-        phi_total[c, c] = 1.0
-        if c < size - 1:
-            phi_total[c, size - 1] = length
+            t = errors[i, j]
+            for c in range(size):
+                t = fma(phi[i, c], errors[c, j], t)
+            work[i, j] = t
     for i in range(SENSORS):
-        for j in range(inputs.shape[1]):
-            inputs[i, j] = m_numbers[n + j, i]
+        copy(work[i], errors[i])
+    for c in range(left.shape[0]):
+        for j in range(size):
+            errors[SENSORS + c, j] *= left[c]
+
+
+@kernel
+def _carry_added(space, markov, noises, errors, work, added):
+    """added (NOISES, 15, 15) <- carried over an interval, with what the noises of unit densities add in it.
+
+    space: after the interval. markov, noises: as of `linearise`. errors: (9, 15), work (15, 9): space.
+    """
+    sums = space.sums
+    for i in range(SENSORS):
+        for j in range(N):
+            errors[i, j] = space.phi[i, j if j < SENSORS else j + markov]
+    left, nothing = sums.left[markov : markov + N - SENSORS], np.zeros(N - SENSORS)
+    for a in range(NOISES):
+        if noises[a]:
+            carry_covariance(added[a], errors, N, work)
+            age(added[a], SENSORS, left, nothing)
+    if noises[0]:
+        add_white(sums, 1.0, 0.0, added[0])
+    if noises[1]:
+        add_white(sums, 0.0, 1.0, added[1])
+    for c in range(N - SENSORS):
+        a = 2 + c // 3
+        if noises[a]:
+            add_driven(sums, markov + c, 1.0, SENSORS + c, added[a])
+            added[a, SENSORS + c, SENSORS + c] += sums.gathered[markov + c]
+
+
+@kernel
+def _interval(until, imu, model, markov, noises, nav, p, cursor, increments, space, tools, added):
+    """Fly to `until`, s; errors (9 + k, 9 + k) of `tools`: what becomes of errors and sensor states; added: (NOISES,
+    15, 15)."""
+    errors, work, of_markov, by = tools
+    identity(errors)
     for a in range(NOISES):
         for i in range(N):
-            for j in range(i + 1):
-                # exactly symmetric, as each product above is
-                added[a, i, j] = total_numbers[a, i, j] if j < SENSORS else 0.0
-                added[a, j, i] = added[a, i, j]
-    for c in range(own.shape[0]):
-        added[2 + c // 3, GYRO + c, GYRO + c] = own[c]
+            for j in range(N):
+                added[a, i, j] = 0.0
+    while goes_on(imu, until, cursor):
+        advance_once(PLAIN, until, imu, model, nav, p, cursor, increments, space)
+        _carry_all(space.phi, space.sums.left, errors, work)
+        _carry_added(space, markov, noises, of_markov, by, added)
 
 
 @kernel
-def _interval(until, imu, model, nav, p, cursor, increments, space, past):
-    """Fly to `until`, s; returns the number of steps. past (steps, _PAST_N): out, what `_describe` needs of each."""
-    last = imu.time.shape[0] - 1
-    count = 0
-    while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
-        step_end = min(imu.time[int(cursor[0]) + 1], until)
-        advance(PLAIN, step_end, imu, model, nav, p, cursor, increments, space)
-        for i in range(MID_N):
-            past[count, i] = space.mid[i]
-        for i in range(6):
-            past[count, MID_N + i] = increments[i]
-        past[count, _DT] = cursor[2]
-        count += 1
-    return count
+def _describe(errors, clock, length, transition, inputs):
+    """transition (n, n) and inputs (9, t) of an interval of this length, s, from the errors (9 + k, 9 + k) that it
+    makes of those at its begin; clock: `clock.ReceiverClock`."""
+    size, scales = transition.shape[0], clock.scales.shape[0]
+    # the states of navigation and of its sensors, before those of the clock
+    n = size - scales - 1 if scales > 0 else size
+    for i in range(size):
+        for j in range(size):
+            transition[i, j] = errors[i, j] if i < n and j < n else 0.0
+    for c in range(n, size):
+        transition[c, c] = 1.0
+        if c < size - 1:
+            transition[c, size - 1] = length
+    for i in range(SENSORS):
+        for j in range(inputs.shape[1]):
+            inputs[i, j] = errors[i, n + j]
 
 
 @kernel
-def linearise(imu, measurements, events, steps, state, model, both, markov, noises, like, out):
+def linearise(imu, measurements, events, steps, state, model, both, markov, noises, out):
     """Fly the filter along exact increments from the exact initial state.
 
     imu, measurements, events, state, model: `estimation.records`, without noise, with one row of process noise. steps:
-    `steps_of` the events. both: the declared sensor states of the filter, then those that there really are; markov:
-    where among them the six Markov biases begin. noises (NOISES,) bool: those that there are; of others nothing is
-    added. like: any array of `ROWS` lanes. out: filled in.
+    `steps_of` the events. both: the declared sensor states of the filter, then those that there really are, of unit
+    drive; markov: where among them the six Markov biases begin. noises (NOISES,) bool: those that there are; of others
+    nothing is added. out: filled in.
     """
     n = out.believed.shape[1]
     declared = model.declared
     h, z, r, s = np.empty((MOST, n)), np.empty(MOST), np.empty((MOST, MOST)), np.empty((MOST, MOST))
     pht, work = np.empty((n, MOST)), np.empty((n, MOST))
-    space, k = workshop(state.navigation, n, PLAIN.straight), both.shape[0]
-    past = np.empty((imu.time.shape[0] + 1, _PAST_N))
-    lanes = registers(like)
-    groups = (SENSORS + ROWS - 1) // ROWS
-    to_describe = (
-        np.zeros((SENSORS, SENSORS + k)), np.empty(k), np.empty(k), np.empty(N - SENSORS),
-        room(lanes, (SENSORS + k, groups)), room(lanes, (3, groups)), room(lanes, (NOISES, N, groups)),
-    )  # fmt: skip
+    space, size = workshop(state.navigation, n, PLAIN.straight, both), SENSORS + both.shape[0]
+    errors = np.empty((size, size))
+    tools = errors, np.empty((SENSORS, size)), np.empty((SENSORS, N)), np.empty((N, SENSORS))
     navs, ps, increments_pair, cursors = (
         np.empty((2, state.navigation.shape[0])), np.empty((2, n, n)), np.empty((2, 6)), np.zeros((2, 3)),
     )  # fmt: skip
@@ -284,11 +207,11 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
         nav, p, increments, cursor = navs[ahead], ps[ahead], increments_pair[ahead], cursors[ahead]
         at = steps.interval[i]
         if at >= 0:
-            count = _interval(events.time[i], imu, model, nav, p, cursor, increments, space, past)
-            _describe(
-                count, past, both, markov, noises, to_describe, model.clock, out.transition[at], out.inputs[at],
+            _interval(
+                events.time[i], imu, model, markov, noises, nav, p, cursor, increments, space, tools,
                 out.added[at],
             )  # fmt: skip
+            _describe(errors, model.clock, steps.length[i], out.transition[at], out.inputs[at])
         what, row = events.kind[i], events.row[i]
         if what == OUTPUT:
             copy_matrix(p, out.believed[row])

@@ -20,7 +20,7 @@ import numpy as np
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.compiler.linear import cholesky, copy, copy_matrix, identity, solve_cholesky
-from navsim.core.covariance import carry_errors, gain, joseph, reset
+from navsim.core.covariance import carry_errors, felt, gain, joseph, reset
 from navsim.core.states import (
     A_D,
     A_E,
@@ -28,12 +28,13 @@ from navsim.core.states import (
     MOST,
     NAV_HELD,
     NAV_SENSORS,
+    SENSORS,
 )
 from navsim.estimation import error_state
 from navsim.estimation.answers import keep_decision, keep_innovation, opened
 from navsim.estimation.charts import PLAIN
 from navsim.estimation.clock import carry_clock_rows
-from navsim.estimation.filter_loop import advance, set_off, workshop
+from navsim.estimation.filter_loop import advance_once, goes_on, set_off, workshop
 from navsim.estimation.observations import PROBE, observe, slot
 from navsim.estimation.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
 from navsim.estimation.weighing import count_rejection, errors_from, limit_of, numbers_in, whitened_square
@@ -50,18 +51,18 @@ def _fly(until, imu, model, nav, cursor, increments, space, added, transition):
 
     space: from `filter_loop.workshop`.
     """
-    n = transition.shape[0]
+    n, declared = transition.shape[0], model.declared
     identity(transition)
     for i in range(n):
         for j in range(n):
             added[i, j] = 0.0
-    last, scales = imu.time.shape[0] - 1, model.clock.scales.shape[0]
-    while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
-        end = min(imu.time[int(cursor[0]) + 1], until)
-        advance(PLAIN, end, imu, model, nav, added, cursor, increments, space)
-        carry_errors(space.phi, model.declared, cursor[2], transition, space.a)
+    scales = model.clock.scales.shape[0]
+    while goes_on(imu, until, cursor):
+        begin = cursor[1]
+        advance_once(PLAIN, until, imu, model, nav, added, cursor, increments, space)
+        carry_errors(space.phi, SENSORS + felt(declared), space.sums.left, transition, space.a)
         if scales > 0:
-            carry_clock_rows(n - scales - 1, scales, cursor[2], transition)
+            carry_clock_rows(n - scales - 1, scales, cursor[1] - begin, transition)
 
 
 @kernel
@@ -178,7 +179,7 @@ def run(imu, measurements, events, state, model, passes, history):
         room(navigation, (n, MOST)),
     )  # fmt: skip
     jac, columns = small_matrix(navigation, 3, 3), room(navigation, (n, 3))
-    space = workshop(navigation, n, PLAIN.straight)
+    space = workshop(navigation, n, PLAIN.straight, declared)
     increments, cursor = small_vector(navigation, 6), np.zeros(3)
     here, x, start = room(navigation, (size,)), room(navigation, (n,)), room(navigation, (size,))
 

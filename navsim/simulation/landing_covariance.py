@@ -31,7 +31,7 @@ from navsim.core.defect import Defect
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs, clock_sigma
 from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances, carry_excess
-from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
+from navsim.estimation.linearised import NOISES, Linearised, Steps, empty, linearise, steps_of
 from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
 from navsim.estimation.records import OUTPUT, Events, ImuData
 from navsim.gnss.lasting import LastingErrors
@@ -420,6 +420,8 @@ def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = 
         own = table_of_all_fixes(flight, llh, velocity, cov)
     true = true_states(gyro, accel)
     truth = states.declared([state.block for state in true])
+    of_unit_drive = truth.copy()
+    of_unit_drive["drive"] = 1.0
     mine = flight.model.declared
     steps = steps_of(float(world.imu_time[0]), flight.events)
     lin = empty(steps, world.filter_time.size, flight.model.states, truth)
@@ -430,10 +432,9 @@ def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = 
         steps,
         begun(flight, with_clock(flight, exact_start(world.at_filter), exact_clock(flight)[0]), flight.covariance),
         flight.model,
-        np.concatenate([mine, truth]),
+        np.concatenate([mine, of_unit_drive]),
         mine.size + _MARKOV,
         (_densities(flight) > 0.0) & noisy,
-        in_lanes(np.zeros((1, ROWS))),
         lin,
     )
     return AlongTruth(steps, lin, by_range, by_rate, epoch, true)

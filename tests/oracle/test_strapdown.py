@@ -106,7 +106,7 @@ def test_published_increment(oracles: dict[str, Any], within: Within) -> None:
     )
     strapdown.step(nav, *dtheta, *dv, np.concatenate([dtheta, dv]), dt, np.empty((3, 3)), mid)
     # the Earth turns the frame by 7e-7 rad meanwhile
-    np.testing.assert_allclose(mid[9:12] * dt, entry["expected_dv_corrected"], rtol=0.0, atol=within["increment"])
+    np.testing.assert_allclose(mid[9:12], entry["expected_dv_corrected"], rtol=0.0, atol=within["increment"])
 
 
 @pytest.mark.validates(

@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from navsim.core import covariance, states, strapdown
+from navsim.core import covariance, interval, states, strapdown
 from navsim.geodesy import attitude_kernels as attitude
 from navsim.geodesy import earth_kernels as earth
 
@@ -56,7 +56,7 @@ def step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The state after an interval, its mid-interval quantities, and its compensated increments."""
     after, mid, increments = nav.copy(), np.zeros(strapdown.MID_N), np.zeros(6)
-    inverse = np.empty((2, 3, 3))
+    inverse = np.empty((6, 3))
     declared = states.declared(blocks)
     strapdown.unmixing(nav, declared, inverse)
     compensated = strapdown.compensated(nav, strapdown.is_mixed(declared), inverse, *dtheta, *dv, dt)
@@ -93,12 +93,28 @@ def error(truth: np.ndarray, estimate: np.ndarray) -> np.ndarray:
 
 def dense_transition(mid: np.ndarray, dt: float, increments: np.ndarray, blocks: Sequence[states.Block]) -> np.ndarray:
     n, declared = size(blocks), states.declared(blocks)
+    sums = some_sums(declared)
+    add(sums, mid, dt, increments)
     phi = np.zeros((9, n))
-    covariance.transition(mid, dt, increments, declared, phi)
+    interval.transition(sums, mid, phi)
     out = np.eye(n)
     out[:9] += phi
-    out[9:, 9:] = np.diag(np.exp(-declared["decay"] * dt))
+    out[9:, 9:] = np.diag(sums.left)
     return out
+
+
+def some_sums(declared: np.ndarray) -> interval.StepSums:
+    """Sums of no step yet."""
+    sums = interval.StepSums(declared, *(np.empty(size) for size in (9 + 12 * declared.size, 2, *[declared.size] * 3)))
+    interval.begin_sums(sums)
+    return sums
+
+
+def add(sums: interval.StepSums, mid: np.ndarray, dt: float, increments: np.ndarray) -> None:
+    """A step, as `filter_loop.mechanise` adds it."""
+    interval.add_step(sums.total, sums.left, mid, dt, increments, sums.declared)
+    interval.age_sums(sums, dt)
+    sums.length[...] += dt, 1.0
 
 
 def undriven(blocks: Sequence[states.Block]) -> list[states.Block]:
@@ -153,6 +169,7 @@ def test_transition_is_of_second_order(followed: str) -> None:
         _, mid, increments = step(nav, dtheta * scale, dv * scale, dt, blocks)
         phi = dense_transition(mid, dt, increments, blocks)
         # F by extrapolation to zero interval at the same mid-point quantities
+        mid[strapdown.MID_FELT : strapdown.MID_SIN] *= 1e-7 / dt
         f = (dense_transition(mid, 1e-7, increments * 1e-7 / dt, blocks) - np.eye(size(blocks))) / 1e-7
         by_unit = {"m": 1.0, "m/s": 1.0, "rad": 0.1, "rad/s": 0.01, "m/s2": 0.1, "1": 0.01}
         scales = np.array([by_unit[unit] for unit in states.units(blocks)])
@@ -177,12 +194,10 @@ def test_predict_agrees_with_dense_algebra(followed: str) -> None:
     q[i + 3, i + 3] = NOISE[1] * DT
     q[i + 6, i + 6] = NOISE[0] * DT
     q[9:, 9:] = np.diag(declared["drive"]) * DT
-    ours = p.copy()
-    covariance.predict(ours, mid, DT, increments, NOISE, declared, np.zeros((9, n)), np.empty((n, 9)))
-    np.testing.assert_array_equal(ours, ours.T)
-    left, gathered = np.ones(n - 9), np.zeros(n - 9)
-    covariance.gather(declared, DT, left, gathered)
-    covariance.age(ours, 9, left, gathered)
+    ours, sums, rows = p.copy(), some_sums(declared), np.zeros((9, n))
+    add(sums, mid, DT, increments)
+    interval.transition(sums, mid, rows)
+    covariance.predict(ours, sums, NOISE, declared, rows, np.empty((n, 9)))
     np.testing.assert_array_equal(ours, ours.T)
     np.testing.assert_allclose(ours, phi @ p @ phi.T + q, rtol=1e-12, atol=1e-15)
 

@@ -16,7 +16,7 @@ from navsim.estimation.estimate import FILTER_KINDS
 from navsim.geodesy import attitude_kernels as attitude
 from navsim.scenario import filter as scenario_filter
 from tests.helpers import cross
-from tests.unit.test_covariance import error, some_covariance
+from tests.unit.test_covariance import error, some_covariance, some_sums
 
 N = states.N
 HELD = slice(states.NAV_HELD, states.NAV_SENSORS)
@@ -79,8 +79,9 @@ X = np.array([3.0, -2.0, 1.0, 0.4, -0.3, 0.2, 0.05, -0.12, 0.25, 1e-3, -2e-3, 1.
 
 
 def workshop(straight: int = 0) -> filter_loop.Workshop:
-    shapes = ((MID_N,), (9, N), (N, 9), (3, 3), (2, 3, 3), (5, 3, 3), (5, 3, 3), (N, N), (N, 3), (N - 9,), (N - 9,))
-    return filter_loop.Workshop(*(np.empty(shape) for shape in shapes), straight)
+    shapes = ((MID_N,), (9, N), (N, 9), (3, 3), (5, 3, 3), (5, 3, 3), (N, N), (N, 3))
+    sums = some_sums(states.declared(states.biases()))
+    return filter_loop.Workshop(sums, *(np.empty(shape) for shape in shapes), straight)
 
 
 def own(kind: str, nav: np.ndarray, plain: np.ndarray, straight: int = 0) -> np.ndarray:
