@@ -89,7 +89,7 @@ QUESTIONS = {
     "NEES 1110": "troubleshooting", "placement map flat": "troubleshooting", "exit code 3": "commands",
     "S and L1": "glossary", "how to cite": "citing", "lever arm": "glossary", "latency sign": "glossary",
     "file formats": "how-to/files", "almanac": "how-to/files", "NMEA": "replay", "xarray": "python",
-    "how many runs": "troubleshooting", "gust": "reference/landing/wind", "Monte Carlo": "glossary",
+    "gust": "reference/landing/wind", "Monte Carlo": "glossary",
 }  # fmt: skip
 """What users look for, and the page that has the answer."""
 
