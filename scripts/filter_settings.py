@@ -145,7 +145,7 @@ def sensors() -> list[str]:
         "",
         "## Flicker noise",
         "",
-        "NEES by the number of states of 40 runs of `landing_smooth.yaml`, with the Gauss-Markov model that the filter "
+        "NEES by the number of states, 40 runs of `landing_smooth.yaml`, with the Gauss-Markov model that the filter "
         "has of flicker noise:",
         "",
         "| sensor | mean over times | largest |",
@@ -249,7 +249,7 @@ def odense() -> list[str]:
     made = measured.summary(scenario="odense", runs=runs, seed=SEED)
     found, settled = flown("odense", (), runs), slice(1, None)
     at = made["at"]
-    touchdown = [size(at[name][-1]) for name in ("lateral", "vertical", "lateral_tse", "vertical_tse")]
+    touchdown = [size(at[name][0]) for name in ("lateral", "vertical", "lateral_tse", "vertical_tse")]
     return [
         "## A realistic landing",
         "",
