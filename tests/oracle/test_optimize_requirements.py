@@ -192,7 +192,7 @@ def test_the_share_of_epochs_with_levels_is_made_large(tmp_path: Path) -> None:
 def test_a_receiver_that_remembers_is_gone_through(tmp_path: Path) -> None:
     """With smoothed code an epoch depends on those before it, and 95 % of them are kept by a level that some epochs of
     the beginning decide: of fewer, coarsely."""
-    smoothed = settings(CHI2, LPV200, EVENING) | {"receiver.rate_hz": 2, "receiver.smoothing_s": 20}
+    smoothed = settings(CHI2, LPV200, EVENING) | {"receiver.rate_hz": 1, "receiver.smoothing_s": 20}
     here = posed(tmp_path, smoothed, "vpl_p95", [1])
     brute = here.judged(choices(here, 1, 500.0))
     found = search(here, 1)[1]

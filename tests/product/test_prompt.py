@@ -242,15 +242,14 @@ def test_the_schema_of_any_kind_takes_every_template_and_no_misspelt_key(name: s
 
 @pytest.fixture
 def data_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A data folder whose name needs care in a URI. Forks take their environment from a shell: see `install`."""
+    """A data folder whose name needs care in a URI."""
     return tmp_path / "data home"
 
 
 def install(tmp_path: Path, data_home: Path, *arguments: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-m", "navsim", *arguments],
-        cwd=tmp_path, env={**os.environ, "XDG_DATA_HOME": str(data_home), "PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True,
+        [shared().programs(tmp_path / "bin") / "navsim", *arguments],
+        cwd=tmp_path, env={**os.environ, "XDG_DATA_HOME": str(data_home)}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout
