@@ -46,8 +46,12 @@ WANDERING = ((5.0, 1.0), (20.0, 1.0), (20.0, 2.0), (60.0, 2.0), (60.0, 4.0), (20
 """Correlation times, s, and sizes, over the noise of positions, of errors of the fixes that are looked for."""
 LIKELIER = 12.5
 """Gain of log-likelihood from which on such an error is certain: five sigma."""
-EVALUATIONS = 400
+EVALUATIONS = 1000
 """Largest number of flights of a tuning."""
+SIMPLEX = 200
+"""Largest number of flights of one simplex."""
+WORTH = 0.5
+"""Gain of log-likelihood that a simplex has to bring for another one to begin where it ended."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,8 @@ def moving_speed(speed: np.ndarray, derived: bool) -> float:
 
 
 def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Tuning:
-    """The settings with the free ones most likely, by Nelder and Mead's simplex over their logarithms."""
+    """The settings with the free ones most likely, by Nelder and Mead's simplex over their logarithms, begun again
+    where it has ended until that gains nothing."""
     free, given = recording.free, recording.settings
     tuned = np.isin(np.arange(SETTINGS), free)
     if not free.size:
@@ -114,17 +119,20 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
         start[LATENCY] = _first_latency(
             lambda latency: surprise(np.where(free == LATENCY, latency, start[free]), False)
         )
-    x, step = start[free], np.where(free == LATENCY, 0.5, 0.7)
-    for most in (EVALUATIONS // 2, EVALUATIONS):  # once more from where the first simplex has shrunk to
-        simplex = np.vstack([x, x + np.diag(step)])
-        options = {"maxfev": most - flown, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.05}
+    x, least, converged = start[free], np.inf, False
+    step = np.diag(np.where(free == LATENCY, 0.5, 0.7))
+    # a simplex shrinks to points that are no optimum, above all where the gate makes steps in the cost
+    while not converged and flown < EVALUATIONS:
+        options = {"maxfev": min(SIMPLEX, EVALUATIONS - flown), "initial_simplex": np.vstack([x, x + step]),
+                   "xatol": 0.01, "fatol": 0.05}  # fmt: skip
         found = minimize(cost, x, method="Nelder-Mead", options=options)  # type: ignore[call-overload]
-        x, step = found.x, 0.3 * step
+        converged = bool(found.success) and least - found.fun < WORTH
+        x, least = found.x, found.fun
     best = settings(x)
     if not recording.has_vertical:
         best[1] = best[0]
         tuned[1] = tuned[0]
-    remarks = [*_remarks(recording, best, bool(found.success), flown), *wandering_errors(recording, best)]
+    remarks = [*_remarks(recording, best, converged, flown), *wandering_errors(recording, best)]
     return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks))
 
 
