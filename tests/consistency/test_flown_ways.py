@@ -301,7 +301,7 @@ def test_the_result(tmp_path: Path) -> None:
     done = navsim("run", str(SCENARIOS / "landing.yaml"), "--runs", "8", "--keep", "all", "-o", str(target), *settings,
                   cwd=tmp_path)  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "total system error" in done.stdout
+    assert "System errors at height, m" in done.stdout
     result = read(target)
     as_declared(result)
     for axis in ("lateral", "along", "vertical"):

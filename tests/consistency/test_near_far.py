@@ -327,7 +327,7 @@ def test_placements_by_strength(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"pseudolites: 5 pseudolites cannot take turns"):
         study("objective: lateral_touchdown\npseudolites: [1, 5]\n", pseudolites={"pulses": {"duty": 0.2}})
     here = study("objective: lateral_touchdown\npseudolites: [2]\n", pseudolites={})
-    assert [text for text in here.warnings if text.startswith("DOPs are told without `interference`")]
+    assert [text for text in here.warnings if text.startswith("the table's DOPs ignore `interference`")]
     places = [[80.0, 300.0], [-200.0, 2500.0]]
     sites = [{"s_m": s, "l1_m": l1} for s, l1 in places]
     flown = case("duration_s=62.3", "receiver.rate_hz=1", "imu.rate_hz=10", "sky.source=nominal-gps",

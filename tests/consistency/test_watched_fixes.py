@@ -555,6 +555,6 @@ def test_priors_of_pseudolites(given: str, prior: float, tmp_path: Path) -> None
     assert faults["PL1"] == pytest.approx(prior, rel=0.01)
     settings = ("--set", section, "--set", "duration_s=30", "--set", "receiver.rate_hz=1", "--method", "covariance")
     done = navsim("run", SCENARIOS / "landing.yaml", *settings, "--figures", "none", "-o", "p.h5", cwd=tmp_path)
-    (row,) = (line for line in done.stdout.splitlines() if "priors: satellite, system, pseudolite" in line)
+    (row,) = (line for line in done.stdout.splitlines() if "prior: satellite, system, pseudolite" in line)
     shown = f"{prior:.3g}" if given[0].isdigit() else given
     assert row.split("pseudolite")[1].strip().startswith(f"1e-05, 0.0001, {shown}, glonass")

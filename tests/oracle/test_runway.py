@@ -177,7 +177,7 @@ def test_a_magnetic_bearing(monkeypatch: pytest.MonkeyPatch) -> None:
         (("runway.end_height_m=20",), "runway.end_height_m", "give runway.end"),
         (("approach={profile: paper}", BOTH % ", height_m: 0, end_height_m: 3.5, slope_percent: 1"),
          "runway.slope_percent", "by end_height_m"),
-        (("runway.slope_percent=6",), "runway.slope_percent", "less than or equal to 5"),
+        (("runway.slope_percent=6",), "runway.slope_percent", "must be at most 5 %"),
         (("approach={profile: paper}", BOTH % ", height_m: 14, end_height_m: 300"), "runway.end_height_m",
          "a slope of"),
         (("approach={profile: paper}", BOTH % ", end_height_m: 14"), "runway.end_height_m", "give runway.height_m"),

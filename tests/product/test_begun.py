@@ -45,7 +45,8 @@ def test_dry_run_says_what_is_kept(tmp_path: Path) -> None:
     begun(file, tmp_path / "out.h5", 2)
     before = sorted((path.name, path.read_bytes()) for path in (tmp_path / "out.h5.partial").iterdir())
     said = navsim(*arguments, cwd=tmp_path).stderr
-    assert "2 of 3 pieces of the combinations are kept, what remains to be computed takes about" in said
+    assert "2 of 3 pieces of the combinations are kept" in said
+    assert "kernels are not compiled yet" in said or ", what remains to be computed takes about" in said
     assert sorted((path.name, path.read_bytes()) for path in (tmp_path / "out.h5.partial").iterdir()) == before
     assert "would be discarded" in navsim(*arguments, "--fresh", cwd=tmp_path).stderr
     refused = navsim(*arguments, "--seed", 2, "--set", "vary.0.values=[1, 2, 3]", cwd=tmp_path, code=2).stderr
@@ -67,7 +68,7 @@ def test_resuming_is_giving_the_command_again(tmp_path: Path, monkeypatch: pytes
     said = navsim("resume", "a b/o p.h5.partial", cwd=tmp_path, code=2).stderr
     assert "partial work of another study lies there (other settings of the study)" in said
     file.unlink()
-    assert "begun.yaml: cannot be read" in navsim("resume", "a b/o p.h5.partial", cwd=tmp_path, code=2).stderr
+    assert "begun.yaml: there is no such file" in navsim("resume", "a b/o p.h5.partial", cwd=tmp_path, code=2).stderr
 
 
 def relative(folder: Path, member: str) -> None:

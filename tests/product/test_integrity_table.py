@@ -158,7 +158,7 @@ def test_what_a_scenario_lacks_is_left_out(tmp_path: Path) -> None:
     assert np.isfinite(result["/useful/worst"][0]).all()
     assert result["/useful/pseudolite"].size == 0
     useful = done.stdout.split("Useful")[1]
-    assert re.search(r"\n 1 +- +- +- +- +- +- *\n", useful)
+    assert re.search(r"\n1 +- +- +- +- +- +- *\n", useful)
     assert "in this order, none" in useful
 
 

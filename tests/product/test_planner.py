@@ -402,7 +402,7 @@ def _without(name: str, old: str, new: str) -> Callable[[Path], Path]:
 @pytest.mark.parametrize(
     ("scenario", "more", "said"),
     [
-        (lambda folder: folder / "none.yaml", (), "none.yaml: cannot be read"),
+        (lambda folder: folder / "none.yaml", (), "none.yaml: there is no such file"),
         (_without("a.yaml", "heading_deg", "headin_deg"), (), "a.yaml:7:10: runway.headin_deg: unknown key"),
         (lambda folder: SCENARIOS / "placement_sweep.yaml", (), "use navsim sweep"),
         (_without("b.yaml", "", ""), ("-o", "none/b.yaml"), "no such folder"),
@@ -426,7 +426,7 @@ def test_files_named_beside_a_scenario_stay_beside_it(tmp_path: Path) -> None:
     scenario.write_text(FIELD.replace("interference:", "sky: {source: almanac, almanac: nominal.agl}\ninterference:"))
     (tmp_path / "other").mkdir()
     done = navsim("plan", scenario, "-o", "other/p.yaml", "--no-browser", cwd=tmp_path, code=2)
-    assert "names files beside it (nominal.agl)" in done.stderr
+    assert "names files by relative paths (nominal.agl)" in done.stderr
 
 
 # --- what maps are made of

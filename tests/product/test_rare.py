@@ -60,7 +60,7 @@ def test_beside_other_results(place: Path) -> None:
         as_declared(read(place / file))
     said = navsim("show", "some.h5", "rare.h5", "cov.h5", cwd=place).stdout
     assert said.count("Outside the box") == 2
-    assert said.count("probability [95 %], 0 m above") == 2
+    assert said.count("probability [95 %], at touchdown") == 2
     assert "at most " in said
     first, rare = (read(place / file)["/summary/box/axis_first_order"] for file in ("cov.h5", "rare.h5"))
     np.testing.assert_allclose(first, rare, rtol=0.15)  # of errors between outputs the analysis blurs covariances

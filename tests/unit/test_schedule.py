@@ -39,7 +39,7 @@ def test_answers_run_ahead_of_late_fixes_with_what_has_come() -> None:
 
 
 def test_outputs_have_times_of_their_own() -> None:
-    with pytest.raises(ValueError, match="a time of its own"):
+    with pytest.raises(ValueError, match="two outputs have the same time"):
         schedule(np.array([1.0, 1.0]), (FIX, np.array([1.0]), np.array([1.0])))
 
 
