@@ -40,13 +40,13 @@ def begun(file: Path, target: Path, pieces: int) -> CheckpointStore:
 
 def test_dry_run_says_what_is_kept(tmp_path: Path) -> None:
     file = study(tmp_path, "begun", SWEEP)
+    navsim("sweep", file, "-o", "compiled.h5", "--figures", "none", "-q", cwd=tmp_path)  # no block is timed before that
     arguments = ("sweep", file, "-o", "out.h5", "--dry-run")
     assert "begun before" not in navsim(*arguments, cwd=tmp_path).stderr
     begun(file, tmp_path / "out.h5", 2)
     before = sorted((path.name, path.read_bytes()) for path in (tmp_path / "out.h5.partial").iterdir())
     said = navsim(*arguments, cwd=tmp_path).stderr
-    assert "2 of 3 pieces of the combinations are kept" in said
-    assert "kernels are not compiled yet" in said or ", what remains to be computed takes about" in said
+    assert "2 of 3 pieces of the combinations are kept, what remains to be computed takes about" in said
     assert sorted((path.name, path.read_bytes()) for path in (tmp_path / "out.h5.partial").iterdir()) == before
     assert "would be discarded" in navsim(*arguments, "--fresh", cwd=tmp_path).stderr
     refused = navsim(*arguments, "--seed", 2, "--set", "vary.0.values=[1, 2, 3]", cwd=tmp_path, code=2).stderr
