@@ -108,8 +108,9 @@ def sentences(text: str) -> list[str]:
 
 def _plain(inline: Token) -> str:
     """The words of a line of Markdown: code and formulas count as one word each, images and HTML as none."""
-    parts = {"text": lambda t: t.content, "code_inline": lambda t: "code", "softbreak": lambda t: " "}
-    text = "".join(parts[child.type](child) for child in inline.children or () if child.type in parts)
+    children = inline.children or ()
+    replaced = {"code_inline": "code", "softbreak": " "}
+    text = "".join(child.content if child.type == "text" else replaced.get(child.type, "") for child in children)
     return " ".join(_FORMULA.sub("x", text).split())
 
 
@@ -209,7 +210,7 @@ def style(found: Iterable[Text]) -> Iterator[Finding]:
     for file, group in groupby(found, key=lambda text: text.file):
         lines = list(group)
         linted = LintFile(file, "\n".join(text.text for text in lines))
-        for result in linted.lint(config):  # type: ignore[arg-type]
+        for result in linted.lint(config):
             before = linted.content.count("\n", 0, result.check_result.span[0])
             at = lines[max(0, before - 1)]  # proselint puts an empty line before the first
             rule = ".".join(result.check_result.check_path.split(".")[:2])
@@ -247,7 +248,7 @@ def compare_total(total: int, allowed: dict[tuple[str, str], int]) -> list[str]:
 def update(found: Iterable[Finding], total: int) -> None:
     """Write the list. Its sums only fall: text may move between files; without a list it is made of what there is."""
     old, counts = accepted(), Counter((one.rule, one.file) for one in found)
-    new = {}
+    new: dict[tuple[str, str], int] = {}
     for rule in {rule for rule, _ in counts}:
         before, now = ({key: n for key, n in group.items() if key[0] == rule} for group in (old, counts))
         rose = bool(old) and sum(now.values()) > sum(before.values())

@@ -253,12 +253,12 @@ def main() -> int:
     asked = parser.parse_args()
     names = [name for name in CASES if re.search(asked.only, name)]
     with tempfile.TemporaryDirectory() as temporary:
-        folders = []
+        folders: list[Path] = []
         for side, checkout in (("a", asked.a), ("b", asked.b)):
             kept = asked.keep and revision(checkout)
             folders.append(asked.keep / kept if kept else Path(temporary) / side)
             compute(checkout, folders[-1], names)
-        found = compare(*folders, names)
+        found = compare(folders[0], folders[1], names)
     print("\n".join(found) or f"{len(names)} cases: equal to the bit")
     return 1 if found else 0
 
