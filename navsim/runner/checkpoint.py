@@ -210,6 +210,12 @@ class CheckpointStore:
             if not _others(self.folder):
                 discard(self.folder)
 
+    def remove_if_empty(self) -> None:
+        """Delete the folder of a study that failed or was stopped before it finished anything."""
+        with contextlib.suppress(OSError):  # a folder that cannot be read is left alone
+            if not _has_work(self.folder):
+                self.remove()
+
     def _checksum(self, name: str, archive: zipfile.ZipFile) -> bytes:
         """What the comment of an archive is to be."""
         members = [(member.filename, member.file_size, member.CRC) for member in archive.infolist()]

@@ -214,6 +214,9 @@ def _computed(
         listener.speech.say(state())
         ended.add_note(state())
         raise
+    finally:
+        if store is not None:
+            store.remove_if_empty()
     if store is not None:
         if store.redone:
             listener.speech.say(f"{store.redone} damaged piece(s) of an earlier attempt were computed again")
