@@ -14,21 +14,18 @@ ROUNDING = 1e-8
 
 @kernel
 def sum_ratios(error, sigma, limits, squares, known, beyond, steps):
-    """Sum what consistency tests need of z = error / sigma over runs.
+    """Sum over runs the statistics of z = error / sigma that consistency tests need.
 
-    The sums are pairwise, those of `runner.exact_sums` for a block of so many runs. There is no ratio where error or
-    sigma is not finite, nor where sigma is 0 and the error rounding; it is inf where sigma is 0 and the error is
-    larger.
+    The sums are pairwise, as `runner.exact_sums` sums a block of r runs. The ratio is missing if error or sigma is not
+    finite, or if sigma is 0 and the error is rounding. It is inf if sigma is 0 and the error is larger.
 
-    Parameters
-    ----------
-    error, sigma : arrays (r, o, n) of runs, outputs and states; r is a power of two.
-    limits : array (k,), sigmas.
-    squares : array (o, n), out: sums of z^2 over the runs that have a ratio.
-    known : array (o, n), out: how many they are.
-    beyond : array (k, o, n), out: runs with |z| above each limit.
-    steps : array (n,), out: sums over runs and outputs of the squared change of z since the output before, where both
-        are finite.
+    - `error`, `sigma` (r, o, n): of runs, outputs and states; r is a power of two.
+    - `limits` (k,): in sigmas.
+    - `squares` (o, n), out: sums of z^2 over the runs that have a ratio.
+    - `known` (o, n), out: number of these runs.
+    - `beyond` (k, o, n), out: runs with |z| above each limit.
+    - `steps` (n,), out: sums over runs and outputs of the squared change of z since the output before, if both are
+      finite.
     """
     runs, outputs, n = error.shape
     pairs = np.empty(runs)

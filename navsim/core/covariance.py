@@ -99,12 +99,13 @@ def felt(declared):
 
 @kernel
 def _carried(phi, coupled, p, half, out):
-    """out[j, i] <- the navigation rows i of Phi p, transposed, for the columns j of p (n, m): for all of them (`half`
-    0), or for those up to i alone, and some that no one needs (1). coupled: how many states act on those of navigation,
-    the first ones.
+    """out[j, i] <- the navigation rows i of Phi p, transposed, for the columns j of p (n, m).
 
-    Rows go side by side as many as have their couplings in registers while the columns go by: each number of p is
-    loaded for several of them. Couplings that are zero (`transition`) are left out.
+    half: 0 computes all columns; 1 those up to i, and a few unneeded ones. coupled: number of states that act on the
+    navigation states; they come first.
+
+    Several rows are computed together with their couplings in registers, so each element of p is loaded once for all of
+    them. Zero couplings (`transition`) are skipped.
     """
     whole = p.shape[1]
     # a letter for the row, one for what it is coupled to
@@ -392,8 +393,10 @@ def transport(p, diagonal, column, work):
 
 @kernel
 def _apply_blocks(diagonal, column, p, last, half, out):
-    """out[j, i] <- (G p)[i, j] of the states i that move, for the columns j below `last`: for all of them (`half` 0),
-    or for those with j >= i, and some that no one needs (1); see `transport`."""
+    """out[j, i] <- (G p)[i, j] of the states i that change, for the columns j below `last`; see `transport`.
+
+    half: 0 computes all columns; 1 those with j >= i, and a few unneeded ones.
+    """
     for block in range(diagonal.shape[0]):
         o = 3 * block
         own, across = diagonal[block], column[block]

@@ -16,12 +16,14 @@ from navsim.compiler.lanes import registers, small_vector
 
 @inlined
 def _felt(force, rate, axes, gradient, earth, way, turn, out):
-    """By how much specific force and rate against inertial space differ from those of the reference: out (6,) rad/s,
-    m/s2, in the body axes of the deviating way and of the reference.
+    """Difference of specific force and angular rate between the deviating trajectory and the reference.
 
-    force, rate: (3,) of the reference, in body axes. axes: (3, 3) its body axes, by columns, in those of the path.
-    gradient: (3, 3) of gravity, 1/s2; earth (3,) rate of the Earth, rad/s, both along axes of the path. way: (9,)
-    place, velocity, acceleration of the deviation there; turn: (6,) Gibbs vector and its rate.
+    Writes out (6,): rad/s, m/s2, in the body axes of the deviating trajectory and of the reference.
+
+    - `force`, `rate` (3,): of the reference, in its body axes.
+    - `axes` (3, 3): body axes of the reference, by columns, in axes of the path.
+    - `gradient` (3, 3): gravity gradient, 1/s2; `earth` (3,): rate of the Earth, rad/s; both in axes of the path.
+    - `way` (9,): position, velocity and acceleration of the deviation; `turn` (6,): Gibbs vector and its rate.
     """
     hx, hy, hz = turn[0], turn[1], turn[2]
     k = 2.0 / (1.0 + (hx * hx + hy * hy + hz * hz))

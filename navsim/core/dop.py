@@ -85,10 +85,10 @@ def invert_normal(normal, n, out):
 def covariance_of_geometry(los, clock, weight, out, unknowns):
     """Inverse of H' W H at every epoch.
 
-    los: (e, s, 3) unit vectors receiver -> source, any axes; nan marks a source that is not used.
-    clock: (s,) int. weight: (e, s) 1/variance, or ones. out: (e, 6, 6), rows x, y, z, then the clocks; nan
-    without a solution. unknowns: (e,) int out, 0 where there are fewer sources than unknowns or the geometry
-    is singular.
+    - `los` (e, s, 3): unit vectors receiver -> source, any axes; nan marks an unused source.
+    - `clock` (s,) int; `weight` (e, s): 1/variance, or ones.
+    - `out` (e, 6, 6): rows x, y, z, then the clocks; nan without a solution.
+    - `unknowns` (e,) int, out: 0 if there are fewer sources than unknowns or the geometry is singular.
     """
     epochs, sources = los.shape[0], los.shape[1]
     used, present = np.empty(sources), np.empty(MAX_CLOCKS)

@@ -1,20 +1,26 @@
-"""An interval between two predictions of the covariance: sums over its IMU steps, its transition and its noise.
+"""Sums over the IMU steps of an interval between two covariance predictions; its transition and its process noise.
 
-Error model, truth minus estimate, in the local-level frame (r in metres NED, C_true = exp(theta x) C):
+Error model, truth minus estimate, in the local-level frame (r in metres NED, C_true = exp(theta x) C).
+
     r' = F_rr r + v
     v' = F_vr r + F_vv v - [f x] theta - C b_a
     theta' = F_tr r + F_tv v - [omega_in x] theta - C b_g
-    x' = -x / tau for each sensor state x; a bias enters as b above, a scale factor as s times what its axis feels, a
-    lasting error of measurements not at all
+    x' = -x / tau for each sensor state x
+
+A bias enters as b above. A scale factor enters as s times the rate or force along its axis. A time-correlated
+measurement error does not enter.
 
 Force and attitude change from step to step, so the mechanisation sums them (`add_step`). Everything else changes by
-1e-6 of itself in an interval and is taken once. The transition is exact to second order in the length of the interval
-and has the chains f x (C b) of third order that a product of the transitions of all steps has; the noise is that of
-this product for a constant mean force. An interval of one step is the usual discretisation.
+1e-6 of itself in an interval and is computed once. The transition is exact to second order in the interval. It contains
+the third-order chains f x (C b) that a product of the transitions of all steps has. The noise is that of this product
+for a constant mean force. An interval of one step gives the usual discretisation.
 
-Sources: [1] Groves (2013), section 14.2.4 (local-navigation-frame error states, with position in metres and signs of
-truth minus estimate). [2] Savage, Strapdown inertial navigation integration algorithm design, part 2, JGCD 21 (1998)
-(sums at the fast rate, updates at the slow one). [3] `docs/theory/filter.md`, section 3.
+Sources:
+
+- [1] Groves (2013), section 14.2.4 (local-navigation-frame error states, position in metres, truth minus estimate).
+- [2] Savage, Strapdown inertial navigation integration algorithm design, part 2, JGCD 21 (1998) (sums at the fast rate,
+  updates at the slow one).
+- [3] `docs/theory/filter.md`, section 3.
 """
 
 from __future__ import annotations
@@ -63,28 +69,34 @@ _STEEPENING = 2.0 * SOMIGLIANA + E2
 
 # what a mechanisation sums over the steps of an interval, one flat array (`total`)
 _VELOCITY, _FORCE, _FORCE_TWICE, _COLUMNS = 0, 3, 6, 9
-"""Offsets: the integral of velocity NED, m (3), that of specific force NED, m/s (3), the integral of this, m (3), and
-for each sensor state what is summed of the column c of C that it acts through, times what it multiplies:"""
+"""Offsets: the integral of velocity NED, m (3); of specific force NED, m/s (3); the integral of the latter, m (3); then
+a row for each sensor state. Its integrand is the column of C through which the state acts, times the signal that it
+multiplies."""
 _ONCE, _TWICE, _CROSSED, _CROSSED_TWICE, _COLUMN_N = 0, 3, 6, 9, 12
-"""its integral (3), the integral of this (3); for a gyro also that of f x (its integral) (3), and its integral (3)."""
+"""Offsets in that row: its integral (3), the integral of this (3); for gyros also the integral of f x (integral) (3)
+and the integral of that (3)."""
 
 
 class StepSums(NamedTuple):
-    """Sums over the steps of an interval, for the k sensor states `declared`: total (9 + 12 k,), by the offsets above;
-    no lanes: length (2,), s, and steps; left, gathered (k,), what decay leaves of each state and what drive has added
-    to its variance; step_left (k,), what decay leaves in the last step."""
+    """Sums over the steps of an interval for k sensor states."""
 
     declared: np.ndarray
+    """(k,) the sensor states, see `states.DECLARED`."""
     total: np.ndarray
+    """(9 + 12 k,) sums, by the offsets above."""
     length: np.ndarray
+    """(2,) length of the interval, s, and its number of steps; not in lanes."""
     left: np.ndarray
+    """(k,) decay of each state over the interval."""
     gathered: np.ndarray
+    """(k,) process noise that each state has collected, added to its variance."""
     step_left: np.ndarray
+    """(k,) decay over the last step."""
 
 
 @within
 def sums_of(like, declared):
-    """Room for the sums for these sensor states, of what `like` holds."""
+    """Allocate the sums for these sensor states, with the lanes of `like`."""
     k = declared.shape[0]
     total = room(like, (_COLUMNS + _COLUMN_N * k,))
     return StepSums(declared, total, np.empty(2), np.empty(k), np.empty(k), np.empty(k))
@@ -92,7 +104,7 @@ def sums_of(like, declared):
 
 @inlined
 def begin_sums(sums):
-    """An interval begins."""
+    """Reset the sums at the start of an interval."""
     sums.length[0], sums.length[1] = 0.0, 0.0
     for i in range(sums.total.shape[0]):
         sums.total[i] = 0.0
@@ -102,13 +114,13 @@ def begin_sums(sums):
 
 @inlined
 def kept(decay, dt):
-    """The part of a state that is left after dt (s) of a decay (1/s)."""
+    """Decay over dt (s) of a state with rate `decay` (1/s): exp(-decay dt)."""
     return math.exp(-decay * dt) if decay > 0.0 else 1.0
 
 
 @kernel
 def age_sums(sums, dt):
-    """Let dt (s) pass for the sensor states: they decay and are driven."""
+    """Propagate decay and noise of the sensor states by dt (s)."""
     part, declared = 1.0, sums.declared
     for c in range(declared.shape[0]):
         if c == 0 or declared[c].decay != declared[c - 1].decay:
@@ -164,10 +176,12 @@ def add_step(total, left, mid, dt, increments, declared):
 def transition(sums, mid, phi):
     """Phi - I over an interval: its navigation rows, phi (9, n).
 
-    Left out are products of two Earth-curvature terms (each below 1e-10 in Phi in 0.1 s at aircraft speeds), but for
-    the vertical gradient of gravity and what velocity does to velocity by tilt, and that estimated scale factors change
-    the effect of sensor states (1e-3 of it where they are as large). sums: of its steps. mid: (MID_N,) of the last one.
-    phi: what this function leaves alone must be zero.
+    - `sums`: over the steps of the interval; `mid` (MID_N,): mid-interval quantities of the last step.
+    - `phi`: elements that this function does not write must be zero.
+
+    Neglected are products of two Earth-curvature terms, each below 1e-10 in Phi in 0.1 s at aircraft speeds. The
+    vertical gravity gradient and the effect of velocity on velocity through tilt are kept. Estimated scale factors do
+    not change the effect of sensor states, which neglects 1e-3 of it for scale factors of 1e-3.
     """
     dt = sums.length[0]
     h = 0.5 * dt * dt

@@ -33,12 +33,12 @@ def _direction(source, s, x, los):
 
 @kernel
 def solve_position(source, pseudorange, sigma, used, clock, x, column, present, normal, inverse, cofactor, rhs, los):
-    """Position and clocks of one epoch.
+    """Position and clocks of one epoch; returns whether there is a fix.
 
-    source: (s, 3) ECEF, m. pseudorange, sigma: (s,) m. used: (s,) 1 or 0. clock: (s,) int.
-    x: (6,) in: starting ECEF position; out: position, then the clocks, m, by `column` (MAX_CLOCKS,).
-    cofactor: (6, 6) out: the covariance (H' W H)^-1, ECEF axes. los: (s, 3) out: unit vectors.
-    present, normal, inverse, rhs: work space. Returns where there is a fix.
+    - `source` (s, 3): ECEF, m; `pseudorange`, `sigma` (s,): m; `used` (s,): 1 or 0; `clock` (s,): int.
+    - `x` (6,), in: initial ECEF position; out: position, then the clocks, m, by `column` (MAX_CLOCKS,).
+    - `cofactor` (6, 6), out: covariance (H' W H)^-1, ECEF axes; `los` (s, 3), out: unit vectors.
+    - `present`, `normal`, `inverse`, `rhs`: work space.
     """
     sources = source.shape[0]
     n = clock_columns(used, clock, column, present)
@@ -103,13 +103,15 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, present, 
 
 @kernel
 def solve_velocity(source, los, source_velocity, range_rate, sigma, used, x, v, normal, cofactor, slope):
-    """Velocity and the drift of the one receiver clock, from the unit vectors of the position fix.
+    """Velocity and receiver clock drift, from the unit vectors of the position fix; returns whether there is a
+    solution.
 
-    source, los, source_velocity: (s, 3) ECEF, m, m/s. range_rate, sigma: (s,) m/s. used: (s,) 1 or 0. x: position fix,
-    ECEF. v: (4,) out, ECEF m/s. cofactor: (6, 6) out, covariance from the range rates' noise alone.
-    slope: (3, 4) out, its first three columns' transpose is d(velocity error)/d(position error): a position
-    off by dr turns the unit vectors, which counts beside a near source (5 m at 200 m and 30 m/s: 0.7 m/s).
-    normal: work space. Returns where it can be solved.
+    - `source`, `los`, `source_velocity` (s, 3): ECEF, m, m/s; `range_rate`, `sigma` (s,): m/s; `used` (s,): 1 or 0.
+    - `x`: position fix, ECEF; `normal`: work space.
+    - `v` (4,), out: ECEF m/s; `cofactor` (6, 6), out: covariance due to noise of the range rates alone.
+    - `slope` (3, 4), out: the transpose of its first three columns is d(velocity error)/d(position error).
+
+    A position error dr rotates the unit vectors. Near a source this matters: 5 m at 200 m and 30 m/s give 0.7 m/s.
     """
     for i in range(4):
         v[i] = 0.0

@@ -24,11 +24,14 @@ def corrupt(
 ):  # fmt: skip
     """Add sensor errors to exact increments, in the first `count` lanes.
 
-    rngs: numpy Generators, W of them. dtheta, dv: (n, 3, W), or (n, 3, 1) of all runs, rad, m/s over intervals of dt s.
-    constant: (6, W) gyro, then accelerometer bias; factor: (6, W) what true rates are multiplied by. white: (2,) 1
-    sigma of the increments' noise, rad and m/s. markov_sigma: (2,). markov_decay: (2,) exp(-dt / tau). at: (o,)
-    intervals in order. Out: out_dtheta, out_dv (n, 3, W); bias (o, 6, W) the bias at the start of the intervals `at`, n
-    for the end of the last.
+    - `rngs`: W numpy Generators.
+    - `dtheta`, `dv` (n, 3, W), or (n, 3, 1) for all runs: rad, m/s over intervals of `dt` s.
+    - `constant` (6, W): gyro, then accelerometer bias; `factor` (6, W): factor on the true rates.
+    - `white` (2,): 1 sigma of the increments' noise, rad and m/s.
+    - `markov_sigma` (2,); `markov_decay` (2,): exp(-dt / tau).
+    - `at` (o,): increasing intervals.
+    - `out_dtheta`, `out_dv` (n, 3, W), written.
+    - `bias` (o, 6, W), written: bias at the start of the intervals `at`; interval n is the end of the last one.
     """
     n, own = dtheta.shape[0], dtheta.shape[2] - 1
     drift = np.zeros((6, count))
@@ -77,10 +80,12 @@ def measure(
 ):  # fmt: skip
     """Draw the measurements of the first `count` lanes.
 
-    rngs: numpy Generators, W of them. rate_sigma: (e, s). range_, range_rate: (e, s, W), or (e, s, 1) of all runs.
-    delay, sigma: the same. used: (e, s) bool. clock: (e, 2) receiver clock offset (m) and drift (m/s) at each epoch.
-    Out: out_range, out_rate (e, s, W), nan where not used. Every source draws at every epoch, so a mask does not shift
-    the numbers of the others.
+    - `rngs`: W numpy Generators.
+    - `range_`, `range_rate`, `delay`, `sigma` (e, s, W), or (e, s, 1) for all runs; `rate_sigma` (e, s).
+    - `used` (e, s): bool; `clock` (e, 2): receiver clock offset (m) and drift (m/s) at each epoch.
+    - `out_range`, `out_rate` (e, s, W), written: nan where not used.
+
+    Every source draws at every epoch, so a mask does not shift the random numbers of the other sources.
     """
     epochs, own, spread, ways = range_.shape[0], delay.shape[2] - 1, sigma.shape[2] - 1, range_.shape[2] - 1
     for first in range(0, epochs, _INTERVALS):

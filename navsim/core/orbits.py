@@ -1,9 +1,10 @@
-"""Numerical integration of GLONASS orbits, as the broadcast message means it.
+"""Numerical integration of GLONASS orbits from the broadcast message.
 
-Sources: [1] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), appendix 3, section A.3.1.2
-(simplified algorithm: J2, lunisolar accelerations constant, rotating axes, fourth-order Runge-Kutta). [2] GLONASS ICD,
-general description of CDMA signals (2016), appendix J (the same, with the Earth's rate to more digits: that rate
-reproduces its worked example).
+The method is the simplified algorithm of [1]: J2, constant lunisolar accelerations, rotating axes, fourth-order
+Runge-Kutta. Source [2] gives the rate of the Earth to more digits, and that rate reproduces its worked example.
+
+Sources: [1] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), appendix 3, section A.3.1.2. [2]
+GLONASS ICD, general description of CDMA signals (2016), appendix J.
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
 """DOPs of many placements of pseudolites along one approach.
 
-The satellites' part of the normal matrix (`core.dop.normals`) depends on the epoch alone, the pseudolites' on placement
-and point of the approach alone. With the clocks eliminated what is left is 3 x 3,
+The satellites' part of the normal matrix (`core.dop.normals`) depends on the epoch only. The pseudolites' part depends
+on the placement and the point of the approach only. Without the clocks a 3 x 3 matrix remains,
 
     C = sum over clocks of A_g - b_g b_g' / n_g,        A = sum w u u', b = sum w u, n = sum w,
 
-and its inverse is closed form. The variances it gives do not depend on axes but for the vertical, so everything stays
-in ECEF: trace of the inverse for PDOP, up' C^-1 up for VDOP, the difference for HDOP. Placements lie in the lanes; all
-that depends on the epoch alone is worked out once. Roots and quotients are what a processor is busy with: all else goes
-on beside them, where enough of it is independent.
+and its inverse is closed form. Only VDOP depends on the axes, so the computation stays in ECEF: the trace of the
+inverse gives PDOP, up' C^-1 up gives VDOP, the difference HDOP. Each SIMD lane holds a placement. Quantities of the
+epoch are computed once. Square roots and divisions take most of the time; independent work hides their latency.
 
 Source: `docs/theory/landing.md`, section 6.
 """
@@ -37,15 +36,15 @@ SAT_N = 10
 
 # a ridge that hides pseudolites, a row of `ridges`
 EDGE_FIRST = 0
-"""Where its top begins, x, y, z."""
+"""First end of its top, x, y, z."""
 EDGE_ACROSS = 3
-"""Across its upright plane."""
+"""Unit vector normal to its vertical plane."""
 EDGE_ALONG = 6
-"""Along it, level: 1 from its beginning to its end."""
+"""Level vector along the ridge: 1 per length from its first to its last end."""
 EDGE_UP = 9
-"""Up."""
+"""Unit vector up."""
 EDGE_RISE = 12
-"""What its end is higher than its beginning."""
+"""Height of the last end above the first."""
 EDGE_N = 13
 
 # what the placements have in common at one epoch, weights counted in those of a pseudolite where one is heard
@@ -60,26 +59,28 @@ _SHARED = 12
 _UP = 13
 """Coefficients of xx, yx, yy, zx, zy, zz in up' M up."""
 _VARIANCE = 19
-"""Of a source of weight 1."""
+"""Variance of a source of weight 1."""
 _HEARD = 20
-"""1 where pseudolites are heard, else 0."""
+"""1 where the receiver tracks pseudolites, else 0."""
 _SPARE = 21
-"""Satellites less the unknowns there are without pseudolites."""
+"""Satellites minus the unknowns without pseudolites."""
 _KEPT = 22
-"""n of the satellites on the pseudolites' clock."""
+"""Weight n of the satellites on the pseudolites' clock."""
 _REACH = 23
 """Distance to the horizon."""
 _N = 24
 
 _TILE = 32
-"""Epochs worked on at once: their C of a register of placements stay in the first cache. One loop over them finds C,
-the next the roots: in one loop the steps of an epoch wait for each other, and the processor looks no farther."""
+"""Epochs of one pass: their C for a register of placements fits into the first-level cache. One loop computes C, the
+next one the roots. In a single loop each step of an epoch would wait for the one before."""
 
 
 @kernel
 def _common(receiver, up, reach, spare, satellites, weight, count, out):
-    """Rows of what `count` pseudolites at any places have in common, (e, _N); returns how many epochs have one, the
-    others have too few sources. See `placement_dops`."""
+    """Rows (e, _N) of what all placements of `count` pseudolites share at an epoch; returns the number of rows.
+
+    Epochs with too few sources get no row. Arguments as of `placement_dops`.
+    """
     solvable = 0
     for e in range(receiver.shape[0]):
         heard = count if weight[e] > 0.0 else 0
@@ -235,17 +236,21 @@ def _squares(row, c):
 def placement_dops(
     receiver, up, reach, spare, satellites, weight, ridges, sites, far, room, places, first, last, out, lost
 ):
-    """Statistics over the epochs of PDOP, HDOP, VDOP for the registers first ... last - 1 of placements.
+    """Statistics of PDOP, HDOP and VDOP over the epochs, for placements in the SIMD registers first ... last - 1.
 
-    receiver: (e, 3) ECEF, m. up: (e, 3) unit vectors in ECEF. reach: (e,) distance to the horizon, m. spare: (e,) int,
-    satellites less the unknowns there are without pseudolites. satellites: (e, SAT_N), see SAT_A, SAT_B, SAT_WEIGHT.
-    weight: (e,) of the pseudolites' ranges, 1 or 1/variance, 0 where none is heard. ridges: (w, EDGE_N) that hide
-    pseudolites, see EDGE_FIRST. sites: (p, k, 3) ECEF of the k pseudolites of each placement, m. far: (p, k) distance
-    of each to its horizon, m; (0, k) where none can be beyond it.
-    room: (k, 4, W), work space, and places: (k, 4), lanes, the same memory. out: (3, 3, g), lanes, written: PDOP, HDOP,
-    VDOP by mean, smallest, largest over the epochs that have a solution, nan where none has. lost: (g,), lanes,
-    written: epochs without a solution. Lane l of register g is placement W g + l; lanes past the last placement
-    repeat it.
+    - `receiver` (e, 3): ECEF, m; `up` (e, 3): unit vectors, ECEF; `reach` (e,): distance to the horizon, m.
+    - `spare` (e,) int: satellites minus the unknowns that they alone determine.
+    - `satellites` (e, SAT_N): rows as of SAT_A, SAT_B, SAT_WEIGHT.
+    - `weight` (e,): weight of a pseudolite range, 1 or 1/variance; 0 where the receiver tracks no pseudolite.
+    - `ridges` (w, EDGE_N): ridges that hide pseudolites, see EDGE_FIRST.
+    - `sites` (p, k, 3): ECEF positions of the k pseudolites of each placement, m.
+    - `far` (p, k): distance of each to its horizon, m; (0, k) if none can be beyond it.
+    - `room` (k, 4, W) and `places` (k, 4) of SIMD lanes: the same work space.
+    - `out` (3, 3, g) of SIMD lanes, written: PDOP, HDOP, VDOP by mean, smallest, largest over the epochs with a
+      solution; nan if there is none.
+    - `lost` (g,) of SIMD lanes, written: number of epochs without a solution.
+
+    Lane l of register g is placement W g + l. Lanes after the last placement repeat it.
     """
     places, out, lost = registers(places), registers(out), registers(lost)
     count, width = sites.shape[1], room.shape[2]

@@ -44,33 +44,40 @@ NAV_N = 20
 GYROS, ACCELEROMETERS = 0, 1
 """The triad that a sensor state belongs to."""
 CONSTANT = -1
-"""Signal of a state that does not depend on what the sensors feel."""
+"""Signal of a state whose effect does not depend on rates or forces."""
 
 
 DECLARED = np.dtype([("triad", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay", "f8"), ("drive", "f8")], align=True)
-"""A sensor state of a filter, or of a truth, as kernels take an array of them (k,): a state x adds x to what its triad
-measures along `axis`, or x times what the triad feels along the axis `signal` where that is no `CONSTANT`; of gyros, 3
-and on are those of specific force, which a truth alone may have. In place of
-a triad may stand a kind of measurements (`estimation.observations`), of which `axis` then counts the lasting errors. It
-decays by `decay` (1/s) and is driven by white noise of the density `drive` (unit2/s)."""
+"""A sensor state of a filter or of a truth. Kernels take an array of them (k,). A state x adds x to what its `triad`
+measures along `axis`. If `signal` is an axis, not `CONSTANT`, it adds x times the triad's input along that axis. Axes
+of gyros from 3 on are axes of specific force, which only a truth has. `triad` may also be a kind of measurements
+(`estimation.observations`), and `axis` then counts its time-correlated errors. `decay` (1/s) is the rate of decay,
+`drive` (unit2/s) the density of the driving white noise."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Three like states of a triad: name, unit, and as of `DECLARED`; through: each multiplies what is felt along its
-    own axis (0), the next one (1) or the one before (2), of specific force where 3 more, None: nothing; first: the
-    number of the first among the lasting errors of a kind of measurements; numbered: the three have no axes; size: 1
-    for a state by itself, of a kind of measurements: behind all threes, and of those less than three."""
+    """Three states of a triad that differ only in their axis."""
 
     name: str
+    """Name, the first part of the states' names."""
     unit: str
+    """Unit of each state."""
     triad: int
+    """Triad, or kind of measurements, as of `DECLARED`."""
     through: int | None = None
+    """Input that each state multiplies, relative to its axis: 0 the same axis, 1 the next, 2 the one before; 3 more for
+    specific force; None: a bias."""
     decay: float = 0.0
+    """1/s."""
     drive: float = 0.0
+    """Density of the driving noise, unit2/s."""
     first: int = 0
+    """Number of the first state among the time-correlated errors of a kind of measurements."""
     numbered: bool = False
+    """The three states have numbers instead of axes."""
     size: int = 3
+    """3; fewer for single states of a kind of measurements, which come after all blocks of three."""
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -79,8 +86,7 @@ class Block:
 
     @property
     def axes(self) -> tuple[str, str, str]:
-        """What tells three from each other: axes of the body, with the one felt where it is another, or of the ground,
-        or numbers."""
+        """Suffixes of the three names: body axes, with the input axis if it differs; ground axes; or numbers."""
         if self.numbered:
             return "1", "2", "3"
         if self.triad > ACCELEROMETERS:

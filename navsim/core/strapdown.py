@@ -93,9 +93,10 @@ def compensated(nav, mixed, inverse, gx, gy, gz, fx, fy, fz, dt):
 def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     """Advance the navigation state by one interval, in place.
 
-    nav: navigation state, see `navsim.core.states`. tx ... uz: `compensated` increments of angle (rad) and velocity
-    (m/s) over dt (s). previous: (6,) those of the interval before, scaled to dt; overwritten by the present ones.
-    c_nb: (3, 3) work space. mid: (MID_N,) quantities at mid-interval for the error model.
+    - `nav`: navigation state, see `navsim.core.states`.
+    - `tx` ... `uz`: `compensated` increments of angle (rad) and velocity (m/s) over `dt` (s).
+    - `previous` (6,): increments of the interval before, scaled to dt; overwritten by the present ones.
+    - `c_nb` (3, 3): work space; `mid` (MID_N,), out: mid-interval quantities for the error model.
     """
     px, py, pz = previous[0], previous[1], previous[2]
     sx, sy, sz = previous[3], previous[4], previous[5]

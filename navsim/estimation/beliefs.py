@@ -1,7 +1,6 @@
-"""What a filter believes: of the sensors, of the measurements, and what it does with those that cannot be true.
+"""Filter model: sensors, measurements, gate. One place for simulated, recorded and live flights.
 
-The one home of it, for simulated, recorded and live flights. What the truth is stands elsewhere (`sensors.imu`,
-`simulation`); that a filter believes what is true is a choice of the scenario.
+The truth is elsewhere (`sensors.imu`, `simulation`). The scenario decides whether the filter model equals the truth.
 """
 
 from __future__ import annotations
@@ -18,22 +17,24 @@ from navsim.estimation.observations import RANGE
 from navsim.estimation.records import CONSTRAINED, GAUSSIAN_SUM, FilterModel
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
-"""Smallest initial sigma a filter is given, by the unit of the state: with zeros P would be singular, and a perfect
-sensor or a perfect start is a common check."""
+"""Smallest initial sigma of a filter, by the unit of the state. Zeros, from a perfect sensor or start, would make P
+singular."""
 
 
 @dataclass(frozen=True)
 class SensorBeliefs:
-    """What a filter believes of its inertial sensors: the states it follows, biases first, their 1 sigma at the start
-    (one a block), and the white densities of gyros and accelerometers (2,), see `core.covariance`."""
+    """Filter model of the inertial sensors."""
 
     blocks: tuple[Block, ...]
+    """States that the filter estimates, biases first."""
     sigma: tuple[float, ...]
+    """Initial 1 sigma of each block."""
     noise: np.ndarray
+    """(2,) white noise densities of gyros and accelerometers, see `core.covariance`."""
 
     def covariance(self, navigation: np.ndarray) -> np.ndarray:
-        """P (n, n) of a start from 1 sigma of position, velocity and attitude along each axis (9,), m, m/s, rad; none
-        is below what keeps it regular."""
+        """Initial P (n, n) from 1 sigma of position, velocity and attitude along each axis (9,), m, m/s, rad. Floors
+        keep it regular."""
         each = np.concatenate([navigation, np.repeat(self.sigma, [block.size for block in self.blocks])])
         floors = np.array([_FLOORS[unit] for unit in states.units(self.blocks)])
         return np.diag(np.maximum(each, floors) ** 2)
@@ -41,63 +42,67 @@ class SensorBeliefs:
 
 @dataclass(frozen=True)
 class LastingBelief:
-    """What a filter makes of time-correlated errors of ranges: followed: whether as states, of fixes or of ranges;
-    groups: numbers of the kinds of errors that the states stand for, in order, names: of the groups; factor: (k,) by
-    which the variance of each kind is larger as noise, where they are none."""
+    """Filter model of time-correlated ranging errors."""
 
     followed: bool
+    """The filter estimates them as states, of fixes or of ranges."""
     groups: tuple[tuple[int, ...], ...]
+    """Kinds of errors that each group of states describes, as numbers in order."""
     names: tuple[str, ...]
+    """Name of each group."""
     factor: np.ndarray
+    """(k,) factor on the variance of each kind if the filter treats it as white noise."""
 
 
 @dataclass(frozen=True)
 class Beliefs:
-    """What a filter is and believes.
-
-    kind: `estimate.FILTER_KINDS`. velocity: whether it uses that of the fixes. latency: age of the fixes when they
-    come, s. lever_arm: (3,) IMU -> antenna, body, m. sigma_scale: factor on the 1 sigma that the receiver gives its
-    fixes. gate: limits by the number of measurements; components, widest: of a Gaussian sum; steady_force; of all see
-    `FilterModel`. clock: densities of the noises of the receiver's clock, phase (m2/s) and frequency (m2/s3), where
-    ranges are measurements instead of fixes; None where they are not. lasting: what it makes of errors that last, None
-    without. reflections: whether it knows how large errors by reflections are.
-    """
+    """Kind and model of a filter. `FilterModel` describes the fields that are not described here."""
 
     kind: int
+    """`estimate.FILTER_KINDS`."""
     sensors: SensorBeliefs
     velocity: bool
+    """Use the velocity of the fixes."""
     latency: float
+    """Age of a fix on arrival, s."""
     lever_arm: np.ndarray
+    """(3,) IMU to antenna, body axes, m."""
     sigma_scale: float
+    """Factor on the receiver's 1 sigma of a fix."""
     gate: np.ndarray
+    """Limits by number of measurements."""
     max_rejected: int
     components: int
     widest: float
     steady_force: bool
     clock: tuple[float, float] | None = None
+    """Noise densities of the receiver clock, phase (m2/s) and frequency (m2/s3); None: the filter uses fixes, not
+    ranges."""
     lasting: LastingBelief | None = None
+    """Model of time-correlated ranging errors, None without."""
     reflections: bool = False
+    """The filter knows the size of errors by reflections."""
 
     @property
     def tight(self) -> bool:
-        """Whether ranges are measurements instead of fixes."""
+        """Whether the filter is tightly coupled: its measurements are ranges."""
         return self.clock is not None
 
     def followed(self, scales: Sequence[int]) -> tuple[int, ...]:
-        """Of the time scales that sources keep, those that it has a bias of the clock for."""
+        """Those of the sources' time scales for which the filter estimates a clock bias."""
         return tuple(scales) if self.tight else ()
 
     def with_range_errors(self, errors: Sequence[Block]) -> Beliefs:
-        """The same of a filter that follows these errors of ranges, of 1 sigma one, and none that it followed before.
-        They come behind states in groups of three, before others."""
+        """Copy whose filter estimates these ranging errors of 1 sigma one, instead of earlier ones. They come after the
+        states in groups of three."""
         kept = [pair for pair in zip(self.sensors.blocks, self.sensors.sigma, strict=True) if pair[0].triad != RANGE]
         first = sum(block.size == 3 for block, _ in kept)
         blocks, sigma = zip(*kept[:first], *((block, 1.0) for block in errors), *kept[first:], strict=True)
         return replace(self, sensors=replace(self.sensors, blocks=blocks, sigma=sigma))
 
     def model(self, noise: np.ndarray | None = None, scales: Sequence[int] = ()) -> FilterModel:
-        """What the kernels take; noise: densities of each interval of the IMU (n, 2) instead of the sensors' own;
-        scales: numbers of the time scales that sources keep."""
+        """Model for the kernels. noise: densities of each IMU interval (n, 2) instead of the sensors'; scales: numbers
+        of the sources' time scales."""
         densities = self.sensors.noise[None] if noise is None else noise
         clock = ReceiverClock(np.array(self.followed(scales), np.int64), np.array(self.clock or (0.0, 0.0)))
         return FilterModel(

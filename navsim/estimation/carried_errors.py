@@ -1,8 +1,8 @@
-"""Errors carried through a linearised filter: kernels of the covariance analysis (`simulation.landing_covariance`).
+"""Propagate errors through a linearised filter: kernels of the covariance analysis (`simulation.landing_covariance`).
 
-Lanes are no runs here: they are sources of error, or directions of errors. What is constant over a run, or drawn once,
-is carried as columns x, which the filter turns into Phi x over an interval and x - K (H x + d) at a measurement that it
-is off by d; what comes anew all the time, as covariances P.
+A SIMD lane is a source of error or a direction of errors here, not a run. An error that is constant over a run, or
+drawn once, is a column x. The filter maps it to Phi x over an interval, and to x - K (H x + d) at a measurement with
+the error d. White noise is propagated as covariances P.
 
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8.
 """
@@ -242,13 +242,16 @@ def _errors(to_error, p, work, variance, sums):
 
 @kernel
 def carry_covariances(route, added, place, density, p, r, variance, second, sums):
-    """Carry the covariances of sources in lanes.
+    """Propagate the covariances of sources of error in lanes.
 
-    added (i, noises, 15, 15): of intervals, for a unit density; place (15,): its states among those carried; density
-    (noises + 2,), 0 where a source is another, the last two of the clock's phase and frequency. p (2, S, S): at the
-    start, and room for the copy that runs ahead; overwritten. r (w, MOST, MOST): noise of measurements. Out: variance
-    (o, n) of errors at the outputs; sums over the lanes, added to second (w, MOST, MOST), moments of innovations, and
-    to sums (o, n, n), covariances at the outputs.
+    - `added` (i, noises, 15, 15): noise of the intervals for a unit density; `place` (15,): its states among those
+      propagated.
+    - `density` (noises + 2,): 0 for another source; the last two are those of the clock's phase and frequency.
+    - `p` (2, S, S): initial covariance, and room for the copy that predicts ahead; overwritten.
+    - `r` (w, MOST, MOST): measurement noise.
+    - `variance` (o, n), out: of the errors at the outputs.
+    - `second` (w, MOST, MOST) and `sums` (o, n, n): the sums over the lanes of innovation moments, and of covariances
+      at the outputs, are added.
     """
     p, r, density, variance = registers(p), registers(r), registers(density), registers(variance)
     size, n, noises = p.shape[1], route.gain.shape[1], added.shape[1]
@@ -296,15 +299,18 @@ def carry_covariances(route, added, place, density, p, r, variance, second, sums
 
 @kernel
 def carry_differences(route, gains, innovation, fix, apart, scale, x, farthest):
-    """Carry how far filters that are given less are from one that flies, in lanes of its runs.
+    """Propagate the differences between f filters with fewer measurements and the main filter, in lanes of its runs.
 
-    route: of that filter. gains (w, f, n, MOST): of the f others. innovation (k, MOST): at its events, those it used,
-    nan for others. fix (k,): the row of a fix in `apart` (f, e, MOST), fixes of the others minus its own, nan where
-    they have none; -1 for measurements that all are given alike. scale (o, f, 3): of differences of position. x (2, f,
-    n): zero, and room for the copy that runs ahead; overwritten. Out: farthest (o,), the largest scaled difference.
+    With d the others' estimates minus the filter's, and z the innovation of each event at the filter's estimate, d <- d
+    + L (z + apart - H d) - K z.
 
-    With d the others' estimates minus the filter's, and each event's innovation z at the filter's estimate,
-    d <- d + L (z + apart - H d) - K z.
+    - `route`: of the main filter; `gains` (w, f, n, MOST): of the others.
+    - `innovation` (k, MOST): at events that the main filter used, nan for others.
+    - `fix` (k,): row of a fix in `apart`, -1 for measurements that all filters share.
+    - `apart` (f, e, MOST): fixes of the others minus its own, nan if they have none.
+    - `scale` (o, f, 3): factor on position differences.
+    - `x` (2, f, n): zero, and room for the copy that predicts ahead; overwritten.
+    - `farthest` (o,), out: largest scaled difference.
     """
     innovation, apart, x, farthest = registers(innovation), registers(apart), registers(x), registers(farthest)
     others, n = x.shape[1], x.shape[2]
@@ -378,12 +384,15 @@ def _put_line(line, side, j, matrix):
 
 @kernel
 def carry_excess(route, gains, cross, x, excess):
-    """Carry by how much the covariance of the errors of two filters is more than that of the first's.
+    """Propagate the excess of the error covariance of two filters over the covariance of the first filter.
 
-    Of filters that see the same and weigh it as well as can be it is none: the error of the better one is in that of
-    the other (docs/theory/integrity.md, section 10). route: of the first filter. gains (w, n, MOST): of the other.
-    cross (w, MOST, MOST): covariance of what the first measures with what the other does, minus that of the first. x
-    (2, n, n): zero, and room for the copy that runs ahead; overwritten. Out: excess (o, 3, 3) of positions.
+    For optimal filters with the same measurements it is zero: the other's error contains the better one's error
+    (docs/theory/integrity.md, section 10).
+
+    - `route`: of the first filter; `gains` (w, n, MOST): of the other.
+    - `cross` (w, MOST, MOST): covariance of the first filter's measurements with the other's, minus that of the first.
+    - `x` (2, n, n): zero, and room for the copy that predicts ahead; overwritten.
+    - `excess` (o, 3, 3), out: of positions.
     """
     size = x.shape[1]
     seen, nothing, column = np.empty(MOST), np.zeros(MOST), np.empty(size)

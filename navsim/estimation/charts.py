@@ -1,12 +1,16 @@
-"""The charts of the filters: the coordinates in which each kind takes the error for Gaussian.
+"""Error parametrisations ("charts") of the filters: the coordinates in which each kind takes the error as Gaussian.
 
-A chart says how an estimate is fed back and the covariance carried to the new one, `correct`; how an error is judged,
-`own_error`; and what a turn does to its axes, `turn_axes`: see `error_state`, `invariant`, `tfg`. It is a class to
-kernels, so that only the one in use is compiled. Those of groups turn positions and velocities with attitude, unless
-they are `straight`: 1, positions are not, for where a filter follows time-correlated errors of fixes or ranges, it
-knows the sum of position and error better than the position, and a turn of the one without the other would spoil that;
-2, velocities are not either, for a correction of velocity that noise made would count as information about heading
-(`steady_force`). `left-invariant` keeps its chart, for it would be `eskf` otherwise.
+A chart defines the correction of estimate and covariance (`correct`), the error that NEES uses (`own_error`), and the
+effect of a turn on its axes (`turn_axes`). See `error_state`, `invariant`, `tfg`. A chart is a type to kernels, so only
+the one in use is compiled.
+
+Charts of Lie groups rotate position and velocity errors with attitude errors, except if they are `straight`:
+
+- 1: positions do not rotate. A filter that estimates time-correlated errors of fixes or ranges knows the sum of
+  position
+  and error better than the position. A rotation of the position alone would spoil the sum.
+- 2: velocities do not rotate either. Otherwise a velocity correction due to noise would count as information about
+  heading (`steady_force`). `left-invariant` keeps its chart, since it would equal `eskf` otherwise.
 
 Source: `docs/theory/filter.md`, sections 4 to 6.
 """
@@ -25,28 +29,28 @@ from navsim.estimation.records import CONSTRAINED, ESKF, GAUSSIAN_SUM, LEFT_INVA
 
 
 class Eskf(NamedTuple):
-    """The chart of `kind: eskf`, and of those that differ from it in the transition alone (`first_estimates`)."""
+    """Chart of `kind: eskf`, and of kinds that differ from it only in the transition (`first_estimates`)."""
 
     kind: int = ESKF
     straight: int = 0
 
 
 class LeftInvariant(NamedTuple):
-    """The chart of `kind: left-invariant`."""
+    """Chart of `kind: left-invariant`."""
 
     kind: int = LEFT_INVARIANT
     straight: int = 0
 
 
 class Tfg(NamedTuple):
-    """The chart of `kind: tfg`."""
+    """Chart of `kind: tfg`."""
 
     kind: int = TFG
     straight: int = 0
 
 
 class GaussianSum(NamedTuple):
-    """The chart of the components of `kind: gaussian-sum`, and of their sum: that of `tfg`, whose axes are not held."""
+    """Chart of `kind: gaussian-sum` and of its components: that of `tfg` without held axes."""
 
     kind: int = GAUSSIAN_SUM
     straight: int = 0
@@ -59,20 +63,20 @@ CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
     TFG: Tfg(),
     GAUSSIAN_SUM: GaussianSum(),
 }
-"""The charts of `records.FILTERS`."""
+"""Charts of `records.FILTERS`."""
 PLAIN = CHARTS[ESKF]
-"""The chart of plain errors, in which all kinds predict."""
+"""Chart of plain errors, in which all kinds predict."""
 
 
 def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
-    """The chart of a filter."""
+    """Chart of a filter."""
     plain = model.steady_force and model.kind in (TFG, GAUSSIAN_SUM)
     straight = 2 if plain else int(np.isin(model.declared["triad"], (FIX, RANGE)).any())
     return CHARTS[model.kind]._replace(straight=straight)
 
 
 def turn_axes(chart, nav, p, increments, dt):
-    """What a turn does to the axes of a chart, if it keeps any: see `tfg.hold_axes`."""
+    """Rotate the axes that a chart keeps, if any: see `tfg.hold_axes`."""
     raise NotImplementedError("turn_axes is for kernels")
 
 

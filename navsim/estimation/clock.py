@@ -21,24 +21,25 @@ from navsim.core.states import NAV_SENSORS, SENSORS
 
 
 class ReceiverClock(NamedTuple):
-    """What a filter believes of the clock: scales (c,) int, the time scales that it has a bias for, none where it is
-    loosely coupled; density (2,) of the white noises of phase, m2/s, and frequency, m2/s3."""
+    """Filter model of the receiver clock."""
 
     scales: np.ndarray
+    """(c,) int, time scales with a bias state; none if the filter is loosely coupled."""
     density: np.ndarray
+    """(2,) white noise densities of phase, m2/s, and frequency, m2/s3."""
 
 
 UNKNOWN_BIAS, UNKNOWN_DRIFT = 1e4, 1e2
-"""1 sigma of a bias, m, and of the drift, m/s, of which nothing is known. Next to nothing beside ranges, and no more:
-what is lost to rounding grows with its square (1e8 m2 x 2e-16 = 2e-8 m2)."""
+"""1 sigma of an unknown clock bias, m, and drift, m/s. Large compared with ranges but no larger, since the loss to
+rounding grows with its square (1e8 m2 x 2e-16 = 2e-8 m2)."""
 NO_CLOCK = ReceiverClock(np.empty(0, np.int64), np.zeros(2))
-"""That of a loosely coupled filter."""
+"""Clock of a loosely coupled filter."""
 
 
 @kernel
 def carry_clock_rows(first, count, dt, matrix):
-    """The rows of the clock, biases first .. first + count - 1 and then the drift, of a matrix (n, m) over dt, s, in
-    place."""
+    """Propagate the clock's rows of a matrix (n, m) over dt, s, in place: biases first .. first + count - 1, then the
+    drift."""
     drift = first + count
     for j in range(matrix.shape[1]):
         moved = dt * matrix[drift, j]
@@ -48,7 +49,7 @@ def carry_clock_rows(first, count, dt, matrix):
 
 @kernel
 def carry_clock_covariance(first, count, phase, frequency, dt, p):
-    """P (n, n) of the same states over dt, s, with noises of the densities phase and frequency, in place and exactly
+    """Propagate P (n, n) of the same states over dt, s, with noise densities phase and frequency, in place and exactly
     symmetric."""
     drift = first + count
     carry_clock_rows(first, count, dt, p)
@@ -80,9 +81,14 @@ def run_clock_on(clock, dt, nav, p):
 
 @kernel
 def has_jumped(heard, kept, jumped):
-    """Clocks (c + 1,) that jumped, 1 or 0, the drift last: of a bias all the sources of an epoch, two at least, were
-    rejected; of the drift, all those of every bias that was heard. heard, kept (c,): how many were weighed, and used.
-    Returns whether any did in any lane."""
+    """Detect jumps of clock biases and of the drift; returns whether any lane has one.
+
+    A bias jumped if all the sources of an epoch, at least two, were rejected. The drift jumped if that is so for all
+    biases with measurements.
+
+    - `heard`, `kept` (c,): number of ranges of each bias, and number used.
+    - `jumped` (c + 1,), out: 1 or 0, the drift last.
+    """
     count = heard.shape[0]
     every, some = heard[0] >= 0.0, heard[0] < 0.0
     for b in range(count):

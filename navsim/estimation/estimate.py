@@ -68,12 +68,14 @@ def _pieces(events: Events) -> Iterator[slice]:
 def fly(
     imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel, account: Account
 ) -> None:
-    """An estimator through the events of a flight, W runs at once, beside the truth.
+    """Run an estimator through the events of a flight against the truth, W runs at once.
 
-    imu, measurements, state, account: of lanes (`estimation.records`); events, whose outputs come in the order of their
-    rows, and model of them all. state: overwritten by the final one. account: filled in. Raises ValueError for a kind
-    that is none, for a smoother that is given events ahead, for a state without room for the components of a sum, and
-    for an account that has not the rows of the events.
+    - `imu`, `measurements`, `state`, `account`: records in lanes (`estimation.records`).
+    - `events`, `model`: of all runs; outputs come in the order of their rows.
+    - `state` is overwritten by the final one; `account` is filled in.
+
+    Raises ValueError for an unknown kind, for a smoother with events ahead, for a state without room for the components
+    of a sum, and for an account whose rows do not match the events.
     """
     if account.sigma.shape[0] != _outputs(events) or account.status.shape[0] != events.time.size:
         raise ValueError("the account has not the rows of the events")

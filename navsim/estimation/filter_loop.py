@@ -1,14 +1,14 @@
-"""The loop that all filter kinds share: mechanise, predict, weigh a measurement, correct, answer, event by event.
+"""Event loop of all filter kinds: mechanise, predict, update with a measurement, correct, output.
 
-The filter lives at the time of its newest measurement. One that arrives late is applied to the state of its own time,
-interpolated inside the IMU interval, and the answer for the present is that state mechanised forward, with what has
-arrived in the meantime: the optimal use of late measurements, with nothing approximated (`records.schedule`).
+The filter is at the time of its newest measurement. A late measurement is applied to the state at its time of validity,
+interpolated inside the IMU interval. The output for the present is that state mechanised forward, with the measurements
+that arrived in the meantime. This is the optimal use of late measurements, without approximation (`records.schedule`).
 
-A flight may be flown in pieces: what a filter is between two of them is its `State` and its `Way`. All arrays may be
-lanes: what differs between runs is a mask.
+A flight may be processed in pieces: `State` and `Way` hold the filter between two of them. Arrays may be SIMD lanes;
+masks hold the differences between runs.
 
-All kinds predict and weigh with the same plain errors d = (dr, dv, theta, sensor states) and their covariance; they
-differ in their chart (`charts`), in which a filter is corrected. What it leaves is said in `answers`.
+All kinds predict and update with the plain errors d = (dr, dv, theta, sensor states) and their covariance. They differ
+in the chart (`charts`) of the correction. `answers` writes the output.
 
 Source: `docs/theory/filter.md`, sections 3 to 7.
 """

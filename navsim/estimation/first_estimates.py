@@ -12,10 +12,14 @@ Both kinds compute the motion from the predicted estimate at the start:
 
 Everything else is as in `eskf`. Sensor columns of the transition keep the corrected attitude.
 
-Sources: [1] Huang, Mourikis & Roumeliotis, Observability-based rules for designing consistent EKF SLAM estimators,
-IJRR 29 (2010). [2] Li & Mourikis, High-precision, consistent EKF-based visual-inertial odometry, IJRR 32 (2013).
-[3] Hesch, Kottas, Bowman & Roumeliotis, Consistency analysis and improvement of vision-aided inertial navigation, IEEE
-Transactions on Robotics 30 (2014). [4] `docs/theory/first-estimates.md`.
+Sources:
+
+- [1] Huang, Mourikis & Roumeliotis, Observability-based rules for designing consistent EKF SLAM estimators, IJRR 29
+  (2010).
+- [2] Li & Mourikis, High-precision, consistent EKF-based visual-inertial odometry, IJRR 32 (2013).
+- [3] Hesch, Kottas, Bowman & Roumeliotis, Consistency analysis and improvement of vision-aided inertial navigation,
+  IEEE Transactions on Robotics 30 (2014).
+- [4] `docs/theory/first-estimates.md`.
 """
 
 from __future__ import annotations

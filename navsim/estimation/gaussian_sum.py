@@ -1,20 +1,26 @@
-"""`kind: gaussian-sum`: several Gaussians side by side, each narrow enough in heading to stay one.
+"""Gaussian-sum filter over heading, `kind: gaussian-sum`.
 
-No single Gaussian holds what is known after a turn made while heading is uncertain: the biases B = C b, known along
-level axes and not along the vertical, turn with the body about an axis whose direction is not known, and the product of
-both errors is quadratic. Within a component that is narrow in heading it is linear again. So a component that is too
-wide for the turn to come is divided along heading, and what its other states owe to heading goes with it; measurements
-weigh the components by their likelihoods; those next to impossible go, and two that are narrow enough as one become
-one. With heading known a single one is left. Each is a `tfg` filter whose axes are not held (`tfg.hold_axes`).
+A single Gaussian becomes inconsistent when the aircraft turns while its heading is uncertain. The biases B = C b are
+known along level axes but not along the vertical, and they rotate with the body. The error is then a product of two
+uncertain quantities. This filter holds several components, each with a small heading sigma. Each component is a `tfg`
+filter without held axes (`tfg.hold_axes`).
 
-The answer is the mean and the covariance of the sum in the chart of `tfg`.
+- Split: before a turn, a component that is too wide in heading is divided into three. The split follows the correlation
+  of the other states with heading.
+- Weight: each measurement multiplies a component's weight by its likelihood.
+- Prune and merge: negligible components are dropped; neighbours that are jointly narrow are merged. When heading is
+  known, one component remains.
 
-The first components of W runs fly side by side in lanes, then the second ones; where a run has fewer than another, the
-rest have the weight 0.
+The output is the mean and covariance of the mixture in the chart of `tfg`.
 
-Sources: [1] Alspach & Sorenson, Nonlinear Bayesian estimation using Gaussian sum approximations, IEEE TAC 17 (1972).
-[2] Runnalls, Kullback-Leibler approach to Gaussian mixture reduction, IEEE TAES 43 (2007). [3]
-`docs/theory/gaussian-sum.md`.
+Components of W runs are processed together in SIMD lanes: the first components, then the second ones. A run with fewer
+components than another has weight 0 in the rest.
+
+Sources:
+
+- [1] Alspach & Sorenson, Nonlinear Bayesian estimation using Gaussian sum approximations, IEEE TAC 17 (1972).
+- [2] Runnalls, Kullback-Leibler approach to Gaussian mixture reduction, IEEE TAES 43 (2007).
+- [3] `docs/theory/gaussian-sum.md`.
 """
 
 from __future__ import annotations
@@ -95,8 +101,8 @@ _CALM = 0.625
 _FEWEST = 3
 """Room that a slow turn has at least."""
 _GAIN = 0.3
-"""Where there is no more room, two become one for another to be divided if that takes away less than this part of what
-it gives: their own weights, as far as they differ, against its weight."""
+"""Without free room, merge two components to split another if the merge costs less than this fraction of the gain. The
+cost is the weight of the two, as far as they differ; the gain is the weight of the other."""
 
 
 class Bench(NamedTuple):
@@ -228,8 +234,10 @@ def _invert_blocks(diagonal, column):
 
 @kernel
 def _apart(component, nav, flat, straight, error, x):
-    """How far a component (NAV,) is from nav, x (n,), in the chart at nav, or, where `flat`, as far as positions and
-    velocities go, as they are. straight: of the chart. error (n,): work space."""
+    """Difference x (n,) of a component (NAV,) from nav, in the chart at nav.
+
+    flat: plain differences of positions and velocities instead. straight: of the chart. error (n,): work space.
+    """
     between(component, nav, error)
     tfg.own_error(nav, error, x, straight)
     if flat:
@@ -250,12 +258,13 @@ def _unturned(space, x):
 
 @kernel
 def moments(mixture, nav, p, flat, space, bench):
-    """Mean nav (NAV,) and covariance p (n, n) of a sum. space: `filter_loop.workshop`.
+    """Mean nav (NAV,) and covariance p (n, n) of a sum.
 
-    Components are one in the chart at their mean, as they are divided and merged. What is answered is `flat`: of
-    positions and velocities as they are. In the chart a difference of positions is turned by half of that of the
-    headings, and where one direction is known well and another badly, as with two sources left, the one would be
-    spoiled by the other.
+    Components are split and merged in the chart at their mean. The output is `flat`: plain positions and velocities.
+    The chart rotates a position difference by half of the heading difference. If one direction is known well and
+    another badly, as with two sources, the rotation would spoil the well-known one.
+
+    space: `filter_loop.workshop`.
     """
     weight, x, error, other, square = mixture.weight, bench.x, bench.error, bench.other, bench.square
     n = p.shape[0]
@@ -327,10 +336,10 @@ def turn_ahead(imu, cursor, until, nav):
 
 @kernel
 def _allowed(nav, p, turn, widest, c_nb):
-    """1 sigma of heading (rad) that a component may have before a turn.
+    """Largest heading sigma (rad) of a component before a turn.
 
-    A turn takes a part of the vertical bias into a level one, in a direction that is known as well as heading is: sigma
-    of heading x the turn x sigma of the vertical bias is the quadratic error of the level one.
+    A turn rotates part of the vertical bias into a level one, in a direction known as well as heading. The quadratic
+    error of the level bias is the heading sigma x the turn x sigma of the vertical bias.
     """
     dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
     variance, big, row = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 6)

@@ -1,9 +1,10 @@
-"""`kind: left-invariant`: the left-invariant filter on SE2(3), biases beside it, with the exact reset.
+"""`kind: left-invariant`: left-invariant filter on SE2(3) with additive biases and the exact reset.
 
-Attitude, velocity and position form one group element; the estimate moves by its exponential,
-u+ = u + J_l(theta) y_u for position and velocity (theta and y in the navigation frame), sensor states by addition.
-Sources: [1] Barrau & Bonnabel, The invariant extended Kalman filter as a stable observer, IEEE TAC 62 (2017).
-[2] `docs/theory/filter.md`, section 5.
+Attitude, velocity and position form one group element, which the exponential map moves: u+ = u + J_l(theta) y_u for
+position and velocity, with theta and y in the navigation frame. Sensor states are added.
+
+Sources: [1] Barrau & Bonnabel, The invariant extended Kalman filter as a stable observer, IEEE TAC 62 (2017). [2]
+`docs/theory/filter.md`, section 5.
 """
 
 from __future__ import annotations

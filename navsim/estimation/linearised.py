@@ -33,22 +33,27 @@ NOISES = 4
 
 
 class Linearised(NamedTuple):
-    """A filter along the truth. Of i intervals that events end: transition (i, n, n); inputs (i, 9, t) of the truth's
-    sensor states; added (i, NOISES, 15, 15) covariance for a unit density of each noise that there is, of navigation
-    and the Markov biases. Of w
-    measurements: h (w, MOST, n), gain (w, n, MOST), z (w, MOST) innovation at the truth, expected (w, MOST, MOST) what
-    the filter expects of it, have (w, MOST) as of `observe`. believed: (o, n, n) at the outputs.
-    """
+    """A filter linearised along the truth: i intervals between events, w measurements, o outputs."""
 
     transition: np.ndarray
+    """(i, n, n)."""
     inputs: np.ndarray
+    """(i, 9, t) effect of the true sensor states."""
     added: np.ndarray
+    """(i, NOISES, 15, 15) covariance for a unit density of each simulated noise, of navigation and the Markov
+    biases."""
     h: np.ndarray
+    """(w, MOST, n)."""
     gain: np.ndarray
+    """(w, n, MOST)."""
     z: np.ndarray
+    """(w, MOST) innovation at the truth."""
     expected: np.ndarray
+    """(w, MOST, MOST) innovation covariance of the filter."""
     have: np.ndarray
+    """(w, MOST) see `observe`."""
     believed: np.ndarray
+    """(o, n, n) filter covariance at the outputs."""
 
 
 class Steps(NamedTuple):
@@ -174,12 +179,15 @@ def _describe(errors, clock, length, transition, inputs):
 
 @kernel
 def linearise(imu, measurements, events, steps, state, model, both, markov, noises, out):
-    """Fly the filter along exact increments from the exact initial state.
+    """Run the filter along exact increments from the exact initial state.
 
-    imu, measurements, events, state, model: `estimation.records`, without noise, with one row of process noise. steps:
-    `steps_of` the events. both: the declared sensor states of the filter, then those that there really are, of unit
-    drive; markov: where among them the six Markov biases begin. noises (NOISES,) bool: those that there are; of others
-    nothing is added. out: filled in.
+    - `imu`, `measurements`, `events`, `state`, `model`: `estimation.records`, without noise, with one row of process
+      noise.
+    - `steps`: `steps_of` the events.
+    - `both`: declared sensor states of the filter, then the true ones, of unit drive.
+    - `markov`: index of the first of the six Markov biases among them.
+    - `noises` (NOISES,) bool: simulated noises; nothing is added for the others.
+    - `out`: filled in.
     """
     n = out.believed.shape[1]
     declared = model.declared

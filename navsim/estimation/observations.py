@@ -1,12 +1,17 @@
-"""What measurements say about the state: of each kind its innovation, its matrix and its noise.
+"""Measurement models: innovation, matrix and noise of each kind of measurement.
 
     z = measured - predicted = H d + noise,  d the plain errors (dr, dv, theta, sensor states)
 
-A new kind is a number (counted in `KIND_COUNT`), a table and a function here, with a line in `Measurements` and one in
+A new kind needs a number (counted in `KIND_COUNT`), a table and a function here, and a line in `Measurements` and in
 `observe`.
-Sources: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled
-update, section 14.3.2). [2] `docs/theory/tight-coupling.md`. [3] `docs/theory/altimeters.md`, sections 1, 2. [4]
-`docs/theory/lasting-errors.md`, sections 3 and 4.
+
+Sources:
+
+- [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled update,
+  section 14.3.2).
+- [2] `docs/theory/tight-coupling.md`.
+- [3] `docs/theory/altimeters.md`, sections 1, 2.
+- [4] `docs/theory/lasting-errors.md`, sections 3 and 4.
 """
 
 from __future__ import annotations
@@ -45,25 +50,29 @@ from navsim.geodesy.attitude_kernels import dcm
 from navsim.geodesy.earth_kernels import RATE, llh_to_ecef, ned_axes, radii, short_way
 
 FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE = 2, 3, 4, 5, 6, 7
-"""Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them). A probe is a fix that
-leaves its innovation and is never used. A kind's number never changes: random numbers are keyed by it."""
+"""Kinds of measurements, as kinds of events; `records.PASS` and `OUTPUT` come before them. The filter computes the
+innovation of a probe, a kind of fix, and never uses it. Random numbers are keyed by these numbers, so they never
+change."""
 KIND_COUNT = 8
-"""Slots of the other kinds, see `slot`; those of ranges come behind, one for each source."""
+"""Slots of the other kinds, see `slot`. Slots of ranges follow, one for each source."""
 _NEAR = 0.1
-"""A range is bent where the position's uncertainty across it makes it longer by more than this part of its 1 sigma."""
+"""A range is treated as curved if the position uncertainty across it lengthens it by more than this fraction of its
+sigma."""
 
 
 class FixTable(NamedTuple):
-    """Fixes of a receiver's antenna, m of them: llh (m, 3) rad, rad, m, nan without a fix; velocity (m, 3) NED m/s, its
-    components that are nan are not used; covariance (m, 6, 6) of what is new in both each time, NED. In all lanes:
-    lever_arm (3,) IMU -> antenna, body, m; lasting (m, 6, k) what each of the filter's k lasting errors of fixes does
-    to them [4]."""
+    """Fixes of a receiver's antenna, m of them."""
 
     llh: np.ndarray
+    """(m, 3) rad, rad, m, nan without a fix."""
     velocity: np.ndarray
+    """(m, 3) NED m/s; the filter ignores components that are nan."""
     covariance: np.ndarray
+    """(m, 6, 6) of the white noise of both, NED."""
     lever_arm: np.ndarray
+    """(3,) IMU to antenna, body axes, m; the same in all lanes."""
     lasting: np.ndarray = np.empty((0, MOST, 0))
+    """(m, 6, k) effect of each of the filter's k time-correlated errors of fixes [4]; the same in all lanes."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> FixTable:
         """The table with every array changed that differs between runs."""
@@ -73,10 +82,12 @@ class FixTable(NamedTuple):
 
 
 class AltitudeTable(NamedTuple):
-    """Heights of the IMU above the ellipsoid, m of them: height (m,) m, nan where there is none; variance (m,) m2."""
+    """Heights of the IMU above the ellipsoid, m of them."""
 
     height: np.ndarray
+    """(m,) m, nan if missing."""
     variance: np.ndarray
+    """(m,) m2."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> AltitudeTable:
         """The table with every array changed that differs between runs."""
@@ -84,24 +95,25 @@ class AltitudeTable(NamedTuple):
 
 
 class GroundTable(NamedTuple):
-    """Heights of a radio altimeter's antenna above the ground under it, m of them, and what the filter believes of it.
-
-    height: (m,) m, nan where there is none. floor, share: 1 sigma is the larger of `floor`, m, and `share` of the
-    height; one number each. start: m beyond the threshold from which on heights are used. threshold, scale, direction:
-    as of `sensors.altimeter.Centreline`; along, ground: (g,) as of `sensors.altimeter.Ground`; lever_arm: of
-    `FixTable`.
-    """
+    """Heights of a radio altimeter's antenna above the ground, m of them, and the filter's model of the ground."""
 
     height: np.ndarray
+    """(m,) m, nan if missing."""
     floor: float
+    """Smallest 1 sigma, m."""
     share: float
+    """1 sigma as a fraction of the height, if that is larger than `floor`."""
     start: float
+    """Distance beyond the threshold from which the filter uses heights, m."""
     threshold: np.ndarray
+    """See `sensors.altimeter.Centreline`, also for `scale` and `direction`."""
     scale: np.ndarray
     direction: np.ndarray
     along: np.ndarray
+    """(g,) see `sensors.altimeter.Ground`, also for `ground`."""
     ground: np.ndarray
     lever_arm: np.ndarray
+    """See `FixTable`."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> GroundTable:
         """The table with every array changed that differs between runs."""
@@ -109,12 +121,14 @@ class GroundTable(NamedTuple):
 
 
 class PressureTable(NamedTuple):
-    """Heights of the IMU above the ellipsoid by its static pressure, m of them: height (m,) m, nan where there is none;
-    variance (m,) m2 of their white noise; lag: s by which they are late, one number."""
+    """Heights of the IMU above the ellipsoid from static pressure, m of them."""
 
     height: np.ndarray
+    """(m,) m, nan if missing."""
     variance: np.ndarray
+    """(m,) m2 of the white noise."""
     lag: float
+    """Delay of the pressure, s."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> PressureTable:
         """The table with every array changed that differs between runs."""
@@ -124,25 +138,32 @@ class PressureTable(NamedTuple):
 class RangeTable(NamedTuple):
     """Pseudoranges and range rates of a receiver's antenna, m of them, each of a source and an epoch.
 
-    position, velocity: (m, 3) of the source as the receiver believes it (`gnss.pseudorange.Signals`), ECEF, m, m/s.
-    distance: (m,) to it, roughly, m. sigma, rate_sigma: (m,) m, m/s. source: (m,) int its number. bias: (m,) int which
-    of the clock's biases is in it (`clock.ReceiverClock`). pseudorange (m,) m, nan where there is none; range_rate (m,)
-    m/s, not used where it or the pseudorange is nan. lever_arm: as of `FixTable`. lasting: (m, g) m, 1 sigma of the
-    time-correlated errors of the pseudorange that the filter follows, one for each of g groups of kinds: the state
-    with the axis g source + group has it, in these sigmas [4]. But for what was measured all are the same in all lanes.
+    Only `pseudorange` and `range_rate` differ between lanes.
     """
 
     position: np.ndarray
+    """(m, 3) of the source according to the receiver (`gnss.pseudorange.Signals`), ECEF, m."""
     velocity: np.ndarray
+    """(m, 3) likewise, m/s."""
     distance: np.ndarray
+    """(m,) approximate distance to it, m."""
     sigma: np.ndarray
+    """(m,) of pseudoranges, m."""
     rate_sigma: np.ndarray
+    """(m,) of range rates, m/s."""
     source: np.ndarray
+    """(m,) int, number of the source."""
     bias: np.ndarray
+    """(m,) int, clock bias in the pseudorange (`clock.ReceiverClock`)."""
     pseudorange: np.ndarray
+    """(m,) m, nan if missing."""
     range_rate: np.ndarray
+    """(m,) m/s, unused if it or the pseudorange is nan."""
     lever_arm: np.ndarray
+    """See `FixTable`."""
     lasting: np.ndarray
+    """(m, g) 1 sigma of the time-correlated errors that the filter estimates, m, for each of g groups of kinds. The
+    state with the axis g source + group is this error in sigmas [4]."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> RangeTable:
         """The table with every array changed that differs between runs."""
@@ -304,8 +325,11 @@ def _range(nav, increments, dt, declared, c_nb, ranges, row, z, h):
 
 @kernel
 def _above_ground(nav, c_nb, grounds, z, h):
-    """Height of an antenna above the ground that the filter believes in [3]; z (1,) of a zero measurement, h (1, n)
-    zero at first. Returns how far beyond the threshold the antenna is, m."""
+    """Height of an antenna above the filter's ground model [3]; returns the distance of the antenna beyond the
+    threshold, m.
+
+    z (1,): of a zero measurement. h (1, n): zero at first.
+    """
     arm = small_vector(nav, 3)
     dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
     lever, along, height = grounds.lever_arm, grounds.along, grounds.ground

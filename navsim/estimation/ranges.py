@@ -1,12 +1,11 @@
-"""Ranges of one epoch, weighed together as a receiver's fix is.
+"""Measurement update with all ranges of one epoch together, like a fix.
 
-Each range is gated by itself, with what those before it say, but all are taken at one estimate, which is moved once, by
-what they say together. Were it moved by each, the chart would turn what is not known yet along with what is: in a chart
-whose positions turn with attitude, a correction of one direction ties the others to the error of heading, and the next
-ranges would correct attitude by what they say of position.
+The gate tests each range, given those before it. All ranges use one estimate, which is corrected once. A correction by
+each range would also rotate what is still unknown: charts rotate positions with attitude. A correction in one direction
+would then correlate the other directions with the heading error, and the next ranges would wrongly correct attitude.
 
-Where a source is near, one linearisation will not do: ranges are foreseen from where those before them lead, and all of
-them are weighed again from where they have led.
+Near a source one linearisation is not enough. Ranges are then predicted from the estimate after the ranges before them,
+and all are processed again from the corrected estimate.
 
 Source: [1] `docs/theory/tight-coupling.md`.
 """
@@ -33,29 +32,34 @@ NUMBERS = 2
 
 
 class RangeEpoch(NamedTuple):
-    """What ranges say so far of M estimates (components of a sum): prior (M, n, n) covariances before the epoch,
-    x (M, n) errors of the estimates before it, by what was said so far; bent (M,) 1 where one linearisation will not
-    do.
-
-    used (E,): 1 where a range is. heard, kept (c,): how many of each time scale were weighed, and used;
-    jumped (c + 1,), see `clock.has_jumped`.
-
-    Work space: now (M,) 1 where the range at hand is bent, z (2,), h (2, n), y (n,), nav (NAV,), p, again (n, n).
-    """
+    """Measurement update of M estimates (components of a sum) with the ranges of an epoch."""
 
     x: np.ndarray
+    """(M, n) corrections of the prior estimates so far."""
     prior: np.ndarray
+    """(M, n, n) covariances before the epoch."""
     bent: np.ndarray
+    """(M,) 1 if one linearisation is not enough."""
     used: np.ndarray
+    """(E,) 1 for ranges that are used."""
     heard: np.ndarray
+    """(c,) ranges of each time scale."""
     kept: np.ndarray
+    """(c,) ranges used of each time scale."""
     jumped: np.ndarray
+    """(c + 1,) see `clock.has_jumped`."""
     now: np.ndarray
+    """(M,) 1 if the present range is curved. Work space, as are all that follow."""
     z: np.ndarray
+    """(2,)."""
     h: np.ndarray
+    """(2, n)."""
     y: np.ndarray
+    """(n,)."""
     nav: np.ndarray
+    """(NAV,)."""
     p: np.ndarray
+    """(n, n), also `again`."""
     again: np.ndarray
 
 

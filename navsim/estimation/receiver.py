@@ -30,13 +30,16 @@ def _to_ned(c_ne, cofactor, out):
 
 @kernel
 def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, range_rate, llh, v_ned, clocks, cov):
-    """Fixes of one run, or of lanes.
+    """Least-squares fixes of one run, or of lanes.
 
-    start: (3,) ECEF point to begin the iteration at. position, velocity: (e, s, 3) of the sources, ECEF.
-    sigma, rate_sigma: (e, s) of all runs. clock: (s,) int. pseudorange, range_rate: (e, s); a nan measurement is not
-    used. Out: llh (e, 3) rad, rad, m; v_ned (e, 3) m/s; clocks (e, MAX_CLOCKS) m by clock number; cov (e, 6, 6)
-    covariance of position and velocity, NED, with what errors of position do to velocity. All nan where there are too
-    few sources or the geometry is singular; velocity alone where that is so of the range rates.
+    - `start` (3,): ECEF, first point of the iteration.
+    - `position`, `velocity` (e, s, 3): of the sources, ECEF; `sigma`, `rate_sigma` (e, s): of all runs.
+    - `clock` (s,) int; `pseudorange`, `range_rate` (e, s): nan measurements are not used.
+    - `llh` (e, 3), out: rad, rad, m; `v_ned` (e, 3), out: m/s; `clocks` (e, MAX_CLOCKS), out: m, by clock number.
+    - `cov` (e, 6, 6), out: covariance of position and velocity, NED, including the effect of position errors on
+      velocity.
+
+    All are nan if there are too few sources or the geometry is singular; velocity alone if that is so for range rates.
     """
     pseudorange, range_rate, cov = registers(pseudorange), registers(range_rate), registers(cov)
     llh, v_ned, clocks = registers(llh), registers(v_ned), registers(clocks)

@@ -1,13 +1,13 @@
-"""What goes into an estimator and what comes out of it, as few records that kernels take whole.
+"""Inputs and outputs of an estimator, as a few records that kernels take whole.
 
     IMU, measurements, events, state, model -> history, or account
 
-The truth is in what comes out alone: an account is what a history would be worth (`estimation.answers`). An `Events`
-list says in what order things happen; a measurement is a row of the table of its kind (`estimation.observations`).
+A `History` holds estimates. An `Account` holds their errors; only it needs the truth (`estimation.answers`). `Events`
+is the order of all that happens. A measurement is a row in the table of its kind (`estimation.observations`).
 
-Numbers are those of one run, or of W runs in the lanes of a register (`compiler.lanes`): then what differs between runs
-has a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model and
-lever arms are the same for all.
+Arrays are those of one run, or of W runs in SIMD lanes (`compiler.lanes`). In lanes, an array that differs between runs
+has a last axis of length W, and kernels take it without that axis (`lanes_of`). Times, events, model and lever arms are
+the same for all runs.
 """
 
 from __future__ import annotations
@@ -25,41 +25,44 @@ from navsim.estimation.clock import NO_CLOCK, ReceiverClock
 from navsim.estimation.observations import KIND_COUNT
 
 TIME_TOLERANCE = 1e-9
-"""Times closer than this are one, s: well under any sample interval, well over rounding."""
+"""Times closer than this are equal, s: far below any sample interval, far above rounding."""
 
 PASS, OUTPUT = 0, 1
-"""Kinds of events that are no measurements (`observations`): nothing but a time to get to; an output of the history."""
+"""Kinds of events without a measurement (`observations`): a time to propagate to, and an output of the history."""
 
 ESKF, FIRST_ESTIMATES, OBSERVABILITY_CONSTRAINED, LEFT_INVARIANT, TFG, GAUSSIAN_SUM = range(6)
 RTS, MAP = GAUSSIAN_SUM + 1, GAUSSIAN_SUM + 2
 CONSTRAINED = (FIRST_ESTIMATES, OBSERVABILITY_CONSTRAINED)
 """Filters whose corrections do not move their linearisation (`first_estimates`)."""
 FILTERS, SMOOTHERS = (ESKF, *CONSTRAINED, LEFT_INVARIANT, TFG, GAUSSIAN_SUM), (RTS, MAP)
-"""Kinds of estimators: those that go forward, and those that know what comes later."""
+"""Kinds of estimators: causal filters, and smoothers, which also use later measurements."""
 
 NOT_USED, USED, REJECTED = 0, 1, 2
-"""What became of a measurement: nothing to use, used, rejected by the innovation gate."""
+"""Status of a measurement: nothing to use, used, rejected by the innovation gate."""
 
 
 class ImuData(NamedTuple):
-    """Increments of n intervals: time (n + 1,) s; dtheta, dv (n, 3) rad, m/s, as measured."""
+    """Measured increments of n IMU intervals."""
 
     time: np.ndarray
+    """(n + 1,) s."""
     dtheta: np.ndarray
+    """(n, 3) rad."""
     dv: np.ndarray
+    """(n, 3) m/s."""
 
 
 STEADY_LINE, STEADY_SLOPE, STEADY_LAST, STEADY_LEFT = 0, 3, 6, 9
-"""Of `State.steady`: the line through the velocities at its latest time, m/s; its slope, m/s2; the line, and the
-filter's velocity, at the last measurement. NED."""
+"""Offsets in `State.steady`, NED: line through the velocities at its latest time, m/s; its slope, m/s2; the line, and
+the filter's velocity, at the last measurement."""
 STEADY_AGE, STEADY_IS, STEADY_ROUGHNESS, STEADY_COUNT = 12, 13, 14, 15
+"""Age of the line, s; 1 in steady flight; mean square of the velocity changes about the line, relative to the noise;
+and the number of changes in this mean."""
 STEADY_STEP, STEADY_TIME, STEADY_BEGUN = 16, 17, 18
-"""Age of the line, s; 1 while the flight is steady; mean square of the changes of velocity beside the line, in that of
-the noise, and the number that it is of; length of the last interval between measurements, s; when the next began, s;
-1 where it has."""
+"""Length of the last interval between measurements, s; start of the present one, s; 1 once it has started."""
 STEADY_FORCE, STEADY_OMITTED, STEADY_USES_FORCE = 19, 22, 25
-"""Mean specific force since the line began, m/s2, in body axes; what it left out of the change of velocity, as far as
-fixes have not corrected it yet, m/s, NED; 1 while it is used."""
+"""Mean specific force since the start of the line, body axes, m/s2; the velocity change that it omitted and that fixes
+have not yet corrected, NED, m/s; 1 while it is used."""
 STEADY_N = 26
 """Size of `State.steady`."""
 SHIFT_N = 6
@@ -67,50 +70,62 @@ SHIFT_N = 6
 
 
 class Events(NamedTuple):
-    """What happens, in order (k,): time s; kind; row in the table of that kind, or of the outputs; ahead: on a copy of
-    the filter that runs ahead of what may still arrive, thrown away before the next event that is not."""
+    """Events of a flight, in order."""
 
     time: np.ndarray
+    """(k,) s."""
     kind: np.ndarray
+    """(k,) kind of measurement, `PASS` or `OUTPUT`."""
     row: np.ndarray
+    """(k,) row in the table of that kind, or of the outputs."""
     ahead: np.ndarray
+    """(k,) true for events of the copy of the filter that predicts ahead of late measurements. The copy is discarded
+    before the next event of the filter itself."""
 
     def rows(self, kind: int) -> np.ndarray:
-        """The event (m,) of each row of the table of `kind`, that of the filter itself."""
+        """Index (m,) of the filter's own event for each row of the table of `kind`."""
         own = np.flatnonzero((self.kind == kind) & ~self.ahead)
         return own[np.argsort(self.row[own], kind="stable")]
 
 
 class Mixture(NamedTuple):
-    """The components of a Gaussian sum (`estimation.gaussian_sum`), with room for M: navigation (M, NAV), covariance
-    (M, n, n), increments (M, 6) as of `Way`, weight (M,): those of a sum add up to 1, and what is there comes first."""
+    """Components of a Gaussian sum (`estimation.gaussian_sum`), with room for M; those in use come first."""
 
     navigation: np.ndarray
+    """(M, NAV)."""
     covariance: np.ndarray
+    """(M, n, n)."""
     increments: np.ndarray
+    """(M, 6), see `Way`."""
     weight: np.ndarray
+    """(M,), sum 1."""
 
 
 class State(NamedTuple):
-    """A filter at a moment: navigation (NAV,), covariance (n, n), rejected (slots,) measurements that the gate rejected
-    in a row, of each slot (`observations.slot`); steady (STEADY_N,) the line that tells steady flight
-    (`steady_force`); shift (SHIFT_N,) corrections of position and velocity that the next transition does not start from
-    (`first_estimates`); components whose moments these are, without room where a filter is no sum."""
+    """A filter at a time."""
 
     navigation: np.ndarray
+    """(NAV,) navigation state."""
     covariance: np.ndarray
+    """(n, n)."""
     rejected: np.ndarray
+    """(slots,) consecutive rejections by the gate, for each slot (`observations.slot`)."""
     steady: np.ndarray
+    """(STEADY_N,) line through the velocities that detects steady flight (`steady_force`)."""
     shift: np.ndarray
+    """(SHIFT_N,) corrections of position and velocity that the next transition does not start from
+    (`first_estimates`)."""
     components: Mixture
+    """Components whose moments `navigation` and `covariance` are; empty unless the filter is a sum."""
 
 
 class Way(NamedTuple):
-    """Where a filter is on its way: cursor (3,) index of the interval of the IMU that it is in, -1 before it set off,
-    present time s, length of the interval last used s; increments (6,), the compensated ones of that interval."""
+    """Position of a filter in the IMU data."""
 
     cursor: np.ndarray
+    """(3,) index of the present IMU interval, -1 before the start; present time, s; length of the last interval, s."""
     increments: np.ndarray
+    """(6,) compensated increments of that interval."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Way:
         """The way with the array changed that differs between runs."""
@@ -118,47 +133,55 @@ class Way(NamedTuple):
 
 
 class FilterModel(NamedTuple):
-    """What a filter does and believes: kind (`estimation.estimate.FILTER_KINDS`); noise (1, 2) or (n, 2) white
-    densities of the sensors (`core.covariance`), for all intervals of the IMU or each; declared sensor states; gate
-    (MOST + 1,) largest normalised innovation squared by the number of measurements; rejections in a row after which one
-    is taken nevertheless; of a Gaussian sum the number of its components at most, and 1 sigma of heading (rad) of the
-    widest; clock of the receiver, where it is tightly coupled; steady_force: whether attitude errors turn only the
-    steady part of the specific force (`steady_force`).
-    """
+    """Settings of a filter that kernels need."""
 
     kind: int
+    """`estimation.estimate.FILTER_KINDS`."""
     noise: np.ndarray
+    """(1, 2) or (n, 2) white noise densities of the sensors (`core.covariance`), for all IMU intervals or for each."""
     declared: np.ndarray
+    """Sensor states, see `states.DECLARED`."""
     gate: np.ndarray
+    """(MOST + 1,) largest normalised innovation squared, by number of measurements."""
     max_rejected: int
+    """Consecutive rejections after which the filter uses the measurement regardless."""
     components: int = 0
+    """Largest number of components of a Gaussian sum."""
     widest: float = math.inf
+    """Largest heading sigma of a component, rad."""
     clock: ReceiverClock = NO_CLOCK
+    """Receiver clock of a tightly coupled filter."""
     steady_force: bool = False
+    """Attitude errors rotate only the steady part of the specific force (`steady_force`)."""
 
     @property
     def states(self) -> int:
-        """How many states it has."""
+        """Number of states."""
         return states.SENSORS + self.declared.size + self.clock_states
 
     @property
     def clock_states(self) -> int:
-        """How many of them are the clock's."""
+        """Number of clock states."""
         return states.clock_states(self.clock.scales.size)
 
 
 class History(NamedTuple):
-    """What an estimator leaves. At its outputs (o,): navigation (o, NAV), covariance (o, n, n). Of its events (k,),
-    where they are measurements: innovation and its 1 sigma (k, MOST), nan where there is none; innovation_squared (k,)
-    normalised, nan where there is none; degrees (k,) of it; status (k,)."""
+    """Output of an estimator, at its outputs (o,) and its events (k,)."""
 
     navigation: np.ndarray
+    """(o, NAV)."""
     covariance: np.ndarray
+    """(o, n, n)."""
     innovation: np.ndarray
+    """(k, MOST), nan if there is no measurement."""
     innovation_sigma: np.ndarray
+    """(k, MOST), nan likewise."""
     innovation_squared: np.ndarray
+    """(k,) normalised innovation squared, nan likewise."""
     degrees: np.ndarray
+    """(k,) degrees of freedom of the latter."""
     status: np.ndarray
+    """(k,) `NOT_USED`, `USED` or `REJECTED`."""
 
     def sigma(self) -> np.ndarray:
         """1 sigma of the errors (o, n); nan where a variance is negative."""
@@ -168,13 +191,16 @@ class History(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """What a history is judged by, at its outputs (o,): llh, velocity NED (o, 3), quaternion (o, 4) b -> n, sensors (o,
-    k) the true values of the declared sensor states, and of the clock's; of lanes all with a last axis more."""
+    """True values at the outputs (o,) of a history. In lanes every array has a last axis more."""
 
     llh: np.ndarray
+    """(o, 3) rad, rad, m."""
     velocity: np.ndarray
+    """(o, 3) NED, m/s."""
     quaternion: np.ndarray
+    """(o, 4) body to NED."""
     sensors: np.ndarray
+    """(o, k) the declared sensor states, then the clock's."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Truth:
         """The truth with every array changed."""
@@ -182,33 +208,39 @@ class Truth(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """A history against a truth: plain errors (o, n), truth minus estimate; normalised squared errors: nees (o,) of all
-    states in the filter's own coordinates, nees_position_velocity (o,), nees_group (o, g) of each three states, but
-    those that stand alone."""
+    """Errors of a history against the truth, at the outputs (o,)."""
 
     error: np.ndarray
+    """(o, n) truth minus estimate, plain error states."""
     nees: np.ndarray
+    """(o,) normalised squared error of all states, in the filter's own coordinates."""
     nees_position_velocity: np.ndarray
+    """(o,) of position and velocity."""
     nees_group: np.ndarray
+    """(o, g) of each group of three states; single states have none."""
 
 
 class Account(NamedTuple):
-    """What an estimator leaves where the truth is known: outputs are judged as they come, and not kept.
-
-    At its outputs: truth; judgement; sigma (o, n) of the errors, nan where a variance is negative; cross (o, 6), what
-    else a turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude. Of its events:
-    innovation_squared, degrees, status as of a `History`; innovation (k, MOST) those that were used, also by the copy
-    that runs ahead, nan for others, of no size where they are not wanted.
-    """
+    """Statistics of an estimator against the truth. Outputs are evaluated as they come and are not stored."""
 
     truth: Truth
+    """True values at the outputs (o,)."""
     judgement: Judgement
+    """Errors at the outputs."""
     sigma: np.ndarray
+    """(o, n) 1 sigma of the errors, nan where a variance is negative."""
     cross: np.ndarray
+    """(o, 6) elements NE, ND, ED of the covariance of position, then of attitude: they allow a later rotation of
+    axes."""
     innovation: np.ndarray
+    """(k, MOST) innovations that were used, also by the copy that predicts ahead; nan for others; (0, MOST) if not
+    requested."""
     innovation_squared: np.ndarray
+    """(k,) see `History`."""
     degrees: np.ndarray
+    """(k,) see `History`."""
     status: np.ndarray
+    """(k,) see `History`."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Account:
         """The account with every array changed that differs between runs."""
@@ -218,8 +250,10 @@ class Account(NamedTuple):
 def empty_account(
     truth: Truth, states: int, events: int, *lanes: int, single: int = 0, innovations: bool = False
 ) -> Account:
-    """Room for what an estimator of so many states leaves beside a truth, of one run or of so many lanes; single: how
-    many of the states, the last, belong to no group of three; innovations: whether they are wanted."""
+    """Allocate the account of an estimator of so many states, for one run or for lanes.
+
+    single: number of last states that belong to no group of three. innovations: whether to keep innovations.
+    """
     o, n, groups = truth.llh.shape[0], states, (states - single) // 3
     judgement = Judgement(
         np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, groups, *lanes))
@@ -231,7 +265,7 @@ def empty_account(
 
 
 def empty_history(outputs: int, events: int, n: int, *lanes: int) -> History:
-    """Room for what an estimator of n states leaves, of one run or of so many lanes."""
+    """Allocate the history of an estimator of n states, for one run or for lanes."""
     return History(
         np.empty((outputs, states.NAV_SENSORS + n - states.SENSORS, *lanes)), np.empty((outputs, n, n, *lanes)),
         np.full((events, MOST, *lanes), np.nan), np.full((events, MOST, *lanes), np.nan),
@@ -240,9 +274,10 @@ def empty_history(outputs: int, events: int, n: int, *lanes: int) -> History:
 
 
 def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0, sources: int = 0) -> State:
-    """The state of a filter before anything happened, from copies of navigation (NAV,) and covariance (n, n), with room
-    for so many components and sources of ranges; sensor states that the navigation state is too short for start from
-    zero."""
+    """Initial state of a filter, from copies of navigation (NAV,) and covariance (n, n).
+
+    It has room for so many components and sources of ranges. Sensor states missing in `navigation` start from zero.
+    """
     n = covariance.shape[0]
     lanes = navigation.shape[1:]
     whole = np.zeros((states.NAV_SENSORS + n - states.SENSORS, *lanes))
@@ -254,7 +289,7 @@ def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0, s
 
 
 def lanes_of(record: Any) -> Any:
-    """A record of arrays with lanes as kernels take it; records in it too, other members as they are."""
+    """A record of arrays as kernels take it in lanes; nested records too, other members unchanged."""
     members = (
         lanes_of(m) if isinstance(m, tuple) else in_lanes(m) if isinstance(m, np.ndarray) and m.dtype == float else m
         for m in record
@@ -265,9 +300,14 @@ def lanes_of(record: Any) -> Any:
 def by_epoch(
     rows: np.ndarray, squared: np.ndarray, degrees: np.ndarray, status: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Sums of the innovations squared and of their degrees, and the status, of epochs (..., e), from those of all
-    events (..., k), and the status of each source (..., e, s). rows: (e, s) the event of each source's range, -1 for
-    none. One of several ranges used is use of the epoch."""
+    """Innovations of epochs, from those of single ranges.
+
+    Returns normalised innovations squared and degrees of freedom, summed over the ranges of each epoch (..., e); the
+    status of the epoch; and the status of each source (..., e, s). An epoch is used if one of its ranges is.
+
+    - `rows` (e, s): event of each source's range, -1 for none.
+    - `squared`, `degrees`, `status` (..., k): of all events.
+    """
     there = rows >= 0
     # numpy adds in the order in which numbers lie in memory, which is another for one run than for many
     squares = np.ascontiguousarray(np.where(there, squared[..., rows], np.nan))
@@ -283,14 +323,15 @@ def by_epoch(
 
 
 def schedule(outputs: np.ndarray, *tables: tuple[int, np.ndarray, np.ndarray]) -> Events:
-    """The events of a flight, in the order in which a filter may act on them.
+    """Events of a flight, in the order in which a filter processes them.
 
-    outputs: (o,) times, s, increasing, at which to answer with all that has arrived by then. tables: of each kind of
-    measurement its kind, when they were valid and when they arrived (m,), s, in order.
+    - `outputs` (o,): increasing times, s; each output uses all measurements that have arrived by then.
+    - `tables`: kind of measurement, times of validity and times of arrival (m,), s, both increasing.
 
-    A measurement is used for the time it was valid. The filter itself goes no further than nothing older can still
-    arrive; for each answer a copy runs ahead from there, with what has arrived in the meantime. Raises ValueError for
-    outputs that do not increase.
+    A measurement is used at its time of validity. The filter propagates only as far as no older measurement can arrive.
+    For each output, a copy of the filter predicts ahead from there with the measurements that have arrived.
+
+    Raises ValueError for outputs that do not increase.
     """
     if np.any(np.diff(outputs) <= 0.0):
         raise ValueError("two outputs have the same time")

@@ -141,10 +141,11 @@ def _is_rough(roughness, count):
 
 @kernel
 def end_interval(line, v, variance, attitude, q, time, m):
-    """Compare the velocity v (3,) before a measurement, of this variance (3,), with the line.
+    """Compare the velocity v (3,) before a measurement, with this variance (3,), with the line of steady flight.
 
-    attitude (4,): b -> n. m (3,): out, what is to be added to the change of velocity that attitude errors turn: less
-    the noise of the interval in steady flight, what was left out where it ends, else nothing.
+    attitude (4,): body to NED. m (3,), out: correction of the velocity change that attitude errors rotate. In steady
+    flight it removes the noise of the interval; at the end of steady flight it restores the omitted part; otherwise it
+    is zero.
     """
     dt = time - line[STEADY_TIME]
     steady = line[STEADY_IS] > 0.5
@@ -206,8 +207,11 @@ def end_interval(line, v, variance, attitude, q, time, m):
 
 @kernel
 def _compare(line, v, attitude, many, dt, force, noise):
-    """Add the specific force of an interval of dt, s, to the mean of so `many`. force (3,): out, it in body axes; noise
-    (3,): out, by how much the change of velocity v (3,) differs from that of the mean force."""
+    """Add the specific force of an interval of dt, s, to the mean over `many` intervals.
+
+    force (3,), out: that of the interval, body axes. noise (3,), out: difference of its velocity change, to the
+    velocity v (3,), from that of the mean force.
+    """
     c_nb, level = small_matrix(noise, 3, 3), small_vector(noise, 3)
     dcm(attitude, c_nb)
     many = select(many < 1.0, 1.0, many)
@@ -294,10 +298,10 @@ def turns_from_mean(mixture, count, turns, attitude):
 
 @kernel
 def couple_sum(mixture, count, m, turns):
-    """`couple` every component of a sum, and take from its velocity what its own attitude made of the noise.
+    """`couple` every component of a sum, and remove the effect of its own attitude on the noise from its velocity.
 
-    A component whose attitude is turned by phi from the mean, of turns (M, 3), has mechanised the noise turned by phi:
-    its velocity and its coupling take m turned likewise, and all components are left with the noise of one attitude.
+    A component whose attitude is rotated by phi from the mean (`turns` (M, 3)) has mechanised the noise rotated by phi.
+    Its velocity and its coupling take m rotated likewise. All components then contain the noise of one attitude.
     """
     own = small_vector(m, 3)
     for j in range(count):

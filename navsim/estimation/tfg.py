@@ -48,11 +48,10 @@ HELD_SIGMA = 0.07
 
 @kernel
 def hold_axes(nav, p, increments, dt):
-    """Keep account of the turn the bias axes are held back by.
+    """Accumulate the rotation that holds back the bias axes.
 
-    increments: bias-free angle increments over dt, rad. While heading is uncertain, what is known of a bias is
-    known along the axes it was observed in; a quick turn of the body must not carry it over to axes whose
-    direction is not known.
+    increments: bias-free angle increments over dt, rad. While heading is uncertain, knowledge of a bias belongs to the
+    axes along which it was observed. A quick turn of the body must not rotate it to axes of unknown direction.
     """
     held = nav[NAV_HELD:NAV_SENSORS]
     known = p[A_D, A_D] < HELD_SIGMA * HELD_SIGMA

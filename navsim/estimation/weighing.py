@@ -20,26 +20,31 @@ from navsim.estimation.observations import PROBE, observe
 
 
 class Weighing(NamedTuple):
-    """Work space to weigh a measurement: have, z (MOST,), h (MOST, n), r, s (MOST, MOST), k, pht, work (n, MOST), as of
-    `observe`, `gain` and `joseph`; x (n,) estimated errors; nav (NAV,), p (n, n): what a lane had before, or what is
-    answered."""
+    """Work space of a measurement update; see `observe`, `gain` and `joseph`."""
 
     have: np.ndarray
+    """(MOST,), also `z`."""
     z: np.ndarray
     h: np.ndarray
+    """(MOST, n)."""
     r: np.ndarray
+    """(MOST, MOST), also `s`."""
     s: np.ndarray
     k: np.ndarray
+    """(n, MOST), also `pht` and `work`."""
     pht: np.ndarray
     work: np.ndarray
     x: np.ndarray
+    """(n,) estimated errors."""
     nav: np.ndarray
+    """(NAV,) state before the update or at the output."""
     p: np.ndarray
+    """(n, n) covariance likewise."""
 
 
 @within
 def weighing(nav, n):
-    """Work space for a filter of n states, of what `nav` holds."""
+    """Allocate work space for a filter of n states, with the lanes of `nav`."""
     return Weighing(
         room(nav, (MOST,)), room(nav, (MOST,)), room(nav, (MOST, n)), room(nav, (MOST, MOST)), room(nav, (MOST, MOST)),
         room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n,)), room(nav, (nav.shape[0],)),
@@ -62,7 +67,7 @@ def whitened_square(s, z, m):
 
 @kernel
 def numbers_in(have, m):
-    """How many of the first m numbers are there."""
+    """Number of valid measurements among the first m."""
     count = have[0]
     for a in range(1, m):
         count += have[a]

@@ -1,10 +1,13 @@
 """Delays of the ionosphere and the troposphere on L1.
 
-Sources: [1] IS-GPS-200, section 20.3.3.5.2.5 (Klobuchar's ionosphere). [2] Saastamoinen, Contributions to the theory
-of atmospheric refraction, Bull. Geod. 105-107 (1972-73). [3] US Standard Atmosphere (1976), lowest layer. [4] RTCA
-DO-229D, appendix A.4.2.4 (seasonal troposphere of the MOPS, after Collins & Langley's UNB3). [5] Niell, Global mapping
-functions for the atmosphere delay at radio wavelengths, JGR 101 (1996), tables 3, 4. [6] Davis et al., Geodesy by
-radio interferometry, Radio Science 20 (1985), appendix A.
+Sources:
+
+- [1] IS-GPS-200, section 20.3.3.5.2.5 (Klobuchar's ionosphere).
+- [2] Saastamoinen, Contributions to the theory of atmospheric refraction, Bull. Geod. 105-107 (1972-73).
+- [3] US Standard Atmosphere (1976), lowest layer.
+- [4] RTCA DO-229D, appendix A.4.2.4 (seasonal troposphere of the MOPS, after Collins & Langley's UNB3).
+- [5] Niell, Global mapping functions for the atmosphere delay at radio wavelengths, JGR 101 (1996), tables 3, 4.
+- [6] Davis et al., Geodesy by radio interferometry, Radio Science 20 (1985), appendix A.
 """
 
 from __future__ import annotations

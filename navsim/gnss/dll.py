@@ -1,9 +1,13 @@
-"""What a receiver's code loop makes of signal strength and of a reflection.
+"""Code loop of a receiver: errors due to signal strength and to a reflection.
 
-Sources: [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), section 8.9.2 (thermal noise of a non-coherent
-early-late loop). [2] Misra & Enge, Global Positioning System (2006), section 10.5 (code error of a reflection, from the
-early-late discriminator). [3] ITU-R P.527 (permittivity and conductivity of ground); Balanis, Advanced Engineering
-Electromagnetics (2012), section 5.3 (Fresnel's coefficients).
+Sources:
+
+- [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), section 8.9.2 (thermal noise of a non-coherent
+  early-late loop).
+- [2] Misra & Enge, Global Positioning System (2006), section 10.5 (code error of a reflection, from the early-late
+  discriminator).
+- [3] ITU-R P.527 (permittivity and conductivity of ground); Balanis, Advanced Engineering Electromagnetics (2012),
+  section 5.3 (Fresnel's coefficients).
 """
 
 from __future__ import annotations
@@ -56,15 +60,18 @@ _PHASES = 16
 
 @dataclass(frozen=True)
 class GroundReflection:
-    """The ground under a path from a transmitter near it: height of the ground over the ellipsoid, m; permittivity,
-    relative; conductivity, S/m; horizon_db: the receiving antenna's gain at its horizon, see `antenna_gain`;
-    polarisation: of transmitter and receiver."""
+    """Ground that reflects the signal of a nearby transmitter."""
 
     height: float
+    """Above the ellipsoid, m."""
     permittivity: float
+    """Relative."""
     conductivity: float
+    """S/m."""
     horizon_db: float
+    """Gain of the receiving antenna at its horizon, see `antenna_gain`."""
     polarisation: Polarisation = "circular"
+    """Of transmitter and receiver."""
 
 
 def fresnel(
@@ -137,13 +144,15 @@ def multipath_error(
 
 @dataclass(frozen=True)
 class ReflectionErrors:
-    """How large errors by reflections are for somebody who knows the geometry to metres, not to a wavelength: mean,
-    sigma (e, s) over all phases, m, 0 of sources without; time (e, s) the correlation time of what is beside the mean,
-    s, the inverse of the rate of the phase."""
+    """Statistics of reflection errors if the geometry is known to metres, not to a wavelength; 0 for sources
+    without."""
 
     mean: np.ndarray
+    """(e, s) over all phases, m."""
     sigma: np.ndarray
+    """(e, s) over all phases, m."""
     time: np.ndarray
+    """(e, s) correlation time of the deviation from the mean, s: the inverse of the phase rate."""
 
     def at(self, epochs: np.ndarray) -> ReflectionErrors:
         """At the epochs with these numbers (m,) int."""

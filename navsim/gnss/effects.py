@@ -66,17 +66,7 @@ STANDARD_LOOP = dll.CodeLoop(spacing=0.5, bandwidth=1.0, integration=0.02)
 
 @dataclass(frozen=True)
 class Effects:
-    """All that is not as in an ideal world; None or nothing for what is left out.
-
-    thermal: whether the noise of satellite ranges is that of the code loop at their carrier to noise density;
-    horizon_db: gain of the receiving antenna at the horizon. cn0_reference: distance from a pseudolite, m, of its
-    stated C/N0, which then falls with distance. noise_figure: of the receiver, dB. thermal_pseudolites: as thermal,
-    of pseudolites. offsets: by clock number, m, of the systems' time scales against the
-    first; offset_sigma: 1 sigma, m, of what is drawn of them for each run, against the first of the sky. one_clock:
-    the receiver takes all time scales for one. smoothing: memory of the carrier-smoothed code, s. lasting: errors of
-    satellites that last, as they are in the pseudoranges that the receiver uses. heavier: what the noise of ranges is
-    drawn from, where that is not the Gaussian of their sigmas.
-    """
+    """Errors and noise of signals; defaults are an ideal world."""
 
     ionosphere: Ionosphere | None = None
     troposphere: Troposphere | None = None
@@ -84,17 +74,28 @@ class Effects:
     reference: Reference | None = None
     loop: dll.CodeLoop = STANDARD_LOOP
     thermal: bool = False
+    """Noise of satellite ranges is that of the code loop at their carrier to noise density."""
     horizon_db: float = 0.0
+    """Gain of the receiving antenna at the horizon, dB."""
     reflection: dll.GroundReflection | None = None
     cn0_reference: float | None = None
+    """Distance from a pseudolite of its stated C/N0, m; C/N0 then falls with distance. None: constant."""
     noise_figure: float = 0.0
+    """Of the receiver, dB."""
     thermal_pseudolites: bool = False
+    """As `thermal`, for pseudolites."""
     offsets: tuple[float, ...] = (0.0,) * len(CLOCKS)
+    """Offset of each time scale from the first, m, by clock number."""
     offset_sigma: float = 0.0
+    """1 sigma of the offsets drawn for each run, m, relative to the first time scale of the sky."""
     one_clock: bool = False
+    """The receiver treats all time scales as one."""
     smoothing: float = 0.0
+    """Time constant of the carrier-smoothed code, s."""
     lasting: tuple[LastingError, ...] = ()
+    """Time-correlated errors of satellites in the pseudoranges that the receiver uses."""
     heavier: HeavyTailedNoise | None = None
+    """Distribution of the ranging noise if it is not Gaussian."""
 
     @property
     def placed(self) -> bool:

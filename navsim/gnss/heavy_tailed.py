@@ -1,11 +1,15 @@
-"""Noise of ranges whose tails are heavier than those of the Gaussian that everybody who receives them believes in.
+"""Ranging noise with heavier tails than the receiver's Gaussian model.
 
-Each range is drawn, at each epoch anew, from one of two Gaussians, a core and a tail: the contaminated normal
-distribution [1]; two components are what is fitted to errors of differentially corrected ranges as well [2].
+Each range is drawn, at each epoch anew, from one of two Gaussians, a core and a tail. This is the contaminated normal
+distribution [1]. Two components are also fitted to errors of differentially corrected ranges [2].
 
-Sources: [1] Tukey (1960), *A survey of sampling from contaminated distributions*, in Contributions to Probability and
-Statistics. [2] *Bounding the Heavy-tailed DGNSS Error by Leveraging Membership Weights Analysis of Gaussian Mixture
-Model*, Pacific PNT 2024. [3] `docs/theory/integrity.md`, section 8.
+Sources:
+
+- [1] Tukey (1960), *A survey of sampling from contaminated distributions*, in Contributions to Probability and
+  Statistics.
+- [2] *Bounding the Heavy-tailed DGNSS Error by Leveraging Membership Weights Analysis of Gaussian Mixture Model*,
+  Pacific PNT 2024.
+- [3] `docs/theory/integrity.md`, section 8.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 
 SUMS = 6
-"""How many sums over the sources follow the errors of fixes by kinds of like correlation time: three would do while
-satellites keep their shares in a fix, but one that is lost, or a pseudolite that is near, turns these over."""
+"""Number of sums over the sources that model fix errors of similar correlation time. Three are enough while satellites
+keep their shares in a fix. A lost satellite or a near pseudolite changes the shares."""
 Mapping = Literal["none", "ionosphere", "troposphere", "multipath"]
 """How an error grows towards the horizon, see `mapped`."""
 LOWEST = np.radians(2.0)

@@ -29,54 +29,67 @@ _BY_SOURCE = (
 
 @dataclass(frozen=True)
 class Signals:
-    """All sources over all fix epochs; a source that is not received has `used` false there, and may have nan
-    in every other field; where it is used, all are finite.
+    """All sources at all fix epochs.
 
-    time: (e,) s. antenna, antenna_velocity: (e, 3) ECEF, m, m/s. names: (s,). clock: (s,) number of the clock unknown.
-    used: (e, s) bool.
-    position, velocity: (e, s, 3) where the receiver believes the sources (satellites at the time of
-    transmission, in ECEF axes at reception), m, and how that place moves with the time of reception, m/s, see
-    `apparent_velocity`. range, range_rate: (e, s) true, m, m/s.
-    delay: (e, s) errors common to all runs, m. sigma, rate_sigma: (e, s) 1 sigma of the noise, m, m/s.
-    los: (e, s, 3) unit vectors from the antenna in its ENU, nan where not used. azimuth, elevation: (e, s)
-    rad, also of unused sources. cn0: (e, s) dB-Hz. divergence: (e, s) code less carrier, m: what carriers lack
-    of the delay. space: (e, s, 4) change by one sigma of errors of place and clock, which are drawn for each run, or
-    None: of satellites by their messages, of pseudolites by their survey and calibration.
-    lasting: errors with a memory that are drawn for each run, or None. fix_sigma, fix_rate_sigma: (e, s) 1 sigma of the
-    pseudoranges and range rates that fixes are made from, of all that is drawn but for `space` of satellites.
-    smoothing: (e, s) int, counts of the carrier smoothing, or None for bare code. js: (j, e, s) power of jammers by
-    that of the signal, dB. offset: (s, k) change by one sigma of the offset of each of k time scales, m, which are
-    drawn for each run, or None. wandering: the clocks of pseudolites that are drawn for each run, or None.
-    reflections: how large the errors by reflections are that `delay` has, or None.
+    A source that is not received has `used` false, and may have nan in every other field; where it is used, all are
+    finite.
     """
 
     time: np.ndarray
+    """(e,) s."""
     antenna: np.ndarray
+    """(e, 3) ECEF, m."""
     antenna_velocity: np.ndarray
+    """(e, 3) ECEF, m/s."""
     names: tuple[str, ...]
+    """(s,)."""
     clock: np.ndarray
+    """(s,) number of the clock unknown."""
     used: np.ndarray
+    """(e, s) bool."""
     position: np.ndarray
+    """(e, s, 3) of the sources according to the receiver, m: satellites at transmission, in ECEF axes at reception."""
     velocity: np.ndarray
+    """(e, s, 3) rate of that position with the time of reception, m/s, see `apparent_velocity`."""
     range: np.ndarray
+    """(e, s) true, m."""
     range_rate: np.ndarray
+    """(e, s) true, m/s."""
     delay: np.ndarray
+    """(e, s) errors common to all runs, m."""
     sigma: np.ndarray
+    """(e, s) 1 sigma of the range noise, m."""
     rate_sigma: np.ndarray
+    """(e, s) 1 sigma of the range rate noise, m/s."""
     los: np.ndarray
+    """(e, s, 3) unit vectors from the antenna, ENU, nan where not used."""
     azimuth: np.ndarray
+    """(e, s) rad, also of unused sources."""
     elevation: np.ndarray
+    """(e, s) rad, also of unused sources."""
     cn0: np.ndarray
+    """(e, s) dB-Hz."""
     divergence: np.ndarray
+    """(e, s) code minus carrier delay, m."""
     space: np.ndarray | None
+    """(e, s, 4) effect of one sigma of position and clock errors drawn for each run; None without. Satellites have
+    errors of their messages, pseudolites those of survey and calibration."""
     lasting: LastingErrors | None
+    """Time-correlated errors drawn for each run, or None."""
     fix_sigma: np.ndarray
+    """(e, s) 1 sigma of the pseudoranges of fixes, due to all random errors except `space` of satellites."""
     fix_rate_sigma: np.ndarray
+    """(e, s) 1 sigma of the range rates of fixes, likewise."""
     smoothing: np.ndarray | None
+    """(e, s) int, counts of the carrier smoothing; None for bare code."""
     js: np.ndarray
+    """(j, e, s) jammer to signal power ratio, dB."""
     offset: np.ndarray | None = None
+    """(s, k) effect of one sigma of each of k time scale offsets drawn for each run, m, or None."""
     wandering: WanderingClocks | None = None
+    """Clocks of pseudolites drawn for each run, or None."""
     reflections: ReflectionErrors | None = None
+    """Statistics of the reflection errors in `delay`, or None."""
 
     @property
     def noise_sigma(self) -> np.ndarray:
@@ -150,12 +163,13 @@ def satellites_at_reception(
 def apparent_velocity(
     position: np.ndarray, velocity: np.ndarray, antenna: np.ndarray, antenna_velocity: np.ndarray
 ) -> np.ndarray:
-    """Change of the place that `satellites_at_reception` gives, for each second of reception (m, n, 3), m/s.
+    """Rate of the position that `satellites_at_reception` gives, by the time of reception (m, n, 3), m/s.
 
-    position, velocity: (m, n, 3) as it gives them. antenna, antenna_velocity: (m, 3) ECEF, m, m/s. While the range
-    grows by r' m/s, a second of reception sees only 1 - r'/c seconds of the satellite's motion, and the axes turn on by
-    the Earth's rate times r'/c; the range's rate is then exactly u (this velocity - the antenna's). Up to 3 mm/s.
-    The time derivative of the range of [1], section 8.5.
+    position, velocity (m, n, 3): from that function. antenna, antenna_velocity (m, 3): ECEF, m, m/s.
+
+    While the range grows by r' m/s, a second of reception sees 1 - r'/c seconds of the satellite's motion. The axes
+    rotate by the Earth's rate times r'/c. The range rate is then exactly u (this velocity - the antenna's). The effect
+    is up to 3 mm/s. It is the time derivative of the range of [1], section 8.5.
     """
     away = position - antenna[:, None]
     unit = away / np.linalg.norm(away, axis=2, keepdims=True)

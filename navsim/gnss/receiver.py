@@ -20,14 +20,18 @@ def epochs(duration: float, rate: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Receiver:
-    """rate: of fixes, Hz. latency: from the time a fix is valid to the time it is given out, s. clock_offset: s,
-    clock_drift: s/s. clock_density: of the noises of the clock's phase, m2/s, and frequency, m2/s3."""
+    """Rate, latency and clock of a receiver."""
 
     rate: float
+    """Of fixes, Hz."""
     latency: float
+    """From the validity of a fix to its output, s."""
     clock_offset: float
+    """s."""
     clock_drift: float
+    """s/s."""
     clock_density: tuple[float, float] = (0.0, 0.0)
+    """Noise densities of the clock's phase, m2/s, and frequency, m2/s3."""
 
     def epochs(self, duration: float, imu_rate: float) -> np.ndarray:
         """Times of the fixes that come before the last sample of an IMU of this rate (Hz), s (e,)."""

@@ -71,25 +71,33 @@ class Radiated:
 
 @dataclass(frozen=True)
 class Pseudolites:
-    """Pseudolites: surveyed llh (p, 3) rad, rad, m; survey_error (3,) NED true minus surveyed, m;
-    delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz; carrier: Hz;
-    radiated: what cn0 follows from instead, where it does; survey_sigma: along each axis, and clock_sigma: 1 sigma of
-    what is drawn of their places and clocks for each run, m; clock_density, clock_age: see
-    `transmitter.WanderingClocks`."""
+    """Pseudolites, p of them."""
 
     names: tuple[str, ...]
     llh: np.ndarray
+    """(p, 3) surveyed, rad, rad, m."""
     survey_error: np.ndarray
+    """(3,) NED, true minus surveyed, m."""
     clock: int
+    """Number of their clock."""
     delay: float
+    """Effect of their clock offset on the pseudorange, m."""
     sigma: float
+    """Of pseudoranges, m."""
     rate_sigma: float
+    """Of range rates, m/s."""
     cn0: float
+    """dB-Hz."""
     carrier: float
+    """Hz."""
     radiated: Radiated | None = None
+    """Transmitted power from which C/N0 follows; None: constant `cn0`."""
     survey_sigma: float = 0.0
+    """1 sigma of position errors along each axis, drawn for each run, m."""
     clock_sigma: float = 0.0
+    """1 sigma of clock errors, drawn for each run, m."""
     clock_density: tuple[float, float] = (0.0, 0.0)
+    """See `transmitter.WanderingClocks`, also for `clock_age`."""
     clock_age: float = 0.0
 
     @property
@@ -111,10 +119,7 @@ class ErrorLaw:
 
 @dataclass(frozen=True)
 class Environment:
-    """All sources of signals, what becomes of them, the antenna that hears them, what happens, and who jams; lever_arm
-    (3,) IMU to antenna, body, m. antenna: of the aircraft, where it has one by a table. terrain: (w, 2, 3) tops of
-    ridges that hide sources, ECEF, m, see `horizon.behind`. ground: height of the smooth Earth that hides sources over
-    the ellipsoid, m."""
+    """All sources of signals, their errors, obstacles, events and jammers, and the receiving antenna."""
 
     satellites: tuple[Satellites, ...]
     listed: Listed | None
@@ -122,12 +127,16 @@ class Environment:
     pseudolites: Pseudolites
     law: ErrorLaw
     lever_arm: np.ndarray
+    """(3,) IMU to antenna, body axes, m."""
     effects: Effects = NO_EFFECTS
     events: tuple[Event, ...] = ()
     jamming: Jamming | None = None
     antenna: AircraftAntenna | None = None
+    """Of the aircraft, if a table gives one."""
     terrain: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
+    """(w, 2, 3) tops of ridges that hide sources, ECEF, m, see `horizon.behind`."""
     ground: float = 0.0
+    """Height above the ellipsoid of the smooth Earth that hides sources, m."""
 
     @property
     def placed(self) -> bool:
@@ -248,8 +257,10 @@ class Environment:
 
 
 def find_lone_pseudolite(signals: pseudorange.Signals, pseudolites: int) -> np.ndarray:
-    """At which fixes (e,) bool one of the last so many sources is the only one received that keeps their time scale,
-    beside others that keep another: its range serves the clock unknown and nothing else."""
+    """Fixes (e,) bool at which a pseudolite is the only received source of its time scale, beside sources of another.
+
+    Its range then determines its clock unknown and nothing else. The pseudolites are the last so many sources.
+    """
     if not pseudolites:
         return np.zeros(len(signals.used), bool)
     same = signals.used[:, signals.clock == signals.clock[-1]].sum(axis=1)

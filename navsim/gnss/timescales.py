@@ -1,13 +1,16 @@
-"""Time scales of satellite navigation.
+"""Time scales of satellite navigation. Names contain the scale that they use.
 
-Two counts are used, and names tell which. `gpst`: GPS time, seconds from 1980-01-06, which runs through leap seconds;
-all that moves, satellites, signals, recorded observations, is computed at such instants, so that durations are exact.
-`utc`: seconds from 1970-01-01 with leap seconds left out, as POSIX counts, for what has a date: epochs of scenarios,
-times of GLONASS messages (GLONASS time is UTC, plus three hours for display). It gives a leap second the numbers of the
-second after it, so nothing is computed in it.
+- `gpst`: GPS time, seconds from 1980-01-06, which runs through leap seconds. Satellites, signals and recorded
+  observations are computed at such instants, so that durations are exact.
+- `utc`: seconds from 1970-01-01 without leap seconds, as POSIX counts, for dates: epochs of scenarios and times of
+  GLONASS messages. GLONASS time is UTC, plus three hours for display. A leap second has the numbers of the second after
+  it, so nothing is computed in it.
 
-Sources: [1] IS-GPS-200, section 3.3.4 (GPS time and weeks). [2] IERS Bulletin C (leap seconds; none since 2017).
-[3] Aoki et al., The new definition of universal time, Astron. Astrophys. 105 (1982) (sidereal time).
+Sources:
+
+- [1] IS-GPS-200, section 3.3.4 (GPS time and weeks).
+- [2] IERS Bulletin C (leap seconds; none since 2017).
+- [3] Aoki et al., The new definition of universal time, Astron. Astrophys. 105 (1982) (sidereal time).
 """
 
 from __future__ import annotations
@@ -81,8 +84,10 @@ _ANNOUNCED = 182.0 * DAY
 
 
 def announced_leap_second(gpst: float) -> tuple[int, tuple[int, int, int]]:
-    """GPS time minus UTC at a GPS time, s, and what GPS messages say of the next announced leap second, or else of the
-    last one: that difference after it, the GPS week and the day of the week (1 is Sunday) at whose end it comes [1]."""
+    """GPS time minus UTC at a GPS time, s, and the leap second that GPS messages announce, or else the last one [1].
+
+    The latter is the difference after it, and the GPS week and the day of the week (1 is Sunday) at whose end it comes.
+    """
     now = int(np.searchsorted(_LEAPS_GPS, gpst, side="right"))
     ahead = now < _LEAPS.size and _LEAPS_GPS[now] - gpst <= _ANNOUNCED
     number = max(now + ahead, 1)

@@ -26,12 +26,14 @@ _SMALL = 1e-9
 
 @dataclass(frozen=True)
 class Fault:
-    """Sources that fail together, the indices of their ranges, with the probability that they have. of: the numbers, in
-    the list of faults, of independent ones that it is the coincidence of; none for one by itself."""
+    """Sources that fail together."""
 
     sources: tuple[int, ...]
+    """Indices of their ranges."""
     prior: float
+    """Probability."""
     of: tuple[int, ...] = ()
+    """Numbers, in the list of faults, of the independent faults that coincide; empty for a single fault."""
 
 
 MOST_PAIRS = 60
@@ -39,8 +41,11 @@ MOST_PAIRS = 60
 
 
 def coincidences(priors: Sequence[float], tolerated: float) -> list[tuple[int, int]]:
-    """Which two of independent faults to monitor as one more, the most probable first, until what is left of several at
-    once is half of what is tolerated; the other half is for what cannot be monitored."""
+    """Pairs of independent faults to monitor, the most probable first.
+
+    The list ends when the remaining coincidences have half of the tolerated probability. The other half is for what
+    cannot be monitored.
+    """
     pairs = sorted(itertools.combinations(range(len(priors)), 2), key=lambda pair: -priors[pair[0]] * priors[pair[1]])
     there = np.ones((len(priors), 1), bool)
     chosen: list[tuple[int, int]] = []
@@ -53,20 +58,20 @@ def coincidences(priors: Sequence[float], tolerated: float) -> list[tuple[int, i
 
 @dataclass(frozen=True)
 class Allocation:
-    """Probabilities that the levels and tests share, those of LPV-200 where nothing else is said.
-
-    p_hmi: of misleading information, vertical and horizontal. p_fa: of an alarm without a fault. p_unmonitored: that is
-    tolerated of what is not monitored. p_emt: faults of no less count for the effective monitor threshold. samples:
-    effective ones of an exposure, by which the budgets are divided.
-    """
+    """Probabilities that levels and tests share; defaults of LPV-200."""
 
     p_hmi_vertical: float = 9.8e-8
+    """Of hazardous misleading information, vertical; `p_hmi_horizontal` likewise."""
     p_hmi_horizontal: float = 2e-9
     p_fa_vertical: float = 3.9e-6
+    """Of an alarm without a fault, vertical; `p_fa_horizontal` likewise."""
     p_fa_horizontal: float = 9e-8
     p_unmonitored: float = 8e-8
+    """Tolerated probability of unmonitored faults."""
     p_emt: float = 1e-5
+    """Smallest prior of a fault that counts for the effective monitor threshold."""
     samples: float = 1.0
+    """Effective independent samples of an exposure; they divide the budgets."""
 
     @property
     def p_hmi(self) -> np.ndarray:
@@ -81,38 +86,45 @@ class Allocation:
 
 @dataclass(frozen=True)
 class SolutionSpread:
-    """How far the whole solution, and those without each fault, may be off without one; axes east, north, up, m.
+    """Fault-free errors of the full solution and of the solutions without each fault; axes east, north, up; m.
 
-    solved: (e,), separate_solved: (k, e) bool, where there are such solutions. sigma: (e, 3), separate_sigma: (k, e, 3)
-    1 sigma. apart: (k, e, 3) 1 sigma of their differences. bias: (e, 3), separate_bias: (k, e, 3) that nominal biases
-    reach. nan where there is no solution.
+    nan without a solution.
     """
 
     solved: np.ndarray
+    """(e,) bool, whether the full solution exists."""
     separate_solved: np.ndarray
+    """(k, e) bool, whether the solution without each fault exists."""
     sigma: np.ndarray
+    """(e, 3) 1 sigma."""
     separate_sigma: np.ndarray
+    """(k, e, 3) 1 sigma."""
     apart: np.ndarray
+    """(k, e, 3) 1 sigma of the differences."""
     bias: np.ndarray
+    """(e, 3) largest effect of nominal biases."""
     separate_bias: np.ndarray
+    """(k, e, 3) likewise."""
 
 
 @dataclass(frozen=True)
 class Levels:
-    """What solution separation says of epochs; axes east, north, up; nan where there is none.
-
-    available: (e,) whether there is a level. unmonitored: (e,) probability of what is not monitored. monitored: (k, e)
-    faults. threshold: (k, e, 3) what the difference of the solutions with and without a fault may be, m. level: (e, 3)
-    m. spread: of the solutions. emt: (e,) effective monitor threshold, m.
-    """
+    """Protection levels by solution separation; axes east, north, up; nan without a level."""
 
     available: np.ndarray
+    """(e,) whether there is a level."""
     unmonitored: np.ndarray
+    """(e,) probability of unmonitored faults."""
     monitored: np.ndarray
+    """(k, e) monitored faults."""
     threshold: np.ndarray
+    """(k, e, 3) largest accepted difference of the solutions with and without a fault, m."""
     level: np.ndarray
+    """(e, 3) m."""
     spread: SolutionSpread
+    """Of the solutions."""
     emt: np.ndarray
+    """(e,) effective monitor threshold, m."""
 
     @property
     def horizontal(self) -> np.ndarray:
@@ -144,11 +156,12 @@ def levels(
     allocation: Allocation,
     unlisted: float | None = None,
 ) -> FixLevels:
-    """The levels of fixes of epochs.
+    """Protection levels of fixes.
 
-    rows (e, s, u), used (e, s): see `solution.solve`. noise: that bounds the errors of ranges; accuracy: that they have
-    without faults. nominal: (e, s) m, bound of their biases. unlisted: probability of what `faults` do not name, where
-    it is not that of several of them at once.
+    - `rows` (e, s, u), `used` (e, s): see `solution.solve`.
+    - `noise`: bounds the ranging errors; `accuracy`: describes them without faults.
+    - `nominal` (e, s): bound of their biases, m.
+    - `unlisted`: probability of faults outside `faults`, if it is not that of several of them at once.
     """
     whole = solve(rows, used, noise)
     without = [_without(rows, used, noise, fault) for fault in faults]
@@ -176,10 +189,10 @@ def allocated_risk(
     unlisted: float | None = None,
     idle: np.ndarray | None = None,
 ) -> Levels:
-    """The levels of solutions that use ranges (e, s), by their spread; other arguments are those of `levels`.
+    """Protection levels of solutions that use ranges (e, s), from their spread; other arguments as of `levels`.
 
-    idle: (k, e) bool, faults that are not monitored where what is tolerated has room for them, and half of the budget:
-    those first that would cost most, whose separate sigmas are larger by powers of two, of these the least probable.
+    idle (k, e) bool: faults that need not be monitored while half of the tolerated probability has room for them. The
+    costliest go first: those with separate sigmas larger by powers of two, of these the least probable.
     """
     priors = np.array([fault.prior for fault in faults])
     touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults], bool)
@@ -251,11 +264,14 @@ def across(
     allocation: Allocation,
     bearing: float,
 ) -> np.ndarray:
-    """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, under the tests east and north;
-    together they take what those take. Equation (8a).
+    """Levels (e, 2) across and along a horizontal direction, under the tests east and north. Equation (8a).
 
-    found: levels east and north. spreads: 1 sigma along both directions, and how far nominal biases reach, (e, 2) each,
-    m, of the whole solution and of those without each fault. priors, allocation: those that levels were given.
+    Together they use the risk of the levels east and north.
+
+    - `found`: levels east and north; `bearing`: of the direction, rad.
+    - `spreads`: 1 sigma along both directions and the largest effect of nominal biases, (e, 2) each, m, of the full
+      solution and of those without each fault.
+    - `priors`, `allocation`: those of the levels.
     """
     share = np.abs(turned(np.eye(2), bearing))
     between = found.threshold[..., :UP] @ share.T

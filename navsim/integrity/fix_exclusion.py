@@ -24,13 +24,15 @@ MOST_KEPT = 2**28
 
 @dataclass(frozen=True)
 class SettledFixes:
-    """Fixes, the sizes of their errors (e, 2, W), m, their levels (e, 2, W), m, nan where there is no test, and the
-    numbers of the candidates that they are made without (e, W), `exclusion.NOTHING` for none."""
+    """Fixes after exclusion."""
 
     fixes: ReceiverFixes
     error: np.ndarray
+    """(e, 2, W) sizes of their errors, m."""
     level: np.ndarray
+    """(e, 2, W) protection levels, m, nan without a test."""
     excluded: np.ndarray
+    """(e, W) number of the excluded candidate, `exclusion.NOTHING` for none."""
 
 
 @dataclass(frozen=True)

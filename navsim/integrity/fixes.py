@@ -39,9 +39,11 @@ def solved(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.nd
 def range_residuals(
     signals: Signals, antenna: np.ndarray, axes: np.ndarray, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What fixes llh (e, 3, W), clocks (e, MAX_CLOCKS, W) leave of their ranges (e, s, W), m, and the sizes of their
-    errors, horizontal and vertical (e, 2, W), m. antenna: (e, 3, W) where it truly is, ECEF, m. axes: (e, 3, 3) rows
-    east, north, up at the antenna."""
+    """Residuals of the ranges (e, s, W) of fixes, m, and sizes of the fix errors, horizontal and vertical (e, 2, W), m.
+
+    - `antenna` (e, 3, W): true position, ECEF, m; `axes` (e, 3, 3): rows east, north, up at the antenna.
+    - `llh` (e, 3, W), `clocks` (e, MAX_CLOCKS, W): the fixes.
+    """
     left, off = np.empty_like(ranges), np.empty_like(llh)
     residuals(
         signals.position, signals.clock, in_lanes(antenna), axes,

@@ -89,23 +89,24 @@ class ExpectedFault:
 
 @dataclass(frozen=True)
 class Monitoring:
-    """How fixes are watched.
-
-    test: by residuals, or the shares of solution separation. faults: that separation expects. nominal: bounds of the
-    biases of sources by their names, m. accuracy: 1 sigma of ranges without a fault by the receiver's. exclusion: rule
-    by which something is excluded after an alarm. drops: whether the filter does without fixes with an alarm.
-    innovations: how those of the filter are watched, if they are. bank: makes what watches the filter of a flight,
-    where it is the filter and not its fixes that is watched.
-    """
+    """Configuration of the fix monitor."""
 
     test: ChiSquareTest | Allocation
+    """Residual test, or the allocation of solution separation."""
     faults: tuple[ExpectedFault, ...]
+    """Fault list of solution separation."""
     nominal: dict[str, float]
+    """Bounds of the sources' biases by name, m."""
     accuracy: float
+    """1 sigma of fault-free ranges relative to the receiver's."""
     exclusion: str = NO_EXCLUSION
+    """Rule for exclusion after an alarm."""
     drops: bool = False
+    """The filter ignores fixes with an alarm."""
     innovations: InnovationTest | None = None
+    """Monitor of the filter's innovations, None without."""
     bank: Callable[[Any], Bank] | None = None
+    """Creates the filter bank of a flight if it monitors the filter instead of the fixes."""
 
     def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
         """The faults of sources that are used at all, then those two at once that have to be monitored with them, where

@@ -56,8 +56,10 @@ class Monitor:
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """Error of position (e, s, 2), horizontal and vertical, by the bias in the residuals, both of a fault of one
-        range; inf for a fault that the residuals do not show, 0 for one that moves nothing."""
+        """Position error (e, s, 2), horizontal and vertical, per bias in the residuals, for a fault of one range.
+
+        inf for a fault that the residuals do not show, 0 for one that does not affect the position.
+        """
         of_fault = self.solution.estimator
         return self._by_residuals(np.hypot(of_fault[:, 0], of_fault[:, 1]), of_fault[:, 2])
 

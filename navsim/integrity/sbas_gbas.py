@@ -44,9 +44,11 @@ def gbas(
     projection: np.ndarray, sigma: np.ndarray, ground: np.ndarray, b: np.ndarray, receivers: int,
     factors: tuple[float, float],
 ) -> np.ndarray:  # fmt: skip
-    """Lateral and vertical levels (e, 2, 2), m, with none of the reference receivers faulty, and with the one whose B
-    values, m, are b (e, s). projection: (e, 2, s). sigma, ground: (e, s) m of ranges, and of it the ground's. factors:
-    K_ffmd and K_md."""
+    """Lateral and vertical levels (e, 2, 2), m, for fault-free reference receivers, and for the faulty one.
+
+    - `projection` (e, 2, s); `sigma`, `ground` (e, s): of ranges and of the ground's part, m.
+    - `b` (e, s): B values of the faulty receiver, m; `factors`: K_ffmd and K_md.
+    """
     free, missed = factors
     without = free * np.sqrt(((projection * sigma[:, None]) ** 2).sum(axis=2))
     variance = sigma**2 + ground**2 / (receivers - 1)  # the ground's with a receiver less

@@ -103,17 +103,18 @@ Noise = Independent | Correlated
 
 @dataclass(frozen=True)
 class MonitoredFix:
-    """Fixes of epochs, each of its own sources.
-
-    used: (e, s). noise: of the ranges. rows: (e, s, u) whitened, 0 where not used. cofactor: (e, u, u) covariance of
-    the unknowns. degrees: (e,) of freedom of the residuals, -1 where there is no fix; cofactor is 0 there.
-    """
+    """Fixes of epochs, each from its own sources."""
 
     used: np.ndarray
+    """(e, s)."""
     noise: Noise
+    """Of the ranges."""
     rows: np.ndarray
+    """(e, s, u) whitened, 0 where not used."""
     cofactor: np.ndarray
+    """(e, u, u) covariance of the unknowns, 0 without a fix."""
     degrees: np.ndarray
+    """(e,) degrees of freedom of the residuals, -1 without a fix."""
 
     @property
     def solved(self) -> np.ndarray:
@@ -187,7 +188,9 @@ def rows_of(los: np.ndarray, clock: np.ndarray) -> np.ndarray:
 
 
 def turned(estimator: np.ndarray, bearing: float) -> np.ndarray:
-    """What errors of ranges do to the position to the right of a horizontal direction, and along it (..., 2, s), by
-    what they do east and north, the first of (..., m, s). bearing: of the direction, rad."""
+    """Estimator of the position to the right of a horizontal direction, and along it (..., 2, s).
+
+    estimator (..., m, s): east and north come first. bearing: of the direction, rad.
+    """
     across = np.array([[np.cos(bearing), -np.sin(bearing)], [np.sin(bearing), np.cos(bearing)]])
     return np.asarray(across @ estimator[..., : len(across), :])

@@ -89,15 +89,18 @@ class SeparationTest:
 
 @dataclass(frozen=True)
 class TailCase:
-    """A fix of an epoch, by whitened errors of its n ranges. estimate: (n,) what they do to the position along an axis,
-    m. residual: (n, n) what they leave of themselves. unwhitened: (n,) their 1 sigma, m. test: of the fix. used: (n,)
-    numbers of the ranges."""
+    """A fix of an epoch, in terms of the whitened errors of its n ranges."""
 
     estimate: np.ndarray
+    """(n,) effect on the position along an axis, m."""
     residual: np.ndarray
+    """(n, n) matrix from errors to residuals."""
     unwhitened: np.ndarray
+    """(n,) their 1 sigma, m."""
     test: FixTest
+    """Of the fix."""
     used: np.ndarray
+    """(n,) numbers of the ranges."""
 
     @property
     def sigma(self) -> float:
@@ -175,8 +178,11 @@ class TailDraws:
 
 
 def moves(case: TailCase, bias: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where draws are moved to (c, n), and shares of them (c,): the estimate to either limit, its bias taken into
-    account, and along the residuals of the bias to the edge of what the tests see; the last of them are not moved."""
+    """Shifts of the samples (c, n) and their shares (c,).
+
+    Shifts bring the estimate to either limit, including its bias, and the residuals, along those of the bias, to the
+    edge of the test. The last share is not shifted.
+    """
     sigma = case.sigma
     off = float(case.estimate @ bias)
     along = case.estimate / sigma

@@ -1,8 +1,8 @@
 """Coarse alignment of recorded sensors: from standstill, and from the velocity of fixes while moving.
 
-While an aircraft moves, the integral of what its accelerometers feel, carried to the axes of the start, must be the
-change of its velocity less gravity: one rotation turns all pieces of the one into the other. It needs no
-assumption on side slip, and finds the heading from any horizontal acceleration.
+While an aircraft moves, its integrated specific force, in the axes of the start, equals its velocity change minus
+gravity. One rotation aligns all pieces of the two. The method needs no assumption on side slip, and finds the heading
+from any horizontal acceleration.
 
 Sources: [1] Wu & Pan, Velocity/position integration formula part I: application to in-flight coarse alignment, IEEE
 Trans. AES 49 (2013). [2] Groves (2013), section 5.6.2 (levelling).
@@ -56,8 +56,8 @@ STILL_WAY = 10.0
 AT_REST = 3.0
 """Mean rate and specific force of a body at rest are those of the Earth within this many sigmas of the biases."""
 TURNED, TILTED = 0.01, 0.1
-"""A piece at either end of a standstill belongs to it if its mean rate, rad/s, and mean specific force, m/s2, differ
-from the median of all by less, or by less than four sigma of such means."""
+"""Largest difference of a piece at either end of a standstill from the median of all: mean rate, rad/s, and mean
+specific force, m/s2. Four sigma of such means are accepted if that is more."""
 SHORTEST, LONGEST = 3.0, 30.0
 """A standstill is used from the one length on, and up to the other, s: gyros warm up."""
 STEP = 10.0
@@ -76,19 +76,20 @@ _G, _GRAVITY_VARIES = 9.8, 0.05
 
 @dataclass(frozen=True)
 class Search:
-    """What an alignment must reach and may rest on.
-
-    heading: at a standstill, rad, where it is known. heading_sigma: 1 sigma of the heading to reach, or of `heading`,
-    rad. longest: s of motion to look at. gyro_sigma, accel_sigma: 1 sigma of the biases, rad/s, m/s2; gyro_strays: 1
-    sigma by which a gyro's bias leaves what a standstill showed, rad/s.
-    """
+    """Requirements and assumptions of an alignment."""
 
     heading: float | None
+    """Known heading at a standstill, rad, or None."""
     heading_sigma: float
+    """1 sigma of the heading to reach, or of `heading`, rad."""
     longest: float
+    """Longest motion to use, s."""
     gyro_sigma: float
+    """1 sigma of the gyro biases, rad/s."""
     gyro_strays: float
+    """1 sigma of the drift of a gyro bias after a standstill, rad/s."""
     accel_sigma: float
+    """1 sigma of the accelerometer biases, m/s2."""
 
 
 def find(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignment | None:
@@ -138,9 +139,10 @@ def _bias_sigma(samples: Samples, rest: Standstill, wanted: Search) -> float:
 def standstill(samples: Samples, fixes: Fixes, begin: float, end: float, wanted: Search) -> Standstill | None:
     """The last `LONGEST` seconds of the first standstill of some length within begin .. end; None without one.
 
-    Pieces of `WINDOW` seconds are still when their scatter is small and no fix in them moves. Where no fix shows it the
-    fixes around must be at one place without speed, and mean rate and force those of a body at rest: in a steady turn
-    the scatter is small too, and flying straight rate and force are those of a body at rest.
+    Pieces of `WINDOW` seconds are still if their scatter is small and no fix in them moves. Without fixes inside, the
+    fixes around must be at one position without speed, and mean rate and force those of a body at rest. Scatter alone
+    is not enough, since it is small in a steady turn too. Rate and force alone are not enough, since straight flight
+    looks the same.
     """
     edges = np.arange(begin, end, WINDOW)
     speed = np.linalg.norm(fixes.velocity[:, :2], axis=1)

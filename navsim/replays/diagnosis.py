@@ -1,22 +1,22 @@
-"""What is wrong with a recording before it is flown: units, axes, signs, columns, times.
+"""Check a recording before the filter uses it: units, axes, signs, columns, times.
 
-A filter follows its fixes, so innovations look healthy while an axis is negated: its biases and its tuned noise take
-the mistake up. Therefore each stage here compares quantities that cannot both be right, and takes the simplest
-correction that makes them agree:
+A filter follows its fixes, so innovations look healthy even with a negated axis: biases and tuned noise absorb the
+mistake. Therefore each stage compares two quantities that must agree, and finds the simplest correction that makes them
+agree:
 
 - sample intervals and spans of both files: units of time;
 - mean specific force against gravity: unit of the accelerometers, gyros and accelerometers exchanged;
-- changes of position against velocity [1]: angles, heights, speeds, axes of the velocity. Of units that differ by
-  a factor alone, and of the sign of the vertical velocity, the slope of one over the other decides, with its noise;
-- specific force carried along by the gyros against changes of velocity, in pieces and windows in which one unknown
-  rotation is free [2], with the biases profiled out: signs and columns of either triad, unit of the gyros, time offset;
-- where gravity and the velocity point in the axes found so: body axes.
+- changes of position against velocity [1]: angles, heights, speeds, axes of the velocity. The slope of one over the
+  other, with its noise, decides between units that differ by a factor, and on the sign of the vertical velocity;
+- specific force rotated by the gyros against changes of velocity, in pieces and windows: signs and columns of either
+  triad, unit of the gyros, time offset. One rotation is free [2]; the biases are profiled out;
+- gravity and velocity in the axes found so: body axes.
 
-Wild fixes are left out first (`wild_fixes`): a mistake of units or axes is in all fixes.
+Wild fixes are removed first (`wild_fixes`): a mistake of units or axes is in all fixes.
 
-What the motion does not show is not judged: a correction is named only where the recording as it is written fits
-clearly worse than the best one, and equally good ones are named together. Each stage goes on with what the one before
-has corrected, so several mistakes are found.
+Quantities that the motion does not show are not checked. A correction is reported only if the recording as written fits
+clearly worse than the best one; equally good corrections are reported together. Each stage uses the corrections of the
+stage before, so several mistakes are found.
 
 Sources: [1] Groves (2013), section 17.4 (consistency tests). [2] Wu & Pan (2013), as `replays.alignment`. [3] White
 (1980), Econometrica 48(4): 817-838 (variance of a regression whose errors differ).
@@ -75,8 +75,8 @@ USUAL_OFFSET = (-2.1, 0.4)
 USUAL_LATENCY = 0.5
 """Latency that a receiver without a radio link has at most, s."""
 LEAST_WINDOWS, LARGEST_SHARE = 2, 0.7
-"""An offset of the clocks is judged where it has so many windows of those as written, half of them at least, and is no
-larger than this share of their length: a flight that repeats itself fits a few windows anywhere."""
+"""A clock offset needs so many windows of the recording as written, at least half of them. It is at most this fraction
+of their length, since a flight that repeats itself fits a few windows anywhere."""
 LIKELY = 9.0
 """A factor is as likely as another whose chi-square is less by no more than this: three sigma."""
 APART = 2.0
@@ -135,18 +135,19 @@ def _as_yaml(remedy: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Log:
-    """A recording as it reads under the conventions, SI; latency of the fixes, s, None where it is to be tuned; first
-    and last time, s, of the part that sensors are judged by; sentences: the fixes are of NMEA, which has units and axes
-    of its own, so no key but that of a time offset cures them."""
+    """A recording read under some conventions, SI."""
 
     samples: Samples
     fixes: Fixes
     imu: ImuConvention = conventions.IMU_AS_DUE
     gnss: GnssConvention = conventions.GNSS_AS_DUE
     latency: float | None = None
+    """Of the fixes, s; None: to be tuned."""
     first: float = -np.inf
+    """First time for the checks of the sensors, s; `last` likewise."""
     last: float = np.inf
     sentences: bool = False
+    """The fixes are NMEA, which fixes units and axes; the only correction is a time offset."""
 
 
 @dataclass(frozen=True)
@@ -428,8 +429,11 @@ def _moved(fixes: Fixes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _relative_residual(way: np.ndarray, summed: np.ndarray, shortest: tuple[float, float]) -> tuple[float, int, bool]:
-    """Median of |difference| / mean length of two ways (w, d) in pieces with a way, how many pieces have one, and
-    whether that is of the longer kind; nan with fewer than three pieces of either kind."""
+    """Median of |difference| / mean length of two displacements (w, d), number of moving pieces, and whether they are
+    long.
+
+    nan with fewer than three pieces of either kind.
+    """
     length = 0.5 * (np.linalg.norm(way, axis=1) + np.linalg.norm(summed, axis=1))
     for least in shortest:
         counts = length > least
@@ -645,14 +649,17 @@ def _vertical(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
 
 @dataclass(frozen=True)
 class _Carried:
-    """Specific force carried along by gyros of one sign and unit: times (n,) of the grid, s; integrals from
-    its begin on: specific force for the gyros as they are and with `_NUDGE` of bias about each axis, (4, n, 3, 3, 3) by
-    row and column of the rotation and by component; rotation (n, 3, 3); attitude (n, 3, 3)."""
+    """Specific force integrated with the attitude from gyros of one sign and unit."""
 
     time: np.ndarray
+    """(n,) grid, s."""
     force: np.ndarray
+    """(4, n, 3, 3, 3) integrals of specific force from the first time, for the gyros as measured and with a bias of
+    `_NUDGE` about each axis; by row and column of the rotation and by component."""
     turning: np.ndarray
+    """(n, 3, 3)."""
     attitude: np.ndarray
+    """(n, 3, 3)."""
 
     def at(self, values: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Values (..., n, ...) given on the grid along axis 0, at other times within it."""
@@ -664,29 +671,35 @@ class _Carried:
 
 @dataclass(frozen=True)
 class _Gained:
-    """What velocities gained: edges (e,) of the pieces, s; gained (e - 1, 3) specific force summed up, NED m/s;
-    velocity (e, 3); windows (w, k) of pieces without holes; weight (3,) of north, east, down: a reading that makes the
-    fixes smaller makes their noise smaller too, which is no merit, and what is noisier than the rest, such as vertical
-    velocities from heights, must not hide what that shows."""
+    """Velocity changes of the fixes."""
 
     edges: np.ndarray
+    """(e,) of the pieces, s."""
     gained: np.ndarray
+    """(e - 1, 3) integrated specific force, NED, m/s."""
     velocity: np.ndarray
+    """(e, 3)."""
     windows: np.ndarray
+    """(w, k) pieces without holes."""
     weight: np.ndarray
+    """(3,) of north, east, down. A unit that shrinks the fixes also shrinks their noise, which must not count in its
+    favour. Noisy axes, such as vertical velocities from heights, must not hide the others."""
 
 
 @dataclass(frozen=True)
 class _Hypothesis:
-    """How things might be: sign and factor on the rates, rotation of both triads, sign of the accelerometers; offset of
-    the fixes' times, s; another reading of the fixes, and its keys. `gyro` and `accel` are what turns and scales the
-    columns into axes in which both agree, whichever those are."""
+    """Signs, units and times to test. `gyro` and `accel` convert the columns into axes in which both triads agree."""
 
     factor: float = 1.0
+    """Sign and factor on the rates."""
     turn: int = 0
+    """Rotation of both triads."""
     accel_sign: float = 1.0
+    """Sign of the accelerometers."""
     offset: float = 0.0
+    """Of the fixes' times, s."""
     reading: int = 0
+    """Another interpretation of the fixes, with its keys."""
 
     @property
     def gyro(self) -> np.ndarray:
@@ -701,14 +714,17 @@ class _Hypothesis:
 
 @dataclass(frozen=True)
 class _Fit:
-    """How well a hypothesis explains the velocities: mean square (w,) of each window, m2/s2, nan where the samples do
-    not reach; gyro bias (3,) of the columns, rad/s; mean direction (3,) of down and the velocity, see `_pointing`."""
+    """Fit of a hypothesis to the velocities."""
 
     hypothesis: _Hypothesis
     square: np.ndarray
+    """(w,) mean square of each window, m2/s2, nan without samples."""
     bias: np.ndarray
+    """(3,) gyro bias of the columns, rad/s."""
     down: np.ndarray
+    """(3,) mean direction of down, see `_pointing`."""
     ahead: np.ndarray
+    """(3,) mean direction of the velocity."""
 
 
 _PROPER = [m for m in (axes_matrix(n, BODY_AXES) for n in conventions.all_axes(BODY_AXES)) if np.linalg.det(m) > 0.0]
@@ -909,9 +925,10 @@ def _usual_offset(log: Log) -> tuple[float, tuple[float, float]]:
 
 
 def _compared(log: Log) -> np.ndarray:
-    """Which fixes (m,) count: from the first motion on and for `MOST_SECONDS`, within the part that is wanted and,
-    where there is one, that which has samples at each tolerated offset of the clocks, so that all have the same
-    windows."""
+    """Fixes (m,) that count: from the first motion on, for `MOST_SECONDS`, within the requested part.
+
+    If possible, samples must exist at each tolerated clock offset, so that all hypotheses have the same windows.
+    """
     fixes, _ = log.fixes.with_velocity()
     wanted = (fixes.time >= log.first) & (fixes.time <= log.last) & np.isfinite(fixes.velocity).all(axis=1)
     low, high = _usual_offset(log)[1]
@@ -1049,8 +1066,11 @@ def _levels(squares: np.ndarray, home: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
-    """Signs, columns and axes of the triads, unit of the gyros, offset of the clocks: by the explanation of the fewest
-    changes among those that fit the velocities as well as the best one. unseen: is told what cannot be judged."""
+    """Find signs, columns and axes of the triads, unit of the gyros and clock offset.
+
+    Of the hypotheses that fit the velocities as well as the best one, the one with the fewest changes wins. unseen:
+    receives messages about quantities that the motion does not show.
+    """
     readings = _readings(log)
     if not readings:
         lat = float(np.degrees(np.abs(log.fixes.llh[:, 0])).max())

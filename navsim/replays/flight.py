@@ -78,22 +78,25 @@ class KnownStart:
 
 @dataclass(frozen=True)
 class PartStart:
-    """Where a part of a flight starts: alignment; llh, velocity (3,): of the fix nearest to it, carried on to it over
-    age seconds; derived: (3,) s over which positions gave the components of that velocity, 0 where they are known;
-    own: (6,) 1 sigma of the fix that the receiver gives, nan where it does not; effect: (6, k) as of `Fixes`; kept:
-    navigation (NAV,) and covariance (n, n) of the filter before, whose attitude and biases are kept; known: a state
-    that takes the place of all of it.
-    """
+    """Start of a part of a flight."""
 
     alignment: Alignment
     llh: np.ndarray
+    """(3,) of the nearest fix, extrapolated to the alignment."""
     velocity: np.ndarray
+    """(3,) of that fix."""
     age: float
+    """Time of extrapolation, s."""
     derived: np.ndarray
+    """(3,) s over which positions gave the components of that velocity, 0 where they are measured."""
     own: np.ndarray
+    """(6,) 1 sigma of the fix from the receiver, nan if missing."""
     effect: np.ndarray
+    """(6, k) see `Fixes`."""
     kept: tuple[np.ndarray, np.ndarray] | None = None
+    """Navigation (NAV,) and covariance (n, n) of the filter before; the part keeps their attitude and biases."""
     known: KnownStart | None = None
+    """A known state, which replaces all of it."""
 
     @classmethod
     def at(cls, known: KnownStart) -> PartStart:
@@ -104,26 +107,30 @@ class PartStart:
 
 @dataclass(frozen=True)
 class RecordedFlight(Sensed):
-    """A recording ready for the filter, from the alignment on.
-
-    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), covariance (m, 6, 6), nan where unknown;
-    effect (m, 6, k) as of `Fixes`; speed, course (m,) over ground, m/s, rad, from the positions where no velocity is
-    known. ranges: of each epoch (m,) that the fixes are solved from, where they are known; an epoch without a fix has
-    nan in its place. start: the first one; restart: the next one at or after a time, None where there is none.
-    patience: s of contradiction after which a filter is lost.
-    """
+    """A recording ready for the filter, from the alignment on."""
 
     arrival: np.ndarray
+    """(m,) times of arrival of the fixes, s."""
     llh: np.ndarray
+    """(m, 3)."""
     velocity: np.ndarray
+    """(m, 3) nan where unknown."""
     speed: np.ndarray
+    """(m,) over ground, m/s, from positions where no velocity is known."""
     course: np.ndarray
+    """(m,) rad, likewise."""
     start: PartStart
+    """Of the first part."""
     restart: Callable[[float], PartStart | None]
+    """Start of the next part at or after a time; None without one."""
     patience: float
+    """Duration of contradiction after which a filter counts as lost, s."""
     covariance: np.ndarray
+    """(m, 6, 6) nan where unknown."""
     effect: np.ndarray
+    """(m, 6, k) see `Fixes`."""
     ranges: Ranges | None = None
+    """Ranges of each epoch (m,) from which the fixes are solved, if known. An epoch without a fix has a row of nan."""
 
     @property
     def breaks(self) -> tuple[tuple[float, float], ...]:
@@ -139,40 +146,53 @@ class RecordedFlight(Sensed):
 
 @dataclass(frozen=True)
 class LostSpan:
-    """When the output of a filter is worthless: from `begin` to `end`, s, and why. jump: (3,) m, NED, the fixes less
-    the prediction at the end, nan where none is known; ended: whether no part of the flight comes after it."""
+    """Time in which the output of a filter is useless."""
 
     begin: float
+    """s."""
     end: float
+    """s."""
     why: str
+    """Reason."""
     jump: np.ndarray
+    """(3,) NED, m, fixes minus prediction at the end, nan if unknown."""
     ended: bool = False
+    """No part of the flight follows."""
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """What the filter made of a flight, at the times it was asked for: time (t,), navigation (t, NAV), sigma (t, n);
-    and of each fix (m,): innovation and its 1 sigma (m, 6), innovation_squared, degrees, status, as of `History`. Of a
-    tightly coupled filter these are of the ranges of an epoch, but for the innovations of its fix, which is not used;
-    range_innovation, range_status: (m, s, 2) pseudorange and range rate, m, m/s, (m, s), else of no size; log_sigma
-    (m,): sum of the logarithms of the 1 sigmas of the innovations that are counted. rejected: (m,) how many
-    measurements the gate rejected, which innovation_squared, degrees and log_sigma of ranges do not count; flown: (m,)
-    whether a part of the flight has the fix; lost: when the output is worthless."""
+    """Output of the filter at the requested times (t,) and at the fixes (m,).
+
+    For a tightly coupled filter, quantities of fixes are those of all ranges of an epoch. Only `innovation` is that of
+    the fix, which the filter does not use.
+    """
 
     time: np.ndarray
+    """(t,) s."""
     navigation: np.ndarray
+    """(t, NAV)."""
     sigma: np.ndarray
+    """(t, n)."""
     innovation: np.ndarray
+    """(m, 6) see `History`, as the next fields."""
     innovation_sigma: np.ndarray
     innovation_squared: np.ndarray
     degrees: np.ndarray
     status: np.ndarray
     log_sigma: np.ndarray
+    """(m,) sum of the logarithms of the sigmas of counted innovations."""
     range_innovation: np.ndarray
+    """(m, s, 2) of pseudorange and range rate, m, m/s; empty unless tightly coupled."""
     range_status: np.ndarray
+    """(m, s), likewise."""
     rejected: np.ndarray
+    """(m,) measurements that the gate rejected. For ranges, innovation_squared, degrees and log_sigma do not count
+    them."""
     flown: np.ndarray
+    """(m,) whether the fix is in a part of the flight."""
     lost: tuple[LostSpan, ...]
+    """Times in which the output is useless."""
 
     @property
     def rpy(self) -> np.ndarray:
@@ -227,12 +247,15 @@ def prepare(
     patience: float = np.inf,
     known: KnownStart | None = None,
 ) -> RecordedFlight:
-    """The flight after an alignment, or from a known state on.
+    """Prepare the flight after an alignment, or from a known state on.
 
-    latency: age of the fixes when they came, s; where it is negative they are stamped too early by as much, and come
-    when they are valid. sensed: from the alignment on. ranges: that the fixes are from, of their epochs and of others,
-    if they are known. align: the next alignment at or after a time, s. patience: as of the flight. known: the state
-    that the alignment is of, where it is known.
+    - `sensed`: samples from the alignment on.
+    - `latency`: age of the fixes on arrival, s. Negative: their time stamps are too early by that, and they arrive when
+      they
+      are valid.
+    - `ranges`: those of the fixes' epochs and of others, if known.
+    - `align`: next alignment at or after a time, s; `patience`: see `RecordedFlight`.
+    - `known`: the state at the alignment, if known.
     """
     begin = alignment.time
     early = max(0.0, -latency)
@@ -347,13 +370,15 @@ def fly(
     withheld: np.ndarray | None = None,
     range_sigma: tuple[float, float] | None = None,
 ) -> Replayed:
-    """The flight through a filter or smoother, part by part.
+    """Run a filter or smoother over the flight, part by part.
 
-    fix_sigma: (6,) of position and velocity of the fixes, north, east, down, m, m/s. times: (t,) at which to answer,
-    beside those when fixes came. until: end early, s. withheld: (m,) bool, fixes, or the ranges of their epochs, that
-    the filter is not given (their innovation is nan). range_sigma: of pseudoranges (m) and range rates (m/s) overhead,
-    for a tightly coupled filter. Raises ArithmeticError where a smoother's covariance fails, ValueError for a tightly
-    coupled filter without ranges or their sigmas.
+    - `fix_sigma` (6,): position and velocity of the fixes, north, east, down, m, m/s.
+    - `times` (t,): output times, in addition to the arrivals of fixes; `until`: early end, s.
+    - `withheld` (m,) bool: fixes, or ranges of their epochs, that the filter does not use (innovation nan).
+    - `range_sigma`: of pseudoranges (m) and range rates (m/s) overhead, for a tightly coupled filter.
+
+    Raises ArithmeticError if a smoother's covariance fails, ValueError for a tightly coupled filter without ranges or
+    their sigmas.
     """
     if beliefs.tight and (flight.ranges is None or range_sigma is None):
         raise ValueError("a tightly coupled filter needs ranges and their sigmas")
@@ -399,8 +424,10 @@ def _gap_before(flight: RecordedFlight, begin: PartStart, part: _Part, first: in
 
 
 def _taken_after(given: _FlightInputs, begin: PartStart, end: float, gap: tuple[float, float]) -> _Part | None:
-    """The part flown without the gate, if no fix would be rejected but in the time after a gap, s: a manoeuvre that was
-    not seen is larger than a filter takes it for, and nothing else is wrong. Else None."""
+    """The part without the gate, if it would reject fixes only in the time after a gap, s; else None.
+
+    An unobserved manoeuvre in the gap is larger than the filter model, and nothing else is wrong.
+    """
     beliefs = given.beliefs
     if beliefs.tight:
         return None
@@ -643,9 +670,11 @@ def _start(
     scales: tuple[int, ...],
     ranges: Ranges | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Navigation state (NAV,) and covariance (n, n) at the alignment; the start position is the antenna's less the
-    lever arm, its accelerometer biases are zero unless they are kept; scales: whose clock the filter follows; ranges:
-    those of the part, in order."""
+    """Navigation state (NAV,) and covariance (n, n) at the alignment.
+
+    The position is the antenna's minus the lever arm. Accelerometer biases are zero unless they are kept from before.
+    scales: time scales whose clock the filter estimates. ranges: those of the part, in order.
+    """
     if begin.known is not None:
         nav, matrix = begin.known.navigation, beliefs.sensors.covariance(begin.known.sigma)
         return _with_clock(nav, matrix, begin, ranges, scales)
@@ -698,8 +727,11 @@ def _with_clock(
 
 
 def _first_clock(begin: PartStart, ranges: Ranges, scales: tuple[int, ...]) -> np.ndarray:
-    """Biases and drift of the clock (c,) as the first ranges of each time scale have them, by the start position and
-    velocity: good to a flight's way until then, beside 10 km that the filter takes it for."""
+    """Biases and drift of the clock (c,) from the first ranges of each time scale, and the initial position and
+    velocity.
+
+    Their error is the distance flown until then, small compared with the filter's initial 10 km.
+    """
     here = earth.ecef_from_llh(begin.llh)
     moving = earth.ned_matrix(begin.llh).T @ begin.velocity
     away = ranges.position - here

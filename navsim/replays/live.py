@@ -100,21 +100,21 @@ _SURE = 4.0
 
 @dataclass
 class Session:
-    """A live run under way; `pump` it with lines, then take the `result`.
-
-    start: what the source's clock reads at time 0, None to find out. lenient, simulated: as of `Assembler`. tell: what
-    to do with a message for the user. stopped: set to end the run from outside, as a handler of signals does; says why.
-    """
+    """A live run: `pump` it with lines, then take the `result`."""
 
     case: Case
     block: Block
     seed: int
     realtime: bool = False
     start: source_clock.Start | Literal["first"] | None = None
+    """Reading of the source's clock at time 0; None: to be determined."""
     lenient: bool = False
+    """See `Assembler`, also for `simulated`."""
     simulated: bool = False
     tell: Callable[[str], None] = lambda _: None
+    """Receives messages for the user."""
     stopped: str | None = None
+    """Set from outside to end the run, for example by a signal handler; contains the reason."""
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
 
     def __post_init__(self) -> None:
@@ -365,9 +365,12 @@ class Session:
         return np.array([np.sum(off[use] * right[use], axis=1).mean(), -off[use, 2].mean()])
 
     def _aside_sigma(self, time: np.ndarray) -> np.ndarray:
-        """1 sigma (2,) of the same for a healthy receiver whose errors last all the flight, so that no number of fixes
-        averages them: by the covariances of the scenario's fixes at these times (n,), or by runs where its receiver has
-        errors that it does not know of."""
+        """1 sigma (2,) of the same for a healthy receiver whose errors last the whole flight, so that fixes do not
+        average them.
+
+        From the covariances of the scenario's fixes at these times (n,), or from runs if the receiver has unmodelled
+        errors.
+        """
         world = self.case.world
         right, _ = _right(self.case.trajectory.motion(time).velocity_ned)
         noise = self.noise[self._nearest(time), :3, :3]

@@ -49,22 +49,28 @@ _UNKNOWN_RATES = 4
 
 @dataclass(frozen=True)
 class TestedFixes:
-    """TestedFixes at e epochs from s satellites, of any choice of ranges.
-
-    llh (e, 3), velocity (e, 3), clocks (e, c), covariance (e, 6, 6), position (e, 3) ECEF, pdop (e,); nan without a
-    fix. used, residual (m, nan where not used), sigma (m): (e, s). unknowns (e,): how many a fix has.
-    """
+    """Fixes at e epochs from any choice of s satellites; nan without a fix."""
 
     llh: np.ndarray
+    """(e, 3)."""
     velocity: np.ndarray
+    """(e, 3)."""
     clocks: np.ndarray
+    """(e, c)."""
     covariance: np.ndarray
+    """(e, 6, 6)."""
     position: np.ndarray
+    """(e, 3) ECEF."""
     pdop: np.ndarray
+    """(e,)."""
     used: np.ndarray
+    """(e, s)."""
     residual: np.ndarray
+    """(e, s) m, nan where not used."""
     sigma: np.ndarray
+    """(e, s) m."""
     unknowns: np.ndarray
+    """(e,) number of unknowns of a fix."""
 
     @property
     def fixed(self) -> np.ndarray:
@@ -100,19 +106,23 @@ class TestedFixes:
 
 @dataclass(frozen=True)
 class Verdicts:
-    """What the test found: excluded (e, s) ranges; fixes (e,) that are refused, since their ranges contradict each
-    other, their geometry is weak (PDOP above `most_pdop`), or they are implausible; and those that are given
-    untested; range rates (e, s) that are excluded, all of them where no velocity (e,) is given since they contradict
-    each other."""
+    """Result of the outlier test."""
 
     excluded: np.ndarray
+    """(e, s) ranges."""
     contradictory: np.ndarray
+    """(e,) fixes refused because their ranges contradict each other."""
     weak: np.ndarray
+    """(e,) fixes refused because their PDOP exceeds `most_pdop`."""
     implausible: np.ndarray
+    """(e,) fixes refused because they are implausible."""
     untested: np.ndarray
+    """(e,) fixes without a test."""
     most_pdop: float
     excluded_rates: np.ndarray
+    """(e, s) range rates."""
     without_velocity: np.ndarray
+    """(e,) fixes without a velocity because all range rates contradict each other."""
 
     def report(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Lines for all that was found; names: of the satellites."""
@@ -148,9 +158,12 @@ def evaluate(
 ) -> Verdicts:
     """Test fixes, in place, and exclude ranges and range rates.
 
-    possible: (e, s) ranges that a fix could use, seen from wherever it is. again: fixes of epochs by index (k,) with
-    ranges (k, s) alone. rates: directions (e, s, 3) of satellites from the fixes, ECEF, and range rates (e, s), m/s,
-    less what the motion of satellites and their clocks makes of them. most_pdop: largest PDOP of a fix that is given.
+    - `possible` (e, s): ranges that a fix could use, visible from wherever it is.
+    - `again`: computes fixes of epochs by index (k,) with ranges (k, s) alone.
+    - `rates`: computes directions (e, s, 3) of satellites from the fixes, ECEF, and range rates (e, s), m/s, minus the
+      effect
+      of the satellites' motion and clocks.
+    - `most_pdop`: largest PDOP of an accepted fix.
     """
     excluded = np.zeros(fixes.used.shape, dtype=bool)
     # what keeps ranges below the mask away, too, may be a wrong fix
@@ -212,13 +225,16 @@ def _exclude(
 
 @dataclass(frozen=True)
 class _Velocities:
-    """Velocities (k, 3) ECEF of k epochs, of some range rates (k, s): covariance (k, 4, 4) for 1 sigma of 1 m/s, with
-    the clock's drift last; residual (k, s), m/s; share (k, s) of the variance of a rate that its residual shows."""
+    """Velocities of k epochs from some range rates (k, s)."""
 
     velocity: np.ndarray
+    """(k, 3) ECEF."""
     covariance: np.ndarray
+    """(k, 4, 4) for 1 sigma of 1 m/s, the clock's drift last."""
     residual: np.ndarray
+    """(k, s) m/s."""
     share: np.ndarray
+    """(k, s) fraction of the variance of a rate that its residual shows."""
 
 
 def _velocities(los: np.ndarray, rates: np.ndarray, used: np.ndarray) -> _Velocities:

@@ -30,41 +30,54 @@ _UNCORRECTED = 20.0
 
 @dataclass(frozen=True)
 class PositioningOptions:
-    """How to position: mask (rad), 1 sigma of a range overhead (m), it grows as 1 / sin(elevation); klobuchar: alpha
-    and beta (4,) or None for no ionosphere; troposphere: whether to take Saastamoinen's; channels: frequency channels
-    of GLONASS satellites, by name, that neither the orbits nor the observation file tell. weights: of ranges, by the
-    elevation alone, or by an error budget [3] of what the satellites tell of their accuracy, half of the ionosphere's
-    delay, 0.3 m of the troposphere's and 0.3 m of biases overhead, and the code's noise; untold: accuracy of satellites
-    that tell none, 1 sigma, m. most_pdop: largest PDOP of a fix that is given."""
+    """Settings of single-point positioning."""
 
     mask: float = np.radians(10.0)
+    """rad."""
     sigma: float = 1.0
+    """1 sigma of a range overhead, m; it grows as 1 / sin(elevation)."""
     klobuchar: tuple[np.ndarray, np.ndarray] | None = None
+    """alpha and beta (4,), or None without an ionosphere."""
     troposphere: bool = True
+    """Whether to correct with Saastamoinen's model."""
     channels: Mapping[str, int] = field(default_factory=dict)
+    """Frequency channels of GLONASS satellites, by name, that neither the orbits nor the observation file contain."""
     weights: Literal["elevation", "budget"] = "elevation"
+    """Weights of ranges from the elevation alone, or from an error budget [3]. The budget adds the satellites' own
+    accuracy, half of the ionospheric delay, 0.3 m of the troposphere and 0.3 m of biases overhead, and the code
+    noise."""
     untold: float = 5.0
+    """1 sigma of satellites that broadcast no accuracy, m."""
     most_pdop: float = 100.0
+    """Largest PDOP of an accepted fix."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Fixes at e epochs: time GPS s, llh (e, 3) rad, rad, m, position (e, 3) ECEF m, velocity (e, 3) NED m/s
-    (nan with fewer than four Dopplers), clocks (e, MAX_CLOCKS) m, covariance (e, 6, 6) of position and velocity NED,
-    dop (e, 5), satellites (e,) how many were used, residual (e, s) m; nan without a fix; ranges: what they are
-    from, without those that the outlier test excluded; verdicts: what it found."""
+    """Fixes at e epochs; nan without a fix."""
 
     time: np.ndarray
+    """(e,) GPS s."""
     llh: np.ndarray
+    """(e, 3) rad, rad, m."""
     position: np.ndarray
+    """(e, 3) ECEF, m."""
     velocity: np.ndarray
+    """(e, 3) NED, m/s, nan with fewer than four Dopplers."""
     clocks: np.ndarray
+    """(e, MAX_CLOCKS) m."""
     covariance: np.ndarray
+    """(e, 6, 6) of position and velocity, NED."""
     dop: np.ndarray
+    """(e, 5)."""
     satellites: np.ndarray
+    """(e,) number used."""
     residual: np.ndarray
+    """(e, s) m."""
     ranges: Ranges
+    """Ranges of the fixes, without those that the outlier test excluded."""
     verdicts: outliers.Verdicts
+    """Result of that test."""
 
 
 def solve(
@@ -184,8 +197,10 @@ def _fixes(
 
 
 def _rates_at(m: _Measured, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (e, s, 3) of satellites from places (e, 3), ECEF, and range rates (e, s) less what the motion of the
-    satellites makes of them, m/s; 3 mm/s at most hang on the receiver's own motion."""
+    """Directions (e, s, 3) of satellites from positions (e, 3), ECEF, and range rates (e, s), m/s.
+
+    The rates exclude the effect of the satellites' motion, except at most 3 mm/s that depend on the receiver's motion.
+    """
     travel = m.code / SPEED_OF_LIGHT
     for _ in range(2):
         away = turned_with_earth(m.position, travel) - place[:, None]

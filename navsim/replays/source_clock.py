@@ -1,9 +1,9 @@
-"""When, in seconds of the flight, a message of a foreign clock is.
+"""Convert the times of a source's messages to seconds of the flight.
 
-A source's times are UTC with a date, UTC times of day (NMEA before its first date), or any count of seconds. What its
-clock reads at time 0 of the flight is settled once, by the first two messages that follow each other: by the scenario's
-epoch where the times can be meant so, else by the first message, which is then the scenario's first. Where messages
-carry a position, a reading of the clock that contradicts it stands back behind one that does not.
+A source's times are UTC with a date, UTC times of day (NMEA before its first date), or any count of seconds. The first
+two messages that follow each other determine its clock at time 0 of the flight. The scenario's epoch decides if the
+times fit it; otherwise the first message is the scenario's first. If messages contain a position, an interpretation
+that contradicts it ranks behind one that does not.
 """
 
 from __future__ import annotations
@@ -121,8 +121,9 @@ def settle(
 ) -> Settled:
     """Settle a source's clock by its first message.
 
-    stamp: of that message, s. epoch: UTC of time 0, POSIX s. duration, period: of the flight and between messages, s.
-    distance: how far from the flight at a time (s) the message's position lies, in sigmas; None where it has none.
+    - `stamp`: of that message, s; `epoch`: UTC of time 0, POSIX s.
+    - `duration`, `period`: of the flight and between messages, s.
+    - `distance`: of the message's position from the flight at a time (s), in sigmas; None without a position.
     """
     if start == FIRST:
         return Settled(stamp - period, kind, "first line")

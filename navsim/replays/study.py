@@ -1,11 +1,15 @@
-"""A recorded flight: read, aligned, tuned, flown through the filter, judged by its innovations and by outages.
+"""Study of a recorded flight: read, align, tune, filter, evaluate by innovations and outages.
 
-The tuning rule, the same for every flight: what the LOG.yaml gives is kept. What it leaves out of {velocity noise of
-the fixes, horizontal and vertical; white noise of gyros and of accelerometers; latency} is set by `replays.tuning` so
-that the innovations of the fixes in motion are most likely, the sensors' noise being expected within a factor of two of
-its class's. The noise of positions is 2.5 s times that of velocities; without vertical velocities the vertical noise is
-as the horizontal. Fixes closer than 0.45 s share their errors, so only one of them is used. Biases are those of the
-sensor class, except that a standstill before the flight shows the gyros' turn-on bias.
+Tuning follows one rule for every flight. Values in the LOG.yaml are kept. The others are set by `replays.tuning` so
+that the innovations of the fixes in motion are most likely:
+
+- horizontal and vertical velocity noise of the fixes;
+- white noise of gyros and of accelerometers, expected within a factor of two of the sensor class's;
+- latency.
+
+The noise of positions is 2.5 s times that of velocities. Without vertical velocities, vertical noise equals horizontal
+noise. Fixes closer than 0.45 s share their errors, so the filter uses one of them. Biases are those of the sensor
+class, except that a standstill before the flight shows the gyros' turn-on bias.
 """
 
 from __future__ import annotations
@@ -192,9 +196,11 @@ class Recording:
         )
 
     def of_rejected(self, settings: np.ndarray, flight: replay.RecordedFlight) -> np.ndarray:
-        """What each fix of a flight (m,), or any range (), counts in the tuning if it is rejected: as one at the limit
-        of the gate with its own noise, or else that which the tuning starts from. A noise that has fixes rejected wins
-        nothing."""
+        """Contribution of each rejected fix of a flight (m,), or of any range (), to the tuning.
+
+        It equals that of a fix at the limit of the gate with its own noise, or with that of `settings` if it gives none.
+        Noise that makes the gate reject fixes thus gains nothing.
+        """
         limits = gate_limits(self.scenario.filter.gate.probability)
         if self.tight:
             sigma = settings[:2]
@@ -359,13 +365,16 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
 
 @dataclass(frozen=True)
 class _Table:
-    """The rows of a file that the recording is judged by; those to be flown, and what was left out of them; why they
-    are not, to be said where the judgement has not said better."""
+    """Rows of a file."""
 
     judged: Any
+    """Rows for the checks."""
     rows: Any
+    """Rows for the filter."""
     lost: Dropped
+    """Rows that were left out."""
     refusal: InputError | None = None
+    """Why the rows are unusable, unless the checks find a better reason."""
 
 
 def _table(

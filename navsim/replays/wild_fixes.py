@@ -1,7 +1,7 @@
 """Wild fixes of a recording: short runs of fixes that jump away from all others, and come back.
 
-The test needs no unit and no axis to be right, since it compares each step with the steps around it: the checks of a
-recording leave wild fixes out before they compare units and axes.
+The test compares each step with the steps around it, so it needs no correct unit or axis. The checks of a recording
+remove wild fixes before they compare units and axes.
 """
 
 from __future__ import annotations

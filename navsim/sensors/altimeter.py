@@ -17,26 +17,31 @@ from navsim.trajectory.kinematics import Frame, Motion
 
 @dataclass(frozen=True)
 class Altimeter:
-    """Heights of the IMU above the ellipsoid. rate: of the measurements, Hz. offset: m, how much too high it reads, of
-    which the filter knows nothing. sigma: 1 sigma of its noise, m; believed: what the filter takes for it, m."""
+    """Altimeter that measures the height of the IMU above the ellipsoid."""
 
     rate: float
+    """Hz."""
     offset: float
+    """Constant error, m, positive if it reads too high; unknown to the filter."""
     sigma: float
+    """1 sigma of its white noise, m."""
     believed: float
+    """1 sigma in the filter model, m."""
     latency: float = 0.0
+    """s."""
 
 
 @dataclass(frozen=True)
 class Ground:
-    """A profile of the ground along the approach, the same to the right and to the left.
+    """Profile of the ground along the approach, constant across it.
 
-    along: (g,) m beyond the threshold, in the direction of landing, increasing; height: (g,) m above the height that
-    the runway is given, in straight lines between, and at the ends as far as one likes.
+    Straight between the points; the first and last height hold beyond the ends.
     """
 
     along: np.ndarray
+    """(g,) distance beyond the threshold in the direction of landing, m, increasing."""
     height: np.ndarray
+    """(g,) m above the runway height of the scenario."""
 
     def at(self, along: np.ndarray) -> np.ndarray:
         """Height (n,), m, at distances (n,), m."""
@@ -88,26 +93,31 @@ class RadioBeliefs:
 
 @dataclass(frozen=True)
 class RadioAltimeter:
-    """The height of its antenna above the ground under it.
-
-    rate: Hz. floor, share: 1 sigma of its white noise is the larger of `floor`, m, and `share` of the height. lowest,
-    highest: m, heights that it measures. tilt: rad, largest angle between the aircraft's vertical axis and the vertical
-    at which it does. latency: s. ground: what there is. lever_arm: (3,) IMU -> antenna, body, m. aim_point, height: of
-    the runway (`Centreline.of`). believed: by the filter.
-    """
+    """Radio altimeter: height of its antenna above the ground."""
 
     rate: float
+    """Hz."""
     floor: float
+    """Smallest 1 sigma of the white noise, m."""
     share: float
+    """1 sigma as a fraction of the height, if that is larger than `floor`."""
     lowest: float
+    """Smallest height that it measures, m."""
     highest: float
+    """Largest height that it measures, m."""
     tilt: float
+    """Largest angle between the aircraft's vertical axis and the vertical at which it measures, rad."""
     latency: float
+    """s."""
     ground: Ground
+    """True ground."""
     lever_arm: np.ndarray
+    """(3,) IMU to antenna, body axes, m."""
     aim_point: float
+    """Of the runway, as `height`; see `Centreline.of`."""
     height: float
     believed: RadioBeliefs
+    """Filter model."""
 
     def exact(self, frame: Frame, motion: Motion) -> np.ndarray:
         """What it measures without noise along a motion (m,), m; nan where it does not measure."""

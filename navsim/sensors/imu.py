@@ -22,22 +22,22 @@ FAST = 3.0
 
 @dataclass(frozen=True)
 class Triad:
-    """Error model of three like sensors, SI: rad/s for gyros, m/s2 for accelerometers.
-
-    bias: 1 sigma of the constant bias drawn per run and axis; fixed_bias: (3,) instead of it.
-    noise_density: root of the white density, rad/sqrt(s) (ARW) or m/s/sqrt(s) (VRW).
-    markov, markov_time: 1 sigma and correlation time (s) of the exponentially correlated bias, of flicker noise its
-    slowest term.
-    scale: 1 sigma of the error of the scale factor, drawn per run and axis. further: what else there is.
-    """
+    """Error model of three equal sensors, SI: rad/s for gyros, m/s2 for accelerometers."""
 
     bias: float
+    """1 sigma of the constant bias, drawn for each run and axis."""
     noise_density: float
+    """Root of the white noise density, rad/sqrt(s) (ARW) or m/s/sqrt(s) (VRW)."""
     markov: float = 0.0
+    """1 sigma of the exponentially correlated bias; the slowest term of flicker noise."""
     markov_time: float = math.inf
+    """Its correlation time, s."""
     fixed_bias: tuple[float, float, float] | None = None
+    """(3,) bias of all runs, instead of `bias`."""
     scale: float = 0.0
+    """1 sigma of the scale factor error, drawn for each run and axis."""
     further: ImuErrorModel = NOTHING
+    """All other errors."""
 
     @property
     def markovs(self) -> tuple[tuple[float, float], ...]:
@@ -45,9 +45,11 @@ class Triad:
         return (*([(self.markov, self.markov_time)] if self.markov > 0.0 else []), *self.further.flicker)
 
     def merged(self) -> Triad:
-        """The same for filters, which have one state for a bias and white noise: terms of flicker noise as slow as
-        `FAST` or slower merged into one Markov bias of their variance and short-term growth, faster ones as white noise
-        of their long-term growth."""
+        """The model with one bias state and white noise, for filters.
+
+        Flicker noise terms as slow as `FAST` or slower become one Markov bias of their variance and short-term growth.
+        Faster terms become white noise of their long-term growth.
+        """
         if not self.further.flicker:
             return self
         slow = [(sigma, time) for sigma, time in self.markovs if time >= FAST]
@@ -91,16 +93,18 @@ def sample_sigma_from_density(density: float, rate: float) -> float:
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """The errors that measured increments have, but for white noise: bias (o, 6) of gyros and accelerometers, at the
-    start of some intervals, rad/s, m/s2; scale (6,) of their scale factors; cross (2, 3, 3) gains across the axes of
-    each; force (3, 3) gains of the gyros from specific force, rad/s/(m/s2); clipped (2,): samples beyond the range of
-    each. Of several runs along a last axis."""
+    """Errors of measured increments without the white noise. Several runs lie along a last axis."""
 
     bias: np.ndarray
+    """(o, 6) of gyros and accelerometers at the start of some intervals, rad/s, m/s2."""
     scale: np.ndarray
+    """(6,) scale factor errors."""
     cross: np.ndarray
+    """(2, 3, 3) cross-axis gains of gyros and of accelerometers."""
     force: np.ndarray
+    """(3, 3) gains of the gyros from specific force, rad/s/(m/s2)."""
     clipped: np.ndarray
+    """(2,) samples beyond the range of gyros and of accelerometers."""
 
 
 def simulate(
@@ -124,9 +128,13 @@ def simulate_lanes(
     accel: Triad,
     at: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
-    """Measured increments (n, 3, W) of the first `count` of W runs, from exact ones dtheta, dv (n, 3), or those of each
-    run (n, 3, W), and the errors behind them at the start of the intervals `at` (o,): bias (o, 6, W), scale (6, W)
-    and so on. Raises ValueError for intervals out of order, or that are none."""
+    """Measured increments (n, 3, W) of the first `count` of W runs, and their errors.
+
+    - `dtheta`, `dv`: exact increments (n, 3), or those of each run (n, 3, W).
+    - `at` (o,): intervals at whose start errors are returned: bias (o, 6, W), scale (6, W) and so on.
+
+    Raises ValueError for intervals out of order or outside the data.
+    """
     if at.size and (at[0] < 0 or at[-1] > dtheta.shape[0] or np.any(np.diff(at) < 0)):
         raise ValueError("biases are asked for at intervals in order, from the first to the end of the last")
     from navsim.core.noise import corrupt  # compiled code only when something is really simulated
@@ -169,9 +177,11 @@ def _go_on(
     measured: tuple[np.ndarray, np.ndarray],
     errors: SensorErrors,
 ) -> None:
-    """Add the `imperfections` of sensors to increments measured without them (n, 3, W), and to their errors, in place;
-    dtheta, dv (n, 3, W or 1): as they are felt. acting: dv before the accelerometers' own response, which the gyros
-    know nothing of."""
+    """Add the `imperfections` of sensors to increments measured without them (n, 3, W), and to their errors, in place.
+
+    - `dtheta`, `dv` (n, 3, W or 1): input of the sensors.
+    - `acting`: dv before the response of the accelerometers, which does not affect the gyros.
+    """
     count, lanes = dtheta.shape[0], len(rngs)
     middle = dt * (np.arange(count) + 0.5)
     shaken = imu_errors.shaking(triads[1].further.vibration, rngs, count, dt)
@@ -233,8 +243,11 @@ MARKOV_PEAK = 1.892618, 0.617364
 
 
 def markov_of_lowest(lowest: float, density: float, time: float) -> float:
-    """1 sigma of the Markov bias of a correlation time, s, whose Allan deviation, with white noise of a density beside
-    it, is `lowest` at its peak: what data sheets print as bias instability. nan where the white noise alone is more."""
+    """1 sigma of a Markov bias whose Allan deviation, together with white noise, peaks at `lowest`.
+
+    Data sheets print this value as bias instability. time: correlation time, s; density: of the white noise. nan if the
+    white noise alone exceeds it.
+    """
     at, height = MARKOV_PEAK
     left = lowest**2 - density**2 / (at * time)
     return math.sqrt(left) / height if left > 0.0 else math.nan
@@ -247,11 +260,12 @@ _SAMPLES = 4.0
 
 
 def flicker_of_lowest(lowest: float, density: float, time: float, interval: float) -> tuple[tuple[float, float], ...]:
-    """Flicker noise: 1 sigma and correlation time, s, of Gauss-Markov terms, the slowest first, whose sum with white
-    noise of a density has the Allan deviation `lowest` from where white noise ends to the peak of the slowest.
+    """Flicker noise as Gauss-Markov terms: 1 sigma and correlation time, s, the slowest first.
 
-    time: correlation time of the slowest, s. interval: between samples, s; faster terms than they show are left out.
-    The Allan deviation is exact at the peak of each term. nan where the white noise alone is more.
+    Their sum with white noise has the Allan deviation `lowest` from the end of the white noise to the peak of the
+    slowest term. It is exact at the peak of each term. nan if the white noise alone exceeds it.
+
+    time: correlation time of the slowest term, s. interval: between samples, s; faster terms are omitted.
     """
     at, _ = MARKOV_PEAK
     # at 2.5 times where the white noise is as much its share of the variance is 40 %

@@ -35,12 +35,13 @@ _PARTS = 4
 
 @dataclass(frozen=True)
 class Vibration:
-    """Of the place where the sensors are, along each axis alike: lines of an amplitude, m/s2, and a frequency, Hz;
-    density: points of a frequency, Hz, and a one-sided density, (m/s2)2/Hz, straight in logarithms between them, zero
-    beyond."""
+    """Vibration at the mounting point, the same along each axis."""
 
     lines: tuple[tuple[float, float], ...] = ()
+    """Sines: amplitude, m/s2, and frequency, Hz."""
     density: tuple[tuple[float, float], ...] = ()
+    """Points of frequency, Hz, and one-sided density, (m/s2)2/Hz; straight between them in log-log scale, zero
+    outside."""
 
     def at(self, frequency: np.ndarray) -> np.ndarray:
         """One-sided density at frequencies, Hz, (m/s2)2/Hz."""
@@ -91,36 +92,44 @@ class Warming:
 
 @dataclass(frozen=True)
 class ImuErrorModel:
-    """Of three like sensors, SI: rad/s for gyros, m/s2 for accelerometers. Sizes are 1 sigma of what is drawn per run
-    and axis, unless said otherwise.
+    """Further errors of three equal sensors, SI: rad/s for gyros, m/s2 for accelerometers.
 
-    misalignment: of each gain across axes. asymmetry: of the error as a share of the size of what is felt.
-    nonlinearity: of the error by the square of what is felt, 1/unit. g_sensitivity: of each of the nine gains from
-    specific force, unit/(m/s2). ramp: unit/s. temperature: unit/K. rectification: unit/(m/s2)2. walk: root of the
-    density of the random walk of the bias, unit/sqrt(s). lines: amplitude, unit, and frequency, Hz, of sines of random
-    phase. quantum: of the integral, rad or m/s. largest: measured. bandwidth: of -3 dB, Hz, with `damping`. vibration,
-    warming: of the place. flicker: 1 sigma and correlation time, s, of the Gauss-Markov terms of flicker noise beside
-    the slowest, which is the Markov bias. shaken: white density, unit2 s, that a filter takes the random part of the
-    vibration for.
+    Unless stated otherwise, sizes are 1 sigma of a constant that is drawn for each run and axis.
     """
 
     misalignment: float = 0.0
+    """Of each cross-axis gain."""
     asymmetry: float = 0.0
+    """Error as a fraction of the input's magnitude."""
     nonlinearity: float = 0.0
+    """Error per square of the input, 1/unit."""
     g_sensitivity: float = 0.0
+    """Each of the nine gains from specific force, unit/(m/s2)."""
     ramp: float = 0.0
+    """Drift of the bias, unit/s."""
     temperature: float = 0.0
+    """Drift with temperature, unit/K."""
     rectification: float = 0.0
+    """Vibration rectification, unit/(m/s2)2."""
     walk: float = 0.0
+    """Root of the density of the bias random walk, unit/sqrt(s); not drawn."""
     lines: tuple[tuple[float, float], ...] = ()
+    """Sines of random phase: amplitude, unit, and frequency, Hz."""
     quantum: float = 0.0
+    """Quantisation step of the integral, rad or m/s."""
     largest: float = math.inf
+    """Range of the sensor."""
     bandwidth: float = math.inf
+    """-3 dB frequency, Hz, with `damping`."""
     damping: float = math.sqrt(0.5)
     vibration: Vibration = Vibration()
+    """Of the mounting point, as is `warming`."""
     warming: Warming = Warming()
     flicker: tuple[tuple[float, float], ...] = ()
+    """1 sigma and correlation time, s, of the Gauss-Markov terms of flicker noise except the slowest, which is the
+    Markov bias."""
     shaken: float = 0.0
+    """White noise density, unit2 s, that describes the random part of the vibration in the filter model."""
 
     @property
     def there(self) -> bool:
@@ -140,16 +149,22 @@ NOTHING = ImuErrorModel()
 
 @dataclass(frozen=True)
 class Gains:
-    """What was drawn of a triad, of runs in lanes: cross, force (3, 3, W) from what its axes feel, and from specific
-    force; uneven, square (3, W) by its size, and by its square; slope, unit/s, per_kelvin, rectified, unit (3, W)."""
+    """Drawn errors of a triad, runs in lanes."""
 
     cross: np.ndarray
+    """(3, 3, W) gains between its axes."""
     force: np.ndarray
+    """(3, 3, W) gains from specific force."""
     uneven: np.ndarray
+    """(3, W) gain from the input's magnitude."""
     square: np.ndarray
+    """(3, W) gain from the input's square."""
     slope: np.ndarray
+    """(3, W) unit/s."""
     per_kelvin: np.ndarray
+    """(3, W) unit/K."""
     rectified: np.ndarray
+    """(3, W) unit."""
 
     @classmethod
     def drawn(cls, what: ImuErrorModel, triad: int, rngs: Sequence[np.random.Generator]) -> Gains:
@@ -263,8 +278,11 @@ def shaking(vibration: Vibration, rngs: Sequence[np.random.Generator], count: in
 
 @functools.lru_cache(maxsize=4)
 def _spectrum(vibration: Vibration, count: int, dt: float) -> np.ndarray:
-    """Sizes (m,) of the transform of a series of at least `count` increments, m/s, whose density is that of a vibration
-    averaged over each interval of dt, s, with what is above half the rate of samples folded back."""
+    """Magnitudes (m,) of the Fourier transform of a series of at least `count` velocity increments due to vibration,
+    m/s.
+
+    The density is averaged over each interval of dt, s, with aliases from above half the sampling rate.
+    """
     length = 1 << math.ceil(math.log2(1.1 * count + 1))
     rate, step = 1.0 / dt, 1.0 / (dt * length)
     lines = np.arange(length // 2 + 1)

@@ -72,14 +72,15 @@ class AirColumn:
 
 @dataclass(frozen=True)
 class PressureBeliefs:
-    """What a filter takes a barometric altimeter for, as of `BarometricAltimeter`; setting: m, 1 sigma of what it is
-    shown too high by the setting; it and the drift have a state of the filter where they are not 0."""
+    """Filter model of a `BarometricAltimeter`, whose fields it shares. The setting error and the drift have a state
+    unless they are 0."""
 
     sigma: float
     lag: float
     air: AirColumn
     undulation: float
     setting: float = 0.0
+    """1 sigma of the height error due to the setting, m."""
     drift: float = 0.0
     drift_time: float = 1.0
 
@@ -90,25 +91,30 @@ class PressureBeliefs:
 
 @dataclass(frozen=True)
 class BarometricAltimeter:
-    """The height above sea level that the static pressure at the IMU stands for.
-
-    rate: Hz. sigma: m, 1 sigma of white noise. lag: s, of first order, of the pressure in its tubes. air: that there
-    is. undulation: m, of the geoid above the ellipsoid. wrong_setting: hPa by which it is set too high, and
-    setting_sigma: 1 sigma of what comes to that in each run; drift, drift_time: 1 sigma, m, and correlation time, s, of
-    a Gauss-Markov error. believed: by the filter.
-    """
+    """Barometric altimeter: height above sea level from the static pressure at the IMU."""
 
     rate: float
+    """Hz."""
     sigma: float
+    """1 sigma of the white noise, m."""
     lag: float
+    """Time constant of the first-order lag of the pressure in its tubes, s."""
     air: AirColumn
+    """True air."""
     undulation: float
+    """Geoid above the ellipsoid, m."""
     wrong_setting: float
+    """Setting error, hPa, positive if set too high."""
     believed: PressureBeliefs
+    """Filter model."""
     setting_sigma: float = 0.0
+    """1 sigma of the setting error drawn in each run, hPa."""
     drift: float = 0.0
+    """1 sigma of a Gauss-Markov error, m."""
     drift_time: float = 1.0
+    """Its correlation time, s."""
     latency: float = 0.0
+    """s."""
 
     def shown(self, time: np.ndarray, height: np.ndarray) -> np.ndarray:
         """What it shows without noise (n,), m above sea level; height: (n,) m above the ellipsoid at times (n,), s,

@@ -1,7 +1,7 @@
-"""Sensors that aid the filter beside the receiver: what they measure along a flight, and what the filter makes of it.
+"""Sensors beside the receiver that aid the filter: their measurements along a flight and their filter models.
 
-A new one is its model in `models`, its observation in `estimation.observations`, its section in `scenario` with a line
-in `Landing.aiding`, and a line in `_SENSORS` here: events, smoother, covariance analysis, budget of errors and result
+A new sensor has a model in `sensors`, a measurement model in `estimation.observations`, a section in `scenario` with a
+line in `Landing.aiding`, and a line in `_SENSORS` here. Events, smoother, covariance analysis, error budget and result
 file take it from there.
 """
 
@@ -32,56 +32,67 @@ from navsim.trajectory.kinematics import Frame, Moving
 
 @dataclass(frozen=True)
 class Sensor:
-    """How a model becomes a sensor of a flight: name, kind of its measurements
-    (`estimation.observations`), what their numbers are and their unit; exact: what
-    it would measure on a flight at times (m,), s, without noise (m, k), nan where it measures nothing; sigma:
-    1 sigma (m, k) of the white noise there; table: what was measured (m, k) as that kind's table; slope: of the
-    innovation by a number; as_believed: whether a filter takes a model for what it is; believed_latency:
-    how old it takes the measurements for when they come, s; lasting: what they have of errors that last, None:
-    nothing."""
+    """Definition of a type of sensor: how a model of it measures on a flight, and how a filter uses it."""
 
     name: str
+    """Name."""
     kind: int
+    """Kind of its measurements (`estimation.observations`)."""
     numbers: tuple[str, ...]
+    """Name of each number that it measures."""
     unit: str
+    """Of the numbers."""
     exact: Callable[[Any, Moving, np.ndarray], np.ndarray]
+    """Noise-free measurements (m, k) on a flight at times (m,), s; nan where it measures nothing."""
     sigma: Callable[[Any, np.ndarray], np.ndarray]
+    """1 sigma (m, k) of the white noise there."""
     table: Callable[[Any, Frame, np.ndarray], Any]
+    """Table of that kind from measurements (m, k)."""
     slope: Callable[[Any], float]
+    """Derivative of the innovation by a number."""
     as_believed: Callable[[Any], bool]
+    """Whether the filter model equals the model."""
     believed_latency: Callable[[Any], float] = lambda model: 0.0
+    """Age of a measurement on arrival in the filter model, s."""
     lasting: Lasting | None = None
+    """Time-correlated errors; None without."""
 
 
 @dataclass(frozen=True)
 class Lasting:
-    """Errors of the numbers of a sensor that last, all of a model. errors: which there are, of one source at one time;
-    mean: (j,) of each. drawn: what a run adds to the numbers (j, m) by each, at times (m,), s. between: errors (j, o)
-    of a run at other times (o,) by those of its measurements. followed: which the filter has a state for, in order;
-    states: these, their 1 sigma, and what a state is by an error, for steps of the filter, s."""
+    """Time-correlated errors of a sensor's numbers; each field is a function of the model."""
 
     errors: Callable[[Any], LastingErrors]
+    """The errors, of one source at one time."""
     mean: Callable[[Any], np.ndarray]
+    """(j,) mean of each."""
     drawn: Callable[[Any, np.ndarray, np.random.Generator], np.ndarray]
+    """(j, m) errors of a run at times (m,), s."""
     between: Callable[[Any, np.ndarray, np.ndarray, np.ndarray, np.random.Generator], np.ndarray]
+    """(j, o) errors of a run at other times (o,), given those at its measurements."""
     followed: Callable[[Any], tuple[int, ...]]
+    """Errors that the filter estimates, in order."""
     states: Callable[[Any, float], tuple[tuple[Block, float], ...]]
+    """States for these errors and their 1 sigma, for a filter step of so many seconds."""
 
 
 @dataclass(frozen=True)
 class Aid:
-    """A sensor on a flight. time, arrival: (m,) s of its measurements, and when they come; valid: (m,) when the filter
-    takes them to have been made; exact: (m, k) without noise, nan where it measures nothing; sigma: (m, k) 1 sigma of
-    its white noise."""
+    """A sensor on a flight."""
 
     sensor: Sensor
     model: Any
     frame: Frame
     time: np.ndarray
+    """(m,) times of its measurements, s."""
     arrival: np.ndarray
+    """(m,) times of arrival, s."""
     valid: np.ndarray
+    """(m,) times of validity in the filter model, s."""
     exact: np.ndarray
+    """(m, k) noise-free, nan where it measures nothing."""
     sigma: np.ndarray
+    """(m, k) 1 sigma of its white noise."""
 
     @property
     def missing(self) -> int:

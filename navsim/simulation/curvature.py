@@ -1,12 +1,12 @@
-"""Second-order errors beside near sources: what the curvature of ranges does to fixes, and to range measurements.
+"""Second-order errors near sources: effect of the curvature of ranges on fixes and on range measurements.
 
-A position error e makes the range of a source at the distance d longer than its linearisation by e' (I - u u') e / (2
-d), u the unit vector to it, and turns the direction along which its range rate is measured. Fixes with errors of 3 m
-beside a pseudolite 28 m away are off by 0.16 m on average, all in the same direction; a filter that takes their errors
-for Gaussian of zero mean believes in a hundredth of that after a hundred fixes.
+Let e be a position error, d the distance to a source, u the unit vector to it. The range is longer than its
+linearisation by e' (I - u u') e / (2 d). The direction along which the range rate is measured turns. Fixes with errors
+of 3 m, 28 m from a pseudolite, have a mean error of 0.16 m, always in the same direction. A filter that assumes
+Gaussian errors of zero mean believes a hundredth of that after a hundred fixes.
 
-The errors are quadratic forms e' F e of Gaussian errors e of covariance C = L L': sums of products n_i n_j of
-independent ones, whose mean is tr(F C) and whose six coefficients are those of L' F L.
+The errors are quadratic forms e' F e of Gaussian errors e of covariance C = L L'. They are sums of products n_i n_j of
+independent variables, with the mean tr(F C) and the six coefficients of L' F L.
 
 Source: `docs/theory/landing.md`, section 4, eqs. (10) to (12).
 """
@@ -24,22 +24,24 @@ NEAR = 1e5
 """Distance of sources, m, whose ranges are curved: the error of 30 m of a fix makes that of a farther one longer by 5
 mm at most."""
 NEGLIGIBLE = 1.1**2 - 1.0
-"""Sum of the squares of second-order errors, each divided by its measurement's sigma, up to which they are left out: no
-estimate is off by more than the root of the sum, in its own sigma, so that its RMS error grows by a tenth at most."""
+"""Largest sum of squared second-order errors, each in its measurement's sigma, that is neglected. No estimate is off by
+more than the root of the sum, in its own sigma, so the RMS error grows by at most a tenth."""
 
 
 @dataclass(frozen=True)
 class Curvature:
-    """Second-order errors of measurements (m, k): mean (m, k); white (m, k, k) covariance of what is new each time;
-    lasting (m, k, 6) what each of six uncorrelated quantities of variance one does, the same while a source is passed.
-    squares: sum of their squares, each by its measurement's covariance. bound (m, k, k): covariance of white noise that
-    a filter takes `lasting` for, never too small."""
+    """Second-order errors of measurements (m, k)."""
 
     mean: np.ndarray
+    """(m, k)."""
     white: np.ndarray
+    """(m, k, k) covariance of the part that is independent at each time."""
     lasting: np.ndarray
+    """(m, k, 6) effect of each of six uncorrelated variables of variance one that stay the same during a pass."""
     squares: float
+    """Sum of the squared errors, each in its measurement's covariance."""
     bound: np.ndarray
+    """(m, k, k) covariance of white noise that replaces `lasting` in the filter model; never too small."""
 
     @property
     def noise(self) -> np.ndarray:
@@ -48,12 +50,14 @@ class Curvature:
 
     @classmethod
     def of(cls, forms: np.ndarray, white: np.ndarray, lasting: np.ndarray, noise: np.ndarray) -> Curvature:
-        """By the forms (m, k, 3, 3), covariances of the white and of the lasting position errors (m, 3, 3), and the
-        covariance of the measurements' first-order noise (m, k, k), zero where there is none.
+        """Second-order errors from their quadratic forms.
 
-        An error g_t q that lasts, q of variance one, is taken for white noise of covariance g_t g_t' (sum of all c) /
-        c_t, c_t the size of g_t in terms of the noise: the difference of both covariances is diagonally dominant, so no
-        estimate is off by more than the filter believes, whatever it makes of the measurements.
+        - `forms` (m, k, 3, 3); `white`, `lasting` (m, 3, 3): covariances of the two parts of position errors.
+        - `noise` (m, k, k): covariance of the measurements' first-order noise, zero if there is none.
+
+        A lasting error g_t q, q of variance one, is bounded by white noise of covariance g_t g_t' (sum of all c) / c_t.
+        Here c_t is the size of g_t relative to the noise. The difference of the two covariances is diagonally dominant,
+        so no estimate is worse than the filter believes, for any use of the measurements.
         """
         mean, every = _products(forms, white + lasting)
         _, gamma = _products(forms, lasting)
@@ -68,8 +72,11 @@ class Curvature:
 
 
 def diagonal_bound(covariance: np.ndarray) -> np.ndarray:
-    """Variances (m, k) of uncorrelated errors that are nowhere smaller than correlated ones of covariance (m, k, k):
-    each with its share of every correlation, so that the difference is diagonally dominant in units of the sigmas."""
+    """Variances (m, k) of uncorrelated errors that bound correlated ones of covariance (m, k, k).
+
+    Each variance contains its share of every correlation. The difference is then diagonally dominant in units of the
+    sigmas.
+    """
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     size = sigma[:, :, None] * sigma[:, None, :]
     correlation = np.divide(np.abs(covariance), size, out=np.zeros_like(size), where=size > 0.0)
@@ -94,8 +101,8 @@ def has_near_sources(signals: Signals) -> bool:
 
 
 _CURVED = 0.05
-"""Second-order error of a range, in its sigma, up to which a covariance to first order will do: an error that lasts
-over the 40 fixes of a pass is 0.3 sigma of their mean then, and makes the RMS error 5 % larger."""
+"""Second-order error of a range, in its sigma, up to which a first-order covariance is enough. If it lasts over the 40
+fixes of a pass, it is 0.3 sigma of their mean and makes the RMS error 5 % larger."""
 _CLOSE = 0.1
 """Position sigma across the line of sight, divided by the distance, up to which the second order will do: about the
 size of the third order, divided by the second."""
@@ -103,14 +110,18 @@ size of the third order, divided by the second."""
 
 @dataclass(frozen=True)
 class NearPass:
-    """A source at the epoch when it is nearest: its name, distance, m, and the 1 sigma of position across the line of
-    sight, m. order: to which covariances have its errors, 1 or 2. counts: whether what they lack counts."""
+    """A source at the epoch of its closest approach."""
 
     name: str
+    """Of the source."""
     distance: float
+    """m."""
     sigma: float
+    """1 sigma of position across the line of sight, m."""
     order: int
+    """Order of its errors in the covariance, 1 or 2."""
     counts: bool
+    """Whether the neglected errors matter."""
 
     def __str__(self) -> str:
         order = "first" if self.order == 1 else "second"
@@ -136,8 +147,12 @@ def near_passes(signals: Signals, covariance: np.ndarray, order: int) -> list[Ne
 
 
 def range_forms(signals: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Second-order parts of ranges and range rates, quadratic forms (e, s, 3, 3) of an error of position in NED, and
-    (I - u u')/d (e, s, 3, 3), by which an error of velocity joins them; zero for sources that are not near."""
+    """Second-order parts of ranges and range rates, for a position error and for a velocity error; zero for distant
+    sources.
+
+    Returns the forms of the range and of the range rate (e, s, 3, 3) in NED, and (I - u u')/d (e, s, 3, 3), which
+    multiplies position and velocity errors.
+    """
     near = signals.used & (np.where(signals.used, signals.range, np.inf) < NEAR)
     axes = ned_matrix(llh_from_ecef(signals.antenna))
     ones = np.ones(3) / np.sqrt(3.0)

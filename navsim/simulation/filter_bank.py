@@ -42,11 +42,12 @@ _ENU = _NED = [1, 0, 2]
 
 @dataclass(frozen=True)
 class FilterSolution:
-    """Position of a filter at its outputs but the first: covariance (e, 3, 3), m2, and reach (e, 3, s), m, what the
-    bias of each range does to it, being as large as it may; east, north, down."""
+    """Position of a filter at its outputs except the first; east, north, down."""
 
     covariance: np.ndarray
+    """(e, 3, 3) m2."""
     reach: np.ndarray
+    """(e, 3, s) effect of the largest bias of each range, m."""
 
     @classmethod
     def of(cls, flight: Flight, along: AlongTruth, nominal: np.ndarray) -> FilterSolution:
@@ -57,25 +58,27 @@ class FilterSolution:
 
 @dataclass(frozen=True)
 class FilterBank(SeparationWatch):
-    """What watches a filter by others that are given less; see `monitoring.Bank`.
-
-    found: levels at its outputs but the first (e,). taken: (f, s) bool, the sources that each of the others is not
-    given. route: what happens to the states of the filter. gains: (w, f, n, MOST) of the others. fix: (k,) the rows of
-    fixes, -1 of other events. scale: (o, f, 3) one by the thresholds of differences, north, east, down. solutions: of
-    the filter and of the others, what levels along other axes are of. aided: (e,) bool, where the filter is given a
-    fix, or, tightly coupled, a range. idle: (f, e) bool, where those without a fault's sources would have no fix.
-    """
+    """Monitor of a filter by other filters with fewer measurements; see `monitoring.Bank`."""
 
     flight: Flight
     found: Levels
+    """(e,) protection levels at its outputs except the first."""
     taken: np.ndarray
+    """(f, s) bool, sources that each of the other filters does not use."""
     route: Route
+    """State history of the filter."""
     gains: np.ndarray
+    """(w, f, n, MOST) of the others."""
     fix: np.ndarray
+    """(k,) row of each fix, -1 for other events."""
     scale: np.ndarray
+    """(o, f, 3) inverse thresholds of the differences north, east, down."""
     solutions: tuple[FilterSolution, ...]
+    """Of the filter and of the others; they give levels along other axes."""
     aided: np.ndarray
+    """(e,) bool, whether the filter has a fix or, tightly coupled, a range."""
     idle: np.ndarray
+    """(f, e) bool, whether a fix without the faulty sources is missing."""
 
     @classmethod
     def of(cls, flight: Flight) -> FilterBank:

@@ -62,45 +62,55 @@ class FlownWay:
 
 
 class Flown(NamedTuple):
-    """What runs (lanes) meet on their ways: exact increments dtheta, dv (n, 3, W); llh, velocity (o, 3, W), quaternion
-    (o, 4, W), rpy (o, 3, W) at the filter's outputs, and how far off the route that is, deviation (o, 3, W), m, along
-    axes of the runway: lateral (right), along, vertical (up); gust (o, 3, W) there, see `Departure`; antenna
-    (e, 3, W) ECEF and ranges, rates (e, s, W) at fixes; departure."""
+    """True motion of runs (lanes) that deviate from the route."""
 
     dtheta: np.ndarray
+    """(n, 3, W) exact angle increments, rad."""
     dv: np.ndarray
+    """(n, 3, W) exact velocity increments, m/s."""
     llh: np.ndarray
+    """(o, 3, W) at the filter's outputs."""
     velocity: np.ndarray
+    """(o, 3, W)."""
     quaternion: np.ndarray
+    """(o, 4, W)."""
     rpy: np.ndarray
+    """(o, 3, W)."""
     deviation: np.ndarray
+    """(o, 3, W) from the route along runway axes, m: lateral (right), along, vertical (up)."""
     gust: np.ndarray
+    """(o, 3, W) see `Departure`."""
     antenna: np.ndarray
+    """(e, 3, W) at fixes, ECEF."""
     ranges: np.ndarray
+    """(e, s, W) at fixes."""
     rates: np.ndarray
+    """(e, s, W) at fixes."""
     departure: Departure
 
 
 @dataclass(frozen=True)
 class Ways:
-    """What the ways of all runs have in common.
-
-    half: of the route at samples of the IMU and between, axes_half (2n + 1, 3, 3) its body axes in those of the path.
-    increments: its own (n, 3). at_filter, at_fixes: of the route. sources: (e, s, 3) where they really are, ECEF.
-    route: for other times.
-    """
+    """Common data of the trajectories of all runs."""
 
     trajectory: Trajectory
     disturbance: Disturbance
     half: Motion
+    """Route at IMU samples and halfway between them."""
     axes_half: np.ndarray
+    """(2n + 1, 3, 3) its body axes in path axes."""
     increments: tuple[np.ndarray, np.ndarray]
+    """(n, 3) its increments."""
     at_filter: Motion
+    """Route at the filter's outputs."""
     at_fixes: Motion
+    """Route at the fixes."""
     signals: Signals
     sources: np.ndarray
+    """(e, s, 3) true positions of the sources, ECEF."""
     lever_arm: np.ndarray
     route: KeptRoute
+    """Route at other times."""
 
     @classmethod
     def of(

@@ -44,25 +44,28 @@ _OVERHEAD = 1e5
 
 @dataclass(frozen=True)
 class Geometry:
-    """The approach as placements see it.
-
-    receiver: (e, 3) antenna, ECEF m. up: (e, 3). reach: (e,) its distance to the horizon, m. spare: (e,) int,
-    satellites less the unknowns without pseudolites. unit, weighted: (e, SAT_N) the satellites' normal matrices with
-    unit weights and with 1/variance. pseudolite_unit, pseudolite_weighted: (e,) the same of a pseudolite's range: 1,
-    and 1/variance, 1/m2; 0 where it is not heard.
-    ridges: (w, EDGE_N) that hide pseudolites. ground: see `Environment`.
-    """
+    """Geometry of the approach for placement studies."""
 
     receiver: np.ndarray
+    """(e, 3) antenna, ECEF, m."""
     up: np.ndarray
+    """(e, 3) unit vectors."""
     reach: np.ndarray
+    """(e,) distance to the horizon, m."""
     spare: np.ndarray
+    """(e,) int, satellites minus the unknowns without pseudolites."""
     unit: np.ndarray
+    """(e, SAT_N) normal matrices of the satellites with unit weights."""
     weighted: np.ndarray
+    """(e, SAT_N) with weights 1/variance."""
     pseudolite_unit: np.ndarray
+    """(e,) unit weight of a pseudolite's range; 0 where the receiver does not track it."""
     pseudolite_weighted: np.ndarray
+    """(e,) weight 1/variance, 1/m2; 0 likewise."""
     ridges: np.ndarray
+    """(w, EDGE_N) ridges that hide pseudolites."""
     ground: float
+    """See `Environment`."""
 
     def find_lone_pseudolite(self, count: int) -> np.ndarray:
         """At which epochs (e,) bool so many pseudolites are one that no satellite shares the time scale with, see

@@ -87,32 +87,36 @@ class InitialErrors:
 
 @dataclass(frozen=True)
 class World:
-    """Everything that is the same in all runs of a scenario.
-
-    imu_time: (n + 1,) s. dtheta, dv: (n, 3) exact increments. truth: motion at imu_time. at_filter: motion
-    at the filter's output times (e + 1): 0 and every fix epoch plus latency. filter_index: (e + 1,) index of
-    the IMU sample at or just before them. clock, clock_at_filter: (e, 2), (e + 1, 2) receiver clock offset (m) and
-    drift (m/s) without noise; clock_density: of its noises (`gnss.receiver.wander`). scale_offsets: (MAX_CLOCKS,)
-    what each time scale adds to the pseudoranges of its sources, m. aids: sensors beside the receiver. heavier: what
-    the noise of ranges is drawn from, where that is not the Gaussian of their sigmas. ways: what the ways of runs have
-    in common that deviate from the route, None where all fly the route itself.
-    """
+    """Simulation inputs that all runs of a scenario share."""
 
     imu_time: np.ndarray
+    """(n + 1,) s."""
     dtheta: np.ndarray
+    """(n, 3) exact angle increments, rad."""
     dv: np.ndarray
+    """(n, 3) exact velocity increments, m/s."""
     truth: Motion
+    """Motion at `imu_time`."""
     signals: pseudorange.Signals
     clock: np.ndarray
+    """(e, 2) receiver clock offset (m) and drift (m/s) at the fixes, without noise."""
     clock_density: tuple[float, float]
+    """Noise densities of the clock (`gnss.receiver.wander`)."""
     clock_at_filter: np.ndarray
+    """(e + 1, 2) clock at the filter's outputs, without noise."""
     scale_offsets: np.ndarray
+    """(MAX_CLOCKS,) offset of each time scale in the pseudoranges of its sources, m."""
     start: np.ndarray
     at_filter: Motion
+    """Motion at the filter's e + 1 output times: 0, and every fix epoch plus latency."""
     filter_index: np.ndarray
+    """(e + 1,) index of the IMU sample at or just before them."""
     aids: tuple[Aid, ...]
+    """Sensors beside the receiver."""
     heavier: HeavyTailedNoise | None
+    """Distribution of the ranging noise if it is not Gaussian."""
     ways: Ways | None = None
+    """Common data of the trajectories of runs that deviate from the route; None if all runs fly the route."""
 
     @property
     def filter_time(self) -> np.ndarray:
@@ -215,66 +219,90 @@ class Wander:
 
 @dataclass(frozen=True)
 class Run:
-    """What one run leaves behind, or several along a first axis; shapes and units as in the result file, without the
-    run axis; pseudorange, range_rate (e, s), or of no size where they are not wanted; cross (e + 1, 6): what else a
-    turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude; range_status (e, s):
-    what became of each range, of no size where the filter is not tightly coupled; aided (a, MOST): what sensors beside
-    the receiver measured, one after the other in the order of `World.aids`, nan behind their numbers; aided_squared,
-    aided_degrees, aided_status (a,): as those of the fixes; monitor_excluded (e,), monitor_level (e, 2): numbers of the
-    candidates that fixes are made without, -1 for none, and levels of those fixes, nan where there is no test; of no
-    size where nothing is excluded; innovation_ratio (e,): see `InnovationTest`, of no size where there is none;
-    deviation (o, 3): of the way that was flown from the route, lateral, along, vertical, m, its true roll, pitch, yaw,
-    attitude (o, 3), rad, and where the antenna truly was at fixes (e, 3), ECEF, m; of no size where all runs fly the
-    route; clipped (2,): samples of gyros and of accelerometers beyond their range, of no size where they have none."""
+    """Output of one run, or of several along a first axis. Shapes and units are those of the result file without the
+    run axis.
+
+    Arrays of n samples, e fixes, o outputs, s sources, a aiding measurements. Those that do not apply are empty.
+    """
 
     pseudorange: np.ndarray
+    """(e, s) m; empty if measurements are not kept."""
     range_rate: np.ndarray
+    """(e, s) m/s, likewise."""
     fix_llh: np.ndarray
+    """(e, 3) fixes of the receiver."""
     fix_velocity: np.ndarray
+    """(e, 3) NED, m/s."""
     fix_clock: np.ndarray
+    """Clock estimates of the fixes, m."""
     error: np.ndarray
+    """(e + 1, n) truth minus estimate at the outputs."""
     sigma: np.ndarray
+    """(e + 1, n) filter sigma."""
     cross: np.ndarray
+    """(e + 1, 6) elements NE, ND, ED of the covariance of position, then of attitude: they allow a later rotation of
+    axes."""
     nees: np.ndarray
+    """(e + 1,) of all states."""
     nees_position_velocity: np.ndarray
+    """(e + 1,) of position and velocity."""
     nees_group: np.ndarray
+    """(e + 1, g) of each group of three states."""
     innovation_squared: np.ndarray
+    """(e,) normalised innovation squared."""
     degrees: np.ndarray
+    """(e,) its degrees of freedom."""
     status: np.ndarray
+    """(e,) not used, used or rejected."""
     range_status: np.ndarray
+    """(e, s) status of each range; empty unless the filter is tightly coupled."""
     aided: np.ndarray
+    """(a, MOST) measurements of sensors beside the receiver, in the order of `World.aids`; nan after their numbers."""
     aided_squared: np.ndarray
+    """(a,) as of the fixes."""
     aided_degrees: np.ndarray
+    """(a,) as of the fixes."""
     aided_status: np.ndarray
+    """(a,) as of the fixes."""
     monitor_statistic: np.ndarray
+    """(e,) test statistic of the monitor, see `Watched`."""
     monitor_status: np.ndarray
+    """(e,) result of the test."""
     watched_error: np.ndarray
+    """(e, 2) sizes of the monitored horizontal and vertical errors, m."""
     monitor_excluded: np.ndarray
+    """(e,) number of the exclusion candidate, -1 for none; empty without exclusion."""
     monitor_level: np.ndarray
+    """(e, 2) protection levels of the fixes after exclusion, nan without a test; empty without exclusion."""
     innovation_ratio: np.ndarray
+    """(e,) see `InnovationTest`; empty without the test."""
     deviation: np.ndarray
+    """(o, 3) of the trajectory from the route, lateral, along, vertical, m. Empty if all runs fly the route."""
     attitude: np.ndarray
+    """(o, 3) true roll, pitch, yaw, rad, likewise."""
     antenna: np.ndarray
+    """(e, 3) true antenna position at fixes, ECEF, m, likewise."""
     gust: np.ndarray
     """Wind beside the mean one (o, 3), m/s: right of the course, along it, up. Empty if all runs fly the route."""
     delta_angle: np.ndarray
-    """Angle increments that the gyros measured (n, 3), rad. Empty if measurements are not wanted."""
+    """Angle increments measured by the gyros (n, 3), rad. Empty if measurements are not kept."""
     delta_velocity: np.ndarray
-    """Velocity increments that the accelerometers measured (n, 3), m/s. Empty if measurements are not wanted."""
+    """Velocity increments measured by the accelerometers (n, 3), m/s. Empty if measurements are not kept."""
     start_llh: np.ndarray
-    """Position (3,), rad, rad, m, that the filter starts from."""
+    """Initial position of the filter (3,), rad, rad, m."""
     start_velocity: np.ndarray
-    """Velocity (3,), NED, m/s, that the filter starts from."""
+    """Initial velocity of the filter (3,), NED, m/s."""
     start_rpy: np.ndarray
-    """Roll, pitch, yaw (3,), rad, that the filter starts from."""
+    """Initial roll, pitch, yaw of the filter (3,), rad."""
     filter_fix_llh: np.ndarray
-    """Fixes (e, 3) as a loosely coupled filter takes them, nan where it takes none. Empty if measurements are not
-    wanted, or the filter is tightly coupled."""
+    """Fixes (e, 3) used by a loosely coupled filter, nan where it uses none. Empty if measurements are not kept, or the
+    filter is tightly coupled."""
     filter_fix_velocity: np.ndarray
-    """Their velocities (e, 3), NED, m/s, nan where the filter takes none."""
+    """Velocities (e, 3) of these fixes, NED, m/s, nan where the filter uses none."""
     filter_fix_covariance: np.ndarray
-    """Covariance (e, 6, 6) that the filter takes their position and velocity for, NED."""
+    """Their covariance (e, 6, 6) in the filter model, position and velocity, NED."""
     clipped: np.ndarray
+    """(2,) samples of gyros and of accelerometers beyond their range; empty without a range."""
 
     def one(self, which: int) -> Run:
         """One of several runs."""
@@ -462,27 +490,31 @@ def receiver_fixes(world: World, ranges: np.ndarray, rates: np.ndarray) -> Recei
 
 @dataclass(frozen=True)
 class Flight:
-    """A landing ready to be flown by a filter any number of times.
-
-    initial, gyro, accel: the truth. beliefs: the filter's. covariance: (n, n) it starts from. events: what happens in
-    the order of the filter. weighed: (e, 1) the event of each fix, or (e, s) of each range, -1 of one that is not
-    received. model: `beliefs` as kernels take them. watching: how it is watched, if it is. start: 1 sigma of the
-    initial errors that the filter believes in. second_order: whether the filter knows of second-order errors beside
-    near sources.
-    """
+    """A landing that a filter can fly any number of times."""
 
     world: World
     initial: InitialErrors
+    """True initial errors."""
     gyro: imu.Triad
+    """True gyros."""
     accel: imu.Triad
+    """True accelerometers."""
     beliefs: Beliefs
+    """Filter model."""
     covariance: np.ndarray
+    """(n, n) initial covariance of the filter."""
     events: Events
+    """In the order of the filter."""
     weighed: np.ndarray
+    """(e, 1) event of each fix, or (e, s) of each range; -1 for a range that is not received."""
     model: FilterModel
+    """`beliefs` for the kernels."""
     start: InitialErrors
+    """1 sigma of the initial errors in the filter model."""
     watching: monitoring.Monitoring | None = None
+    """Monitor; None without."""
     second_order: bool = True
+    """Whether the filter model includes second-order errors near sources."""
 
     @cached_property
     def bank(self) -> monitoring.Bank | None:
@@ -593,9 +625,11 @@ class Flight:
         return self.world.fix_errors.projections(self.beliefs.lasting.groups) / self.beliefs.sigma_scale
 
     def lasting_of_states(self, epoch: int) -> np.ndarray:
-        """What the time-correlated errors of fixes or ranges that the filter follows owe to those of each kind and
-        source of variance one (n, k, s), at an epoch; of no size where it follows none. States count in the sigmas that
-        the filter believes in."""
+        """Effect (n, k, s) of time-correlated errors of variance one, of each kind and source, on the filter's states
+        for them.
+
+        Of an epoch; states in units of their sigma in the filter model. Empty if the filter estimates none.
+        """
         lasting, signals = self.beliefs.lasting, self.world.signals
         assert signals.lasting is not None
         if lasting is None or not lasting.followed:
@@ -613,8 +647,11 @@ class Flight:
 
     @cached_property
     def noise_along_route(self) -> np.ndarray | None:
-        """Covariance of fixes (e, MOST, MOST) by the geometry of the route, where a filter does not take the receiver's
-        own, which is by the geometry of the fix: beside a near source that depends on the fix's error."""
+        """Covariance of fixes (e, MOST, MOST) from the geometry of the route; None if the filter uses the receiver's
+        own.
+
+        The receiver computes its covariance at the fix, which near a source depends on the error of the fix.
+        """
         lasting, curvature = self.beliefs.lasting, self.curvature
         if lasting is not None and lasting.followed:
             noise = self.lasting_noise
@@ -807,27 +844,30 @@ def measurements(flight: Flight, own: FixTable | RangeTable, aided: Sequence[np.
 
 @dataclass(frozen=True)
 class Inputs:
-    """All that is drawn of WIDTH landings, a lane each.
-
-    initial: (9, W) errors of the navigation states at time 0, truth - estimate. dtheta, dv: (n, 3, W) measured
-    increments. ranges, rates: (e, s, W) pseudoranges (m) and range rates (m/s), nan where there are none. phases:
-    (e, s, W) carrier phases (m) where they smooth the code, else None. aided: (m, k, W) of each sensor beside the
-    receiver. clock: (c, W) estimates of the clock's states at time 0. sensors: (o, k, W) true values of the sensor
-    states that the filter follows, and of the clock's, by which it is judged. flown: the ways of the runs, None where
-    all fly the route. clipped: (2, W) samples of gyros and of accelerometers beyond their range.
-    """
+    """Everything drawn for WIDTH landings, one in each SIMD lane."""
 
     initial: np.ndarray
+    """(9, W) errors of the navigation states at time 0, truth minus estimate."""
     dtheta: np.ndarray
+    """(n, 3, W) measured angle increments, rad."""
     dv: np.ndarray
+    """(n, 3, W) measured velocity increments, m/s."""
     ranges: np.ndarray
+    """(e, s, W) pseudoranges (m), nan if missing."""
     rates: np.ndarray
+    """(e, s, W) range rates (m/s), nan if missing."""
     phases: np.ndarray | None
+    """(e, s, W) carrier phases (m) if they smooth the code, else None."""
     aided: tuple[np.ndarray, ...]
+    """(m, k, W) of each sensor beside the receiver."""
     clock: np.ndarray
+    """(c, W) estimates of the clock states at time 0."""
     sensors: np.ndarray
+    """(o, k, W) true values of the filter's sensor states and clock states, for its errors."""
     clipped: np.ndarray
+    """(2, W) samples of gyros and of accelerometers beyond their range."""
     flown: Flown | None = None
+    """Trajectories of the runs; None if all fly the route."""
 
 
 def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = None) -> Inputs:
@@ -1031,15 +1071,18 @@ def begun(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
 
 @dataclass(frozen=True)
 class Watched:
-    """What a monitor says of the fixes of lanes, or of their filters, statistic and status (e, W), and the sizes of
-    errors, horizontal and vertical (e, 2, W), m; of no size where nothing watches. excluded (e, W), level (e, 2, W):
-    see `Run`."""
+    """Output of a monitor of fixes, or of filters, in lanes; empty without a monitor."""
 
     statistic: np.ndarray
+    """(e, W)."""
     status: np.ndarray
+    """(e, W)."""
     error: np.ndarray
+    """(e, 2, W) sizes of the horizontal and vertical errors, m."""
     excluded: np.ndarray
+    """(e, W) see `Run`."""
     level: np.ndarray
+    """(e, 2, W) see `Run`."""
 
     @classmethod
     def of_filter(

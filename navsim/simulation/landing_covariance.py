@@ -1,15 +1,19 @@
-"""Linear covariance analysis of a landing: what a thousand runs would show, from matrices alone.
+"""Linear covariance analysis of a landing: the statistics of many runs, from matrices alone.
 
-Truth and filter are two models. The filter's own covariance gives the gains; every source of error (initial
-errors, sensor biases and noises, orbits and clocks of satellites, ranging noise of satellites and of pseudolites, the
-receiver's clock where a tightly coupled filter follows it, systematic errors) is then carried through the linearised
-loop by itself, with what it really is. Their sum is the true covariance, whatever the filter believes, and the terms
-are the error budget.
+Truth and filter are two models. The filter's own covariance gives the gains. Every source of error is then propagated
+separately through the linearised loop with its true statistics:
 
-State carried: the errors of navigation (9), minus the filter's estimates of its sensor states, the sensor states that
-there really are; the filter's error of a state is the sum of those that mean the same. Of errors drawn once a run,
-initial ones, constant biases, orbits and clocks, what one sigma of each does to the state is carried, of noises their
-covariances (`estimation.carried_errors`). Noise of carrier-smoothed ranges is correlated in time: see `_Smoothed`.
+- initial errors, sensor biases and noises;
+- orbits and clocks of satellites, ranging noise of satellites and of pseudolites;
+- the receiver clock if a tightly coupled filter estimates it;
+- systematic errors.
+
+Their sum is the true covariance, whatever the filter model, and the terms are the error budget.
+
+The propagated state has nine navigation errors, the negative sensor states of the filter, and the true sensor states.
+The filter's error of a state is the sum of those with the same meaning. An error drawn once a run (initial error,
+constant bias, orbit, clock) is propagated as the effect of its one sigma; noise is propagated as a covariance
+(`estimation.carried_errors`). Noise of carrier-smoothed ranges is correlated in time: see `_Smoothed`.
 
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8.
 """
@@ -108,20 +112,22 @@ class AnalysisError(Defect):
 
 @dataclass(frozen=True)
 class Analysis:
-    """True accuracy of the filter to first order.
-
-    sources: names of the random sources of error. variance: (source, t, n) of each of them. mean: (t, n) from
-    systematic errors and fixed values. covariance: (t, n, n) of all sources, without the mean. believed: (t, n, n) the
-    filter's own. nis: (e,) expected normalised innovation squared, nan without a fix; degrees: (e,).
-    """
+    """True accuracy of the filter to first order."""
 
     sources: tuple[str, ...]
+    """Names of the random sources of error."""
     variance: np.ndarray
+    """(source, t, n) due to each of them."""
     mean: np.ndarray
+    """(t, n) due to systematic errors and fixed values."""
     covariance: np.ndarray
+    """(t, n, n) due to all sources, without the mean."""
     believed: np.ndarray
+    """(t, n, n) filter covariance."""
     nis: np.ndarray
+    """(e,) expected normalised innovation squared, nan without a fix."""
     degrees: np.ndarray
+    """(e,) its degrees of freedom."""
     aided: dict[str, np.ndarray]
 
     def expected_square(self, states_: slice | np.ndarray) -> np.ndarray:
@@ -240,8 +246,8 @@ def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.nd
 class _Smoothed(_SourceErrors):
     """Range noise after Hatch's filter, of satellites and of pseudolites.
 
-    The smoothed noise is x + w, w the carrier's own, and x = (1 - 1/n) x before + (v - w) / n with the code's v: a
-    process of first order driven by white noise, one state more a source.
+    The smoothed noise is x + w, with the carrier noise w. With the code noise v, x = (1 - 1/n) x before + (v - w) / n:
+    a first-order process driven by white noise, one state more for each source.
     """
 
     def __init__(
@@ -315,8 +321,10 @@ class _Wandering(_SourceErrors):
             self.cov[:, own, own] += np.kron(self.new[self.epoch], one)
 
     def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Weigh numbers of a fix, or of a range, of epoch i by `gain` (S, m), `here` (m, S), slope (m, 2 p) by offsets
-        and rates; returns what it adds to E[z z'] (m, m)."""
+        """Propagate through the update of a fix, or a range, of epoch i; returns the addition to E[z z'] (m, m).
+
+        gain (S, m); here (m, S): measurement matrix; slope (m, 2 p): derivatives by offsets and rates.
+        """
         seen = np.hstack([here, np.where(self.used[i], slope, 0.0)])
         (cov,) = self.cov
         by = seen @ cov
@@ -371,19 +379,21 @@ class _Augmented:
 
 
 class AlongTruth(NamedTuple):
-    """The filter of a flight as it is along the truth.
-
-    steps, lin: of its events (`estimation.linearised`). by_range, by_rate: (m, MOST, s) derivatives of what is measured
-    by pseudoranges and range rates of the epoch (m,): of fixes, one an epoch, or of ranges, one a source. true: the
-    errors of the inertial sensors that there are.
-    """
+    """The filter of a flight, linearised along the truth."""
 
     steps: Steps
+    """Of its events (`estimation.linearised`)."""
     lin: Linearised
+    """Likewise."""
     by_range: np.ndarray
+    """(m, MOST, s) derivatives of the measurements by pseudoranges: m fixes, one an epoch, or m ranges, one a
+    source."""
     by_rate: np.ndarray
+    """(m, MOST, s) derivatives by range rates."""
     epoch: np.ndarray
+    """(m,) epoch of each measurement."""
     true: tuple[TrueState, ...]
+    """True errors of the inertial sensors."""
 
 
 def _densities(flight: Flight) -> np.ndarray:
@@ -688,8 +698,11 @@ def route_of_filter(flight: Flight, along: AlongTruth) -> Route:
 
 
 def excess(flight: Flight, route: Route, whole: AlongTruth, other: AlongTruth) -> np.ndarray:
-    """Of a filter that is given less, the covariance of its position errors with those of the whole one, minus the
-    covariance of the latter, at the outputs (o, 3, 3), m2, by what both believe; route: of the whole one."""
+    """Covariance between the position errors of a filter with fewer measurements and of the full filter, minus the
+    latter's.
+
+    At the outputs (o, 3, 3), m2, according to both filter models. route: of the full filter.
+    """
     signals, beliefs = flight.world.signals, flight.beliefs
     out = np.zeros((flight.world.filter_time.size, 3, 3))
     if beliefs.tight:  # ranges are weighed as well as can be
@@ -865,8 +878,11 @@ def _carry_remembered(
     flight: Flight, along: AlongTruth, route: Route, own: _SourceErrors, kind: int, epoch: np.ndarray,
     slope: np.ndarray, rows: list[int], out: _Sums,
 ) -> None:  # fmt: skip
-    """Add what errors with a memory of the measurements of a kind do, each kind to the variance of its row; epoch: (m,)
-    of each measurement; slope: (m, MOST, s) of what is measured by them."""
+    """Add the effect of time-correlated errors of a kind of measurements, each kind of error to the variance of its
+    row.
+
+    epoch (m,): of each measurement; slope (m, MOST, s): derivative of the measurements by the errors.
+    """
     events, lin = flight.events, along.lin
     n, copy = lin.believed.shape[1], own
     was_ahead = False

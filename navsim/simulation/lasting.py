@@ -1,9 +1,9 @@
-"""What errors that last do to a receiver's fixes and ranges, and what a filter is told of it.
+"""Effect of time-correlated ranging errors on fixes and ranges, and their filter models.
 
-Errors of ranges become errors of a fix by its geometry. A loosely coupled filter can follow those: some states for the
-kinds of errors that hardly change over the flight, some for the others, each of 1 sigma one and a sum of the errors of
-all sources, by shares that stay the same; what these leave is taken for white. A tightly coupled filter follows the
-errors of each source by itself. Or a filter takes fixes, or ranges, for noisier than they are.
+The geometry maps range errors to errors of a fix. A loosely coupled filter can estimate these with a few states, some
+for errors that hardly change over the flight, some for the others. Each state has 1 sigma one and is a sum of the
+errors of all sources with fixed shares. The remainder is modelled as white. A tightly coupled filter estimates the
+errors of each source. Or the filter inflates the noise of fixes or ranges.
 
 Source: `docs/theory/lasting-errors.md`, sections 3 to 5.
 """
@@ -71,8 +71,11 @@ def _common_time(times: Sequence[float] | np.ndarray, variances: Sequence[float]
 
 
 def as_noise(time: np.ndarray, duration: float, interval: float) -> np.ndarray:
-    """How many times its variance an error of these correlation times, s, has as white noise that does to a mean over
-    many intervals what the error does; of one that outlasts the flight, to the mean over the flight."""
+    """Factor on the variance of time-correlated errors so that white noise has the same effect on a mean over many
+    intervals.
+
+    time: correlation times, s. If an error outlasts the flight, the mean is over the flight.
+    """
     kept = np.exp(-interval / np.minimum(time, 0.5 * duration))
     return np.asarray((1.0 + kept) / (1.0 - kept))
 
@@ -157,9 +160,11 @@ class FixErrors:
         return np.asarray(self.by_range * _size(self.signals, members)[:, None])
 
     def _shares(self, members: Sequence[int]) -> np.ndarray:
-        """By how much the error of each source, of 1 sigma one, is in each of the orthogonal sums (s, SUMS): those
-        that tell most of positions over the flight, each direction of a fix counting as much as others; the first three
-        are its errors north, east, down at the first fix, as far as these do not depend on each other."""
+        """Share of each source's error, of 1 sigma one, in each of the orthogonal sums (s, SUMS).
+
+        The sums explain most of the position error over the flight, with equal weight for each direction of a fix. The
+        first three are the errors north, east, down at the first fix, as far as they are linearly independent.
+        """
         effect = self._effect(members)[self.fixed, :3]
         variance, axes = np.linalg.eigh(effect @ np.swapaxes(effect, 1, 2))
         root = np.sqrt(np.maximum(variance, 0.0))

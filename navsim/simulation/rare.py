@@ -1,19 +1,22 @@
-"""Landings that end outside a box, made frequent: importance sampling by a shift of everything that is drawn.
+"""Importance sampling of landings that end outside a box, by a shift of all random inputs.
 
-To first order the error at a height is a sum over all that is drawn of a landing (`simulation.sensitivity`). Of all
-inputs that bring the error to a face of the box, the likeliest are the covariance of the inputs times the slopes of
-the error. The inputs of a run are drawn as ever and then pushed there. The densities with and without the push have a
-ratio that depends on that sum alone, whatever the filter then does with the inputs; weighed by it, runs count as they
-would without the push.
+To first order the error at a height is a linear function of all inputs of a landing (`simulation.sensitivity`). Of all
+inputs that bring the error to a face of the box, the likeliest are the covariance of the inputs times the slopes of the
+error. The inputs of a run are drawn as usual and then shifted there. The ratio of the densities with and without the
+shift depends on that linear function alone, whatever the filter then does. Weighted by it, the runs give unbiased
+probabilities.
 
-Runs are drawn from a mixture of pushes: one for each face, some of them half as far, some not at all. Its weights never
-exceed one over the share of the last, so that errors which no face stands for cost accuracy, never truth.
+Runs are drawn from a mixture of shifts: one for each face, some half as far, some none. A weight never exceeds one over
+the share of runs without a shift. Errors that no face represents thus cost accuracy but cause no bias.
 
 Equations: `docs/theory/covariance.md`, section 3.
 
-Sources: [1] Owen & Zhou, Safe and effective importance sampling, JASA 95 (2000) (mixtures with a defensive component).
-[2] Veach & Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH (1995) (the balance
-heuristic). [3] Bucklew, Introduction to Rare Event Simulation (2004) (shifts to the likeliest way into a rare set).
+Sources:
+
+- [1] Owen & Zhou, Safe and effective importance sampling, JASA 95 (2000) (mixtures with a defensive component).
+- [2] Veach & Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH (1995) (the balance
+  heuristic).
+- [3] Bucklew, Introduction to Rare Event Simulation (2004) (shifts to the likeliest way into a rare set).
 """
 
 from __future__ import annotations
@@ -39,15 +42,14 @@ _STEPS = 1001
 
 @dataclass(frozen=True)
 class Proposal:
-    """What runs are drawn from in place of the inputs' own density, a mixture: each is pushed by a component of it.
-
-    covariance: (K, K) of the errors that a box bounds, to first order. pushes: (C, K) of the components: a push c moves
-    the means of the errors by covariance c. shares: (C,) of the components; the last does not push.
-    """
+    """Proposal density of the inputs: a mixture of shifts."""
 
     covariance: np.ndarray
+    """(K, K) of the errors that a box bounds, to first order."""
     pushes: np.ndarray
+    """(C, K) of the components: a push c shifts the means of the errors by covariance c."""
     shares: np.ndarray
+    """(C,) of the components; the last does not shift."""
 
     @property
     def most_weight(self) -> float:
@@ -109,12 +111,14 @@ def proposal(mean: np.ndarray, covariance: np.ndarray, lower: np.ndarray, upper:
 
 @dataclass(frozen=True)
 class Tilt:
-    """Pushes of the inputs of a flight towards the faces of a box. slopes: of the K errors that the box bounds; shifts:
-    the covariance of the inputs times them; mean: (K,) of the errors to first order."""
+    """Shifts of the inputs of a flight towards the faces of a box."""
 
     slopes: Slopes
+    """Of the K errors that the box bounds."""
     shifts: Slopes
+    """Covariance of the inputs times the slopes."""
     mean: np.ndarray
+    """(K,) of the errors to first order."""
     proposal: Proposal
 
 

@@ -1,8 +1,9 @@
-"""How the position error at a moment follows from all that is drawn of a landing, to first order.
+"""First-order sensitivity of a position error to all random inputs of a landing.
 
-The covariance analysis (`simulation.landing_covariance`) carries errors forward through the linearised filter; here a
-row of weights goes backward through the same matrices, from the outputs to each sample of the IMU, each range and the
-initial errors: the transposed (adjoint) system. One pass gives the slopes of an error by tens of thousands of numbers.
+The covariance analysis (`simulation.landing_covariance`) propagates errors forward through the linearised filter. Here
+a row of weights goes backward through the same matrices: the transposed (adjoint) system. It leads from the outputs to
+each IMU sample, each range and the initial errors. One pass gives the slopes of an error by tens of thousands of
+numbers.
 
 Source: Bryson & Ho, Applied Optimal Control (1975), section 2.3 (adjoint equations); Zarchan, Tactical and Strategic
 Missile Guidance, the chapters on the method of adjoints (what each error contributes to a miss).
@@ -110,8 +111,10 @@ def _spread_over_samples(
     time: np.ndarray, begin: float, end: float, before: np.ndarray, after: np.ndarray, force: np.ndarray,
     felt: np.ndarray,
 ) -> None:  # fmt: skip
-    """Add the slopes by velocity and attitude over an interval to `felt` (K, n, 6), v first, of the samples it has a
-    part in; before, after: slopes (K, n) at its ends; force: (n, 3) specific force of the samples, NED, m/s2."""
+    """Add the slopes by velocity and attitude over an interval to `felt` (K, n, 6), velocity first, of its IMU samples.
+
+    before, after: slopes (K, n) at its ends. force: (n, 3) specific force of the samples, NED, m/s2.
+    """
     first = int(np.searchsorted(time, begin + TIME_TOLERANCE, side="right")) - 1
     last = int(np.searchsorted(time, end - TIME_TOLERANCE, side="left"))
     low, high = np.maximum(time[first:last], begin), np.minimum(time[first + 1 : last + 1], end)

@@ -30,11 +30,13 @@ def _sigma(block: Block, triads: Sequence[Triad]) -> float:
 
 
 def gains_that_matter(gyro: Triad, accel: Triad, dtheta: np.ndarray, dv: np.ndarray, dt: float) -> tuple[Block, ...]:
-    """The blocks of gains that are large for a flight: exact increments dtheta, dv (n, 3) over intervals of dt, s.
+    """Blocks of sensor gains with a large effect on a flight.
 
-    A gain s adds s u, where its triad feels u. Over windows of 1 s, 2 s, 4 s and so on, s times the integral of u is
-    held against what a filter cannot know of the window however well it has learnt the bias: white noise and the
-    wandering of the bias.
+    dtheta, dv: exact increments (n, 3) over intervals of dt, s.
+
+    A gain s adds s u for the input u of its triad. Over windows of 1 s, 2 s, 4 s and so on, s times the integral of u
+    is compared with the uncertainty that remains however well the filter knows the bias: white noise and bias
+    instability.
     """
     triads, out = (gyro.merged(), accel.merged()), []
     for block in GAINS:
@@ -53,12 +55,13 @@ def gains_that_matter(gyro: Triad, accel: Triad, dtheta: np.ndarray, dv: np.ndar
 
 
 def followed(gyro: Triad, accel: Triad, gains: Collection[Block] = ()) -> SensorBeliefs:
-    """The beliefs of a filter that takes these sensors for true; gains: blocks of `GAINS` that it follows, of those
-    sensors that have some.
+    """Filter model that equals these sensors. gains: blocks of `GAINS` that it estimates, of those that the sensors
+    have.
 
-    A Markov bias alone is followed as such; on top of a constant bias it is followed as a random walk of the same
-    short-term growth, since one state cannot be both; flicker noise is followed as `Triad.merged` has it; a random walk
-    of the bias is followed as what it is. A fixed bias counts with its root mean square.
+    - A Markov bias alone is a Markov state.
+    - With a constant bias it is a random walk of the same short-term growth, since one state cannot be both.
+    - Flicker noise is merged as in `Triad.merged`. A random walk of the bias is a random walk.
+    - A fixed bias counts with its root mean square.
     """
     triads = (gyro.merged(), accel.merged())
     there = [(block, sigma) for block in GAINS if block in gains and (sigma := _sigma(block, triads)) > 0.0]

@@ -168,8 +168,11 @@ class MeanWind:
 
 
 def over_runway(path: AnyPath, t: np.ndarray, jet: np.ndarray, rise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Heights (n,), m, above the runway where a path is at times t, s, jet (n, 4, 3), and their rates: above the
-    touchdown point, and from touchdown on above a runway that rises so, m a m, along the x axis."""
+    """Heights (n,), m, of a path above the runway at times t, s, jet (n, 4, 3), and their rates.
+
+    Before touchdown they are relative to the touchdown point, afterwards to a runway with this rise along the x axis, m
+    a m.
+    """
     slope = np.where(t >= path.events.get(TOUCHDOWN, math.inf), rise, 0.0)
     return -jet[:, 0, 2] - slope * jet[:, 0, 0], -jet[:, 1, 2] - slope * jet[:, 1, 0]
 
@@ -211,13 +214,16 @@ class WindAlong:
 
 @dataclass(frozen=True)
 class Triangle:
-    """Airspeed (n,), m/s; crab (n,), how far the nose is right of the course, rad; headwind and crosswind (n,), that
-    from the left positive, m/s, along the horizontal course; nan, but for the airspeed, where there is no course."""
+    """Wind triangle at n times. Without a horizontal course all but the airspeed are nan."""
 
     airspeed: np.ndarray
+    """(n,) m/s."""
     crab: np.ndarray
+    """(n,) angle of the nose to the right of the course, rad."""
     headwind: np.ndarray
+    """(n,) m/s along the horizontal course."""
     crosswind: np.ndarray
+    """(n,) m/s, from the left positive."""
 
 
 def triangle(velocity: np.ndarray, wind: np.ndarray) -> Triangle:
@@ -255,15 +261,18 @@ def ground_speed(airspeed: np.ndarray, ahead: np.ndarray, wind: np.ndarray) -> n
 
 @dataclass(frozen=True)
 class Gust:
-    """A gust of the form 1 - cosine [1]: it rises from time `start`, s, to `amplitude` m/s, stays for `hold` s,
-    infinite where it goes on, and falls as it rose. ramp: how long it rises, s, or, by_way, m flown through the air.
-    towards: `north`, `east`, `up`; `wind`, where the mean wind goes; `along` the course, level, and `right` of it."""
+    """A 1 - cosine gust [1]: it rises, holds, and falls as it rose."""
 
     amplitude: float
+    """m/s."""
     start: float
+    """s."""
     ramp: float
+    """Duration of the rise, s; with `by_way` its length through the air, m."""
     hold: float
+    """s; infinite if it never falls."""
     towards: str
+    """`north`, `east`, `up`; `wind`, the direction of the mean wind; `along` the course, level; or `right` of it."""
     by_way: bool = False
 
     def rise_time(self, airspeed: float) -> float:
@@ -327,8 +336,10 @@ class Process:
 
 
 def dryden(time_scale: float, transverse: bool) -> tuple[Process, np.ndarray]:
-    """A gust of unit variance of time scale L/V, s (lengths of 8785C), by states of unit variance that keep their
-    meaning while the scale changes, and the row (n,) that makes the gust of them."""
+    """Dryden gust of unit variance with time scale L/V, s (lengths of 8785C): process and output row (n,).
+
+    The states have unit variance and keep their meaning while the scale changes.
+    """
     t = time_scale
     if not transverse:
         return Process(np.array([[-1.0 / t]]), np.array([math.sqrt(2.0 / t)])), np.ones(1)
@@ -374,10 +385,12 @@ def two_lags(lag: float) -> Process:
 
 
 def carried(lag: float, loop: float, nose_lag: float | None) -> Process:
-    """An aircraft in a gust, m/s, which drives it: the speed that the gust alone carries it along with, m/s, late by a
-    first-order `lag`, s; its place, m, and the speed of that, m/s, as guidance brings it back, a critically damped loop
-    of the time constant `loop`, s; with a nose_lag its speed through the air, m/s, as the nose follows it, see
-    `two_lags`, and the rate of that."""
+    """Linear model of an aircraft in a gust, m/s, which drives it.
+
+    - The velocity, m/s, that the gust alone causes, with a first-order `lag`, s.
+    - Position, m, and velocity, m/s, under guidance: a critically damped loop of time constant `loop`, s.
+    - With nose_lag, the speed through the air, m/s, that the nose follows (see `two_lags`), and its rate.
+    """
     size = 3 if nose_lag is None else 5
     a, b = np.zeros((size, size)), np.zeros(size)
     a[0, 0], b[0] = -1.0 / lag, 1.0 / lag
@@ -390,25 +403,32 @@ def carried(lag: float, loop: float, nose_lag: float | None) -> Process:
 
 
 def gust_lag(wing_loading: float, speed: np.ndarray, slope: float) -> np.ndarray:
-    """Time within which the force of a gust has carried an aircraft along, s: 2 (W/S) / (rho g V c); wing loading N/m2,
-    speeds m/s, slope c of the coefficient of the force by the angle of the flow, 1/rad."""
+    """Time constant, s, of an aircraft's velocity response to a gust: 2 (W/S) / (rho g V c).
+
+    Wing loading in N/m2, speeds in m/s. slope: c, derivative of the force coefficient by the flow angle, 1/rad.
+    """
     return np.asarray(2.0 * wing_loading / (AIR_DENSITY * GRAVITY * speed * slope))
 
 
 @dataclass(frozen=True)
 class Response:
-    """How an aircraft answers. nose_lag: s, of each of two lags of the nose behind gusts across and up; bank_lag: the
-    same of the bank behind the acceleration that a flight-technical error takes across, and of the way behind what
-    guidance commands. wing_loading: N/m2. lift_slope, side_slope: of the coefficients of lift and side force, 1/rad;
-    drag: coefficient. loop: time constant of the guidance that brings back what gusts move, s."""
+    """Response of an aircraft to gusts and commands."""
 
     wing_loading: float
+    """N/m2."""
     lift_slope: float
+    """Lift curve slope, 1/rad."""
     side_slope: float
+    """Derivative of the side force coefficient, 1/rad."""
     drag: float
+    """Drag coefficient."""
     nose_lag: float
+    """Each of two lags of the nose behind lateral and vertical gusts, s."""
     loop: float
+    """Time constant of the guidance that corrects deviations by gusts, s."""
     bank_lag: float = 0.3
+    """Each of two lags, s: of the bank behind the lateral acceleration of flight-technical error, and of the trajectory
+    behind guidance commands."""
 
     def lags(self, airspeed: np.ndarray) -> np.ndarray:
         """`gust_lag` across the course, along it and in height (3, n), s, at airspeeds (n,), m/s: drag, by V^2, changes
@@ -422,16 +442,16 @@ class Response:
 
 @dataclass(frozen=True)
 class Deviation:
-    """A flight-technical error across the path, along it or in height: third-order Gauss-Markov.
-
-    sigma: m, far from `height`, m, where it is that; it shrinks in proportion to the height above the runway, and to no
-    less than `floor`, m, which adds in squares; height inf: it stays. time: correlation time, s, the integral of the
-    normalised autocorrelation."""
+    """Flight-technical error across the path, along it or in height: third-order Gauss-Markov."""
 
     sigma: float
+    """1 sigma at or above `height`, m. Below, it is proportional to the height above the runway."""
     time: float
+    """Correlation time, s: integral of the normalised autocorrelation."""
     floor: float = 0.0
+    """Added in squares to the proportional part, m."""
     height: float = math.inf
+    """m; inf: constant sigma."""
 
     @property
     def beta(self) -> float:
@@ -465,17 +485,22 @@ def third_order(beta: float) -> Process:
 
 @dataclass(frozen=True)
 class Air:
-    """What takes aircraft off the route: flight-technical error across the course, along it and in height, turbulence,
-    each run's own, and gusts, which all meet; and how the aircraft answers. follow: time constant of the guidance that
-    steers by the estimate, s; None where it has the truth."""
+    """Disturbances that move aircraft off the route, and the aircraft's response."""
 
     response: Response
+    """Of the aircraft."""
     lateral: Deviation | None = None
+    """Flight-technical error across the course."""
     along: Deviation | None = None
+    """Along the course."""
     vertical: Deviation | None = None
+    """In height."""
     turbulence: Turbulence | None = None
+    """Drawn for each run."""
     gusts: tuple[Gust, ...] = ()
+    """The same for all runs."""
     follow: float | None = None
+    """Time constant of the guidance that steers by the estimate, s; None if it steers by the truth."""
 
     @property
     def draws(self) -> int:

@@ -1,8 +1,7 @@
-"""A path flown at its speeds through the air instead of over ground: the same way, at other times.
+"""The same path flown at given airspeeds instead of ground speeds: same geometry, other times.
 
-Time on the path as it was given, s(t), is a piecewise quintic, so the path is as smooth as before and its derivatives
-follow by the chain rule; that the airspeed is held is what the quintics are made for. Source: `docs/theory/air.md`,
-section 2.
+Time on the original path, s(t), is a piecewise quintic fitted to the airspeed. The path stays as smooth as before, and
+its derivatives follow by the chain rule. Source: `docs/theory/air.md`, section 2.
 """
 
 from __future__ import annotations

@@ -74,27 +74,34 @@ def captured_paper_profile(
 
 @dataclass(frozen=True)
 class Taxi:
-    """What a roll-out is slowed to: a speed, m/s, 0 to stand; the brakes come on and off within `ease` seconds; after
-    `time` seconds at the speed, where given, the aircraft is brought to a stand."""
+    """End of the roll-out."""
 
     speed: float
+    """Final speed, m/s; 0 to stop."""
     ease: float
+    """Time in which the brakes come on and off, s."""
     time: float | None
+    """Time at this speed before a full stop, s; None: no stop."""
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How a smooth profile leaves the slope: height where the flare begins, m; blend from the slope into it, s; sink
-    rate at touchdown, m/s, against the runway; time in which the landing gear takes it up, s; deceleration of the
-    roll-out, m/s2, and what it slows to, None: it goes on; rise of the runway, m a m."""
+    """End of a smooth profile: flare, touchdown and roll-out."""
 
     height: float
+    """Height at which the flare begins, m."""
     blend: float
+    """Duration of the blend from the slope into the flare, s."""
     sink: float
+    """Sink rate at touchdown relative to the runway, m/s."""
     settle: float
+    """Time in which the landing gear absorbs it, s."""
     deceleration: float
+    """Of the roll-out, m/s2."""
     taxi: Taxi | None = None
+    """End of the roll-out; None: the speed stays."""
     rise: float = 0.0
+    """Rise of the runway, m a m."""
 
 
 def smooth_profile(
@@ -108,12 +115,13 @@ def smooth_profile(
 ) -> Path:
     """Level lead-in, glide-slope capture, uniform deceleration on the slope, exponential flare, roll-out.
 
-    Continuous in position, velocity and acceleration. In the flare the sink rate falls exponentially with
-    height, h + c = (h_f + c) exp(-t / tau), from that of the glide to the one at touchdown; after contact the
-    landing gear takes it up.
+    Continuous in position, velocity and acceleration. In the flare the sink rate falls exponentially with height, h + c
+    = (h_f + c) exp(-t / tau), from that on the slope to that at touchdown. The landing gear then absorbs the rest.
 
-    speed_*: m/s over ground; height: of the lead-in over the touchdown point, m; slope: rad; lead_in, capture:
-    durations, s. Raises ValueError where no such path exists.
+    - `speed_start`, `speed_touchdown`: ground speeds, m/s; `slope`: rad.
+    - `height`: of the lead-in above the touchdown point, m; `lead_in`, `capture`: durations, s.
+
+    Raises ValueError if no such path exists.
     """
     flare_height, flare_blend = ending.height, ending.blend
     climb = ending.rise * speed_touchdown

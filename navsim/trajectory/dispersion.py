@@ -32,14 +32,16 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Departure:
-    """Deviations of runs at times (k,), s, equally spaced: way (k, 9, W) place (m), velocity and acceleration along
-    path axes; turn (k, 6, W) Gibbs vector of the attitude in the reference's body axes, and its rate. gust (k, 3, W):
-    wind beside the mean one, m/s, to the right of the course, along it, up."""
+    """Deviations of runs from the route at equally spaced times."""
 
     time: np.ndarray
+    """(k,) s."""
     way: np.ndarray
+    """(k, 9, W) position (m), velocity and acceleration along path axes."""
     turn: np.ndarray
+    """(k, 6, W) Gibbs vector of the attitude in the reference's body axes, and its rate."""
     gust: np.ndarray
+    """(k, 3, W) wind minus the mean wind, m/s, to the right of the course, along it, up."""
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`way` and `turn` at times (m,): between samples the quintic, and the cubic, of both ends."""
@@ -83,18 +85,21 @@ class Departure:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What a trajectory meets at times (k,), s, equally spaced: `of` makes it. walks: by the number of their random
-    stream. buffeting: by the axis. gradient: (k, 3, 3) of gravity along path axes, 1/s2. pitches: whether the nose
-    follows the path."""
+    """Disturbances along a trajectory at equally spaced times; `of` creates it."""
 
     time: np.ndarray
+    """(k,) s."""
     frame: Frame
     course: Course
     air: Air
     walks: dict[int, Walk]
+    """By number of their random stream."""
     buffeting: dict[int, Buffeting]
+    """By axis."""
     gradient: np.ndarray
+    """(k, 3, 3) gravity gradient along path axes, 1/s2."""
     pitches: bool
+    """Whether the nose follows the path."""
 
     @classmethod
     def of(cls, air: Air, trajectory: Trajectory, time: np.ndarray) -> Disturbance:
@@ -157,8 +162,11 @@ class Disturbance:
     def _buffeted(
         self, axis: int, met: Buffeting, states: np.ndarray | None, way: np.ndarray, turn: np.ndarray
     ) -> None:
-        """Adds what gusts along an axis of the course make: the nose follows the way through the air, late, the bank is
-        that of guidance; at the runway's height none of the way up and down is left."""
+        """Add the effect of gusts along an axis of the course.
+
+        The nose follows the airspeed vector with a lag; guidance determines the bank. Vertical motion fades to zero at
+        the height of the runway.
+        """
         moved, nose = met.moved(states)
         if axis == VERTICAL:
             airborne = self.course.airborne[..., None]

@@ -15,9 +15,12 @@ from navsim.trajectory.air import Process, through, two_lags
 
 
 def steered(loop: float, lag: float, bank_lag: float | None) -> Process:
-    """An aircraft whose estimate is off by what drives it, m: what guidance commands, late by its `loop`, s; its place,
-    m, and the speed of that, m/s, behind two lags of `lag` s; with a bank_lag the bank that its acceleration across
-    takes, as an acceleration, m/s2, behind two lags of its own, and the rate of that."""
+    """Linear model of an aircraft whose guidance follows a wrong estimate; the estimate's error, m, drives it.
+
+    - The command of the guidance, with the lag of its `loop`, s.
+    - Position, m, and velocity, m/s, behind two lags of `lag` s.
+    - With bank_lag, the bank for the lateral acceleration, as m/s2, behind two lags of its own, and its rate.
+    """
     own = through(Process(np.array([[-1.0 / loop]]), np.array([1.0 / loop])), np.ones(1), two_lags(lag))
     return own if bank_lag is None else through(own, acceleration(lag), two_lags(bank_lag))
 
@@ -37,8 +40,10 @@ class Held:
 
     @classmethod
     def of(cls, first: np.ndarray, values: np.ndarray) -> Held:
-        """Those of outputs at samples (m,), several of which may be the same, of which the last is; an estimate that is
-        no number any more is that of the last output that was one, and before the first of those nothing is known."""
+        """Hold outputs at samples (m,), which may repeat: the last one counts.
+
+        An estimate that is nan holds the last valid one. Before the first valid one the estimate is unknown.
+        """
         known = np.where(np.isfinite(values).all(axis=1), np.arange(first.size)[:, None], -1)
         last = np.maximum.accumulate(known, axis=0)
         kept = np.take_along_axis(values, np.maximum(last, 0)[:, None], axis=0)

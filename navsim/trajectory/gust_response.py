@@ -27,24 +27,30 @@ _NODES = 3
 
 @dataclass(frozen=True)
 class Buffeting:
-    """What gusts along one axis of the course make of an aircraft at times (k,), s.
-
-    which: (k,) the stretch of time that each is in. lag: (m,) of those, s; loop: s, see `Response`. rows: (m, n) what
-    makes the turbulence, m/s, of the first states of its `walk`; n is 0, and walk None, without turbulence. gust: (k,)
-    discrete gusts, m/s; met: (k, 3) or (k, 5) states of `carried` in them.
-    """
+    """Effect of gusts along one axis of the course on an aircraft, at times (k,), s."""
 
     which: np.ndarray
+    """(k,) stretch of time to which each belongs."""
     lag: np.ndarray
+    """(m,) lag in each stretch, s."""
     loop: float
+    """s, see `Response`."""
     rows: np.ndarray
+    """(m, n) output rows of the turbulence, m/s, from the first n states of its `walk`; n is 0 without turbulence."""
     walk: Walk | None
+    """Of the turbulence; None without."""
     gust: np.ndarray
+    """(k,) discrete gusts, m/s."""
     met: np.ndarray
+    """(k, 3) or (k, 5) states of `carried` in discrete gusts."""
 
     def moved(self, states: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """The way off the route with its first two derivatives (3, k, W), m, and the speed through the air that the
-        nose follows with its rate (2, k, W), m/s, of no size where none does; states (k, n, W) of the walk."""
+        """Deviation from the route with two derivatives (3, k, W), m, and the speed through the air that the nose
+        follows.
+
+        The latter, with its rate, is (2, k, W), m/s, or empty if the nose does not follow. states: (k, n, W) of the
+        walk.
+        """
         gust, met = self.blowing(states), self.met[..., None]
         if states is not None:
             met = met + states[:, self.rows.shape[1] :]
@@ -137,8 +143,11 @@ def gust_components(
 def _met(
     systems: list[Process], which: np.ndarray, step: float, points: np.ndarray, shares: np.ndarray, gust: np.ndarray
 ) -> np.ndarray:
-    """States (k, n) of linear systems from rest, by the one of each step, which (k - 1,), driven by a gust (k - 1, q)
-    that is given at points of a rule for the interval -1 ... 1 in each step."""
+    """States (k, n) of linear systems from rest, driven by a gust.
+
+    - `which` (k - 1,): system of each step.
+    - `gust` (k - 1, q): at the points of a quadrature rule for the interval -1 ... 1 in each step.
+    """
     a, b = np.stack([s.a for s in systems]), np.stack([s.b for s in systems])
     transition = exponential(a * step)
     left = 0.5 * step * (1.0 - points)

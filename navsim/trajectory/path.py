@@ -1,7 +1,11 @@
 """Piecewise analytic paths in a tangent plane: position and its first three derivatives at any time.
 
-A segment is a polynomial of degree five in time plus one decaying exponential per axis (straight lines, uniform
-acceleration, C2 blends, the exponential flare), a circle, or flight steered by speed, climb angle and track.
+A segment is one of three:
+
+- a polynomial of degree five in time plus one decaying exponential per axis. It describes straight lines, uniform
+  acceleration, C2 blends and the exponential flare.
+- a circle.
+- flight steered by speed, climb angle and track.
 """
 
 from __future__ import annotations
@@ -77,17 +81,21 @@ class Arc:
 
 @dataclass(frozen=True)
 class Steered:
-    """Flight along a track (rad from the x axis towards y) and a climb angle (rad) at a speed (m/s), each a series over
-    the time s since the piece's start; their domain is [0, duration].
+    """Flight with given speed, climb angle and track; each is a series over the time since the start, [0, duration].
 
-    position: (3,) at the start. The way is the integral of the velocity's own series, exact to rounding.
+    The position is the integral of the velocity's own series, exact to rounding.
     """
 
     start: float
+    """s."""
     position: np.ndarray
+    """(3,) at the start, m."""
     speed: Chebyshev
+    """m/s."""
     climb: Chebyshev
+    """rad."""
     track: Chebyshev
+    """rad, from the x axis towards y."""
 
     @cached_property
     def _way(self) -> tuple[Chebyshev, ...]:

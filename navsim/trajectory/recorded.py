@@ -1,15 +1,19 @@
-"""A recorded motion as a trajectory to fly again: smooth curves through recorded positions and attitudes.
+"""A recorded trajectory to fly again: smooth curves through recorded positions and attitudes.
 
-Positions of a table, recorded or planned, become a smoothing spline of degree five, weighed by the sigma that they are
-given [1, 4]: as near to the places as that, with small jumps of the fifth derivative, and so with four continuous ones.
-Positions that a filter wrote are fitted by a quintic spline with a knot each half second (least squares, so that the
-steps a filter makes at its fixes are not flown), attitudes by a spline with continuous rates through samples a quarter
-of a second apart. What inertial sensors feel follows from these curves exactly; how near they are to the recording is
-`rms_residual`.
+Positions from a table become a smoothing spline of degree five, weighted by their sigma [1, 4]. It is as close to the
+positions as their sigma, with small jumps of the fifth derivative, and so has four continuous derivatives.
 
-Sources: [1] de Boor, A Practical Guide to Splines (2001), chapter XIV. [2] scipy's RotationSpline (rates in body axes).
-[3] Groves (2013), eqs. 2.147-2.149.
-[4] Dierckx, Curve and Surface Fitting with Splines (1993), chapter 5, as scipy's splprep has it.
+Positions from a filter are fitted by a quintic spline with a knot each half second. The least-squares fit smooths the
+filter's steps at its fixes. Attitudes are fitted by a spline with continuous rates through samples a quarter of a
+second apart. Rates and specific force follow from these curves exactly; `rms_residual` is their distance from the
+recording.
+
+Sources:
+
+- [1] de Boor, A Practical Guide to Splines (2001), chapter XIV.
+- [2] scipy's RotationSpline (rates in body axes).
+- [3] Groves (2013), eqs. 2.147-2.149.
+- [4] Dierckx, Curve and Surface Fitting with Splines (1993), chapter 5, implemented in scipy's splprep.
 """
 
 from __future__ import annotations

@@ -24,16 +24,18 @@ LATERAL, ALONG, VERTICAL = range(3)
 
 @dataclass(frozen=True)
 class Course:
-    """A reference that moves at times (k,): unit vectors along path axes to the right of its course and ahead, level,
-    each with its first two derivatives (3, k, 3); heights above the runway with theirs (3, k), m; the inverse of its
-    airspeed and the rate of that (2, k); how much of what the air does is left, and its first two derivatives (3, k):
-    the ground takes it after touchdown."""
+    """Course of a moving reference at times (k,), with its level axes."""
 
     right: np.ndarray
+    """(3, k, 3) level unit vector to the right of the course along path axes, with two derivatives."""
     ahead: np.ndarray
+    """(3, k, 3) level unit vector ahead, likewise."""
     height: np.ndarray
+    """(3, k) height above the runway with two derivatives, m."""
     slowness: np.ndarray
+    """(2, k) inverse of the airspeed and its rate."""
     airborne: np.ndarray
+    """(3, k) fraction of the air's effect that remains, with two derivatives: the ground removes it after touchdown."""
 
     @classmethod
     def of(cls, trajectory: Trajectory, time: np.ndarray) -> Course:

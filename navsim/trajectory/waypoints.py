@@ -58,17 +58,21 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class Turn:
-    """A level turn at constant speed through `angle` (rad, to the right positive), rolled into and out of within `roll`
-    seconds each: bank = `bank` S(s / roll), S the step with two vanishing derivatives at its ends.
+    """A level turn at constant speed: roll in, steady bank, roll out.
 
-    bank: reached in the turn, rad, positive; steady: time at it, s.
+    While rolling, bank = `bank` S(s / roll), with S the step whose first two derivatives vanish at its ends.
     """
 
     speed: float
+    """m/s."""
     angle: float
+    """rad, to the right positive."""
     bank: float
+    """Bank of the steady part, rad, positive."""
     roll: float
+    """Duration of the roll in, and of the roll out, s."""
     steady: float
+    """Duration of the steady part, s."""
 
     @property
     def rate(self) -> float:
@@ -219,8 +223,9 @@ def cruise(points: Sequence[Waypoint], bank: float, roll: float) -> Path:
 def circuit(side: float, begin: float, offset: float, final: float, flown: tuple[float, float]) -> list[Waypoint]:
     """Downwind, base and final of a traffic circuit.
 
-    side: 1 for a circuit to the right of the runway, -1 to the left; begin: x where downwind begins, offset: distance
-    of downwind from the centre line, final: x of the corners of base, m; flown: height, m, and speed, m/s.
+    - `side`: 1 for a circuit to the right of the runway, -1 to the left.
+    - `begin`: x at the start of downwind, m; `offset`: distance of downwind from the centre line, m.
+    - `final`: x of the corners of base, m; `flown`: height, m, and speed, m/s.
     """
     abeam = side * offset
     return [Waypoint(begin, abeam, *flown), Waypoint(final, abeam, *flown), Waypoint(final, 0.0, *flown)]

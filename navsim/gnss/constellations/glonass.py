@@ -1,9 +1,12 @@
 """GLONASS orbits from almanac elements, and the nominal constellation.
 
-Sources: [1] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), appendix 3,
-section A.3.2 (position of a satellite from the almanac), and ICD General description of the CDMA system
-(2016), appendix P (the same with other mean values). [2] ICD 5.1, section 3.3.2 (orbit structure).
-[3] PZ-90.11 reference document (2014): constants of the Earth.
+Sources:
+
+- [1] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), appendix 3, section A.3.2 (position of
+  a satellite from the almanac), and ICD General description of the CDMA system (2016), appendix P (the same with other
+  mean values).
+- [2] ICD 5.1, section 3.3.2 (orbit structure).
+- [3] PZ-90.11 reference document (2014): constants of the Earth.
 """
 
 from __future__ import annotations
@@ -44,26 +47,31 @@ _CHANNELS = (1, -4, 5, 6, 1, -4, 5, 6, -2, -7, 0, -1, -2, -7, 0, -1, 4, -3, 3, 2
 
 @dataclass(frozen=True)
 class GlonassAlmanac:
-    """Almanac of n satellites; every field (n,), angles rad, times s.
-
-    slot: orbital slot number. healthy: bool. day: days from 1970-01-01 of the almanac (Moscow time).
-    node_time: t_lambda, s of that day (Moscow time) of the ascending node. node_longitude: lambda.
-    inclination: absolute. perigee: argument omega. eccentricity. period: draconic, and period_rate: its
-    change per orbit. channel: frequency channel, int. use_unhealthy: use satellites that are not healthy.
-    """
+    """Almanac of n satellites; every array (n,), angles rad, times s."""
 
     slot: np.ndarray
+    """Orbital slot number."""
     healthy: np.ndarray
+    """bool."""
     day: np.ndarray
+    """Day of the almanac in Moscow time, days from 1970-01-01."""
     node_time: np.ndarray
+    """t_lambda, time of the ascending node on that day, s, Moscow time."""
     node_longitude: np.ndarray
+    """lambda."""
     inclination: np.ndarray
+    """Absolute, not the correction."""
     perigee: np.ndarray
+    """Argument omega."""
     eccentricity: np.ndarray
     period: np.ndarray
+    """Draconic."""
     period_rate: np.ndarray
+    """Change of the period per orbit."""
     channel: np.ndarray
+    """Frequency channel, int."""
     use_unhealthy: bool = False
+    """Use satellites that are not healthy."""
 
     system = GLONASS
 

@@ -1,9 +1,11 @@
 """GLONASS satellites from broadcast state vectors: Runge-Kutta orbits, clocks, PZ-90.11, lunisolar accelerations.
 
-Sources: [1] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), section 4.4 (immediate
-information) and appendix 3. [2] Parametry Zemli 1990 (PZ-90.11), reference document (2014), table of
-transformations (PZ-90.11 to ITRF2008). [3] GLONASS ICD, general description of CDMA signals (2016), appendix J
-(positions of Moon and Sun).
+Sources:
+
+- [1] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), section 4.4 (immediate information) and
+  appendix 3.
+- [2] Parametry Zemli 1990 (PZ-90.11), reference document (2014), table of transformations (PZ-90.11 to ITRF2008).
+- [3] GLONASS ICD, general description of CDMA signals (2016), appendix J (positions of Moon and Sun).
 """
 
 from __future__ import annotations
@@ -42,20 +44,28 @@ def pz90_from_itrf(position: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class StateVectors:
-    """Immediate information of n records [1]: `slot` int, `channel` int, `healthy` bool, `time` UTC (POSIX s) of the
-    record (t_b), `position`, `velocity`, `acceleration` (n, 3) in PZ-90 rotating axes, m, m/s, m/s2 (lunisolar only),
-    `tau`: offset that the satellite's clock lacks, s (tau_n), `gamma`: relative frequency offset, `age` days."""
+    """Immediate information of n records [1]."""
 
     slot: np.ndarray
+    """int."""
     channel: np.ndarray
+    """int."""
     healthy: np.ndarray
+    """bool."""
     time: np.ndarray
+    """t_b of the record, UTC (POSIX s)."""
     position: np.ndarray
+    """(n, 3) PZ-90 rotating axes, m."""
     velocity: np.ndarray
+    """(n, 3) m/s."""
     acceleration: np.ndarray
+    """(n, 3) lunisolar only, m/s2."""
     tau: np.ndarray
+    """tau_n, correction of the satellite clock, s."""
     gamma: np.ndarray
+    """Relative frequency offset."""
     age: np.ndarray
+    """Days."""
 
     def take(self, index: np.ndarray) -> StateVectors:
         """Some of the records."""

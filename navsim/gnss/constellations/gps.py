@@ -35,18 +35,20 @@ TILT = np.radians(-5.0)
 
 @dataclass(frozen=True)
 class Elements:
-    """Keplerian elements of n records; every field (n,); angles rad, rates rad/s, times GPS s from 1980-01-06.
+    """Keplerian elements of n records, names as in [1].
 
-    Names as in [1]: `toe`, `toc` reference times of orbit and clock; `c..` harmonic corrections in rad and m; `af0`,
-    `af1`, `af2` clock polynomial; `tgd` group delay of the signal in L1, s, nan where it is not known; `ura` user range
-    accuracy, m, -1 where none is told. An almanac has zeros where it says nothing. `prn` int; `healthy` bool; `iode`,
-    `iodc` issues of data. The system they are of, where it is asked for, brings the constants that they mean.
+    Every field (n,); angles rad, rates rad/s, times GPS s from 1980-01-06. An almanac has zeros for missing elements.
+    The satellite system supplies the constants.
     """
 
     prn: np.ndarray
+    """int."""
     healthy: np.ndarray
+    """bool."""
     toe: np.ndarray
+    """Reference time of the orbit."""
     toc: np.ndarray
+    """Reference time of the clock."""
     sqrt_a: np.ndarray
     e: np.ndarray
     i0: np.ndarray
@@ -57,17 +59,22 @@ class Elements:
     omega_dot: np.ndarray
     i_dot: np.ndarray
     cuc: np.ndarray
+    """Harmonic corrections `c..` in rad and m."""
     cus: np.ndarray
     crc: np.ndarray
     crs: np.ndarray
     cic: np.ndarray
     cis: np.ndarray
     af0: np.ndarray
+    """Clock polynomial `af0`, `af1`, `af2`."""
     af1: np.ndarray
     af2: np.ndarray
     tgd: np.ndarray
+    """Group delay of the L1 signal, s, nan if unknown."""
     ura: np.ndarray
+    """User range accuracy, m, -1 if missing."""
     iode: np.ndarray
+    """Issues of data `iode`, `iodc`."""
     iodc: np.ndarray
 
     @classmethod
@@ -296,11 +303,12 @@ _J2, _EQUATOR = 1.08263e-3, 6378137.0
 def on_circles(
     system: System, numbers: np.ndarray, radius: float, inclination: float, start: np.ndarray, epoch: float, utc: float
 ) -> KeplerianEphemerides:
-    """Satellites on circles of a radius, m, and an inclination, rad, carried to a UTC time (POSIX s) by circular mean
-    motion and the secular regression of the node, as one set of elements each with that reference time.
+    """Satellites on circular orbits at a UTC time (POSIX s), as one set of elements each with that reference time.
 
-    numbers: (n,) of the satellites. start: (n, 2) right ascension of the node and argument of latitude, degrees, at
-    `epoch`, UTC (POSIX s).
+    Circular mean motion and the secular regression of the node propagate them from `epoch`, UTC (POSIX s).
+
+    numbers (n,): of the satellites. radius: m. inclination: rad. start (n, 2): right ascension of the node and argument
+    of latitude at `epoch`, degrees.
     """
     n = np.sqrt(system.gm / radius**3)
     node_rate = -1.5 * _J2 * n * (_EQUATOR / radius) ** 2 * np.cos(inclination)

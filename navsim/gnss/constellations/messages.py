@@ -26,10 +26,12 @@ def nearest(
     reach: float,
     ahead: float,
 ) -> np.ndarray:
-    """Index (m, n) of the message that each member (n,) uses at times `at` (m, n): the one whose reference time is
-    nearest; -1 without one up to `reach`, s, before the time or `ahead`, s, after it.
+    """Index (m, n) of the message that each member (n,) uses at times `at` (m, n).
 
-    owners, usable, reference: (k,) of the messages: whose they are, whether they may be used, their reference times.
+    It is the one with the nearest reference time; -1 without one up to `reach`, s, before the time or `ahead`, s, after
+    it.
+
+    owners, usable, reference (k,): satellite of each message, whether it may be used, its reference time.
     """
     out = np.full(at.shape, -1)
     for column, member in enumerate(members):

@@ -1,13 +1,17 @@
 """Design constellations of Galileo, BeiDou and QZSS.
 
-Shapes are the systems' own: Walker 24/3/1 of satellites in medium orbits [1], satellites that stay over one meridian.
-Phases are those of the real satellites on 2020-06-25, 12:00 GPS time, by the messages that the station Esbjerg (ESBC)
-received, means of all that stand in their slots; for other days they move on by mean motion and regression of the node,
-those over one meridian stay there.
+Each constellation has its real shape: Walker 24/3/1 in medium orbits [1], and satellites that stay over one meridian.
+Phases are those of the real satellites on 2020-06-25, 12:00 GPS time: means of all satellites in their slots, from the
+messages that the station Esbjerg (ESBC) received. On other days medium orbits are propagated by mean motion and
+regression of the node; satellites over one meridian stay there.
 
-Sources: [1] Galileo: 56 degrees, 29 600 km; BeiDou: 55 degrees, 27 906.1 km; messages of that day agree to 1 km and 0.2
-degrees in the mean. [2] Longitudes of geostationary BeiDou satellites by public lists of satellites (G7, G6 of the
-second generation, and C01); the interface document was not seen. [3] Messages of J01, J02, J03 of that day.
+Sources:
+
+- [1] Galileo: 56 degrees, 29 600 km; BeiDou: 55 degrees, 27 906.1 km; messages of that day agree to 1 km and 0.2
+  degrees in the mean.
+- [2] Longitudes of geostationary BeiDou satellites from public lists of satellites (G7, G6 of the second generation,
+  and C01); the interface document was not seen.
+- [3] Messages of J01, J02, J03 of that day.
 """
 
 from __future__ import annotations

@@ -34,24 +34,29 @@ _UNEVEN = 1e-3
 
 @dataclass(frozen=True)
 class OrbitTable:
-    """Positions of n satellites of any systems at t times: names (n,), time (t,) GPS s, position (t, n, 3) ECEF m, nan
-    where missing, offset (t, n) satellite clocks, s, nan where missing; relativity of the eccentric orbit is not in
-    them. manoeuvres, clock_events (t, n): whether a satellite's orbit, or its clock, jumped since the epoch before.
-    left_out: what of a damaged file was left out, in words."""
+    """Positions of n satellites of any systems at t times."""
 
     names: tuple[str, ...]
     time: np.ndarray
+    """(t,) GPS s."""
     position: np.ndarray
+    """(t, n, 3) ECEF, m, nan where missing."""
     offset: np.ndarray
+    """(t, n) satellite clocks without the relativistic effect of eccentricity, s, nan where missing."""
     manoeuvres: np.ndarray
+    """(t, n) whether the orbit jumped since the epoch before."""
     clock_events: np.ndarray
+    """(t, n) whether the clock jumped since the epoch before."""
     left_out: tuple[str, ...] = ()
+    """Messages about omitted parts of a damaged file."""
 
     def missing(
         self, first: float = -np.inf, last: float = np.inf, systems: Sequence[System] = SYSTEMS
     ) -> tuple[str, ...]:
-        """In words, from when to when satellites of some systems have no position, or no clock, within the table; told
-        by its epochs, of spans that reach into the time from `first` to `last`, GPS s."""
+        """Messages about the times at which satellites of these systems have no position or no clock in the table.
+
+        Covers gaps that overlap the time from `first` to `last`, GPS s.
+        """
         if self.time.size < _POINTS:
             few = "1 epoch is" if self.time.size == 1 else f"{self.time.size} epochs are"
             return (f"no positions: {few} too few, they are interpolated from {_POINTS}",)
@@ -144,8 +149,10 @@ class PreciseOrbits:
 
     @cached_property
     def _differences(self) -> np.ndarray:
-        """Sizes of the tenth differences of places, m, in axes that do not turn, about the epochs from each one on (k,
-        n): of ten epochs and the one before or after, whichever is the larger; where neither is there, of a circle."""
+        """Sizes of the tenth differences of positions in inertial axes, m, about the epochs from each one on (k, n).
+
+        Of ten epochs and the one before or after, the larger of the two. If neither exists, those of a circular orbit.
+        """
         angle = RATE * (self.time - self.time[0])[:, None]
         c, s = np.cos(angle), np.sin(angle)
         x, y, z = np.moveaxis(self.position, 2, 0)

@@ -1,15 +1,20 @@
-"""Satellite systems: what tells one from another, declared once for all that simulate, read, write and position.
+"""Satellite systems: their properties, declared once for simulation, files and positioning.
 
-Adding one is an entry here, its design constellation in `gnss/constellations/nominal.py`, and room for its clock
-(`core.dop.MAX_CLOCKS`); its messages in files want a reader in `formats/rinex_nav.py` and a writer in
+A new system needs an entry here, its design constellation in `gnss/constellations/nominal.py`, and room for its clock
+(`core.dop.MAX_CLOCKS`). Its messages in files need a reader in `formats/rinex_nav.py` and a writer in
 `formats/rinex_write.py`.
 
-Sources: [1] IS-GPS-200, sections 3.3.1 (carrier, chips), 20.3.3.4.3 (constants of the orbit). [2] GLONASS ICD,
-navigational radiosignal in bands L1, L2, edition 5.1 (2008), sections 3.3.1 (channels), 3.3.2.1 (chips), appendix 3
-(constants of the orbit). [3] RINEX 4.02 (2024), tables of letters, time systems, observation codes and messages; RINEX
-2.11 (2007). [4] NMEA 0183 version 4.11 (talkers). [5] CelesTrak's files of navigation satellites (gps-ops, glo-ops,
-galileo, beidou, sbas, gnss): how titles tell systems. [6] Galileo OS SIS ICD (carrier, chips, constants of the orbit).
-[7] BeiDou SIS ICD, open service signal B1I (the same, and the axes of geostationary satellites). [8] IS-QZSS-PNT.
+Sources:
+
+- [1] IS-GPS-200, sections 3.3.1 (carrier, chips), 20.3.3.4.3 (constants of the orbit).
+- [2] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), sections 3.3.1 (channels), 3.3.2.1
+  (chips), appendix 3 (constants of the orbit).
+- [3] RINEX 4.02 (2024), tables of letters, time systems, observation codes and messages; RINEX 2.11 (2007).
+- [4] NMEA 0183 version 4.11 (talkers).
+- [5] CelesTrak's files of navigation satellites (gps-ops, glo-ops, galileo, beidou, sbas, gnss): titles of each system.
+- [6] Galileo OS SIS ICD (carrier, chips, constants of the orbit).
+- [7] BeiDou SIS ICD, open service signal B1I (the same, and the axes of geostationary satellites).
+- [8] IS-QZSS-PNT.
 """
 
 from __future__ import annotations
@@ -21,42 +26,49 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class System:
-    """A satellite system, as receivers of its civil signal in L1 know it.
-
-    name: in scenarios and results, also of the clock that a receiver keeps for it. title: in headers of files and
-    messages. letter: its satellites' in files. slots: how many, where satellites are numbered by them, else 0.
-    highest: the largest number of a satellite in files.
-    carrier: Hz, of frequency channel 0. channel_step: Hz from channel to channel, 0 where satellites share the carrier.
-    chip_rate: of the ranging code, 1/s. signals: of RINEX 3 observations, the best first; the first is the one that is
-    simulated. old_codes: of RINEX 2 observations, the best first. message: that its satellites are flown by, in RINEX
-    4's words. old_file: type of RINEX 2 files with its messages. time_system: of its files' times, in RINEX's words.
-    talker: of NMEA sentences.
-    gm, earth_rate: by which its messages of orbital elements are meant (of GLONASS its almanacs; `core.orbits` has what
-    its state vectors are meant by), m3/s2, rad/s. called: pattern of titles of its satellites in two-line elements;
-    numbered: pattern of titles with a satellite's number. other_messages: that it sends too, which are kept apart.
-    tilted: numbers of satellites whose elements are meant in axes tilted by 5 degrees [7].
-    """
+    """A satellite system, for receivers of its civil L1 signal."""
 
     name: str
+    """Name in scenarios and results, and of its receiver clock."""
     title: str
+    """Name in headers of files and in messages."""
     letter: str
+    """Of its satellites in files."""
     slots: int
+    """Number of slots if satellites are numbered by slots, else 0."""
     highest: int
+    """Largest satellite number in files."""
     carrier: float
+    """Of frequency channel 0, Hz."""
     channel_step: float
+    """Hz from channel to channel, 0 if satellites share the carrier."""
     chip_rate: float
+    """Of the ranging code, 1/s."""
     signals: tuple[str, ...]
+    """RINEX 3 observation codes, the best first; the simulation uses the first."""
     old_codes: tuple[str, ...]
+    """RINEX 2 observation codes, the best first."""
     message: str
+    """Navigation message for its orbits, RINEX 4 name."""
     old_file: str
+    """Type of RINEX 2 files with its messages."""
     time_system: str
+    """RINEX name of the time system in its files."""
     talker: str
+    """Of NMEA sentences."""
     gm: float
+    """Gravitational constant for its messages, m3/s2; of GLONASS for almanacs (`core.orbits` has that for state
+    vectors)."""
     earth_rate: float
+    """Rate of the Earth likewise, rad/s."""
     called: str
+    """Pattern of the titles of its satellites in two-line elements."""
     numbered: str
+    """Pattern of titles with a satellite number."""
     other_messages: tuple[str, ...] = ()
+    """Its other messages, which are kept apart."""
     tilted: tuple[int, ...] = ()
+    """Numbers of satellites whose elements refer to axes tilted by 5 degrees [7]."""
 
     def satellite(self, number: int) -> str:
         """A satellite's name, such as G07."""

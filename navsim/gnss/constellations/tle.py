@@ -1,9 +1,9 @@
 """Satellites from two-line elements, by SGP4.
 
-The propagation is the `sgp4` package's, Vallado's own code; from its true equator and mean equinox we turn by mean
-sidereal time to rotating axes (UT1 taken as UTC: within 15 arc seconds, 2 km at GNSS heights at the very worst, usually
-less than 0.5 km; polar motion left out, 40 m). Good for skies, not for ranges. Elements do not tell frequency channels:
-GLONASS carriers are taken as that of channel 0.
+The `sgp4` package, Vallado's own code, propagates them. Mean sidereal time rotates its true equator and mean equinox to
+Earth-fixed axes. UT1 is taken as UTC: within 15 arc seconds, usually 0.5 km and at most 2 km at GNSS heights. Polar
+motion is neglected, 40 m. Good for skies, not for ranges. Elements contain no frequency channels: GLONASS carriers are
+those of channel 0.
 
 Source: [1] Vallado et al., Revisiting Spacetrack Report 3, AIAA 2006-6753.
 """

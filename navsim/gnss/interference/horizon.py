@@ -40,8 +40,10 @@ def ridge(ends: np.ndarray, height: float) -> np.ndarray:
 
 
 def skyline(eye: np.ndarray, azimuths: tuple[float, float], elevation: float, distance: float) -> np.ndarray:
-    """Tops (w, 2, 3), ECEF, m, of ridges at a distance along the ground, m, from an eye, (3,) rad, rad, m, for which
-    they reach up to an elevation, rad, between two azimuths, clockwise, rad: 0 to 2 pi is all around."""
+    """Tops (w, 2, 3), ECEF, m, of ridges around an eye (3,), rad, rad, m, that reach up to an elevation, rad.
+
+    distance: of the ridges along the ground, m. azimuths: first and last, clockwise, rad; 0 to 2 pi is all around.
+    """
     first, last = azimuths
     if last <= first:
         last += 2.0 * np.pi
@@ -86,8 +88,10 @@ def behind(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.nda
 
 
 def flown_under(tops: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """How far under the top of a ridge a path (n, 3), ECEF, m, goes through it between each of its points and the next,
-    the most of all ridges: (n - 1,) m, -inf where it goes through none, or over it. tops: as of `ridge_loss`."""
+    """Depth of a path (n, 3), ECEF, m, below the top of a ridge, between each point and the next: (n - 1,) m.
+
+    The largest of all ridges; -inf if the path crosses none or passes above it. tops: as of `ridge_loss`.
+    """
     out = np.full(len(path) - 1, -np.inf)
     for some in range(0, len(tops), _AT_ONCE):
         c = crossings(tops[some : some + _AT_ONCE], path[:-1, None], path[1:])

@@ -41,21 +41,26 @@ _APART = 1.0
 
 @dataclass(frozen=True)
 class Received:
-    """Signals as a receiver has them where nobody jams.
-
-    time: (e,) s. antenna: (e, 3) ECEF, m. llh: (e, 3) of the receiver, rad, rad, m. used: (e, s) bool. cn0: (e, s)
-    dB-Hz. chip: (s,) m. carrier: (s,) Hz. ground: (s,) bool, which are pseudolites. c_eb: (e, 3, 3) body axes in ECEF.
-    """
+    """Received signals without jamming."""
 
     time: np.ndarray
+    """(e,) s."""
     antenna: np.ndarray
+    """(e, 3) ECEF, m."""
     llh: np.ndarray
+    """(e, 3) of the receiver, rad, rad, m."""
     used: np.ndarray
+    """(e, s) bool."""
     cn0: np.ndarray
+    """(e, s) dB-Hz."""
     chip: np.ndarray
+    """(s,) m."""
     carrier: np.ndarray
+    """(s,) Hz."""
     ground: np.ndarray
+    """(s,) bool, true for pseudolites."""
     c_eb: np.ndarray
+    """(e, 3, 3) body axes in ECEF."""
 
 
 @dataclass(frozen=True)
@@ -86,13 +91,14 @@ class Jammer:
 
 @dataclass(frozen=True)
 class Pulses:
-    """Pulses of pseudolites that do not overlap. duty: share of the time in which each sends. blanking: whether the
-    receiver is deaf to satellites meanwhile; else they take pulses for noise. gated: whether it correlates with a
-    pseudolite during its pulses alone; else all the time."""
+    """Pulses of pseudolites that do not overlap."""
 
     duty: float
+    """Fraction of the time in which each transmits."""
     blanking: bool
+    """The receiver blanks satellite signals during pulses; otherwise pulses act as noise."""
     gated: bool
+    """The receiver correlates with a pseudolite only during its pulses."""
 
     def loss(self, sending: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """What signals lose by them, (e, s) dB, beside noise; sending: (e, p) bool; ground: (s,) bool."""
@@ -107,12 +113,13 @@ class Pulses:
 
 @dataclass(frozen=True)
 class NearFar:
-    """Pseudolites as jammers of satellites, and of each other. pulses: None where they send always. isolation: by how
-    much, dB, they may exceed signals with codes and a carrier like theirs before single lines of the codes take those,
-    too; None where none do."""
+    """Pseudolites as jammers of satellites, and of each other."""
 
     pulses: Pulses | None
+    """None: continuous transmission."""
     isolation: float | None
+    """Margin, dB, by which they may exceed signals of like codes and carrier before code cross-correlation captures
+    those; None: unlimited."""
 
     def js(self, received: Received) -> np.ndarray:
         """Power of pseudolites, of their pulses where they pulse, by that of signals (p, e, s), dB."""
@@ -145,25 +152,26 @@ class NearFar:
 
 @dataclass(frozen=True)
 class Jamming:
-    """All jammers, how the receiver holds signals against them, the height of the ground over the ellipsoid, m, and the
-    gain of its antenna at the horizon, see `code_loop.antenna_gain`.
-
-    antenna: of the receiver, where it has one by a table. noise_figure: of the receiver, dB.
-    pseudolites: how they jam, None where they do not. tops: (w, 2, 3) of ridges that hide jammers, ECEF, m, see
-    `horizon.ridge_loss`. bands: of the front end, one for each carrier; all is passed where there are none.
-    """
+    """Jammers, and the receiver's tolerance."""
 
     jammers: tuple[Jammer, ...]
     lock: LockRule
     code: CodeLoop
     rate: FrequencyLoop
     ground: float
+    """Height of the ground above the ellipsoid, m."""
     horizon_db: float
+    """Gain of the receiving antenna at the horizon, see `code_loop.antenna_gain`."""
     antenna: AircraftAntenna | None
+    """Of the receiver, if a table gives one."""
     noise_figure: float
+    """Of the receiver, dB."""
     pseudolites: NearFar | None
+    """Interference by pseudolites; None without."""
     tops: np.ndarray
+    """(w, 2, 3) tops of ridges that hide jammers, ECEF, m, see `horizon.ridge_loss`."""
     bands: tuple[Band, ...]
+    """Of the front end, one for each carrier; empty: everything passes."""
 
     def js(self, received: Received) -> np.ndarray:
         """Power of the jammers, then of pseudolites where they jam, by that of signals (j, e, s), dB; -inf where

@@ -1,14 +1,19 @@
-"""Jammers: how strong they arrive, what hides them, what they leave of signals; pseudolites that pulse.
+"""Propagation of jammers' power and its effect on signals; pulsed pseudolites.
 
-Levels are in dB; losses are positive. Axes: jammers j, epochs e, sources s. `gnss.interference.spectral_separation` has
-the kappas.
+Levels are in dB; losses are positive. Axes: jammers j, epochs e, sources s. `gnss.interference.spectral_separation`
+computes the kappas.
+
 Pages: `docs/theory/interference.md`, sections 1, 3, 6.
 
-Sources: [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), chapter 9 (effective carrier to noise density).
-[2] ITU-R P.526, section 4.1 (one knife edge), 4/3 of the Earth's radius. [3] RTCM SC-104 (pulses of pseudolites, 93 of
-1023 chips). [4] Elrod & Van Dierendonck, Pseudolites, in: Global Positioning System: Theory and Applications II (1996)
-(pulses and correlation); RTCA DO-292 (blanking). [5] Gold, Optimal binary sequences for spread spectrum multiplexing,
-IEEE Transactions on Information Theory 13 (1967).
+Sources:
+
+- [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), chapter 9 (effective carrier to noise density).
+- [2] ITU-R P.526, section 4.1 (one knife edge), 4/3 of the Earth's radius.
+- [3] RTCM SC-104 (pulses of pseudolites, 93 of 1023 chips).
+- [4] Elrod & Van Dierendonck, Pseudolites, in: Global Positioning System: Theory and Applications II (1996) (pulses and
+  correlation); RTCA DO-292 (blanking).
+- [5] Gold, Optimal binary sequences for spread spectrum multiplexing, IEEE Transactions on Information Theory 13
+  (1967).
 """
 
 from __future__ import annotations
@@ -50,11 +55,11 @@ def path_loss(distance: np.ndarray, frequency: np.ndarray | float) -> np.ndarray
 def jam_to_signal(
     eirp: np.ndarray, loss: np.ndarray, gain_to_jammer: np.ndarray, signal: np.ndarray, gain_to_source: np.ndarray
 ) -> np.ndarray:
-    """Power of jammers by that of signals, J/S (j, e, s), dB [1]; -inf where nothing is received of a jammer.
+    """Jammer to signal power ratio J/S (j, e, s), dB [1]; -inf if no power arrives from a jammer.
 
-    eirp: (j, e) of jammers towards the receiver, dBW. loss: (j, e) on the way, `path_loss` and what hides them, dB.
-    gain_to_jammer: (j, e) of the receiver's antenna, dB. signal: (s,) dBW before the antenna. gain_to_source: (e, s)
-    dB.
+    - `eirp` (j, e): of jammers towards the receiver, dBW; `loss` (j, e): `path_loss` and shadowing, dB.
+    - `gain_to_jammer` (j, e) and `gain_to_source` (e, s): of the receiver's antenna, dB.
+    - `signal` (s,): before the antenna, dBW.
     """
     return (eirp - loss + gain_to_jammer)[..., None] - (signal + gain_to_source)
 

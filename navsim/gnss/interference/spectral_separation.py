@@ -110,8 +110,10 @@ class Tone:
 
 @dataclass(frozen=True)
 class Flat:
-    """Power spread evenly over a width about a centre, Hz: white noise, or a tone that sweeps it, in the mean over the
-    integration of a receiver, where it passes a signal's carrier more than once in that."""
+    """Power spread evenly over a width about a centre, Hz: white noise, or a fast sweep.
+
+    A sweep counts as flat if it passes a signal's carrier more than once within a receiver's integration time.
+    """
 
     centre: float
     width: float
@@ -131,13 +133,14 @@ def _between(signal: Spectrum, carrier: np.ndarray, band: Band | None, low: np.n
 
 @dataclass(frozen=True)
 class SweptTone:
-    """A tone that goes through a width about a centre, Hz, from the lower end at time 0 to the upper in a period, s,
-    and begins anew; its noise is the mean over the memory of a receiver, s."""
+    """A tone that sweeps a width about a centre, Hz, upwards from time 0, and starts again after each period."""
 
     centre: float
     width: float
     period: float
+    """s."""
     memory: float
+    """Time over which a receiver averages the noise, s."""
 
     def at(self, time: np.ndarray) -> Waveform:
         """What it sends in the memory before times (e,), s."""
