@@ -198,7 +198,7 @@ class Recording:
     def of_rejected(self, settings: np.ndarray, flight: replay.RecordedFlight) -> np.ndarray:
         """Contribution of each rejected fix of a flight (m,), or of any range (), to the tuning.
 
-        It equals that of a fix at the limit of the gate with its own noise, or with that of `settings` if it gives none.
+        It equals that of a fix at the limit of the gate, with its own noise or, without one, that of `settings`.
         Noise that makes the gate reject fixes thus gains nothing.
         """
         limits = gate_limits(self.scenario.filter.gate.probability)
