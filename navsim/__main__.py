@@ -13,9 +13,11 @@ _OBJECTS = 200_000
 
 
 def _spare() -> None:
-    """Leave out what costs a short command much and gives it nothing: searches for garbage while modules are imported,
-    a pool of threads for matrices of fifteen rows (threads are for runs), and a look through all packages that are
-    installed for plugins of pydantic's."""
+    """Switch off costs that a short command does not need.
+
+    These are garbage collection during imports, a thread pool for matrices of fifteen rows (threads are for runs), and
+    pydantic's search of all installed packages for plugins.
+    """
     gc.set_threshold(_OBJECTS)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy reads it when it is imported
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")

@@ -12,18 +12,21 @@ from navsim.words import command
 
 @dataclass(frozen=True)
 class Kind:
-    """command: computes a file of it. noun: what such a file is called. section: the model of the file (a
-    `scenario.base.Section`), "" where there is no file. job: what makes the job of it (`runner.job.Opener`), "" where
-    the command alone knows how. check: what warns of what its section says, reading its files as whoever computes it
-    does (`runner.job.Check`), "" where the section says all. view: how its results are shown (`report.view.View`). All
-    as "module:name"."""
+    """A kind of files or results. Places in code are "module:name"."""
 
     command: str
+    """Command that computes it."""
     view: str
+    """How its results are shown (`report.view.View`)."""
     section: str = ""
+    """Model of the file (a `scenario.base.Section`), "" without a file."""
     job: str = ""
+    """Creates its job (`runner.job.Opener`), "" if only the command can."""
     noun: str = "scenario"
+    """Name of such a file in messages."""
     check: str = ""
+    """Warnings about a file, which reads the files that it names as the job does (`runner.job.Check`); "" if the
+    section checks everything."""
 
 
 KINDS = {

@@ -1,4 +1,4 @@
-"""What the functions take beside the file, as keywords: their types, and what of them is right."""
+"""Keyword arguments of the functions of `navsim`: types, defaults and checks."""
 
 from __future__ import annotations
 
@@ -15,72 +15,81 @@ from navsim.runner.opening import Keep, Method, SweepMethod
 F = TypeVar("F", bound=Callable[..., Any])
 PathLike = str | os.PathLike[str]
 Told = Callable[[int, int, str], None]
-"""Takes how much is finished, of how much (0 where that is not known), and where the work stands in words."""
+"""Progress callback: finished, extent (0 if unknown), message."""
 
 
 class Common(TypedDict, total=False):
-    """Of all that is computed.
-
-    set: values for keys, dotted. output: the result file; None: a temporary one, deleted with the object that is
-    returned. figures: the folder for figures; None: none are drawn. fresh: discard partial work of an earlier attempt.
-    force: overwrite a result of another sort. over_budget: compute even what this machine seems too small for.
-    progress: is told how the work goes on; what it raises ends the work.
-    """
+    """Keyword arguments of all functions that compute."""
 
     set: Mapping[str, Any] | None
+    """Values for keys, dotted: `{"pseudolites.s_m": 1000}`."""
     output: PathLike | None
+    """Result file; None: a temporary one, deleted with the returned object."""
     figures: PathLike | None
+    """Folder for figures; None: no figures."""
     fresh: bool
+    """Discard partial work of an earlier attempt."""
     force: bool
+    """Overwrite a result of a different kind."""
     over_budget: bool
+    """Compute even if this machine seems too small."""
     progress: Told | None
+    """Callback for the progress of the work. An exception from it ends the work."""
 
 
 class Requiring(Common, total=False):
-    """And what the result must be worth; else RunFailed is raised, with the complete result's path.
-
-    require_fix: no epoch without a fix. require_consistent: nothing contradicts what the filter believes. require: all
-    requirements of the scenario are met.
-    """
+    """Conditions on the result. If one fails, RunFailed is raised with the path of the complete result."""
 
     require_fix: bool
+    """Every epoch has a fix."""
     require_consistent: bool
+    """The errors do not contradict the filter's sigmas."""
     require: bool
+    """The result meets all requirements of the scenario."""
 
 
 class RunArguments(Requiring, total=False):
-    """Of `run`. seed: root of all random numbers. runs: their number; first_run: the number of the first. until: stop
-    once an interval is narrow. keep: what is stored of each run. method: instead of the scenario's. workers: threads;
-    None: all cores. scheduler: of a Dask cluster that does the work, its address or its file; None: this machine."""
+    """Keyword arguments of `run`."""
 
     seed: int
+    """Root of all random numbers."""
     runs: int | None
+    """Number of runs."""
     first_run: int | None
+    """Number of the first run."""
     until: str | None
+    """Stop when an interval is narrow enough: `"rms_horizontal within 2%"`."""
     keep: Keep | None
+    """Data stored of each run."""
     method: Method | None
+    """Replaces the scenario's method."""
     workers: int | None
+    """Threads; None: all cores."""
     scheduler: PathLike | None
+    """Address or file of the scheduler of a Dask cluster; None: this machine."""
 
 
 class SweepArguments(Requiring, total=False):
-    """Of `sweep`. runs: of each combination with method monte-carlo. method: instead of the study's."""
+    """Keyword arguments of `sweep`; see `RunArguments`."""
 
     seed: int
     runs: int | None
+    """Runs of each combination with method monte-carlo."""
     method: SweepMethod | None
+    """Replaces the study's method."""
     workers: int | None
     scheduler: PathLike | None
 
 
 class OptimizeArguments(Common, total=False):
-    """Of `optimize`. runs: that the best placements are flown with, 0 for none. time_limit: stop then with the best
-    found so far, s."""
+    """Keyword arguments of `optimize`; see `RunArguments`."""
 
     seed: int
     runs: int | None
+    """Runs of the best placements, 0 for none."""
     scheduler: PathLike | None
     time_limit: float | None
+    """Stop after this time with the best placement so far, s."""
 
 
 _LEAST: dict[str | tuple[str, str], int] = {
@@ -88,11 +97,11 @@ _LEAST: dict[str | tuple[str, str], int] = {
 }  # fmt: skip
 _CHOICES = {"keep": Keep, ("run", "method"): Method, ("sweep", "method"): SweepMethod}
 _LONGEST = 1e9
-"""Time limit, s."""
+"""Largest time limit, s."""
 
 
 def spelled(arguments: Any) -> Callable[[F], F]:
-    """Show the keywords of a function, which has them as `**given`, in its signature, for help() and editors."""
+    """Decorator: show the keywords of a function with `**given` in its signature, for help() and editors."""
 
     def shown(function: F) -> F:
         signature = inspect.signature(function)
@@ -115,7 +124,7 @@ def _text(annotation: Any) -> str:
 
 
 def default(name: str) -> Any:
-    """What a keyword is that is not given."""
+    """Default of a keyword."""
     return 1 if name == "seed" else None if "None" in _text(_HINTS[name]) else False
 
 
@@ -127,8 +136,10 @@ _HINTS: dict[str, Any] = {
 
 
 def checked(command: str, arguments: Any, given: Mapping[str, Any]) -> dict[str, Any]:
-    """All keywords of a command with what was given, or what stands for it. Raises TypeError for a name it does not
-    take, as Python does; BadInput for wrong values."""
+    """All keywords of a command, given or default.
+
+    Raises TypeError for an unknown name, as Python does; BadInput for wrong values.
+    """
     names = get_type_hints(arguments)
     for name in given:
         if name not in names:
@@ -148,7 +159,7 @@ def checked(command: str, arguments: Any, given: Mapping[str, Any]) -> dict[str,
 
 
 def _right(command: str, name: str, value: Any) -> Any:
-    """A value as the work takes it. Raises TypeError, ValueError, saying what is allowed."""
+    """Check and convert a value. Raises TypeError or ValueError that lists the allowed values."""
     from navsim.results.result import MOST_WHOLE
 
     least = _LEAST.get((command, name), _LEAST.get(name))

@@ -1,4 +1,4 @@
-"""The functions: each opens the same job as the command of its name, and takes it through the same steps."""
+"""Functions of `navsim`. Each runs the same job as the command of its name, in the same steps."""
 
 from __future__ import annotations
 
@@ -34,54 +34,188 @@ if TYPE_CHECKING:
     from navsim.scenario.load import Assignment, Source
 
 Scenario = PathLike | Mapping[str, Any]
-"""A file, or what would stand in one."""
+"""A file, or its contents as a mapping."""
 
 _log = logging.getLogger("navsim")
 _computing = threading.Lock()
 _by: list[int] = []
-"""The thread that computes."""
+"""Thread that is computing."""
 _NOUNS = {"run": "scenario", "sweep": "study", "optimize": "study", "replay": "log"}
 _CALLER = 3
 """Frames from a warning to the user's line: ours, the function's, the user's."""
 
 
 class NavsimWarning(UserWarning):
-    """What a study found, or how it ended, that its user must hear about."""
+    """A finding of a study, or a reason for its early end."""
 
 
 @spelled(RunArguments)
 def run(scenario: Scenario, /, **given: Unpack[RunArguments]) -> ResultFile:
-    """Fly a scenario, as `navsim run` does.
+    """Simulate a scenario, as `navsim run` does.
 
-    scenario: a file, or its contents as a mapping; files named in a mapping are relative to the working folder.
-    Raises BadInput, RunFailed; warns with NavsimWarning.
+    Parameters
+    ----------
+    scenario : path or mapping
+        A scenario file, or its contents. File names in a mapping are relative to the working folder.
+    set : mapping, optional
+        Values for keys, dotted: `{"pseudolites.s_m": 1000}`.
+    runs : int, optional
+        Number of runs.
+    seed : int
+        Root of all random numbers.
+    first_run : int, optional
+        Number of the first run.
+    until : str, optional
+        Stop when an interval is narrow enough: `"rms_horizontal within 2%"`.
+    method : str, optional
+        Replaces the scenario's method.
+    keep : str, optional
+        Data stored of each run.
+
+    Other Parameters
+    ----------------
+    output, figures : path, optional
+        Result file, default a temporary one that is deleted with the returned object; folder for figures, default none.
+    force, fresh, over_budget : bool
+        Overwrite a result of a different kind; discard partial work; compute even if this machine seems too small.
+    require_fix, require_consistent, require : bool
+        Raise RunFailed unless every epoch has a fix; the filter is consistent; the result meets all requirements.
+    workers : int, optional
+        Threads, default all cores.
+    scheduler : str or path, optional
+        Address or file of the scheduler of a Dask cluster.
+    progress : callable, optional
+        Receives (finished, extent, message). An exception from it ends the work.
+
+    Returns
+    -------
+    ResultFile
+
+    Raises
+    ------
+    BadInput
+        The scenario, an option or a path is wrong. Nothing was computed.
+    RunFailed
+        The work failed, or the result does not meet a `require...` condition.
+
+    Warns
+    -----
+    NavsimWarning
+        For each finding.
     """
     return _computed("run", scenario, checked("run", RunArguments, given))
 
 
 @spelled(SweepArguments)
 def sweep(study: Scenario, /, **given: Unpack[SweepArguments]) -> ResultFile:
-    """Compute every combination of a study's settings, as `navsim sweep` does. As `run`."""
+    """Compute every combination of a study's settings, as `navsim sweep` does.
+
+    Parameters
+    ----------
+    study : path or mapping
+        A study file, or its contents.
+    runs : int, optional
+        Runs of each combination with method monte-carlo.
+    method : str, optional
+        Replaces the study's method.
+
+    Other Parameters
+    ----------------
+    **given
+        See `run`; `first_run`, `until` and `keep` are for `run` only.
+
+    Returns
+    -------
+    ResultFile
+
+    Raises
+    ------
+    BadInput, RunFailed
+        See `run`.
+    """
     return _computed("sweep", study, checked("sweep", SweepArguments, given))
 
 
 @spelled(OptimizeArguments)
 def optimize(study: Scenario, /, **given: Unpack[OptimizeArguments]) -> ResultFile:
-    """Find the best placement of pseudolites, as `navsim optimize` does. As `run`."""
+    """Find the best placement of pseudolites, as `navsim optimize` does.
+
+    Parameters
+    ----------
+    study : path or mapping
+        A study file, or its contents.
+    runs : int, optional
+        Runs of the best placements, 0 for none.
+    time_limit : float, optional
+        Stop after this time with the best placement so far, s.
+
+    Other Parameters
+    ----------------
+    **given
+        `seed`, `scheduler` and those of all functions, see `run`.
+
+    Returns
+    -------
+    ResultFile
+
+    Raises
+    ------
+    BadInput, RunFailed
+        See `run`.
+    """
     return _computed("optimize", study, checked("optimize", OptimizeArguments, given))
 
 
 @spelled(Requiring)
 def replay(log: Scenario, /, **given: Unpack[Requiring]) -> ResultFile:
-    """Fly a recorded flight through the filter, as `navsim replay` does. As `run`."""
+    """Run a recorded flight through the filter, as `navsim replay` does.
+
+    Parameters
+    ----------
+    log : path or mapping
+        A log file, or its contents.
+
+    Other Parameters
+    ----------------
+    **given
+        `require_fix`, `require_consistent`, `require` and those of all functions, see `run`.
+
+    Returns
+    -------
+    ResultFile
+
+    Raises
+    ------
+    BadInput, RunFailed
+        See `run`.
+    """
     return _computed("replay", log, checked("replay", Requiring, given))
 
 
 def validate(scenario: Scenario, /, *, set: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Check a scenario, study or log, as `navsim validate` does; returns it with every default written out.
+    """Check a scenario, study or log, as `navsim validate` does.
 
-    set: values for keys, dotted. Reads the files that it names; warns as the command does.
-    Raises BadInput, with all that is wrong.
+    Parameters
+    ----------
+    scenario : path or mapping
+        A file, or its contents. The files that it names are read, too.
+    set : mapping, optional
+        Values for keys, dotted.
+
+    Returns
+    -------
+    dict
+        The scenario with every default written out.
+
+    Raises
+    ------
+    BadInput
+        With all errors found.
+
+    Warns
+    -----
+    NavsimWarning
+        For keys without effect and the like, as the command does.
     """
     with of_python():
         section, _, heard = opening.checked(_source(scenario, "scenario"), _assignments(set))
@@ -91,7 +225,22 @@ def validate(scenario: Scenario, /, *, set: Mapping[str, Any] | None = None) -> 
 
 
 def schema(kind: str = "landing") -> dict[str, Any]:
-    """The JSON Schema of a kind of files. Raises BadInput for a kind there is not."""
+    """JSON Schema of a kind of files.
+
+    Parameters
+    ----------
+    kind : str
+        `landing`, `sweep`, `optimize`, `replay` ..., or `any`.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    BadInput
+        The kind does not exist.
+    """
     with of_python():
         return opening.schema_of(kind)
 
@@ -111,7 +260,7 @@ def _computed(command: str, scenario: Scenario, asked: dict[str, Any]) -> Result
 
 
 def _compute_result(command: str, scenario: Scenario, asked: dict[str, Any], heard: list[str]) -> ResultFile:
-    """The result of a job; heard: takes the warnings."""
+    """Result of a job; `heard` receives the warnings."""
     import shutil
 
     from navsim.results.findings import of
@@ -143,7 +292,7 @@ def _compute_result(command: str, scenario: Scenario, asked: dict[str, Any], hea
 
 
 def _notes() -> list[str]:
-    """What the kernels' cache has to tell, where it was used at all."""
+    """Messages of the kernel cache, if it was used."""
     cache = sys.modules.get("navsim.compiler.kernel_cache")
     if cache is None:
         return []
@@ -161,7 +310,7 @@ def _telling(progress: Told | None, extent: int) -> Iterator[Progress]:
 
 
 def _source(scenario: Scenario, noun: str) -> Source:
-    """noun: what stands for a mapping in messages."""
+    """Path of a file, or a mapping as a source. noun: name of a mapping in messages."""
     if isinstance(scenario, Mapping):
         from navsim.scenario.source import of_data
 
@@ -182,7 +331,10 @@ def _assignments(given: Mapping[str, Any] | None) -> list[Assignment]:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """One study at a time in a process: each takes all cores. Others wait; a call out of its own progress cannot."""
+    """Lock: one study at a time in a process, since each uses all cores.
+
+    Other threads wait. A call from the study's own progress callback raises BadInput.
+    """
     here = threading.get_ident()
     if here in _by:
         raise BadInput(as_problems("a study is computed already; none can be begun from its progress"))

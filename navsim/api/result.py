@@ -1,4 +1,4 @@
-"""A result file as an object of Python."""
+"""Result file as a Python object."""
 
 from __future__ import annotations
 
@@ -27,22 +27,40 @@ INSTALL = "pip install 'navsim-landing[xarray]'"
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was required of landings, and whether it is so: met, not met, undecided. value: of what is required, with
-    its 95 % interval from low to high; limit: what it is held against, in the same unit."""
+    """Verdict on a requirement."""
 
     statement: str
+    """The requirement in words."""
     verdict: str
+    """met, not met, or undecided."""
     value: float
+    """Value of the required quantity."""
     low: float
+    """Lower end of its 95 % interval."""
     high: float
+    """Upper end."""
     limit: float
+    """Required limit, in the same unit."""
 
 
 def load(path: str | os.PathLike[str]) -> xarray.DataTree:
-    """A result file as a tree of xarray, numbers read when they are asked for.
+    """Open a result file as an xarray tree; numbers are read when they are used.
 
-    Raises BadInput for what is no result, ModuleNotFoundError where xarray and h5netcdf (the extra `xarray`) are not
-    installed.
+    Parameters
+    ----------
+    path : path
+        The result file.
+
+    Returns
+    -------
+    xarray.DataTree
+
+    Raises
+    ------
+    BadInput
+        The file is not a result.
+    ModuleNotFoundError
+        xarray or h5netcdf (the extra `xarray`) is not installed.
     """
     file = Path(path).expanduser()
     _read(file)
@@ -70,14 +88,29 @@ def _read(path: Path) -> Result:
 
 
 class ResultFile:
-    """A result: its file, what its study found, its tables.
+    """A result file: its variables, findings, verdicts and tables.
 
-    path: the file, whose numbers `tree` and `load` read. files: texts and figures that were written beside it. stopped:
-    why the work ended before all was done, "" where it did not.
+    Parameters
+    ----------
+    path : path
+        The result file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    files : list of Path
+        Texts and figures written with it.
+    stopped : str
+        Why the work ended early; "" if it is complete.
+
+    Raises
+    ------
+    BadInput
+        The file is not a result.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Open a result file. Raises BadInput for what is none."""
         self.path = Path(path).expanduser()
         self.files: list[Path] = []
         self.stopped = ""
@@ -86,7 +119,7 @@ class ResultFile:
 
     @classmethod
     def _of(cls, path: Path, files: list[Path], stopped: str, temporary: Path | None) -> ResultFile:
-        """The result that was just made; temporary: the folder that goes when the object does."""
+        """The result that was just computed. temporary: folder that is deleted with the object."""
         made = cls(path)
         made.files, made.stopped = files, stopped
         if temporary is not None:
@@ -104,29 +137,29 @@ class ResultFile:
 
     @property
     def kind(self) -> str:
-        """What it is a result of: landing, sweep, optimize, replay, ..."""
+        """Kind of the result: landing, sweep, optimize, replay, ..."""
         return str(self._result.attributes["kind"])
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """The root attributes: seed, versions, the whole resolved scenario."""
+        """Root attributes: seed, versions, resolved scenario."""
         return dict(self._result.attributes)
 
     @property
     def tree(self) -> xarray.DataTree:
-        """The file as a tree of xarray, opened anew; see `load`."""
+        """The file as an xarray tree, opened anew; see `load`."""
         return load(self.path)
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """What its study warned of."""
+        """Warnings of the study."""
         from navsim.results.findings import of
 
         return of(self._result)
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
-        """What became of the scenario's requirements; none where it has none, or the result is not of landings."""
+        """Verdicts on the scenario's requirements; empty without requirements."""
         branch = "/summary/requirements"
         if f"{branch}/verdict" not in self._result:
             return []
@@ -138,8 +171,15 @@ class ResultFile:
         ]
 
     def __getitem__(self, path: str) -> np.ndarray[Any, Any]:
-        """The numbers of a variable by its path in the file, as `summary/rms/horizontal`, read from there. Raises
-        KeyError for one that is not there; RunFailed where the file was damaged meanwhile."""
+        """A variable by its path in the file, such as `summary/rms/horizontal`, read from the file.
+
+        Raises
+        ------
+        KeyError
+            The variable does not exist.
+        RunFailed
+            The file was damaged meanwhile.
+        """
         from navsim.results.result import ResultError
 
         whole = "/" + path.strip("/")
@@ -153,13 +193,14 @@ class ResultFile:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The summary as plain data with the names of the file, as `navsim show --json` prints it; unknown: None."""
+        """Summary as plain data with the names of the file, as `navsim show --json` prints it; None for unknown
+        values."""
         from navsim.report.view import plain
 
         return plain(self._result)
 
     def tables(self) -> list[Table | str]:
-        """The tables that `navsim show` prints, and words between them."""
+        """Tables of `navsim show`, and the text between them."""
         return list(self._here().tables([(self.path.stem, self._result)]))
 
     def show(self) -> str:

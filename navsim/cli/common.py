@@ -53,9 +53,10 @@ SAY_EVERY_S = 10.0
 
 @contextmanager
 def progress(extent: int, unit: str, shown: bool, clock: Callable[[], float] = time.monotonic) -> Iterator[Progress]:
-    """Progress on standard error: a bar over an extent, counted in `unit`, with words behind it; for an extent of 0 the
-    words alone; where it is no terminal a line now and then; nothing where it is not to be shown. In a log a line now
-    and then, too."""
+    """Progress on standard error: a bar over an extent, counted in `unit`, with a message behind it.
+
+    With extent 0, only the message. Without a terminal, a line now and then, as in a log. `shown` False: nothing.
+    """
     live = shown and extent != 1 and sys.stderr.isatty()
     here = _Standing(extent, unit, shown and not live, clock)
     with (_bar(extent, unit) if extent else _status()) if live else nullcontext() as show:

@@ -1,9 +1,9 @@
-"""How a command ends: a signal, a closed pipe or a full disk behind standard output is a message and an exit code.
+"""End of a command: signals, a closed pipe and a full disk become a message and an exit code.
 
-The first interrupt (SIGINT), termination (SIGTERM) or hangup (SIGHUP) is raised where the command is, so that what is
-finished is kept; a second one ends the process at once, which harms no file, since files are there whole or not at all.
-Where kernels are being compiled, which cannot be interrupted, the first one does the same after `PATIENCE`. Exit codes
-are those of a shell: 128 + the signal's number.
+The first interrupt (SIGINT), termination (SIGTERM) or hangup (SIGHUP) raises an exception, so that finished work is
+kept. A second one ends the process at once; files stay intact, since each is written atomically. While kernels compile,
+which cannot be interrupted, the first signal does the same after `PATIENCE`. Exit codes are those of a shell: 128 + the
+signal's number.
 """
 
 from __future__ import annotations

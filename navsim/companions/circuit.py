@@ -31,15 +31,15 @@ class Circuit:
 
 @dataclass(frozen=True)
 class CircuitFlight:
-    """The aircraft at the times `time` (n,); SI, rad.
+    """Motion of the aircraft at n times; SI, rad. A trailing 1 marks a derivative.
 
-    position (n, 3): N, h, E. speed, path_angle, track, roll and the derivatives speed1, path_angle1, track1. load
-    (n, 3): load factors along the velocity, up and right in velocity axes (nx, ny, nz). range, ground_range, azimuth,
-    elevation and their derivatives seen from the radar.
+    Range, ground range, azimuth, elevation and their derivatives are relative to the radar.
     """
 
     time: np.ndarray
+    """(n,)."""
     position: np.ndarray
+    """(n, 3) N, h, E."""
     speed: np.ndarray
     path_angle: np.ndarray
     track: np.ndarray
@@ -48,6 +48,7 @@ class CircuitFlight:
     path_angle1: np.ndarray
     track1: np.ndarray
     load: np.ndarray
+    """(n, 3) load factors along the velocity, up and right in velocity axes (nx, ny, nz)."""
 
     @property
     def range(self) -> np.ndarray:

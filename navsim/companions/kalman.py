@@ -1,13 +1,14 @@
-"""Small dense Kalman filters: the steps the tracking systems share, with scalar measurements one after the other.
+"""Small dense Kalman filters for the tracking systems, with sequential scalar measurements.
 
-Predict and update are kernels on (n,) and (n, n) arrays; models in continuous time become discrete ones by van
-Loan's method. The landing filter has the same steps for its fifteen states with their block structure
-(`core.covariance`).
+Predict and update are kernels on (n,) and (n, n) arrays; models in continuous time become discrete ones by van Loan's
+method. The landing filter has the same steps for its fifteen states with their block structure (`core.covariance`).
 
-Sources: [1] Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.2, 5.4.2,
-6.2. [2] van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23 (1978). [3] Singer, Estimating
-optimal tracking filter performance for manned maneuvering targets, IEEE TAES 6 (1970). [4] Anderson, Second-order
-convergent algorithms for the steady-state Riccati equation, Int. J. Control 28 (1978).
+Sources:
+
+- [1] Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.2, 5.4.2, 6.2.
+- [2] van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23 (1978).
+- [3] Singer, Estimating optimal tracking filter performance for manned maneuvering targets, IEEE TAES 6 (1970).
+- [4] Anderson, Second-order convergent algorithms for the steady-state Riccati equation, Int. J. Control 28 (1978).
 """
 
 from __future__ import annotations

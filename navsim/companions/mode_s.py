@@ -166,8 +166,8 @@ AZIMUTH_SIGMA, RANGE_SIGMA = 0.08 * DEG, 30.0
 SINGERS = {"S1": 1.074264684, "S2": 2.504689245}
 """1 sigma of Singer's acceleration, m/s2: 0.2 g in his formula, and the turn of a small aircraft."""
 RESIDUAL = np.array([0.8, 0.8, 1.5, 2.5])
-"""1 sigma of the acceleration left over, m/s2, by where it came from (`received_nodes`): what a slope over seconds lags
-behind in a turn is twice what a report leaves (quantised track rates are off by 0.04 deg/s for minutes)."""
+"""1 sigma of the residual acceleration, m/s2, by its source (`received_nodes`). In a turn, the lag of a slope over
+seconds is twice that of a report (quantised track rates are off by 0.04 deg/s for minutes)."""
 SIMULATED_RESIDUAL = 0.2
 
 

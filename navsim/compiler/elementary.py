@@ -1,8 +1,10 @@
-"""Elementary functions inside kernels, for lanes and numbers alike: the same bits on every processor.
+"""Elementary functions inside kernels, for SIMD lanes and numbers alike: the same bits on every processor.
 
-Sources: [1] Cody & Waite, Software Manual for the Elementary Functions (1980) (reduction of arguments).
-[2] Sun Microsystems, fdlibm, k_sin.c and k_cos.c (1993) (minimax polynomials up to pi/4).
-[3] Moshier, Cephes Math Library, atan.c (1995) (rational approximation up to tan(pi/8)).
+Sources:
+
+- [1] Cody & Waite, Software Manual for the Elementary Functions (1980) (reduction of arguments).
+- [2] Sun Microsystems, fdlibm, k_sin.c and k_cos.c (1993) (minimax polynomials up to pi/4).
+- [3] Moshier, Cephes Math Library, atan.c (1995) (rational approximation up to tan(pi/8)).
 """
 
 from __future__ import annotations

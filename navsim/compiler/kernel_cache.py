@@ -161,8 +161,11 @@ class CheckedCache(FunctionCache):
         self._cache_file = _CheckedFiles(folder, self._impl.filename_base, stamp, parts)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Machine code that was kept, None where there is none. numba's own method loads all that the compiler knows
-        before it looks, scipy's linear algebra too; what is kept is compiled, and the compiler does that by itself."""
+        """Load machine code from the cache; None if there is none.
+
+        numba's own method first loads the whole typing machinery, including scipy's linear algebra. Cached code needs
+        none of it, and the compiler loads it when it compiles.
+        """
         rtsys.initialize(target)  # code that makes arrays asks for its memory there
         found = self._load_overload(signature, target)
         if found is not None and not within_another():

@@ -1,13 +1,12 @@
-"""A number that is a SIMD register: W runs side by side, one to a lane.
+"""SIMD lanes: a number in a kernel is a register of W runs.
 
-A kernel that is given arrays of lanes reads like one for a single run, and flies W of them. Every operation works lane
-by lane, in the order in which it is written, so the bits of a run depend neither on W nor on what its neighbours do:
-what differs between runs is a mask (`select`), never a branch. A branch may only leave out work whose result no lane
-takes (`any_lane`), or that adds nothing to what is finite. The same source, given arrays of float64, is the kernel of
-one run with the same bits.
+A kernel with arrays of lanes reads like one for a single run, and computes W of them. Every operation works lane by
+lane, in the order of the source. The bits of a run depend neither on W nor on the other lanes: differences between runs
+are masks (`select`), never branches. A branch may only skip work whose result no lane uses (`any_lane`), or that adds
+zero to finite numbers. With arrays of float64 the same source is the kernel of one run with the same bits.
 
-Outside kernels lanes are float64 arrays whose last axis, of length W, is the lane: (..., W); `in_lanes` hands them
-over, `registers` takes them in a kernel, `room` is work space there.
+Outside kernels, lanes are float64 arrays whose last axis, of length W, is the lane: (..., W). `in_lanes` passes them to
+a kernel, `registers` receives them there, `room` allocates work space.
 """
 
 from __future__ import annotations

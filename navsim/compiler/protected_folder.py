@@ -1,8 +1,8 @@
-"""Folders that only the user and root can change, as all folders above them.
+"""Folders that only the user and root can change, including all parent folders.
 
-Machine code is run as it is read. Whoever can write a folder above it can put another in its place, so every folder of
-the path is checked, as OpenSSH does it for keys (`StrictModes`), and opened relative to the checked one above it. A
-check of the path alone would leave time to exchange a folder between check and use.
+navsim executes cached machine code. Whoever can write a parent folder can replace the cache. So every folder of the
+path is checked, as OpenSSH does for keys (`StrictModes`), and opened relative to its checked parent. A check of the
+path alone would leave time to exchange a folder between check and use.
 
 - A folder belongs to the user or to root, and neither group nor others may write it.
 - Exception: a group that is the user's alone ("user private group", as Debian and Fedora make them) may write.

@@ -1,11 +1,21 @@
 """Almanac files: GLONASS and GPS of the Russian IAC (`.agl`, `.agp`), YUMA, SEM (`.al3`), two-line elements.
 
-Sources: [1] the IAC's description of its files: three lines a satellite; a: day month year, seconds of receipt; b of
-`.agl`: slot, frequency channel, health (1 = healthy), day month year, t_lambda s (Moscow time), tau_UTC, tau_GPS, tau;
-c: lambda, delta i, omega (semicircles), eccentricity, delta T (s), rate of delta T; b of `.agp`: PRN, health (0 =
-healthy), week, t_alm s, day month year, t_alm, af0, af1, rate of the node (semicircles/s); c: node, inclination, omega
-(semicircles), eccentricity, sqrt(A), M0 (semicircles). [2] ICD-GPS-870, appendices (YUMA, SEM). [3] IS-GPS-200, table
-20-VI. [4] Vallado et al., Revisiting Spacetrack Report 3, AIAA 2006-6753 (two-line elements).
+IAC files [1] have three lines a satellite.
+
+- Line a: day month year, seconds of receipt.
+- Line b of `.agl`: slot, frequency channel, health (1 = healthy), day month year, t_lambda s (Moscow time), tau_UTC,
+  tau_GPS, tau.
+- Line c of `.agl`: lambda, delta i, omega (semicircles), eccentricity, delta T (s), rate of delta T.
+- Line b of `.agp`: PRN, health (0 = healthy), week, t_alm s, day month year, t_alm, af0, af1, rate of the node
+  (semicircles/s).
+- Line c of `.agp`: node, inclination, omega (semicircles), eccentricity, sqrt(A), M0 (semicircles).
+
+Sources:
+
+- [1] the IAC's description of its files.
+- [2] ICD-GPS-870, appendices (YUMA, SEM).
+- [3] IS-GPS-200, table 20-VI.
+- [4] Vallado et al., Revisiting Spacetrack Report 3, AIAA 2006-6753 (two-line elements).
 """
 
 from __future__ import annotations

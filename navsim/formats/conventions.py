@@ -92,20 +92,22 @@ class ImuConvention:
 
 @dataclass(frozen=True)
 class GnssConvention:
-    """How fixes are written. velocity_axes: where the columns vn, ve, vd point. vertical_speed_unit: None where it is
-    speed_unit. time_offset: s, to be added to their
-    times. columns: names in the file of those of `docs/replay.md`. errors: number of lasting errors with columns of
-    their effects on each fix (`effects_of`)."""
+    """Units, axes and columns of recorded fixes."""
 
     time_unit: str = "s"
     time_offset: float = 0.0
+    """Added to their times, s."""
     angle_unit: str = "deg"
     height_unit: str = "m"
     speed_unit: str = "m/s"
     vertical_speed_unit: str | None = None
+    """None: speed_unit."""
     velocity_axes: str = "NED"
+    """Directions of the columns vn, ve, vd."""
     columns: Mapping[str, str] = field(default_factory=dict)
+    """Name in the file of each column of `docs/replay.md`."""
     errors: int = 0
+    """Number of time-correlated errors with columns of their effects on each fix (`effects_of`)."""
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -48,12 +48,15 @@ TOE_SPACING = 7200.0
 
 
 def export(result: Result, target: Path, formats: list[str], ensemble: Result | None = None) -> list[Path]:
-    """Write a result (of an ensemble the one of `choose_run`) as `target` with the formats' endings: of a landing
-    "rinex", "nmea", "csv", "imu", "kml", "geojson", of a replay "csv", "kml", "geojson", of a sweep or a search for
-    placements "kml", "geojson". ensemble: the whole of it, whose runs' errors at heights go into the tables.
+    """Write a result as `target` with the endings of the formats; returns the files.
 
-    Returns the files. Raises ResultError, and writes none, where the result lacks what one of the formats needs; also
-    where a file cannot be written.
+    - Of a landing: "rinex", "nmea", "csv", "imu", "kml", "geojson". Of an ensemble, it writes the run of `choose_run`.
+    - Of a replay: "csv", "kml", "geojson". Of a sweep or an optimisation: "kml", "geojson".
+
+    ensemble: the whole ensemble, whose errors at heights go into the tables.
+
+    Raises ResultError, and writes nothing, if the result lacks data for one of the formats, or a file cannot be
+    written.
     """
     kind = str(result.attributes["kind"])
     if result.attributes.get("method") == "rare":

@@ -60,19 +60,23 @@ _KIND = re.compile(r"[A-OQ-Z][A-Z0-9]([A-Z]{3}),")
 
 
 class Assembler:
-    """Puts the sentences of each epoch together; for files and for live streams.
+    """Combine the sentences of each epoch; for files and for live streams.
 
-    `feed` takes one line; an epoch is complete when a sentence of another time comes, or at `flush`. Nothing is raised;
-    counted are corrupt sentences, those without a checksum that were left out, lines without a sentence (comments that
-    begin with # are none), epochs without a fix, those of each kind of `INSTEAD_OF_FIXES`, fixes without a height (none
-    in GGA or GNS, or neither), fixes that contradict another of their epoch, and fixes used that have no geoid
-    separation: their heights, which are over the geoid, pass for heights over the ellipsoid.
+    `feed` takes one line. An epoch is complete when a sentence of another time comes, or at `flush`. Errors are
+    counted, not raised:
 
-    lenient: take sentences without a checksum, which NMEA 0183 leaves optional. simulated: take simulators' fixes.
+    - corrupt sentences, and omitted ones without a checksum;
+    - lines without a sentence (comments that begin with # do not count);
+    - epochs without a fix, and those of each kind of `INSTEAD_OF_FIXES`;
+    - fixes without a height (missing in GGA or GNS, or neither sentence), and fixes that contradict another of their
+      epoch;
+    - fixes used without a geoid separation: their heights above the geoid count as heights above the ellipsoid.
 
-    Times are UTC, POSIX s. Until a sentence has given the date (`dated`) they are seconds of the first day; `moved` is
-    what such rows' times lack, s, once it is known. Dates of an RMC that is not valid are those of a receiver's reset.
-    After a date, days are counted by the time of day: it is what every fix carries.
+    lenient: accept sentences without a checksum, which NMEA 0183 leaves optional. simulated: accept simulators' fixes.
+
+    Times are UTC, POSIX s. Until a sentence contains the date (`dated`) they are seconds of the first day. `moved` is
+    the correction of such times, s, once it is known. A date in an invalid RMC comes from a receiver reset and is
+    ignored. After a date, days are counted by the time of day, which every fix contains.
     """
 
     def __init__(self, lenient: bool = False, simulated: bool = False) -> None:

@@ -46,15 +46,18 @@ class Samples:
 
 @dataclass(frozen=True)
 class Fixes:
-    """Fixes: time (m,) s, llh (m, 3) rad, rad, m, velocity (m, 3) NED m/s, nan where unknown; covariance (m, 6, 6) of
-    position and velocity, NED, as the receiver gives it, nan where it does not, None where it never does; effect
-    (m, 6, k) what each of k errors that last, of a variance of one, does to them, None without."""
+    """Recorded fixes."""
 
     time: np.ndarray
+    """(m,) s."""
     llh: np.ndarray
+    """(m, 3) rad, rad, m."""
     velocity: np.ndarray
+    """(m, 3) NED, m/s, nan where unknown."""
     covariance: np.ndarray | None = None
+    """(m, 6, 6) of position and velocity, NED, from the receiver; nan where missing, None if always missing."""
     effect: np.ndarray | None = None
+    """(m, 6, k) effect of each of k time-correlated errors of variance one, None without."""
 
     @property
     def has_own_noise(self) -> bool:
@@ -97,25 +100,27 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Ranges:
-    """What was measured to s sources at e epochs, ready to be weighed.
-
-    time: (e,) s by the receiver's clock. names: (s,). clock: (s,) number of the receiver's clock against the source's,
-    scales: names of the clocks. position, velocity: (e, s, 3) as of `gnss.pseudorange.Signals`. distance: (e, s) m,
-    roughly. pseudorange, range_rate: (e, s) m, m/s, corrected for the source's clock and the atmosphere; pseudoranges
-    are nan where there is none, or the source is below the mask. slant: (e, s) 1 / sin(elevation), by which noise
-    grows.
-    """
+    """Measurements to s sources at e epochs, ready for the filter."""
 
     time: np.ndarray
+    """(e,) s by the receiver clock."""
     names: tuple[str, ...]
+    """(s,)."""
     clock: np.ndarray
+    """(s,) number of the clock in `scales`."""
     scales: tuple[str, ...]
+    """Names of the clocks."""
     position: np.ndarray
+    """(e, s, 3) see `gnss.pseudorange.Signals`, also for `velocity`."""
     velocity: np.ndarray
     distance: np.ndarray
+    """(e, s) m, approximate."""
     pseudorange: np.ndarray
+    """(e, s) m, corrected for the source's clock and the atmosphere; nan if missing or below the mask."""
     range_rate: np.ndarray
+    """(e, s) m/s, corrected likewise."""
     slant: np.ndarray
+    """(e, s) 1 / sin(elevation), a factor on the noise."""
 
     @property
     def clocks(self) -> tuple[int, ...]:

@@ -92,12 +92,15 @@ def read_fixes(
     limited: bool = True,
     simulated: bool = False,
 ) -> tuple[Fixes, Dropped]:
-    """Fixes of a table or of NMEA sentences, in order of time, and what was left out.
+    """Read fixes of a table or of NMEA sentences, in order of time; returns them and what was omitted.
 
-    min_satellites: rows with fewer in the column `nsat` are left out, where there is that column. The covariance of a
-    fix is that of its columns of sigmas and correlations, where there are some. lenient: as of `read_imu` (of NMEA,
-    corrupt sentences are always left out, those without a checksum read); limited: as there. simulated: take NMEA fixes
-    that the receiver says are a simulator's. Raises FileError, naming the line; OSError where the file cannot be read.
+    The covariance of a fix is that of its columns of sigmas and correlations, if present.
+
+    - `min_satellites`: rows with fewer in the column `nsat`, if present, are omitted.
+    - `lenient`: as of `read_imu`. Corrupt NMEA sentences are always omitted, those without a checksum accepted.
+    - `limited`: as of `read_imu`; `simulated`: accept NMEA fixes that the receiver marks as a simulator's.
+
+    Raises FileError with the line, OSError if the file cannot be read.
     """
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)

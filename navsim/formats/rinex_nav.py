@@ -1,12 +1,15 @@
 """RINEX navigation files, versions 2, 3 and 4: broadcast messages of GPS, GLONASS, Galileo, BeiDou and QZSS.
 
-Ours because georinex, the known reader, needs half a minute for a day of mixed messages, stumbles over the five-line
-GLONASS records of version 3.05 and does not read version 4. Messages of other systems and kinds are counted and
-skipped.
+Why not georinex, the known reader: it needs half a minute for a day of mixed messages, fails on the five-line GLONASS
+records of version 3.05 and does not read version 4. Messages of other systems and kinds are counted and skipped.
 
-Sources: [1] RINEX 2.11 (2007), tables A3-A5, A10, A11. [2] RINEX 3.05 (2020), section 8 and tables A5, A6, A10.
-[3] RINEX 4.02 (2024), section 5.4 and the tables of navigation records (they begin with `> EPH`, `> STO`, `> EOP`,
-`> ION`). [4] Galileo OS SIS ICD, issue 2.0 (2021), section 5.1.5 (group delays).
+Sources:
+
+- [1] RINEX 2.11 (2007), tables A3-A5, A10, A11.
+- [2] RINEX 3.05 (2020), section 8 and tables A5, A6, A10.
+- [3] RINEX 4.02 (2024), section 5.4 and the tables of navigation records (they begin with `> EPH`, `> STO`, `> EOP`,
+  `> ION`).
+- [4] Galileo OS SIS ICD, issue 2.0 (2021), section 5.1.5 (group delays).
 """
 
 from __future__ import annotations
@@ -59,20 +62,24 @@ class TimeOffset:
 
 @dataclass(frozen=True)
 class Navigation:
-    """Messages of a navigation file: elements by system and message, glonass (None where the file has none), Klobuchar
-    coefficients alpha, beta (4,) or None (of several the newest), GPS - UTC in s or None where no line tells it; how
-    many records were skipped since they are not modelled, or not wanted: by letter of the system, in version 4 by
-    system and message (`G CNAV`, `STO G LNAV`). left_out: what of a damaged file was left out, in words. offsets: lines
-    of the header of a file of version 3, with their numbers, that say how far times of systems are from GPS time
-    (`time_offset`)."""
+    """Messages of a navigation file."""
 
     elements: Mapping[tuple[System, str], gps.Elements]
+    """By system and message."""
     glonass: StateVectors | None
+    """None if the file has none."""
     klobuchar: tuple[np.ndarray, np.ndarray] | None
+    """alpha, beta (4,) or None; the newest of several."""
     leap_seconds: int | None
+    """GPS - UTC in s, None if no line contains it."""
     skipped: dict[str, int] = field(default_factory=dict)
+    """Records that are not modelled or not wanted: by letter of the system, in version 4 by system and message (`G
+    CNAV`, `STO G LNAV`)."""
     left_out: tuple[str, ...] = ()
+    """Messages about omitted parts of a damaged file."""
     offsets: Mapping[System, tuple[int, str]] = field(default_factory=dict)
+    """Header lines of version 3 with the offset of a system's time from GPS time, with their numbers
+    (`time_offset`)."""
 
     @property
     def gps(self) -> gps.Elements | None:

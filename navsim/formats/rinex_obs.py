@@ -45,24 +45,26 @@ _MORE_SATELLITES_2 = re.compile(r" {32}(?:[A-Z ][ \d]\d)+\s*$")
 
 @dataclass(frozen=True)
 class Observations:
-    """What a receiver recorded.
-
-    time: (e,) by the receiver's clock, GPS s. satellites: (s,) names. values: by code (such as C1C), (e, s) in
-    m, cycles, Hz, dB-Hz, scale factors undone; nan where there is none. lost_lock: by phase code, (e, s) bool.
-    position: (3,) ECEF approximate position of the marker, m, or None; antenna: (3,) up, east, north of the antenna, m.
-    channels: GLONASS frequency channels by satellite. events: epochs skipped because they are no observations.
-    left_out: what of a damaged file was left out, in words.
-    """
+    """Recorded observations of a receiver."""
 
     time: np.ndarray
+    """(e,) by the receiver clock, GPS s."""
     satellites: tuple[str, ...]
+    """(s,) names."""
     values: dict[str, np.ndarray]
+    """By code (such as C1C), (e, s) in m, cycles, Hz, dB-Hz, without scale factors; nan if missing."""
     lost_lock: dict[str, np.ndarray]
+    """By phase code, (e, s) bool."""
     position: np.ndarray | None
+    """(3,) ECEF approximate position of the marker, m, or None."""
     antenna: np.ndarray
+    """(3,) up, east, north of the antenna, m."""
     channels: dict[str, int]
+    """GLONASS frequency channels by satellite."""
     events: int
+    """Number of skipped epochs without observations."""
     left_out: tuple[str, ...] = ()
+    """Messages about omitted parts of a damaged file."""
 
     def of(self, *codes: str) -> np.ndarray:
         """(e, s): for each value the first of the codes that has it; nan without. Codes not in the file are none."""

@@ -27,20 +27,22 @@ KINDS = "CDS"
 
 @dataclass(frozen=True)
 class Epochs:
-    """What a receiver would have recorded.
-
-    start: whole GPS s from 1980-01-06; tag: (e,) by the receiver's clock, s after that (one number would not hold its
-    tenths of microseconds). satellites: (s,) names. values: (3, e, s) as `KINDS`, nan where there is none. position:
-    (3,) approximate, ECEF m. channels: by GLONASS satellite. interval: s.
-    """
+    """Simulated observations of a receiver."""
 
     start: float
+    """Whole GPS s from 1980-01-06."""
     tag: np.ndarray
+    """(e,) by the receiver clock, s after `start` (a single number could not hold tenths of microseconds)."""
     satellites: tuple[str, ...]
+    """(s,) names."""
     values: np.ndarray
+    """(3, e, s) as `KINDS`, nan if missing."""
     position: np.ndarray
+    """(3,) approximate, ECEF, m."""
     channels: dict[str, int]
+    """By GLONASS satellite."""
     interval: float
+    """s."""
 
 
 def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made: str) -> list[str]:
@@ -95,10 +97,11 @@ def navigation_lines(
     klobuchar: tuple[Sequence[float], Sequence[float]] | None = None,
     gps_offset: float = 0.0,
 ) -> list[str]:
-    """The lines of a navigation file [1] with elements by system, GLONASS state vectors, or both.
+    """Lines of a navigation file [1] with elements by system, GLONASS state vectors, or both.
 
-    comments, made: as of `observation_lines`. at: GPS s from 1980-01-06 of which leap seconds are told. klobuchar:
-    alpha and beta (4,) of the ionosphere, s and s per semicircle powers. gps_offset: GPS time less GLONASS time, s.
+    - `comments`, `made`: as of `observation_lines`; `at`: time of the leap second message, GPS s from 1980-01-06.
+    - `klobuchar`: alpha and beta (4,) of the ionosphere, s and s per semicircle powers.
+    - `gps_offset`: GPS time minus GLONASS time, s.
     """
     systems = [*elements, *([GLONASS] if vectors is not None else [])]
     lines = [
@@ -182,8 +185,10 @@ def _comment_lines(comments: Iterable[str]) -> list[str]:
 
 
 def _leap_seconds(gpst: float) -> str:
-    """GPS time less UTC at a GPS time; then the leap second that GPS messages announce: the number after it, and the
-    week and the day of the week (1 is Sunday) at whose end it comes [1]."""
+    """Line with GPS time minus UTC at a GPS time, and the leap second that GPS messages announce [1].
+
+    The latter is the number after it, and the week and the day of the week (1 is Sunday) at whose end it comes.
+    """
     now, (after, week, day) = timescales.announced_leap_second(gpst)
     return _label(f"{now:6d}{after:6d}{week:6d}{day:6d}", "LEAP SECONDS")
 

@@ -1,8 +1,13 @@
-"""A simulated run as a recorded flight: inertial samples, fixes, and the log that `navsim replay` flies them with.
+"""A simulated run as a recorded flight: inertial samples, fixes, and the log for `navsim replay`.
 
-The log has all that the run's filter is and starts from: kind, gate, components, latency and lever arm as it believes
-them, errors of the sensors as it follows them, its state at time 0 with 1 sigmas, and of each fix the covariance that
-it takes it for. Numbers have all their digits. `differences` names what a recorded flight cannot have.
+The log contains the filter of the run and its initial state at full precision:
+
+- kind, gate, components, latency and lever arm;
+- the filter model of the sensors;
+- the state at time 0 with 1 sigmas;
+- the covariance of each fix in the filter model.
+
+`differences` lists what a recorded flight cannot have.
 """
 
 from __future__ import annotations

@@ -41,11 +41,20 @@ class StreamError(Exception):
 
 
 class Lines:
-    """Lines of a source, with a limit to waiting; `ended` once the source has closed.
+    """Lines of a source, with a limit on waiting; `ended` once the source has closed.
 
-    lossy: lines without room are left out and counted in `dropped`; else whoever puts them has to wait. place: what is
-    read, for messages; note: what the user should know of it, or empty. failure: why the source went away, None where
-    it simply ended. strangers: datagrams of other senders than the first, by sender (the first ones by name).
+    Attributes
+    ----------
+    lossy : bool
+        Without room, drop lines and count them in `dropped`; otherwise the producer waits.
+    place : str
+        Name of the source in messages.
+    note : str
+        Message about it for the user, or empty.
+    failure : exception or None
+        Why the source failed; None if it ended normally.
+    strangers : dict
+        Datagrams from senders other than the first, by sender (the first ones by name).
     """
 
     def __init__(self, lossy: bool = False, place: str = "", note: str = "") -> None:

@@ -117,10 +117,11 @@ def _shares(t2):
 
 @kernel
 def left_jacobian_derivative(x, y, z, u, out):
-    """out (3, 3) = d(J_l(theta) u) / d(theta) at theta = (x, y, z), u held: by differentiating the form below.
+    """out (3, 3) = d(J_l(theta) u) / d(theta) at theta = (x, y, z), for constant u.
 
-    With J_l u = u + p theta x u + q theta x (theta x u), p and q functions of the angle:
-    -p [u x] + (theta x u) theta' p'/t + q ((theta.u) I + theta u' - 2 u theta') + theta x (theta x u) theta' q'/t
+    It is the derivative of J_l u = u + p theta x u + q theta x (theta x u), p and q functions of the angle.
+
+        -p [u x] + (theta x u) theta' p'/t + q ((theta.u) I + theta u' - 2 u theta') + theta x (theta x u) theta' q'/t
     """
     t2 = x * x + y * y + z * z
     small = t2 < _SMALL

@@ -20,19 +20,20 @@ def upright_planes(tops: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 @dataclass(frozen=True)
 class Crossings:
-    """Where straight paths from a transmitter to antennas go through the upright planes of ridges, (e, w) each.
-
-    between: whether they do, beneath a top or above it, on the way. share: of the way, from the transmitter on. over:
-    height of the top there over the path, m. way: (e, 1, 3) the paths, m. along: (w, 3) the tops, m. up: (w, 3) the
-    verticals of the planes.
-    """
+    """Crossings of straight paths from a transmitter to antennas with the vertical planes of ridges, (e, w) each."""
 
     between: np.ndarray
+    """Whether the path crosses the plane between transmitter and antenna, below or above the top."""
     share: np.ndarray
+    """Position of the crossing as a fraction of the path from the transmitter."""
     over: np.ndarray
+    """Height of the top above the path there, m."""
     way: np.ndarray
+    """(e, 1, 3) paths, m."""
     along: np.ndarray
+    """(w, 3) tops, m."""
     up: np.ndarray
+    """(w, 3) vertical axes of the planes."""
 
 
 def crossings(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray) -> Crossings:

@@ -18,16 +18,20 @@ AXES = ("lateral", "along", "vertical")
 
 @dataclass(frozen=True)
 class Box:
-    """height: above the runway at which errors are judged, m; time: when it is passed, s; lower, upper: (3,) least and
-    largest lateral, along-track and vertical error, m, infinite for none; total: whether total system errors are;
-    place: of the route then, along the runway from the threshold, m, where limits are given from there, else nan."""
+    """Limits of position errors at a height."""
 
     height: float
+    """Above the runway, m."""
     time: float
+    """When the route passes it, s."""
     lower: np.ndarray
+    """(3,) least lateral, along-track and vertical error, m, infinite for none."""
     upper: np.ndarray
+    """(3,) largest error, likewise."""
     total: bool
+    """Limits apply to total system errors."""
     place: float
+    """Position of the route then, along the runway from the threshold, m, if limits are relative to it, else nan."""
 
     def beyond(self, errors: np.ndarray) -> np.ndarray:
         """Which errors (..., 3) exceed their limits; those that are no numbers do."""

@@ -280,9 +280,9 @@ def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> 
 FLAW_PARTS = tuple(Flaws.__dataclass_fields__)
 """Members of `Flaws`."""
 UNHEARD, PENALTY_UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED, UNRANGED = range(6)
-"""Flaws of a fix epoch: too few usable sources, or no solution in their geometry; sources enough but no solution of
-the least squares; a position without the velocity the filter wants; a fix that could not be weighed; one that the gate
-rejected, or a range of its epoch; no range at all that a tightly coupled filter could weigh."""
+"""Flaws of a fix epoch, in order. Too few usable sources, or no solution in their geometry. Enough sources, but no
+least-squares solution. A position without the velocity that the filter needs. A fix that the filter could not use. A
+fix, or a range of its epoch, that the gate rejected. No range that a tightly coupled filter could use."""
 NOT_FINITE, NOT_POSITIVE, FAR_OFF = range(3)
 """Flaws of an output: errors that are not finite; a covariance that is not positive definite; position or velocity
 beyond `findings.BEYOND` sigmas. Attitude and biases are judged over ensembles alone: before the first turn of the nose

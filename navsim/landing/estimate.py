@@ -49,33 +49,44 @@ FLOWN = 60
 
 @dataclass(frozen=True)
 class Extent:
-    """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
-    a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
-    while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
-    whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about; draws at
-    each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges; whether
-    inertial sensors have errors beyond those that are drawn with the noise; whether runs have ways of their own, of
-    which discrete gusts draw nothing; signals that interfere with the sources', none where nothing is said of it;
-    states beside the clock's that belong to no group of three."""
+    """Sizes of a landing."""
 
     samples: int
+    """Of the inertial sensors."""
     epochs: int
+    """Fix epochs."""
     sources: int
+    """Of signals."""
     clocks: int
+    """Clock unknowns of a fix."""
     states: int
+    """Of the filter."""
     aided: int
+    """Measurements of sensors beside the receiver."""
     ahead: float
+    """Measurements that are processed again while the filter waits for late fixes."""
     watched: int
+    """Monitored fixes."""
     settled: int
+    """Fixes with exclusion."""
     ranged: int = 0
+    """Sources whose ranges are measurements."""
     tried: int = 0
+    """Epochs with monitored innovations."""
     filters: int = 0
+    """Approximate number of filters that monitor the filter."""
     deviating: int = 0
+    """Random numbers at each sample for trajectories that deviate from the route."""
     limited: int = 0
+    """Counters of samples beyond the sensors' ranges."""
     imperfect: bool = False
+    """Inertial sensors have errors beyond those that are drawn with the noise."""
     ways: bool = False
+    """Each run has its own trajectory. Discrete gusts are not drawn."""
     interfering: int | None = None
+    """Signals that interfere with the sources', None without interference."""
     single: int = 0
+    """States other than the clock's that belong to no group of three."""
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -200,8 +211,11 @@ def shared_memory(here: Extent) -> float:
 
 
 def sums_bytes(here: Extent) -> int:
-    """Sums over a block of runs at every output of the filter, bytes: three, one for each group of states, and for each
-    state the square of its error in sigmas, of how many runs, and how many are beyond two limits of it."""
+    """Size of the sums over a block of runs at every output of the filter, bytes.
+
+    Three for each group of states; for each state the squared error in sigmas, the number of runs, and the numbers
+    beyond two limits.
+    """
     return (3 + here.sizes()["group"] + 4 * here.states) * NUMBER * (here.epochs + 1)
 
 

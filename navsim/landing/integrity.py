@@ -53,17 +53,18 @@ _EARLY = 1e-9
 
 @dataclass(frozen=True)
 class ApproachLimits:
-    """What is asked of an approach.
-
-    limits: (2,) of the horizontal and the vertical error, m, inf for none. alert: time to alert, s. time: (e,) of the
-    fix epochs, s. glide: (e,) bool, on the glide. due: (e,) bool, where the approach has to be available throughout.
-    """
+    """Integrity requirements of an approach."""
 
     limits: np.ndarray
+    """(2,) horizontal and vertical alert limit, m, inf for none."""
     alert: float
+    """Time to alert, s."""
     time: np.ndarray
+    """(e,) fix epochs, s."""
     glide: np.ndarray
+    """(e,) bool, on the glide."""
     due: np.ndarray
+    """(e,) bool, where the approach has to be available throughout."""
 
 
 def glide_of(case: Case) -> np.ndarray:
@@ -229,9 +230,12 @@ def windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
 
 
 def stretches(asked: ApproachLimits, time: np.ndarray, misled: np.ndarray, alarm: np.ndarray) -> tuple[int, float]:
-    """Of stretches of time (e,) in which an error is beyond its limit and its level is not: how many got no alert, as
-    of `alerted`, within the time to alert, and the longest wait for one, s, inf where it was due and did not come, nan
-    where none was due. One that lasts to the end, without an alarm, is not forgiven for being short."""
+    """Alerts for intervals in which an error exceeds its limit and its level does not.
+
+    Returns the number of intervals (e,) without an alert, as of `alerted`, within the time to alert; and the longest
+    wait, s. The wait is inf if an alert was due and did not come, nan if none was due. An interval without an alarm
+    that lasts to the end counts even if it is short.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], misled, [False]]).astype(np.int8)))
     late, longest = 0, math.nan
     for first, end in edges.reshape(-1, 2):

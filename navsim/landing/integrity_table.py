@@ -41,21 +41,24 @@ _FLAGS = ("fix", "detection", "exclusion", "ground_loss")
 
 @dataclass(frozen=True)
 class WatchedGlide:
-    """What levels on the glide are computed from.
-
-    watching: how fixes are watched. asked: the limits. signals: of the epochs with levels. satellites: (n,) numbers of
-    those sources that are used throughout the glide; pseudolites: (k,) of the first ones. epochs: of the whole glide.
-    flight, chosen: where levels are the filter's, all of it, and the numbers of the epochs with levels (m,).
-    """
+    """Inputs for protection levels on the glide."""
 
     watching: Monitoring
+    """Monitor of the fixes."""
     asked: ApproachLimits
+    """Limits."""
     signals: Signals
+    """Of the epochs with levels."""
     satellites: np.ndarray
+    """(n,) numbers of the sources that are used throughout the glide."""
     pseudolites: np.ndarray
+    """(k,) numbers of the first ones."""
     epochs: int
+    """Of the whole glide."""
     flight: Flight | None
+    """Whole flight if levels are the filter's, else None."""
     chosen: np.ndarray
+    """(m,) numbers of the epochs with levels."""
 
     @property
     def subsets(self) -> int:
@@ -118,11 +121,13 @@ def subsets(satellites: np.ndarray, count: int, seed: int, most: int = MOST_SUBS
 
 
 def cells(here: WatchedGlide, seed: int, done: Callable[[int], None]) -> tuple[np.ndarray, np.ndarray]:
-    """Of each cell (pseudolites, satellites, 4), nan where there are too few sources: the share of epochs with levels
-    within their limits of the worst subset, and of the median one, which more than half of the subsets reach; the
-    median HPL and VPL, m, that more than half of them keep. And how many subsets there were (satellites,).
+    """Protection levels of each cell (pseudolites, satellites, 4), nan with too few sources; number of subsets
+    (satellites,).
 
-    `done(n)` is told how many cells are finished.
+    A cell has the fraction of epochs with levels within their limits, for the worst and for the median subset; and the
+    median HPL and VPL, m. More than half of the subsets reach a median.
+
+    `done(n)` receives the number of finished cells.
     """
     out = np.full((len(PSEUDOLITES), len(SATELLITES), 4), np.nan)
     taken = np.zeros(len(SATELLITES), int)

@@ -1,8 +1,7 @@
-"""Results of parts of one ensemble put together: the same result, bit by bit, as of all runs at once.
+"""Merge partial ensembles into one result, identical to a single run of all.
 
-What all runs share is made anew from the scenario that every part carries and held against the parts, the summary comes
-from the statistics and sums that every part keeps (`runner.merge_state`), histories are copied one part after the
-other.
+What all runs share is computed again from the scenario in every part and compared with the parts. The summary follows
+from the statistics and sums in every part (`runner.merge_state`). Histories are concatenated.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Whether a landing meets what it has to: a verdict on each of the scenario's `requirements`, as
-`/summary/requirements`.
+"""Verdicts on the scenario's `requirements`, as `/summary/requirements`.
 
-What a verdict rests on is what the summary of the result says, with its 95 % interval: met where all of it is on the
-right side of what is asked for, not met where all of it is on the wrong one, undecided else.
+A verdict uses the value in the summary with its 95 % interval. The requirement is met if the whole interval is on the
+right side of the limit, not met if all of it is on the wrong side, undecided otherwise.
 """
 
 from __future__ import annotations
@@ -52,14 +51,17 @@ _AXES = ("lateral", "along", "vertical")
 
 @dataclass(frozen=True)
 class Fulfilment:
-    """What was found of a requirement. value: (3,) with its interval, nan where nothing is known. limit: that is asked
-    for. least: whether it is a lower one. again: the interval that so many runs would give, if they were like these."""
+    """Value of a required quantity."""
 
     text: str
     value: np.ndarray
+    """(3,) with its interval, nan if unknown."""
     limit: float
+    """Required limit."""
     least: bool = False
+    """Whether it is a lower limit."""
     again: Callable[[int], np.ndarray] | None = None
+    """Expected interval of so many runs like these."""
     utilisation: float = math.nan
 
     def verdict(self, value: np.ndarray | None = None) -> str:

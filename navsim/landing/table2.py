@@ -1,9 +1,10 @@
 """The paper's Tables 1 and 2, published and computed, and the paper's claims.
 
-Source: `docs/theory/landing.md`, sections 1, 2. A cell of PDOP, HDOP, VDOP, SKO is the mean over the fix epochs
-from the start of the glide to touchdown; the horizontal estimation error is the root mean square over runs and over
-20 s to touchdown. The paper says neither, nor under which sky it was computed: `CALIBRATIONS` are skies found for it
-(`scripts/calibrate_table2.py`).
+A cell of PDOP, HDOP, VDOP, SKO is the mean over the fix epochs from the start of the glide to touchdown. The horizontal
+estimation error is the root mean square over runs and over 20 s to touchdown. The paper states neither, nor its sky:
+`CALIBRATIONS` are skies that reproduce it (`scripts/calibrate_table2.py`).
+
+Source: `docs/theory/landing.md`, sections 1, 2.
 """
 
 from __future__ import annotations
@@ -92,21 +93,24 @@ CURVES = (0, 2, 6)
 
 @dataclass(frozen=True)
 class Computed:
-    """What one calibration gives; rows as in `ROWS`.
-
-    dops, weighted: (8, 3 PDOP HDOP VDOP, 3 mean smallest largest), unit weights, and sigmas of the fix over that of a
-    satellite's range. sko: (8, 2) m. error: (8, 3) m value, low, high. time: (t,) s, pdop (3, t) and rms (3, t)
-    horizontal error, m, of `CURVES`. found: (8, name) `findings.marks` of what was flown.
-    """
+    """Results of one calibration; rows as in `ROWS`."""
 
     dops: np.ndarray
+    """(8, 3 PDOP HDOP VDOP, 3 mean smallest largest), unit weights."""
     weighted: np.ndarray
+    """(8, 3, 3) sigmas of the fix over that of a satellite's range."""
     sko: np.ndarray
+    """(8, 2) m."""
     error: np.ndarray
+    """(8, 3) m, value, low, high."""
     time: np.ndarray
+    """(t,) s."""
     pdop: np.ndarray
+    """(3, t) of `CURVES`."""
     rms: np.ndarray
+    """(3, t) horizontal error of `CURVES`, m."""
     found: np.ndarray
+    """(8, name) `findings.marks`."""
 
     def compared(self, calibration: Calibration) -> np.ndarray:
         """The DOPs (8, 3) to set beside the published ones."""

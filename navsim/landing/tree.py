@@ -182,9 +182,12 @@ def accuracy(
     vertical: np.ndarray,
     at: np.ndarray,
 ) -> None:
-    """The accuracy table: rms (9, 3) of position, velocity, attitude, rpy (3, 3) of roll, pitch, yaw, horizontal and
-    vertical (3,) of position, over the last seconds before touchdown; at (3, h, 3) lateral, along, vertical at the
-    decision heights; last axis value, low, high."""
+    """Write the accuracy table over the last seconds before touchdown; last axis value, low, high.
+
+    - `rms` (9, 3): position, velocity, attitude; `rpy` (3, 3): roll, pitch, yaw.
+    - `horizontal`, `vertical` (3,): position.
+    - `at` (3, h, 3): lateral, along, vertical at the decision heights.
+    """
     for name, part in (("position_ned", "position"), ("velocity_ned", "velocity"), ("attitude", "attitude")):
         draft[f"/summary/rms/{name}"] = rms[states.SLICES[part]]
     draft["/summary/rms/attitude_rpy"] = rpy
@@ -196,9 +199,11 @@ def accuracy(
 
 
 def belief(draft: ResultBuilder, variance: np.ndarray, rpy: np.ndarray, at: np.ndarray) -> None:
-    """What the filter believes of the errors in the accuracy table: mean variances (15,) of the states and (3,) of
-    roll, pitch, yaw over the last seconds before touchdown, and (h, 3) of lateral, along, vertical position at the
-    decision heights; written as 1 sigma."""
+    """Write the filter sigmas of the errors in the accuracy table.
+
+    Mean variances over the last seconds before touchdown: (15,) of the states, (3,) of roll, pitch, yaw; and (h, 3) of
+    lateral, along, vertical position at the decision heights.
+    """
     sigma = np.sqrt(variance)
     for name, part in (("position_ned", "position"), ("velocity_ned", "velocity"), ("attitude", "attitude")):
         draft[f"/summary/sigma/{name}"] = sigma[states.SLICES[part]]

@@ -50,19 +50,18 @@ _AT_ONCE = 2048
 
 @dataclass(frozen=True)
 class Prepared:
-    """A flight without pseudolites, ready to be given some.
-
-    heard: (s,) bool, the sources of which anything is heard. share: of the information of one of the receiver's fixes
-    in one of these, as a factor of its sigmas. watched: numbers of the fix epochs that are left (m,), where all that
-    counts are levels, of more; else None. names: of the pseudolites; None for PL1, PL2, ...
-    """
+    """A flight without pseudolites, to which placements are added."""
 
     case: Case
     motion: Motion
     heard: np.ndarray
+    """(s,) bool, sources that are ever tracked."""
     share: float
+    """Information of one of the receiver's fixes relative to one of these, as a factor on its sigmas."""
     watched: np.ndarray | None = None
+    """(m,) fix epochs that remain if only levels count, of more; else None."""
     names: tuple[str, ...] | None = None
+    """Of the pseudolites; None for PL1, PL2, ..."""
 
     @property
     def axes(self) -> np.ndarray:
@@ -257,8 +256,10 @@ def screened(case: Case) -> Prepared:
 
 
 def glimpsed(case: Case) -> Prepared:
-    """The same for pictures that follow a hand: of what a receiver's loops remember, each epoch has the one before it
-    that is as long ago as lost signals wait, not the whole way; with code smoothing as `screened`."""
+    """`screened` for interactive pictures, with code smoothing.
+
+    Loop memory covers only the epoch before, as long ago as lost signals wait, instead of the whole approach.
+    """
     prepared = screened(case)
     if prepared.watched is None or prepared.case.world.signals.smoothing is not None:
         return prepared

@@ -96,13 +96,14 @@ def load_of(value: float) -> float:
 
 @dataclass(frozen=True)
 class Requirements:
-    """What placements have to meet. decided: which of the base scenario's requirements (q,) bool levels and covariance
-    analysis decide; the others are left to runs. judge, coarse: what they find of a placement (k, 2), in full and
-    coarsely."""
+    """Requirements on placements."""
 
     decided: np.ndarray
+    """(q,) bool, requirements that levels and covariance analysis decide; runs decide the others."""
     judge: Callable[[np.ndarray], list[Fulfilment]]
+    """Evaluates a placement (k, 2) fully."""
     coarse: Callable[[np.ndarray], list[Fulfilment]]
+    """Evaluates it coarsely."""
 
     def load(self, found: Sequence[Fulfilment]) -> float:
         """The largest utilisation; at most 1 where all that is decided is met."""
@@ -121,14 +122,10 @@ def _load(one: Fulfilment) -> float:
 
 @dataclass(frozen=True)
 class PlacementProblem:
-    """An objective with its rules, and warnings about the sky.
+    """Objective, rules, and warnings about the sky.
 
-    For what is analysed, an error of the filter or a level, or with requirements: coarse, the objective's quick judge;
-    screens and features, what the geometry says of it (features: (n, f) of placements (n, k, 2), finite); found, the
-    findings of a placement (k, 2); quick: levels are all that is analysed. None and none for objectives of geometry.
-    load, coarse_load: of the requirements. level_screen: of placements of which levels are all that is analysed, where
-    there can be one. ahead: has placements (n, k, 2) analysed by a fidelity (`search.COARSE`, `FULL`) before they are
-    judged one by one, where others can do it at the same time. fly: runs of a placement.
+    `coarse`, `screens`, `features`, `found` and `quick` serve analysed objectives (filter errors, protection levels)
+    and requirements. For objectives of geometry they are empty.
     """
 
     study: Optimize
@@ -138,16 +135,26 @@ class PlacementProblem:
     objective: ObjectiveFunction
     warnings: list[str]
     coarse: ObjectiveFunction | None = None
+    """Fast evaluation of the objective."""
     screens: tuple[ObjectiveFunction, ...] = ()
+    """Objectives from the geometry alone."""
     features: ObjectiveFunction | None = None
+    """(n, f) geometry of placements (n, k, 2), finite."""
     found: Callable[[np.ndarray], list[Finding]] | None = None
+    """Findings of a placement (k, 2)."""
     quick: bool = False
+    """Only levels are analysed."""
     requirements: Requirements | None = None
     load: ObjectiveFunction | None = None
+    """Of the requirements, as `coarse_load`."""
     coarse_load: ObjectiveFunction | None = None
     level_screen: LevelScreen | None = None
+    """Screen of placements if only levels are analysed."""
     ahead: Callable[[np.ndarray, str], None] | None = None
+    """Analyses placements (n, k, 2) in parallel before they are evaluated one by one, with a fidelity (`search.COARSE`,
+    `FULL`)."""
     fly: Fly | None = None
+    """Runs of a placement."""
 
     @property
     def flies(self) -> bool:

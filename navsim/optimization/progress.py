@@ -27,19 +27,18 @@ class Step:
 
 @dataclass(frozen=True)
 class SearchProgress:
-    """Where a search stands.
-
-    tried: placements judged so far, by the way of judging. best, places: the best of the number of pseudolites in
-    work, with its sites (k, 2) s and l1 in m; None before there is one. remaining: seconds at most, None while the cost
-    of some step to come is not known.
-    """
+    """Progress of a search."""
 
     step: str
     tried: dict[str, int]
+    """Placements evaluated so far, by type of evaluation."""
     best: float | None
+    """Best value for the present number of pseudolites; None before there is one."""
     places: np.ndarray | None
+    """Its sites (k, 2) s and l1 in m."""
     used: float
     remaining: float | None
+    """Largest remaining time, s; None while the cost of a later step is unknown."""
 
 
 class SearchMonitor:

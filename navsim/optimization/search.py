@@ -1,23 +1,28 @@
-"""The search for the best placement of one number of pseudolites.
+"""Search for the best placement of one number of pseudolites.
 
-Objectives of geometry, anywhere in an area: differential evolution [1] (scipy's, whole populations at once through the
-geometry kernel) from several independent starts and from the best place for one more beside the pseudolites found
-before; each is finished by Nelder-Mead down to centimetres. Placements that break a rule rank behind all that keep
-them, by how much they break it [2], so the answer keeps them all. A list of sites: every choice where there are few
-enough, else the best of many greedy choices improved by exchanges.
+Objectives of geometry in an area: differential evolution [1] (scipy's, whole populations at once in the geometry
+kernel). It starts from several independent populations, and from the best position for one more pseudolite beside those
+found before. Nelder-Mead refines each result down to centimetres. Placements that violate a rule rank behind all that
+keep the rules, by the size of the violation [2], so the answer keeps them. A list of sites: every combination if there
+are few; otherwise the best of many greedy choices, improved by exchanges.
 
-Errors of the filter, and levels: the accuracy of fixes over parts of the approach, which costs microseconds, says most
-of what the filter, or the monitor, will make of a placement. A surrogate [3], linear in its logarithms with a Gaussian
-process on top, learns the rest from coarse analyses; round by round, the placements it holds best are analysed and it
-learns anew. The best are then judged by the full analysis, which alone decides. Requirements are searched in the same
-way, with any objective: a second surrogate learns their load, and a placement expected not to meet them ranks behind
-all that are [2]. Where levels are all that is analysed no surrogate is needed: differential evolution goes by the
-levels of whole populations at some epochs, the best are analysed and finished by Nelder-Mead. Where the full analysis
-finds the best a little beyond what is allowed, the coarse one is asked for as much less, and the best are judged again.
+Filter errors and protection levels: the accuracy of fixes over parts of the approach costs microseconds and predicts
+most of the objective. A surrogate [3], linear in its logarithms with a Gaussian process on top, learns the rest from
+coarse analyses. In each round, the placements that it predicts to be best are analysed, and it is fitted again. The
+full analysis of the best ones alone decides. Requirements use a second surrogate for their load, with any objective. A
+placement that is expected to miss them ranks behind all others [2].
 
-Sources: [1] Storn & Price, J. Global Optimization 11 (1997). [2] Deb, An efficient constraint handling method for
-genetic algorithms, Comput. Methods Appl. Mech. Engrg. 186 (2000). [3] Jones, Schonlau & Welch, Efficient global
-optimization of expensive black-box functions, J. Global Optimization 13 (1998).
+If only levels are analysed, no surrogate is needed: differential evolution uses levels of whole populations at some
+epochs, and Nelder-Mead refines the best ones. If the full analysis finds the best slightly beyond a limit, the coarse
+limit is tightened by that much, and the best are evaluated again.
+
+Sources:
+
+- [1] Storn & Price, J. Global Optimization 11 (1997).
+- [2] Deb, An efficient constraint handling method for genetic algorithms, Comput. Methods Appl. Mech. Engrg. 186
+  (2000).
+- [3] Jones, Schonlau & Welch, Efficient global optimization of expensive black-box functions, J. Global Optimization 13
+  (1998).
 """
 
 from __future__ import annotations
@@ -113,19 +118,23 @@ class NoPlacement(JobError):
 
 @dataclass(frozen=True)
 class Found:
-    """The best placement of one number of pseudolites. places: (k, 2) s and l1, m. value: its objective, not finite
-    where it has none and misses the requirements. tried: placements judged, by the way of judging. every: every choice
-    of sites was judged by the objective. finished: the search came to its end. load: of the requirements; above 1 no
-    placement was found that meets them, and this one misses the worst of them by least. others: the next best of
-    those analysed (k, 2), the best first, for when runs speak against this one."""
+    """Best placement of one number of pseudolites."""
 
     places: np.ndarray
+    """(k, 2) s and l1, m."""
     value: float
+    """Its objective; not finite if it has none and misses the requirements."""
     tried: dict[str, int]
+    """Placements evaluated, by type of evaluation."""
     every: bool
+    """The objective of every choice of sites was evaluated."""
     finished: bool
+    """The search is complete."""
     load: float = 0.0
+    """Of the requirements. Above 1 no placement was found that meets them, and this one misses the worst of them by
+    least."""
     others: tuple[np.ndarray, ...] = ()
+    """Next best analysed placements (k, 2), the best first, in case runs contradict this one."""
 
     @property
     def met(self) -> bool:
@@ -313,8 +322,11 @@ def search_one(
 
 
 def _printed(places: np.ndarray, value: float, judge: ObjectiveFunction) -> tuple[np.ndarray, float]:
-    """A placement at whole centimetres, as tables and files of sites have it, and its value: the nearest, or the best
-    of those beside it where that breaks a rule or misses a requirement that the placement itself does not."""
+    """A placement rounded to whole centimetres, as in tables and site files, and its value.
+
+    It is the nearest, or the best neighbour if the nearest violates a rule or requirement that the placement itself
+    meets.
+    """
     nearest = np.round(places, _DIGITS)
     worst = next(limit for limit in (PENALTY_REQUIREMENT, PENALTY_UNSOLVED, PENALTY_CONSTRAINT) if value < limit)
     moves = np.eye(places.size).reshape(-1, *places.shape)

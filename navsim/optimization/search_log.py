@@ -1,7 +1,7 @@
-"""What a search has found out, on disk: analyses as they are made and steps as they are finished.
+"""Record of a search on disk: analyses as they are made and steps as they are finished.
 
-A search repeats itself to the bit, so after a kill it is begun again and is told what it asked before: a covariance
-analysis is a line of a journal, a finished step a piece of the study's partial work.
+A search is reproducible to the bit. After a kill it starts again and reads its earlier results. A covariance analysis
+is a line of a journal; a finished step is a piece of the study's partial work.
 """
 
 from __future__ import annotations

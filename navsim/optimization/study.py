@@ -55,16 +55,19 @@ TIME_LIMIT, INTERRUPTED = "time limit", "interrupted"
 
 @dataclass
 class SearchOutcome:
-    """What a study has come to. found, neighbourhoods, maps: by number of pseudolites, see `neighbourhood` and
-    `objective_map`. without: the objective without pseudolites. confirmed: what runs say of the best placements.
-    stopped: TIME_LIMIT or INTERRUPTED where the work ended early, else empty."""
+    """Outcome of a study, by number of pseudolites."""
 
     without: float
+    """Objective without pseudolites."""
     found: dict[int, Found] = field(default_factory=dict)
     neighbourhoods: dict[int, np.ndarray] = field(default_factory=dict)
+    """See `neighbourhood`."""
     maps: dict[int, np.ndarray] = field(default_factory=dict)
+    """See `objective_map`."""
     confirmed: dict[int, Confirmation] = field(default_factory=dict)
+    """Runs of the best placements."""
     stopped: str = ""
+    """TIME_LIMIT or INTERRUPTED if the work ended early, else empty."""
 
     def undone(self, counts: tuple[int, ...]) -> list[str]:
         """What was left of the work on these numbers of pseudolites."""
@@ -126,14 +129,17 @@ def solve(
     pool: RemoteExecutor | None = None,
     runs: int = 0,
 ) -> SearchOutcome:
-    """Placements, then runs of the best, then neighbourhoods, then maps. The time limit of the watch or an interrupt
-    ends the work; what was found until then is kept, the best of a search in progress with it; after the limit it is
-    still flown.
+    """Find placements, then run the best, then compute neighbourhoods and maps.
 
-    runs: of the best placement of each number of pseudolites; 0: none is flown. journal: of an earlier attempt, which
-    this one goes on from, to the same outcome. pool: of workers elsewhere, who analyse placements where there are
-    several at a time, if the journal keeps them. Raises NoPlacement where there is none; KeyboardInterrupt where there
-    is none yet; CheckpointError where the journal cannot be kept; executor.WorkerLost.
+    The time limit of `watch` or an interrupt ends the work. Results until then are kept, including the best of a search
+    in progress; after the time limit it still gets its runs.
+
+    - `runs`: of the best placement of each number of pseudolites; 0: none.
+    - `journal`: of an earlier attempt; the search continues from it, with the same outcome.
+    - `pool`: remote workers that analyse several placements at a time, if the journal keeps them.
+
+    Raises NoPlacement without a placement, KeyboardInterrupt if there is none yet, CheckpointError if the journal
+    cannot be written, executor.WorkerLost.
     """
     watch = watch or SearchMonitor()
     journal = journal or SearchLog()
@@ -283,8 +289,11 @@ def _judged(here: PlacementProblem, best: Found, trials: Evaluator) -> Objective
 
 
 def neighbourhood(here: PlacementProblem, best: Found, trials: Evaluator) -> np.ndarray:
-    """How far each pseudolite may be moved by itself before the objective worsens, by LOSSES and BEARINGS (k, 2, 8), m,
-    or requirements are no longer met; nan where the area or a rule ends it first, and where they never were."""
+    """Distance that each pseudolite may be moved alone before the objective worsens, by LOSSES and BEARINGS (k, 2, 8),
+    m.
+
+    Missed requirements end it, too. nan where the area or a rule ends it first, and if requirements were never met.
+    """
     if not best.met:
         return np.full((len(best.places), len(LOSSES), BEARINGS.size), np.nan)
     judge = _judged(here, best, trials)

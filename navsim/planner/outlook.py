@@ -1,8 +1,8 @@
-"""What a proposal is worth: at the places where pseudolites stand, at places where one might, satellite by satellite.
+"""Evaluation of a proposal: at the positions of its pseudolites, on maps of possible positions, satellite by satellite.
 
-What stands at the point is what `navsim run` finds. Maps are made by what sweeps and searches are made by: by the
-geometry kernel at all fix epochs of the glide, or by protection levels at some of them; and where what satellites are
-worth depends on where pseudolites stand, by the signals themselves, at the same epochs.
+The value of the proposal is that of `navsim run`. Maps use the methods of sweeps and searches: the geometry kernel at
+all fix epochs of the glide, or protection levels at some of them. If the value of satellites depends on the positions
+of pseudolites, maps use simulated signals at the same epochs.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""One page in one browser: what it asks for, what is worked out for it, what it is told.
+"""A planner session: one page in one browser, its requests and the answers.
 
-The page sends orders, two at most at a time while something is dragged: the next goes out when an answer is drawn, and
-says where the mouse is then. Here, too, the latest order is the one that counts: work is done in one thread
-besides, in steps from coarse to fine, and given up between two steps when an order comes that makes it stale.
+The page sends requests, at most two at a time while the user drags something. It sends the next one, with the present
+mouse position, when it has drawn an answer. Here, too, only the latest request counts. A background thread works in
+steps from coarse to fine. It stops between two steps when a newer request makes its work obsolete.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Methods that results rest on, and whom to cite for them: the one bibliography, as text and as BibTeX.
+"""References for the methods used in results: the one bibliography, as text and as BibTeX.
 
-Sources are those that `docs/theory` and the modules name, with what stands there; titles that stand nowhere there
-(Singer, van Loan, Anderson, Blanch, Gold, Storn, Satterthwaite) are those under which others cite the same volume and
-year. Names are those of the families alone.
+Sources are those of `docs/theory` and the modules, with their data. Some titles are missing there (Singer, van Loan,
+Anderson, Blanch, Gold, Storn, Satterthwaite). They are taken from citations of the same volume and year. Names are
+family names only.
 """
 
 from __future__ import annotations

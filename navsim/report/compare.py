@@ -68,8 +68,10 @@ def independent(one: Result, other: Result) -> bool:
 def compared(
     results: Sequence[tuple[str, Result]], parts: Sequence[Table | str], each: Sequence[Sequence[Table | str]]
 ) -> list[Table | str]:
-    """Tables of several results with differences from the first and ratios to it. parts: their tables side by side.
-    each: those of every result alone, from which rows are taken where results do not stand side by side."""
+    """Tables of several results with differences from the first and ratios to it.
+
+    parts: their tables side by side. each: tables of every result alone, for rows that results do not share.
+    """
     names = [name for name, _ in results]
     apart = [independent(results[0][1], result) for _, result in results]
     out: list[Table | str] = []

@@ -31,15 +31,19 @@ _LEAST_RUNS = 10
 
 @dataclass(frozen=True)
 class RunSpread:
-    """time: (w,), s. height: of the aircraft above the runway (w,), m. rms: over runs (w, 3), lateral, along, vertical,
-    m. sigma: 1 sigma of the filter, root mean square over runs (w, 3), None for a runway between the axes of the map:
-    the filter tells its sigmas along those. percentiles: `PERCENTS` of the errors (5, w, 3), m."""
+    """Spread of the runs over time."""
 
     time: np.ndarray
+    """(w,) s."""
     height: np.ndarray
+    """(w,) of the aircraft above the runway, m."""
     rms: np.ndarray
+    """(w, 3) over runs, lateral, along, vertical, m."""
     sigma: np.ndarray | None
+    """(w, 3) filter sigma, root mean square over runs. None if the runway is oblique to the map's axes, along which the
+    file has the sigmas."""
     percentiles: np.ndarray
+    """(5, w, 3) `PERCENTS` of the errors, m."""
 
 
 def spread(result: Result) -> RunSpread:

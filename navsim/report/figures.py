@@ -506,9 +506,11 @@ def landing(result: Result) -> dict[str, Figure]:
 def save_figures(
     draw: Callable[[], dict[str, Figure]], folder: Path, stem: str, how: Print, only: Iterable[str] = (), part: str = ""
 ) -> list[Path]:
-    """Draw figures in the common style and write them as `folder/stem_NAME.FORMAT`: all, in place of what an earlier
-    result of this stem left there, or some of these names alone. part: of the result, "run7_", stands before names,
-    and its figures take no other's place. Raises ResultError."""
+    """Draw figures in the common style and write them as `folder/stem_NAME.FORMAT`.
+
+    By default all are written, in place of those of an earlier result of this stem; `only` selects names. part: prefix
+    of the names, such as "run7_", for a part of the result. Raises ResultError.
+    """
     written = []
     chosen = list(only)
     try:

@@ -25,15 +25,18 @@ DOTTED = (0, (1.0, 1.0))
 
 @dataclass(frozen=True)
 class Limit:
-    """A requirement that limits a size. what, of, at: as in the scenario, "" for what it does not have. size: m, nan
-    for none. limit: what is asked for: a share, or a probability. verdict: in words."""
+    """A requirement that limits a size."""
 
     what: str
+    """As in the scenario, "" if missing; `of` and `at` likewise."""
     of: str
     at: str
     size: float
+    """m, nan for none."""
     limit: float
+    """Required fraction or probability."""
     verdict: str
+    """In words."""
 
 
 def required_limits(result: Result, *what: str) -> list[Limit]:

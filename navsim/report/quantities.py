@@ -51,8 +51,11 @@ def in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
 
 
 def about_threshold(llh: np.ndarray, threshold: np.ndarray, heading: float) -> np.ndarray:
-    """Places (n, 3), latitude, longitude, rad, height, m, about a threshold (3,) and its heading, rad: along and right
-    in its tangent plane and the difference of heights above the ellipsoid (the plane is 31 m off in 20 km), m."""
+    """Positions (n, 3), latitude, longitude, rad, height, m, relative to a threshold (3,) and its heading, rad.
+
+    Returns along and right in its tangent plane, and the difference of heights above the ellipsoid, m. The plane itself
+    is 31 m off in 20 km.
+    """
     flat = in_heading_axes(ecef_from_llh(llh), threshold, heading)
     return np.column_stack([flat[:, :2], llh[:, 2] - threshold[2]])
 
@@ -158,13 +161,14 @@ def descent(result: Result) -> np.ndarray:
 
 @dataclass(frozen=True)
 class RunwayErrors:
-    """Errors of position, truth minus estimate, right of, along and above the axes of the runway, m. runs: of the first
-    runs (r, w, 3), none of a covariance analysis. rms: over all runs, or true (w, 3). sigma: 1 sigma of the filter
-    (w, 3). Both None where they are not known: the filter tells its sigmas along the axes of the map alone."""
+    """Position errors, truth minus estimate, right of, along and above the runway axes, m."""
 
     runs: np.ndarray
+    """(r, w, 3) of the first runs; empty for a covariance analysis."""
     rms: np.ndarray | None
+    """(w, 3) over all runs, or true; None if unknown."""
     sigma: np.ndarray | None
+    """(w, 3) filter sigma. None if the runway is oblique to the map's axes, along which the file has the sigmas."""
 
 
 def runway_errors(result: Result, at: np.ndarray, most: int) -> RunwayErrors:

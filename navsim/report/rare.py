@@ -117,18 +117,22 @@ def exceedance(result: Result) -> Figure:
 
 @dataclass(frozen=True)
 class Exceedance:
-    """How often an error is off the middle of its limits by more than a size. size, chance, low, high: by runs (n,), m
-    and chances, as `exceeded`. grid, first_order: to first order. limit: of the box, half of what is between its
-    limits, m. bottom: where the axis of chances begins, 0 for a linear one."""
+    """Probability that an error differs from the middle of its limits by more than a size."""
 
     size: np.ndarray
+    """(n,) m, from runs, see `exceeded`."""
     chance: np.ndarray
+    """(n,) probability, with `low` and `high`."""
     low: np.ndarray
     high: np.ndarray
     grid: np.ndarray
+    """Sizes of the first-order result, m."""
     first_order: np.ndarray
+    """Probabilities to first order."""
     limit: float
+    """Of the box, half the distance of its limits, m."""
     bottom: float
+    """Start of the probability axis, 0 for a linear one."""
 
 
 def curve(result: Result, i: int) -> Exceedance:

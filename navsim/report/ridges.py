@@ -26,11 +26,13 @@ _WAY = 500
 
 @dataclass(frozen=True)
 class ShownRidge:
-    """A ridge or skyline as it is drawn. places: (n, 3) along its top, along and right of the runway's axis from the
-    threshold, and its height above that, m. height: of the top above the threshold, m."""
+    """A ridge or skyline in a drawing."""
 
     places: np.ndarray
+    """(n, 3) points of its top: along and right of the runway axis from the threshold, height above the threshold,
+    m."""
     height: float
+    """Of the top above the threshold, m."""
 
     @property
     def label(self) -> str:

@@ -57,16 +57,19 @@ def shaded(azimuth: np.ndarray, elevation: np.ndarray, mask: float) -> tuple[np.
 
 @dataclass(frozen=True)
 class SourceTrack:
-    """A source over the approach, at as few fixes as its bends need. x, y: to the east and north (t,), deg, nan where
-    nothing tells where it is or it is under the horizon, unused. used: (t,). share: of all fixes at which it is used.
-    ground: a pseudolite."""
+    """Track of a source over the approach, at as few fixes as its bends need."""
 
     name: str
     x: np.ndarray
+    """(t,) to the east, deg; nan where its position is unknown, or it is below the horizon and unused."""
     y: np.ndarray
+    """(t,) to the north, deg, likewise."""
     used: np.ndarray
+    """(t,)."""
     share: float
+    """Fraction of all fixes at which it is used."""
     ground: bool
+    """A pseudolite."""
 
     @property
     def how(self) -> str:
@@ -116,9 +119,11 @@ def source_tracks(result: Result) -> tuple[list[SourceTrack], float]:
 def _path(
     x: np.ndarray, y: np.ndarray, used: np.ndarray, sampled: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The way of a source through the sky, and where it is used, at as few fixes as its bends need. x, y: at all fixes
-    (t,), deg, nan where nothing tells. sampled: the fixes at which the whole sky is known; between two of them a source
-    that is not used moves straight on, unless it is down at one."""
+    """Track of a source through the sky, and its use, at as few fixes as its bends need.
+
+    x, y: at all fixes (t,), deg, nan if unknown. sampled: fixes with a known sky. Between two of them an unused source
+    moves straight, unless it is below the horizon at one.
+    """
     if sampled.any():
         told, every = np.flatnonzero(used | sampled), np.arange(used.size)
         x, y = (np.interp(every, told, each[told], left=np.nan, right=np.nan) for each in (x, y))

@@ -342,16 +342,19 @@ def label(result: Result, name: str) -> str:
 
 @dataclass(frozen=True)
 class Panel:
-    """A map of an output on the runway plan. values: (n, m). sites: along and right of each pseudolite (n, m), m.
-    corners: the same of the corners of the cells (n + 1, m + 1), None where they do not go in straight lines. best:
-    along and right (s,) of the pseudolites of the best combination, or of all that are as good, m, nan for none; None
-    where nothing is known, or where all are alike. title: which combination of the other axes, and the best value."""
+    """Map of an output on the runway plan."""
 
     values: np.ndarray
+    """(n, m)."""
     sites: list[tuple[np.ndarray, np.ndarray]]
+    """(n, m) along and right of each pseudolite, m."""
     corners: list[tuple[np.ndarray, np.ndarray] | None]
+    """(n + 1, m + 1) of the corners of the cells likewise, None if they are not on straight lines."""
     best: tuple[np.ndarray, np.ndarray] | None
+    """(s,) along and right of the pseudolites of the best combination, or of all equally good ones, m, nan for none.
+    None if nothing is known or all are equal."""
     title: str
+    """Values of the other axes, and the best value."""
 
 
 def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
@@ -481,9 +484,10 @@ class _View:
 
 
 def _corners(numbers: list[np.ndarray], coordinate: np.ndarray) -> np.ndarray | None:
-    """A coordinate of the corners (n + 1, m + 1) of the cells about all combinations (n, m) of a panel, where it goes
-    in straight lines with the varied numbers (n,), (m,), so that combinations without a solution leave no gap in the
-    mesh of the others. None where it does not."""
+    """A coordinate of the corners (n + 1, m + 1) of the cells of a panel; None if they are not on straight lines.
+
+    Straight lines in the varied numbers (n,), (m,) let combinations without a solution leave no gap in the mesh.
+    """
     if any(x.dtype.kind not in "fiu" for x in numbers):
         return None
 
@@ -527,16 +531,20 @@ def _runway(ax: Axes, result: Result) -> None:
 
 @dataclass(frozen=True)
 class Curves:
-    """An output along an axis. axis: its name. x: (n,) numbers or names. rows: (k, n) values. names: which combination
-    of the other axes each is of, empty where there are none. of: how many there are. scattered: the points of the axis
-    have no order."""
+    """An output along an axis."""
 
     axis: str
+    """Its name."""
     x: np.ndarray
+    """(n,) numbers or names."""
     rows: np.ndarray
+    """(k, n) values."""
     names: list[str]
+    """Values of the other axes of each row, empty without other axes."""
     of: int
+    """Number of rows."""
     scattered: bool
+    """The points of the axis have no order."""
 
     @property
     def some(self) -> str:

@@ -1,5 +1,7 @@
-"""Tables for people as plain data: a title, heads with their units, rows of numbers and how they are said; and the one
-way each to draw them in a terminal, as Markdown, for LaTeX, and to write rows as CSV."""
+"""Tables as plain data: a title, heads with units, rows of numbers and their format.
+
+Each is drawn in one way in a terminal, as Markdown, for LaTeX, and as CSV.
+"""
 
 from __future__ import annotations
 
@@ -34,22 +36,26 @@ class _NumberOrAbsent(float):
 
 @dataclass(frozen=True)
 class Cell:
-    """Values, and the pattern of `str.format` that says them. whole: nothing is said where the first is not known.
-    ends: whether the second and third are the ends of the first's 95 % interval. several: whether each value stands
-    for itself, as percentiles do. names: of the values, for programs; numbers from 1 where there are none. unit: where
-    it is not that of its row; units: of each value, "" for that. trials: the first value is a count, of what came about
-    in so many, each called `trial`; 0 where it is none."""
+    """Values and their `str.format` pattern."""
 
     pattern: str
     values: tuple[float | int | str, ...]
     whole: bool = False
+    """Empty if the first value is unknown."""
     ends: bool = False
+    """The second and third values are the ends of the first's 95 % interval."""
     several: bool = False
+    """Values are independent, such as percentiles."""
     names: tuple[str, ...] = ()
+    """Names of the values for programs; numbers from 1 if empty."""
     unit: str = ""
+    """If it differs from the row's."""
     units: tuple[str, ...] = ()
+    """Unit of each value, "" for `unit`."""
     trials: int = 0
+    """The first value is a count out of so many trials; 0 if it is not a count."""
     trial: str = "run"
+    """Name of a trial."""
 
     def __str__(self) -> str:
         first = self.values[0] if self.values else 0.0
@@ -380,8 +386,11 @@ def _filled(table: Table) -> list[Row]:
 
 
 def _tex_texts(row: Row, widths: Sequence[int]) -> list[str]:
-    """The cells of a row for TeX: a heading is emphasised, what stands under one is set in by as much as it is here;
-    words that are longer than their column, as checksums, may be broken."""
+    """Cells of a row for TeX.
+
+    Headings are emphasised, and their rows indented as here. Words longer than their column, such as checksums, may
+    break.
+    """
     texts = [_breakable(text.strip(), width) for text, width in zip(row.texts(), widths, strict=False)]
     if row.heading:
         texts[0] = rf"\emph{{{texts[0]}}}"
@@ -462,8 +471,11 @@ def _numbers(one: Cell) -> list[tuple[str, float | int, float, float, str]]:
 
 
 def chosen(tables: Sequence[Table], pattern: str) -> list[Table]:
-    """The rows whose first cell has the pattern, `*` and `?` as in names of files, anywhere and in any case, with the
-    headings over them; where no row has it, those whose heading has it. Tables without any are left out."""
+    """Rows whose first cell matches the pattern, with their headings.
+
+    `*` and `?` work as in file names, anywhere and in any case. If no row matches, those under a matching heading.
+    Tables without a match are omitted.
+    """
     wanted = re.compile(fnmatch.translate(f"*{pattern}*"), re.IGNORECASE)
     for by_heading in (False, True):
         found = [replace(table, rows=rows) for table in tables if (rows := _chosen(table, wanted, by_heading))]

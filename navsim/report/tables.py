@@ -256,8 +256,8 @@ _LOSSES = (
     ("In the aircraft's shadow", "shadowed", False, "/geometry/shadowed"),
     ("Too weak or jammed", "lost", False, "/interference/js"),
 )
-"""What takes sources from a receiver that the mask lets pass: the section of the table, a word for it, whether
-pseudolites that it never takes are told of, too, and where results tell of it."""
+"""Causes of lost sources above the mask: section of the table, name, whether to list pseudolites that it never affects,
+and path in the result."""
 
 
 def _taken(result: Result, path: str) -> np.ndarray | None:

@@ -23,25 +23,27 @@ _HEAD = ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
 
 @dataclass(frozen=True)
 class View:
-    """How results of one kind are shown.
-
-    tables: of several results, each with its name, and words between them. figures: by name. summary: the
-    paths whose variables are the summary as plain data. more: of it. texts: files of text beside the result, by
-    their paths. drawings: what draws results for the page of `navsim report`, as "module:name"; it takes results, each
-    with its name, and returns `page.marks.Drawing`s. verdicts: tables, and words,
-    of what is judged in results. glance: what of a result is seen first, by what it is called. of_runs: names of the
-    figures that show single runs.
-    """
+    """How results of one kind are shown."""
 
     tables: Callable[[Sequence[tuple[str, Result]]], list[Table | str]]
+    """Tables of several results, each with its name, and text between them."""
     figures: Callable[[Result], dict[str, Figure]]
+    """By name."""
     summary: tuple[str, ...] = ()
+    """Paths whose variables are the summary as plain data."""
     more: Callable[[Result], dict[str, Any]] = lambda _: {}
+    """More of the summary."""
     texts: Callable[[Result, Path], dict[Path, str]] = lambda _, __: {}
+    """Text files written beside the result, by path."""
     drawings: str = ""
+    """Draws results for the page of `navsim report`, as "module:name". It takes results, each with its name, and
+    returns `page.marks.Drawing`s."""
     verdicts: Callable[[Sequence[tuple[str, Result]]], list[Table | str]] = lambda _: []
+    """Tables and text of verdicts."""
     glance: Callable[[Result], list[tuple[str, Cell | str]]] = lambda _: []
+    """Key values of a result, by name."""
     of_runs: tuple[str, ...] = ()
+    """Names of the figures of single runs."""
 
 
 def one_by_one(

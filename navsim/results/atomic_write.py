@@ -42,10 +42,9 @@ def destination(path: Path) -> Path:
 
 @contextlib.contextmanager
 def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
-    """A name to write a file under, which takes the place of `path`, and its mode, when all went well; it is on the
-    disk by then where it is to be `durable`, else it may be cut by a loss of power.
+    """Temporary name for a file that replaces `path`, with its mode, once it is complete.
 
-    Raises OSError.
+    durable: it is on the disk by then; otherwise a loss of power may truncate it. Raises OSError.
     """
     target = destination(path)
     temporary = target.with_name(f"{_stem(target)}{os.getpid()}{_TEMPORARY}")

@@ -1,7 +1,6 @@
-"""What of a study its user must hear about, as it is kept in `/findings` of the result.
+"""Findings of a study: warnings with counts, kept in `/findings` of the result.
 
-A finding is a warning with counts. It goes to standard error when the study is done, and into the result, so that
-whoever opens the file later hears the same.
+A finding is printed to standard error when the study is done, and again whenever the result is shown.
 """
 
 from __future__ import annotations
@@ -16,22 +15,28 @@ from navsim.results.result import Result, ResultError, Variable
 from navsim.results.schema import FINDINGS, LANDING
 
 FIX, CONSISTENT = "fix", "consistent"
-"""What a finding speaks against: that there are fixes (`--require-fix`), that the filter is consistent
+"""Conditions that a finding violates: every epoch has a fix (`--require-fix`), the filter is consistent
 (`--require-consistent`)."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A warning. count: how many of `of` (fixes, outputs, runs, combinations) it is about, in how many runs; first:
-    time of the first of them, s, nan where it has none. All 0 and nan for one without counts."""
+    """A warning."""
 
     name: str
+    """Short name."""
     text: str
+    """Message."""
     against: tuple[str, ...] = ()
+    """Conditions that it violates, `FIX` or `CONSISTENT`."""
     count: int = 0
+    """Number of fixes, outputs, runs or combinations concerned; 0 without a count."""
     of: int = 0
+    """Number of all of them."""
     runs: int = 0
+    """Number of runs concerned."""
     first: float = math.nan
+    """Time of the first, s, nan without a time."""
 
 
 def several(count: int, noun: str) -> str:
@@ -40,7 +45,7 @@ def several(count: int, noun: str) -> str:
 
 
 def kept(found: list[Finding]) -> dict[str, Variable]:
-    """The group `/findings` of a result of any sort."""
+    """Variables of the group `/findings` of a result."""
     out = ResultBuilder(LANDING)
     for name, kind, values in (
         ("finding", object, [f.name for f in found]),
@@ -56,7 +61,7 @@ def kept(found: list[Finding]) -> dict[str, Variable]:
 
 
 def of(result: Result) -> list[Finding]:
-    """The findings kept in a result; none in one of an earlier version. Raises ResultError for a damaged group."""
+    """Findings in a result; empty for an earlier version. Raises ResultError for a damaged group."""
     if "/findings/finding" not in result:
         return []
     names = ("finding", "text", "against", "count", "of", "runs", "first")

@@ -1,8 +1,8 @@
-"""HDF5 that may come from anybody: what is in a file is judged before any of it is read.
+"""Check of an untrusted HDF5 file before any of it is read.
 
-HDF5 can point outside of its file (external links and storage, virtual datasets), to itself (soft links, several hard
-links), and declare more than it holds (compression, chunks never written, text that many share). navsim writes none
-of it. So one rule bounds what reading takes: all that a file declares fits into the file.
+HDF5 can point outside of its file (external links and storage, virtual datasets) and to itself (soft links, several
+hard links). It can also declare more than it contains: compression, chunks never written, shared text. navsim writes
+none of it. So one rule bounds what reading takes: everything that a file declares fits into the file.
 """
 
 from __future__ import annotations

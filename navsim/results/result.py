@@ -1,10 +1,10 @@
-"""Result files: HDF5 that is valid netCDF-4, written whole or not at all.
+"""Result files: HDF5 that is valid netCDF-4, written atomically.
 
-A result is a tree of variables by path, `/group/name`; a variable named like one of its dimensions is that
-dimension's coordinate. Every dimension has one, so every dataset in the file has units and a long name.
+A result is a tree of variables by path, `/group/name`; a variable named like one of its dimensions is that dimension's
+coordinate. Every dimension has one, so every dataset in the file has units and a long name.
 
-Arrays of numbers carry HDF5's own checksums (fletcher32), the whole file those of `navsim.results.checksum`, and the
-root attribute `checksums` says so: a file that lost them is damaged, one of an earlier version has neither.
+Arrays of numbers have HDF5's own checksums (fletcher32), the file those of `navsim.results.checksum`. The root
+attribute `checksums` says so: a file that lost them is damaged; files of earlier versions have neither.
 """
 
 from __future__ import annotations
@@ -132,17 +132,16 @@ class Result:
 
 @dataclass(frozen=True)
 class ResultKind:
-    """What sort of result a file holds; results of different sorts do not take each other's place.
-
-    kind: as its root attribute. method: that made it, "" for kinds that know only one. runs: `ONE_RUN` or
-    `SEVERAL_RUNS` where runs were flown, else "". count: how many runs, of the same sort whatever it is; 0 where there
-    are none, or where it is not known before.
-    """
+    """Kind of the result in a file. A result does not replace one of a different kind."""
 
     kind: str
+    """Root attribute."""
     method: str = ""
+    """"" for kinds with a single method."""
     runs: str = ""
+    """`ONE_RUN` or `SEVERAL_RUNS`, "" without runs."""
     count: int = field(default=0, compare=False)
+    """Number of runs, which does not change the kind; 0 without runs, or if it is unknown in advance."""
 
     def __str__(self) -> str:
         method = f"method {self.method}" if self.method else ""

@@ -70,19 +70,22 @@ FAMILIES = {
 
 @dataclass(frozen=True)
 class Entry:
-    """A variable, or a family of like ones. layouts: those of results that may hold it, and in words when each does, ""
-    for always. of: what it holds. each: the members of the families it lists. attributes: those it has beside
-    units and long_name. labels: of a coordinate that is the same in every result."""
+    """A variable, or a family of similar variables."""
 
     path: str
     dims: tuple[str, ...]
     units: str
     meaning: str
     layouts: Mapping[str, str]
+    """Results that may contain it, and the condition for each, "" for always."""
     of: str = NUMBER
+    """Type of its content."""
     each: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    """Members of the families in the path."""
     attributes: tuple[str, ...] = ()
+    """In addition to units and long_name."""
     labels: tuple[str, ...] = ()
+    """Of a coordinate that is the same in every result."""
 
 
 @dataclass(frozen=True)

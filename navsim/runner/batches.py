@@ -229,13 +229,16 @@ def fly_all(
     enough: Callable[[Ensemble], bool] | None = None,
     size: int = BATCH,
 ) -> Ensemble:
-    """Fly the runs in batches of `size` on the executor's workers.
+    """Run all runs in batches of `size` on the executor's workers.
 
-    store: keeps finished batches and gives back those of an earlier attempt. `done(n)` is told how many runs are
-    finished. enough: asked after every batch, in the order of runs, whether the ensemble so far will do; it then
-    ends there, wherever the other workers are, so the end does not depend on them either. Raises what a batch
-    raises, CheckpointError where the store is full; KeyboardInterrupt passes through once the batches in flight
-    are kept.
+    - `store`: keeps finished batches and returns those of an earlier attempt.
+    - `done(n)`: receives the number of finished runs.
+    - `enough`: called after every batch, in the order of runs; True ends the work. The end does not depend on the
+      progress
+      of other workers.
+
+    Raises what a batch raises, and CheckpointError if the store is full. KeyboardInterrupt passes through once the
+    batches in progress are kept.
     """
     starts = range(first_run, first_run + runs, size)
     ensemble = Ensemble(first_run, runs)

@@ -1,12 +1,12 @@
-"""Partial work on disk: what a study has finished, so that after a kill the same command goes on from there.
+"""Partial work on disk: finished pieces of a study, so that the same command continues after a kill.
 
-The work of a study lies in the folder `RESULT.partial`. `key.json` says whose it is, `command.json` by which command
-line it is computed; every piece is a file of arrays, written whole or not at all. The key comes first, and folders go
-by one renaming, so there are no pieces without a key.
+The partial work of a study is in the folder `RESULT.partial`. `key.json` identifies the study, `command.json` has its
+command line. Every piece is a file of arrays, written atomically. The key comes first, and folders are deleted by one
+renaming, so no piece is ever without a key.
 
 A piece is a `.npz`, that is a zip archive, which holds a CRC-32 of each array. Its comment is the SHA-256 of the study,
-the piece's name and the names, sizes and CRC-32 of all arrays. Nothing of a piece is used that the comment and the
-CRC-32 do not vouch for, so one that is damaged, of another study or under another name does not count.
+the piece's name and the names, sizes and CRC-32 of all arrays. Comment and CRC-32 must match, so a piece that is
+damaged, of another study or under another name does not count.
 """
 
 from __future__ import annotations

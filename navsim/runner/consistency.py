@@ -1,17 +1,19 @@
-"""Consistency test of every state: is its sigma right at every output?
+"""Consistency test of every state at every output.
 
-z is the root mean square over runs of error / sigma, one where sigma is right. Over N runs N z^2 is then chi-square
-with N degrees of freedom [1]. Every state at every output is one look, tens of thousands in a landing, and the band has
-to hold for all of them: a filter that is right leaves it anywhere with the chance `FALSE_ALARM`.
+z is the root mean square over runs of error / sigma, one for a correct sigma. Over N runs N z^2 is then chi-square with
+N degrees of freedom [1]. Every state at every output is one test, tens of thousands in a landing. The band must hold
+for all of them: a consistent filter leaves it anywhere with the probability `FALSE_ALARM`.
 
-Above the band the looks of a state follow each other in time and are correlated: with A_t for "beyond at output t" [2]
-bounds P(A_1 or ... A_T) <= P(A_1) + sum P(A_t and not A_t-1), which needs the correlation of neighbours alone. Divided
-by P(A_1) this is the effective number of independent looks; those of all states add up. Below the band looks hardly
-come in clusters where runs are few, and every one of them counts.
+Above the band, tests of a state follow each other in time and are correlated. With A_t for "beyond at output t", [2]
+bounds P(A_1 or ... A_T) <= P(A_1) + sum P(A_t and not A_t-1), which needs only the correlation of neighbours. Divided
+by P(A_1) this is the effective number of independent tests; those of all states add up. Below the band, exceedances
+hardly cluster if there are few runs, so every test counts.
 
-Sources: [1] Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), section
-5.4.2. [2] Worsley, Biometrika 69 (1982), An improved Bonferroni inequality and applications. docs/theory/consistency.md
-has the derivation.
+Sources:
+
+- [1] Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), section 5.4.2.
+- [2] Worsley, Biometrika 69 (1982), An improved Bonferroni inequality and applications. docs/theory/consistency.md has
+  the derivation.
 """
 
 from __future__ import annotations
@@ -38,19 +40,18 @@ _NONE = 1e-3
 
 @dataclass(frozen=True)
 class Ratios:
-    """z (t, n) of states with these names at times (t,), s, nan where a state has no uncertainty or is not finite.
-
-    runs: that it is the root mean square of, of outputs with different numbers the least; 0: expected by a covariance
-    analysis. correlation: (n,) of error / sigma at neighbouring outputs. flown: runs, also those that are not finite at
-    some output; 0: the same.
-    """
+    """Ratios z (t, n) of states; nan if a state has no uncertainty or is not finite."""
 
     time: np.ndarray
+    """(t,) s."""
     names: Sequence[str]
     z: np.ndarray
     runs: int
+    """Runs in the root mean square, the least of all outputs; 0: expected by a covariance analysis."""
     correlation: np.ndarray
+    """(n,) of error / sigma at neighbouring outputs."""
     flown: int = 0
+    """Runs, including those that are not finite at some output; 0: the same."""
 
     @property
     def looks(self) -> np.ndarray:
@@ -127,15 +128,14 @@ def _conditional_exceedance(level: float, correlation: np.ndarray) -> np.ndarray
 
 @dataclass(frozen=True)
 class StateVerdict:
-    """A consistency test in words.
-
-    small: whether a sigma is smaller than the errors by more than the tolerance and by more than chance, which speaks
-    against the filter. at: (output, state) of the largest z, None where nothing is known.
-    """
+    """Result of a consistency test."""
 
     words: str
+    """In words."""
     small: bool
+    """A sigma is too small, by more than the tolerance and by more than chance: the filter is inconsistent."""
     at: tuple[int, int] | None
+    """(output, state) of the largest z, None if nothing is known."""
 
 
 def evaluate(ratios: Ratios, band: RatioBand, tolerance: float) -> StateVerdict:

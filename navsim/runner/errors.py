@@ -1,4 +1,4 @@
-"""What is raised for users: the input is wrong, or the work failed."""
+"""Exceptions for users: the input is wrong, or the work failed."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ if TYPE_CHECKING:
 
 
 class NavsimError(Exception):
-    """What was asked for cannot be had.
+    """Base class of navsim's exceptions.
 
-    problems: all that was found wrong, each with its file, line, key (empty or 0 where it has none) and message.
+    Attributes
+    ----------
+    problems : list of Problem
+        All errors found, each with `file`, `line`, `key` (empty or 0 if it has none) and `message`.
     """
 
     def __init__(self, problems: Sequence[Problem]) -> None:
@@ -27,16 +30,19 @@ class BadInput(NavsimError):
 
 
 class RunFailed(NavsimError):
-    """The work itself failed, or its result is not what was required of it.
+    """The work failed, or its result does not meet a requirement.
 
-    path: of the result where it is complete nevertheless, else None.
+    Attributes
+    ----------
+    path : Path or None
+        The result, if it is complete nevertheless.
     """
 
     path: Path | None = None
 
 
 def as_problems(*messages: object) -> list[Problem]:
-    """Problems that stand at no place of a file."""
+    """Problems without a place in a file."""
     from navsim.scenario.source import NOWHERE, Problem
 
     return [Problem(NOWHERE, "", str(message)) for message in messages]
@@ -44,7 +50,7 @@ def as_problems(*messages: object) -> list[Problem]:
 
 @contextmanager
 def translate_input_errors() -> Iterator[None]:
-    """What is wrong with a file that is only read, as users are told: raises BadInput."""
+    """Raise errors of a file as BadInput."""
     from navsim.scenario.source import InputError
 
     try:
@@ -55,7 +61,7 @@ def translate_input_errors() -> Iterator[None]:
 
 @contextmanager
 def translate_errors(name: object) -> Iterator[None]:
-    """What stopped the work on a file of this name, as users are told: raises BadInput, RunFailed."""
+    """Raise errors of the work on a file of this name as BadInput or RunFailed."""
     from navsim.results.result import ResultError
     from navsim.runner.checkpoint import CheckpointError
     from navsim.runner.executor import WorkerLost

@@ -46,13 +46,18 @@ class WorkerLost(Exception):
 
 @dataclass(frozen=True)
 class Executor:
-    """So many workers, and what makes their pool. Threads serve, since the kernels release the GIL; whatever else has
-    the interface of `concurrent.futures` does too, where its workers reach the folder of partial work. name: of another
-    place whose pool is `RemoteExecutor`, "" for this machine."""
+    """Workers and their pool.
+
+    Threads are enough, since the kernels release the GIL. Any pool with the interface of `concurrent.futures` works if
+    its workers can access the folder of partial work.
+    """
 
     workers: int
+    """Number of workers."""
     pool: Callable[[int], futures.Executor] = Threads
+    """Creates the pool."""
     name: str = ""
+    """Place of a `RemoteExecutor`, "" for this machine."""
 
     @property
     def away(self) -> bool:
@@ -61,8 +66,10 @@ class Executor:
 
 
 class RemoteExecutor(futures.Executor):
-    """A pool whose workers have neither the memory nor the disk of this machine: they come and go, what they need is
-    sent, and what they find is kept here. `WorkerLost` is raised where nobody is left to work."""
+    """A pool of remote workers that share neither memory nor disk with this machine.
+
+    They come and go; inputs are sent, and results are kept here. Raises `WorkerLost` if no worker is left.
+    """
 
     @property
     def workers(self) -> int:

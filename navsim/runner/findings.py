@@ -78,8 +78,10 @@ def without_fix(found: Sequence[Finding]) -> bool:
 
 
 def among(marked: np.ndarray, what: str, label: Callable[[int], str]) -> list[Finding]:
-    """The findings of a study of many flights, by the `marks` (flight, name) of each: in how many of them, and which is
-    the first. what: the flights are called; label: of one of them, by its number."""
+    """Findings of a study of many flights, from the `marks` (flight, name) of each: number of flights and the first.
+
+    what: noun for the flights. label: name of a flight by its number.
+    """
     out = []
     for (name, (against, words)), some in zip(LANDING.items(), marked.T, strict=True):
         count = int(some.sum())
@@ -90,8 +92,11 @@ def among(marked: np.ndarray, what: str, label: Callable[[int], str]) -> list[Fi
 
 
 def limit(degrees: float) -> float:
-    """The mean normalised square per degree of freedom, of so many independent ones (inf: an expectation), from which
-    on a filter is doubted: what one with sigmas off by a factor of two exceeds with the chance `FALSE_ALARM`."""
+    """Largest mean normalised square per degree of freedom of a filter that counts as consistent.
+
+    degrees: number of independent ones (inf: an expectation). A filter whose sigmas are off by a factor of two exceeds
+    it with the probability `FALSE_ALARM`.
+    """
     chance = 1.0 if math.isinf(degrees) else chi_square.quantile(1.0 - FALSE_ALARM, degrees) / degrees
     return DOUBTED * chance
 

@@ -1,9 +1,10 @@
-"""A job: the work that a file of some kind asks for, done by every command in the same steps. (`navsim live` alone has
-steps of its own: its work comes line by line and ends when the source does.)
+"""A job: the work of a file, in the same steps for every command.
 
-opened      from the validated file and what the command line says beside it, cheap
-prepared    files read, memory and disk estimated (`estimate`) and allowed, what all of the work shares made
-run         pieces of it kept in a store, done by an executor, to a result
+- open: from the validated file and the command line, cheap.
+- prepare: read files, estimate memory and disk (`estimate`) and check them, compute what all of the work shares.
+- run: an executor computes pieces, a store keeps them, and the result follows.
+
+Only `navsim live` has its own steps, since its work comes line by line and ends with the source.
 """
 
 from __future__ import annotations
@@ -65,34 +66,36 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a job came to. warnings: of how it ended, beside the findings in the result. stopped: why it ended before
-    all was done, "" where it did not; what was finished is kept then. interrupted: by the user. failed: why the command
-    fails although the result is complete, "" where it does not."""
+    """Outcome of a job."""
 
     result: Result
     warnings: tuple[str, ...] = ()
+    """About its end, in addition to the findings in the result."""
     stopped: str = ""
+    """Why it ended early, "" if complete; finished work is kept."""
     interrupted: bool = False
+    """By the user."""
     failed: str = ""
+    """Why the command fails although the result is complete, "" if it does not."""
 
 
 class Job(Protocol):
-    """The work of one file.
-
-    sort: of its result. kernels: a name for those that the work takes, the same for work that takes the same, as far
-    as is known before. suffix: of the result's name where it is not the usual work of the file. extent, unit: of
-    progress, what it counts; an extent of 0 is told in words. even: whether all that it counts takes about the same
-    time. pieces: of the work that a store keeps, named `work` in
-    words; 0 where nothing is kept, more than one where their number is not known before. warnings: of the input. The
-    last three count once the job is prepared.
-    """
+    """The work of one file. `extent`, `pieces` and `warnings` are valid once the job is prepared."""
 
     sort: ResultKind
+    """Kind of its result."""
     kernels: str
+    """Name of the kernels that the work uses, as far as known in advance; jobs with the same kernels have the same
+    name."""
     suffix: str
+    """Of the result's name, if this is not the usual work of the file."""
     unit: str
+    """Unit of progress; with an extent of 0, progress is text."""
     even: bool
+    """Whether all units of progress take about the same time."""
     work: str
+    """Name of the pieces that a store keeps. Their number `pieces` is 0 if none are kept, above 1 if unknown in
+    advance."""
 
     @property
     def extent(self) -> int: ...
@@ -102,26 +105,28 @@ class Job(Protocol):
     def warnings(self) -> list[str]: ...
 
     def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
-        """Raises InputError, JobError, and what `allow` raises."""
+        """Prepare the job. Raises InputError, JobError, and errors of `allow`."""
 
     def described(self) -> str:
         """The work in a line, once it is prepared."""
 
     def key(self) -> dict[str, object]:
-        """What partial work must agree in to be resumed."""
+        """Data that partial work must match to be resumed."""
 
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
-        """Do the work, going on from what the store has. Raises JobError, ResultError, CheckpointError."""
+        """Do the work, continuing from the store. Raises JobError, ResultError, CheckpointError."""
 
 
 class Check(Protocol):
-    """Warns of what a validated file says: its section, its document. Raises InputError."""
+    """Returns warnings about a validated file, from its section and its document. Raises InputError."""
 
     def __call__(self, section: Any, document: Any) -> list[str]: ...
 
 
 class Opener(Protocol):
-    """What makes the job of a kind from a validated file: its section, its document (`scenario.source`), the options.
-    Raises InputError, OptionError."""
+    """Creates the job of a kind from a validated file: its section, its document (`scenario.source`), the options.
+
+    Raises InputError, OptionError.
+    """
 
     def __call__(self, section: Any, document: Any, options: Options) -> Job: ...

@@ -58,8 +58,11 @@ def open_job(command: str, source: Source, assignments: Sequence[Assignment], op
 
 
 def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section, Document, list[str]]:
-    """A scenario, study or log that is right as far as can be told without computing it, the files too that it names,
-    and warnings of what would not be used or would be left out. Raises BadInput."""
+    """A scenario, study or log checked as far as possible without computing it, and warnings about unused or omitted
+    input.
+
+    It also reads the files that it names. Raises BadInput.
+    """
     from navsim.kinds import KINDS, named
     from navsim.scenario.load import read_any
 

@@ -21,9 +21,10 @@ class Reporter:
 
 @dataclass(frozen=True)
 class Listener:
-    """Whom a job's steps speak to. progress: a context, for an extent and its unit, in which the job runs; gives what
-    is told of its progress. ahead: modules that are loaded beside the first steps."""
+    """Receiver of a job's messages."""
 
     speech: Reporter
     progress: Callable[[int, str], AbstractContextManager[Progress]]
+    """Context for an extent and its unit, in which the job runs; it returns the progress callback."""
     ahead: Sequence[str] = ()
+    """Modules to load during the first steps."""

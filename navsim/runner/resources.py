@@ -16,15 +16,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of an estimate. name: of the scenario or study. target: the result's path. over_budget: what is
-    lacking is warned of. at_most: the work may end earlier by itself, so the estimate alone refuses nothing. away:
-    workers of another place that do the work, in words, "" for this machine's."""
+    """Options of an estimate."""
 
     name: object
+    """Of the scenario or study."""
     target: Path
+    """Path of the result."""
     over_budget: bool
+    """Warn of missing resources instead of stopping."""
     at_most: bool = False
+    """The work may end earlier, so the estimate alone stops nothing."""
     away: str = ""
+    """Name of remote workers, "" for this machine's."""
 
 
 def tell(asked: Request, estimate: Budget, speech: Reporter, seconds: float | None = None) -> None:
@@ -37,8 +40,10 @@ def tell(asked: Request, estimate: Budget, speech: Reporter, seconds: float | No
 
 
 def check_resources(asked: Request, estimate: Budget, speech: Reporter, shown: bool = False) -> None:
-    """Raise BadInput where the machine lacks memory or disk for it, unless that is to be warned of. shown: the estimate
-    is told then, and of work that may end earlier by itself what is lacking, too."""
+    """Raise BadInput if the machine lacks memory or disk, unless a warning is requested.
+
+    shown: report the estimate, and also missing resources of work that may end earlier.
+    """
     from navsim.runner.estimate import lacking
     from navsim.runner.machine import machine
 

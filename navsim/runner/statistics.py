@@ -68,14 +68,18 @@ def share_interval(count: int, runs: int) -> np.ndarray:
 def weighted_share(
     log_weights: np.ndarray, hits: np.ndarray, most: float, most_else: float
 ) -> tuple[np.ndarray, float, float]:
-    """The chance of a hit from runs of another density: value with its two-sided 95 % interval (3,), its relative
-    standard error, and how many hits of one weight would tell as much (Kish).
+    """Probability of a hit, estimated from runs of another density.
 
-    log_weights: (run,) of the density in question over that of the runs, nowhere above that of `most` for hits, of
-    `most_else` for others. hits: (run,) bool. The interval is symmetric on the logarithm of the chance, or of its
-    complement where that is the smaller; without a hit, or with nothing else, it reaches to what so many runs exclude
-    even where all of them weigh most, and the relative error is nan. A chance below `LEAST` is nan, its interval from
-    0 to no less than that.
+    Returns the value with its two-sided 95 % interval (3,), its relative standard error, and the effective number of
+    hits (Kish).
+
+    - `log_weights` (run,): logarithm of the density in question over that of the runs. Hits have at most the weight of
+      `most`, others that of `most_else`.
+    - `hits` (run,): bool.
+
+    The interval is symmetric on the logarithm of the probability, or of its complement if that is smaller. Without a
+    hit, or with hits only, it reaches to what so many runs exclude even if all have the largest weight; the relative
+    error is nan. A probability below `LEAST` is nan, and its interval reaches from 0 to at least that.
     """
     runs = hits.size
     weights = np.exp(log_weights)

@@ -33,37 +33,45 @@ _SHELL_TIME = 0.5
 
 @dataclass(frozen=True)
 class JobRequest:
-    """What is to be done with a job. options: as the job has them. figures: see `target.figure_folder`; plain: none of
-    one run either, unless a folder is given. force: overwrite a result of another sort. over_budget: compute what the
-    machine seems too small for. dry_run: only say what it would take. command: the words of the command line after
-    the program, by which it is gone on with; empty where there is none. resumed: the folder of partial work to go on
-    with, which must be this job's; None where the job may begin."""
+    """Options of a job."""
 
     options: Options
+    """Of the job itself."""
     figures: str | Path | None = None
+    """See `target.figure_folder`."""
     plain: bool = False
+    """No figures of single runs either, unless a folder is given."""
     force: bool = False
+    """Overwrite a result of a different kind."""
     over_budget: bool = False
+    """Compute even if this machine seems too small."""
     dry_run: bool = False
+    """Only report the resources."""
     command: Sequence[str] = ()
+    """Command line after the program, for messages about continuing; empty without one."""
     resumed: Path | None = None
+    """Folder of partial work of this job to continue; None: start anew if there is none."""
 
 
 @dataclass(frozen=True)
 class Finished:
-    """What came of it. known: warnings that were said before. warnings: of how it ended. stopped: that it ended before
-    all was done, and why; kept: where finished work is then; both "" where it did not. interrupted: by the user.
-    failed: why it fails although the result is complete, "" where it does not."""
+    """Outcome of a job after all steps."""
 
     result: Result
     target: Path
     written: Written
     known: Sequence[str]
+    """Warnings already reported."""
     warnings: Sequence[str]
+    """About its end."""
     stopped: str
+    """Why it ended early, "" if complete."""
     kept: str
+    """Where finished work is then, "" if complete."""
     interrupted: bool
+    """By the user."""
     failed: str
+    """Why it fails although the result is complete, "" if it does not."""
 
 
 def run_job(name: object, job: Job, target: Path, order: JobRequest, listener: Listener) -> Finished | None:

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 
 
 def check_target(target: Path, sort: ResultKind, force: bool) -> None:
-    """Raise BadInput, before anything is computed, where the path cannot be written or holds what must stay: a result
-    of another sort, or of more runs, unless `force` says so, anything that is no result always."""
+    """Raise BadInput, before any computation, if the path cannot be written or holds a file that must stay.
+
+    A result of a different kind, or of more runs, stays unless `force`; a file that is not a result always stays.
+    """
     from navsim.results.result import ResultError, check_writable
 
     try:

@@ -19,22 +19,28 @@ ITEM, NAME = "N", "NAME"
 
 @dataclass(frozen=True)
 class KeyRow:
-    """A key. key: dotted, as `--set` takes it with `ITEM` and `NAME` replaced. section: it has keys of its own, which
-    follow. kind: what its value is, in words. unit: "" for none. range: the numbers or lengths that are allowed, "" for
-    any. choices: the values that are allowed, () for any. required: it has no default. default: where there is one.
-    meaning: in the words of the schema, one line. when: what must be written elsewhere for the key to be there, () for
-    always."""
+    """A key of a scenario."""
 
     key: str
+    """Dotted, as for `--set` once `ITEM` and `NAME` are replaced."""
     section: bool
+    """It has keys of its own, which follow."""
     kind: str
+    """Type of its value, in words."""
     unit: str
+    """"" for none."""
     range: str
+    """Allowed numbers or lengths, "" for any."""
     choices: tuple[Any, ...]
+    """Allowed values, () for any."""
     required: bool
+    """It has no default."""
     default: Any
+    """If it has one."""
     meaning: str
+    """From the schema, one line."""
     when: tuple[str, ...] = ()
+    """Conditions on other keys for this key to exist, () for always."""
 
     def facts(self) -> str:
         """All but the key and its meaning, in a line."""

@@ -27,8 +27,8 @@ LEVEL_OBJECTIVES = LEVEL_OUTPUTS
 """Objectives by the levels of watched fixes, which follow from the geometry too."""
 OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS, *LEVEL_OBJECTIVES)
 FILTER_DISTANCE = (100.0, 100_000.0)
-"""`constraints.distance_m` where it is left out and an error of the filter is the objective, m: with errors of 3 m of a
-fix the third order of a range is 3 % of the second at the least distance, and the second 5 % of its sigma."""
+"""Default of `constraints.distance_m` if a filter error is the objective, m. With fix errors of 3 m, the third-order
+term of a range is then at most 3 % of the second-order term, and that 5 % of the range's sigma."""
 Number = Annotated[int, Field(ge=1, le=12)]
 """Of pseudolites."""
 

@@ -1,7 +1,7 @@
-"""A scenario's text with some of its values changed: comments, order and all other keys stay as people wrote them.
+"""Change values in a scenario's text; comments, order and all other keys stay as written.
 
-What is changed is found by the places that the parser gives to nodes, and every text is read again before it is handed
-out: it says what it is meant to say, or is written anew, section by section, or as a whole.
+The parser's positions of nodes locate the values. Every new text is read again before it is returned. If it does not
+have the intended content, a section or the whole text is written anew.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""YAML 1.2 text to plain data that remembers where every key and value stands.
+"""YAML 1.2 text to plain data that remembers the place of every key and value.
 
-PyYAML reads YAML 1.1, where `yes` is a boolean, `1e-3` a string and a key may stand twice; the resolver and
-the constructor here follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/, section 10.3.2), but for a minus,
-which may be any sign that editors write for one. Tags are refused, and what a text may hold is bounded, here and
-nowhere else, for files and `--set` alike: bytes, depth, nodes (aliases count with all that they repeat), the length of
-texts, the digits and the size of numbers.
+PyYAML reads YAML 1.1, in which `yes` is a boolean, `1e-3` a string, and keys may repeat. The resolver and the
+constructor here follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/, section 10.3.2). The minus may also be
+any sign that editors write for one. Tags are refused.
+
+The content of a text is bounded, only here, for files and `--set` alike: bytes, depth, nodes (aliases count with all
+that they repeat), length of texts, digits and size of numbers.
 """
 
 from __future__ import annotations

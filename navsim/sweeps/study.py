@@ -203,9 +203,11 @@ class Plan:
         raise error
 
     def invalid(self, most: int) -> tuple[int, list[tuple[dict[str, Any], InputError]]]:
-        """How many combinations were looked at, and those of them that are no valid scenario, each with what is wrong:
-        all combinations, or about `most` spread evenly, and every point of every axis beside the first points of the
-        others."""
+        """Number of combinations checked, and the invalid ones, each with its errors.
+
+        It checks all combinations, or about `most` spread evenly, and every point of every axis beside the first points
+        of the others.
+        """
         few = min(most, self.size)
         chosen = {i * (self.size - 1) // max(few - 1, 1) for i in range(few)}
         steps = np.cumprod((1, *self.shape[:0:-1]))[::-1]

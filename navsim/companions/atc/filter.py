@@ -93,11 +93,15 @@ def track(
 ):
     """One run of the full filter or of the decoupled groups over n scans.
 
-    measured (n, 9), variance (9,) of it, rates: bool, whether the last three are measured. age, s, that the filter
-    counts with: in the full filter reported speeds, path angles and tracks are the level less age times its rate, the
-    decoupled groups are estimated at the time of the reports and predicted over their age. decay (5,), rate_variance
-    (5,): of the groups V, th, phi, ev, eg, (1 - alpha T) and the variance added to a rate in a period. residual: 1
-    sigma of D'' beyond the formula, m/s2. start_sigma (2,) of D' and D''. truth (n, 13). Out: error, deviation (n, 13).
+    - `measured` (n, 9), `variance` (9,); `rates`: bool, whether the last three are measured; `truth` (n, 13).
+    - `age`: age of reports in the filter model, s. In the full filter a reported speed, path angle or track is the
+      state
+      minus age times its rate. The decoupled groups are estimated at the time of the reports and predicted over their
+      age.
+    - `decay` (5,): 1 - alpha T of the groups V, th, phi, ev, eg; `rate_variance` (5,): variance added to a rate in a
+      period.
+    - `residual`: 1 sigma of D'' beyond the formula, m/s2; `start_sigma` (2,): of D' and D''.
+    - `error`, `deviation` (n, 13), out.
     """
     t = period
     x, slope, gain = np.empty(N), np.empty(N), np.empty(N)
@@ -282,9 +286,13 @@ def _expected(x, value, h):
 
 @kernel
 def cartesian(measured, variance, age, phi, q, start_variance, truth, error, deviation):
-    """The Cartesian filter. measured (n, 9) of which six are used, variance (9,), age, s, of reported velocities that
-    the filter counts with, phi, q (3, 3) of one axis, start_variance (3,) of position, velocity, acceleration of each
-    axis. truth (n, 13). Out: error, deviation (n, 4) of range, range rate, elevation, azimuth."""
+    """Cartesian filter over n scans.
+
+    - `measured` (n, 9), of which six are used; `variance` (9,); `truth` (n, 13).
+    - `age`: age of reported velocities in the filter model, s.
+    - `phi`, `q` (3, 3): of one axis; `start_variance` (3,): of position, velocity, acceleration of each axis.
+    - `error`, `deviation` (n, 4), out: of range, range rate, elevation, azimuth.
+    """
     x, p, big_phi, big_q = np.zeros(9), np.zeros((9, 9)), np.zeros((9, 9)), np.zeros((9, 9))
     work, gain, space = np.empty((9, 9)), np.empty(9), np.empty(9)
     value, h, row, then = np.empty(6), np.empty((6, 9)), np.empty(9), np.empty(9)

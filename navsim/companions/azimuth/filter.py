@@ -32,10 +32,13 @@ def azimuth_filter(
 ):
     """One run of one filter over n scans.
 
-    measured (n,) azimuths rad, ground_range (n,) Dh from the measured slant range, m, variance rad2. phi, q (3, 3):
-    Singer's for a unit sigma; sigma (n,): 1 sigma of its acceleration, or of that left over, m/s2. node0, node1
-    (n, 4): acceleration along the track and right of it, m/s2, horizontal speed, m/s, track, rad, that the filter
-    believes in at the scan before and at this one. truth (n,). Out: error, deviation, nis (n,); nis is nan at scan 0.
+    - `measured` (n,): azimuths, rad, of `variance` rad2; `ground_range` (n,): Dh from the measured slant range, m.
+    - `phi`, `q` (3, 3): Singer's for a unit sigma; `sigma` (n,): 1 sigma of its acceleration or of the residual one,
+      m/s2.
+    - `node0`, `node1` (n, 4): filter model of the motion at the scan before and at this one. Acceleration along the
+      track
+      and right of it, m/s2; horizontal speed, m/s; track, rad.
+    - `truth` (n,); `error`, `deviation`, `nis` (n,), out: nis is nan at scan 0.
     """
     size = 3 if kind == SINGER else 2
     x, p = np.zeros(size), np.zeros((size, size))

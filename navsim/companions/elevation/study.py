@@ -59,19 +59,22 @@ def smallest_number(band: str, delta: float, confidence: float) -> int:
 
 @dataclass(frozen=True)
 class Proof:
-    """The Monte Carlo of one model.
-
-    covariance (k, n, n) and gain (k, n) of the filter; mean_error (k, n) and sample (k, n, n) of the first experiment,
-    all_runs (k, n, n) of all; inside (experiment, band) shares of steps; nees, nis: means over all runs and steps.
-    """
+    """Monte Carlo results of one model."""
 
     covariance: np.ndarray
+    """(k, n, n) of the filter."""
     gain: np.ndarray
+    """(k, n) of the filter."""
     mean_error: np.ndarray
+    """(k, n) of the first experiment."""
     sample: np.ndarray
+    """(k, n, n) of the first experiment."""
     all_runs: np.ndarray
+    """(k, n, n) of all runs."""
     inside: np.ndarray
+    """(experiment, band) fraction of the steps inside."""
     nees: float
+    """Mean over all runs and steps, as `nis`."""
     nis: float
 
 
@@ -183,31 +186,39 @@ def without_noise(
 
 
 ORDERS = ("second order", "first order, rate white", "first order, same sigma", "first order, least error")
-"""The filter of the scenario, and first-order filters: with the initial variance of the rate as that of a rate that is
-white from measurement to measurement; with the second-order filter's sigma; with the least error on this approach."""
+"""The filter of the scenario, and three first-order filters. Their process noise is: that of a white rate with the
+initial variance of the rate; that for the second-order filter's sigma; that for the least error on this approach."""
 TENTH = 0.1
 """A bias has settled where it stays below this share of its largest value."""
 
 
 @dataclass(frozen=True)
 class OrderRun:
-    """A filter on the nominal approach. variance: its process noise, sigma: of its angle in the limit, deg. bias, noise
-    (k,), deg; before: bias just before the capture of the glide, deg; recovery: time from the capture until the bias
-    stays below a tenth of its largest value from there on, s; nan where the run does not have it."""
+    """A filter on the nominal approach."""
 
     name: str
     variance: float
+    """Process noise."""
     gain: float
     sigma: float
+    """Steady-state sigma of its angle, deg."""
     bias: np.ndarray
+    """(k,) deg."""
     noise: np.ndarray
+    """(k,) deg."""
     before: float
+    """Bias just before the glide-slope capture, deg."""
     recovery: float
+    """Time from the capture until the bias stays below a tenth of its largest value after it, s; nan if it never
+    does."""
 
 
 def least_error_gain(rate: float, period: float, r: float) -> float:
-    """Gain in the limit of the first-order filter of the least root mean square error while the angle moves at `rate`,
-    deg/s: it lags by rate T (1 - K)/K, and noise adds R K/(2 - K)."""
+    """Steady-state gain of the first-order filter with the least root mean square error, for an angle rate of `rate`,
+    deg/s.
+
+    The lag is rate T (1 - K)/K, and the noise variance R K/(2 - K).
+    """
     k = np.geomspace(1e-6, 0.999, 20_000)
     return float(k[np.argmin((rate * period * (1.0 - k) / k) ** 2 + r * k / (2.0 - k))])
 
@@ -276,20 +287,20 @@ def largest_accelerations(scenario: Elevation) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limits:
-    """How far the exact model of a correlated acceleration is from its limits, by T over the correlation time.
-
-    to_velocity, to_acceleration: the largest difference of its transition matrix from that of uncorrelated
-    accelerations (constant velocity) and of constant acceleration, each element of the last column as a share of T^2/2,
-    T, 1. to_white: the largest relative difference of Q of angle and rate from that of a white acceleration of the same
-    density. drive: variance that a period adds to the acceleration, as a share of the acceleration's own. angle: P11 in
-    the limit, over that of the scenario's `paper` model.
-    """
+    """Distance of the exact model of a correlated acceleration from its limits, as a function of T over the correlation
+    time."""
 
     to_velocity: float
+    """Largest difference of its transition matrix from constant velocity (uncorrelated accelerations). Elements of the
+    last column are relative to T^2/2, T, 1."""
     to_acceleration: float
+    """Largest difference from constant acceleration, likewise."""
     to_white: float
+    """Largest relative difference of Q of angle and rate from that of a white acceleration of the same density."""
     drive: float
+    """Variance that a period adds to the acceleration, as a fraction of the acceleration's own."""
     angle: float
+    """Steady-state P11 over that of the scenario's `paper` model."""
 
 
 def limits(scenario: Elevation, correlation_time: float) -> Limits:

@@ -265,8 +265,10 @@ def dops(results: Sequence[Named]) -> Drawing:
 
 
 def _of_runs(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
-    """Errors of the runs drawn one by one (r, t, n), and the root mean square over all (t, n); of a covariance analysis
-    none, and its root mean square; None where the result keeps no history."""
+    """Errors of single runs (r, t, n), and the root mean square over all runs (t, n).
+
+    A covariance analysis has no single runs. None if the result has no history.
+    """
     if "/filter/error" in result:
         return first_runs(result, "/filter/error", MOST_LINES), rms_over_runs(result, "/filter/error")
     if "/covariance/rms" in result:
@@ -331,9 +333,11 @@ def _against_height(
     on: figure, flown: dict[str, np.ndarray], found: RunwayErrors, k: int, alone: bool, colour: str,
     own: dict[str, Any], several: bool,
 ) -> tuple[list[Any], list[np.ndarray]]:  # fmt: skip
-    """The error of a run, or 3 RMS of several, and 3 sigma, along the k-th axis; the marks to tell of, and sizes that
-    the plot has to reach. flown: heights and times. own: name and width of the line. several: other results are
-    drawn beside it."""
+    """Error of a run, or 3 RMS of several, and 3 sigma, along the k-th axis; returns marks and sizes that the plot must
+    cover.
+
+    flown: heights and times. own: name and width of the line. several: other results are in the same plot.
+    """
     columns, late = dict(flown), settled(flown["time"])
     reached: list[np.ndarray] = []
     if found.sigma is not None:

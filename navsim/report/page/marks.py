@@ -30,8 +30,8 @@ from navsim.results.result import Result
 Named = tuple[str, Result]
 """A result and what it is called on the page."""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#A67C00", "#7A6FF0")
-"""Of results, and of lines: told apart by the colour-blind (Okabe and Ito; their yellow and sky blue are too light on
-white, and have others in their places), each 3:1 against white and against the page's dark."""
+"""Colours of results and lines, distinguishable for the colour-blind (Okabe and Ito). Their yellow and sky blue are too
+light on white and are replaced. Each has a contrast of 3:1 on white and on the page's dark."""
 BLUE, ORANGE, GREEN = COLOURS[:3]
 BROWN = "#A5682A"
 """Of terrain: 4.5:1 against white, 4:1 against the page's dark."""
@@ -154,8 +154,11 @@ def line(on: figure, of: ColumnDataSource, y: str, colour: str, x: str = "x", **
 
 
 def band(on: figure, of: ColumnDataSource, low: str, high: str, colour: str, several: bool = False) -> None:
-    """What lies between two columns, with gaps where they are not known. several: bands of several results lie over
-    each other: only the ends are drawn, dotted, since translucent colours would mix into those of nobody."""
+    """Area between two columns, with gaps where they are unknown.
+
+    several: overlapping bands of several results. Only their ends are drawn, dotted, since translucent colours would
+    mix.
+    """
     if several:
         for end in (low, high):
             line(on, of, end, colour, line_dash="dotted", line_width=1)
