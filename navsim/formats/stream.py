@@ -51,7 +51,7 @@ class Lines:
         Name of the source in messages.
     note : str
         Message about it for the user, or empty.
-    failure : exception or None
+    failure : str or None
         Why the source failed; None if it ended normally.
     strangers : dict
         Datagrams from senders other than the first, by sender (the first ones by name).

@@ -542,7 +542,7 @@ class Curves:
     names: list[str]
     """Values of the other axes of each row, empty without other axes."""
     of: int
-    """Number of rows."""
+    """Number of combinations of the other axes; `rows` may have fewer."""
     scattered: bool
     """The points of the axis have no order."""
 
