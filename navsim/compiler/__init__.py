@@ -1,1 +1,1 @@
-"""How kernels are compiled, kept and found again; numbers that are SIMD registers. Nothing of navigation."""
+"""Compilation and cache of kernels, and SIMD lanes. Contains no navigation."""

@@ -15,7 +15,7 @@ from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import fma, power_of_two, select
 
 _HALF_PI, _HALF_PI_REST = 1.5707963267948966, 6.123233995736766e-17
-"""pi/2 and what it lacks."""
+"""pi/2 and its rounding error."""
 _TAN_EIGHTH = 0.41421356237309503
 """tan(pi/8)."""
 
@@ -31,9 +31,9 @@ _Q4, _Q3, _Q2 = 2.485846490142306297962e1, 1.650270098316988542046e2, 4.32881060
 _Q1, _Q0 = 4.853903996359136964868e2, 1.945506571482613964425e2
 """Of [3]."""
 _LN2, _LN2_REST = 0.6931471805599453, 2.3190468138462996e-17
-"""ln 2 and what it lacks."""
+"""ln 2 and its rounding error."""
 _SMALLEST = -708.0
-"""Of what is below, the exponential is no normal number."""
+"""Smallest argument whose exponential is a normal number."""
 
 
 @kernel

@@ -1,9 +1,8 @@
-"""The one door to numba: how every kernel of navsim is compiled and where its machine code is kept.
+"""Interface to numba: compilation of all kernels of navsim and the folder of their machine code.
 
-Compiled code is cached on disk. numba's own cache looks only at the file that holds a kernel, not at the
-kernels it calls, so an edited callee would leave stale machine code behind. The cache folder is therefore
-named after a digest of all kernel sources, the compiler and the processor; what it lacks is looked for under what a
-kernel is made of.
+Compiled code is cached on disk. numba's own cache looks only at the file that holds a kernel, not at the kernels it
+calls, so an edited callee would leave stale machine code behind. The cache folder is therefore named after a digest of
+all kernel sources, the compiler and the processor. A kernel that it lacks is searched by the digest of its parts.
 """
 
 from __future__ import annotations
@@ -33,11 +32,11 @@ from navsim.compiler.protected_folder import ChangeableByOthersError, ProtectedF
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
 _WARM_MARK = "complete"
-"""Begin of the names of the files that say what has been compiled."""
+"""Prefix of the files that list compiled kernels."""
 
 
 _CODE = ".code"
-"""End of the names of files of machine code that are named by what it was made of."""
+"""Suffix of the files of machine code that are named by the digest of their parts."""
 _Kept = tuple[ProtectedFolder, str] | None
 _MADE_FOR = f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}"
 _UNUSED = 30 * 86400.0
@@ -55,7 +54,7 @@ def digest() -> str:
 
 
 def _base() -> Path | None:
-    """Where the user has machine code kept; None where there is no such place: nobody's home is known."""
+    """Folder of the user's machine code; None if the home folder is unknown."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given:
         return Path(given).expanduser().absolute()
@@ -65,7 +64,7 @@ def _base() -> Path | None:
 
 @dataclass(frozen=True)
 class _Folders:
-    """Open folders of machine code: of all versions (base), of this version, and by what code was made of, or None."""
+    """Open folders of machine code, or None: of all versions (base), of this version, and by digest of the parts."""
 
     base: ProtectedFolder
     version: ProtectedFolder
@@ -73,8 +72,10 @@ class _Folders:
 
 
 def _open_folders() -> tuple[_Folders | None, str]:
-    """Open the folders of machine code, made where they are missing; None where there is none to read from. And why
-    nothing can be kept, in words, "" where it can."""
+    """Open the folders of machine code, and create missing ones; None if none is readable.
+
+    Also returns why code cannot be kept, "" if it can.
+    """
     path = _base()
     if path is None:
         return None, "no home folder is known, set NUMBA_CACHE_DIR"
@@ -99,11 +100,11 @@ _FOLDERS, _NOT_KEPT = _open_folders()
 if _FOLDERS is not None:
     _CONFIG.CACHE_DIR = str(_FOLDERS.version)
 _OVERLOADS: Overloads = {}
-"""What functions are in kernels, where `in_kernels` says it."""
+"""Kernel versions of functions, from `in_kernels`."""
 
 
 def _by_parts(folder: ProtectedFolder | None, function: Callable[..., Any], key: Any) -> _Kept:
-    """Where code for this signature and processor lies under what it was made of; None where that is not known."""
+    """Place of the code for this signature and processor by the digest of its parts; None if unknown."""
     if folder is None:
         return None
     signature, processor, (_, _, *how) = key
@@ -122,13 +123,13 @@ _of_others = 0
 
 
 def work_begins() -> None:
-    """What is loaded from now on, up to `mark_warm`, is for one work."""
+    """Begin to record loaded kernels for a work; `mark_warm` ends it."""
     global _of_others
     _of_others = loaded()
 
 
 def load_ahead(name: str) -> None:
-    """Load the kernels that the last work of this name has loaded, so that they are there when they are called."""
+    """Load the kernels that the last work of this name used, before they are called."""
     if _FOLDERS is not None:
         load_remembered(_FOLDERS.version, f"{_WARM_MARK}-{name}")
 
@@ -161,7 +162,7 @@ def _drop_unused(folders: _Folders) -> None:
 
 
 def compiling() -> str:
-    """What is said before kernels are compiled: how long it takes, and where the machine code goes."""
+    """Message before kernels are compiled: how long it takes, and where the machine code goes."""
     if _FOLDERS is None or _NOT_KEPT:
         return f"compiling the kernels, about a minute at every start: {_NOT_KEPT}"
     return (
@@ -185,15 +186,18 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def within(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile for kernels alone, as part of those that call it: what returns arrays of lanes cannot be called from
+    """Compile only as part of kernels that call it: a function that returns arrays of lanes cannot be called from
     Python."""
     jitable: Callable[..., Any] = register_jitable(error_model="numpy", pipeline_class=PieceCompiler)(function)
     return jitable
 
 
 def in_kernels(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Say what `function` is in a kernel: the decorated function is given the types of the arguments and returns the
-    function to compile for them. What no kernel asks for is not compiled."""
+    """Declare the kernel version of `function`.
+
+    The decorated function receives the types of the arguments and returns the function to compile. It is compiled only
+    if a kernel calls it.
+    """
     options: Any = {"pipeline_class": PieceCompiler}
     register: Callable[[Callable[..., Any]], Callable[..., Any]] = overload(function, jit_options=options, strict=False)
 

@@ -1,14 +1,14 @@
-"""numba's cache on disk, made safe: a file that is damaged is dropped and compiled again, a full disk does without.
+"""Safe disk cache for numba: a damaged file is deleted and compiled again; a full disk disables the cache.
 
-numba loads what it finds. A file cut by a power failure, or with a flipped bit, ends the process within the machine
-code or with a traceback, at every start until somebody removes the folder. Here each file begins with the SHA-256 of
-its name and the rest, and is not looked into before that fits. Machine code is named by what it was compiled for,
+numba loads any file that it finds. A file cut by a power failure, or with a flipped bit, ends the process within the
+machine code or with a traceback, at every start until somebody removes the folder. Here each file begins with the
+SHA-256 of its name and the rest, which is checked before the rest is read. Machine code is named by its signature,
 without an index: of two processes at once, one could lose the other's entries or put its code under the other's name.
 
-Machine code is kept a second time under what it was made of (`kernel_parts`), beside the folders of all versions: a new
-version compiles what has changed.
+A second copy of the machine code is named by the digest of its parts (`kernel_parts`), beside the folders of all
+versions: a new version compiles only changed kernels.
 
-What a process has loaded can be remembered (`remember`), so that the next one that does the same loads it beforehand.
+A process can write down the kernels that it used (`remember`), so that the next one loads them in advance.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ KERNEL_ROOMS = (
     "compiler", "geodesy", "core", "trajectory", "gnss", "sensors", "estimation", "simulation", "integrity",
     "companions",
 )  # fmt: skip
-"""Rooms of the package with kernels, or with what kernels read."""
+"""Rooms of the package with kernels, or with data that kernels read."""
 _DIGEST = 32
 """Bytes of a SHA-256."""
 
 Parts = Callable[[Any], tuple[ProtectedFolder, str] | None]
-"""Folder and file of the code for a signature under what it was made of, of one kernel; None where it is not kept."""
+"""Folder and file of a kernel's code for a signature, by digest of its parts; None if it is not kept."""
 
 notes: list[str] = []
-"""What went wrong with the cache in this process, in words; each once."""
+"""Messages about errors of the cache in this process, each once."""
 _loaded: list[tuple[str, str, Any]] = []
-"""What this process has loaded: module and name of a kernel, and the types of its arguments."""
+"""Kernels that this process has loaded: module, name, and types of the arguments."""
 
 
 def note(text: str) -> None:
-    """Remember something to be said."""
+    """Keep a message for the end of the command."""
     if text not in notes:
         notes.append(text)
 
@@ -68,7 +68,7 @@ class _CheckedFiles(IndexDataCacheFile):
         return str(self._data_name(int(made_for.hexdigest()[:16], 16)))
 
     def load(self, key: Any) -> Any:
-        """What was kept for a signature, None where there is nothing that counts."""
+        """Cached code for a signature, None without a valid one."""
         try:
             return pickle.loads(_content(self._folder, self._name(key)))
         except FileNotFoundError:
@@ -77,7 +77,7 @@ class _CheckedFiles(IndexDataCacheFile):
             return None
 
     def _take_over(self, key: Any) -> Any:
-        """What another version has kept that was made of the same parts; from now on it is this version's too."""
+        """Copy code of the same parts from another version into this version's folder."""
         if self._parts is None or (kept := self._parts(key)) is None:
             return None
         folder, name = kept
@@ -98,7 +98,7 @@ class _CheckedFiles(IndexDataCacheFile):
 
 
 def _content(folder: ProtectedFolder, name: str, what: str | None = "machine code") -> bytes:
-    """What was written to a file; damage of `what`, if it has a name, is noted. Raises FileNotFoundError, OSError,
+    """Content of a file; damage of `what`, if it has a name, is noted. Raises FileNotFoundError, OSError,
     DamagedCode."""
     written = folder.read(name)
     digest, content = written[:_DIGEST], written[_DIGEST:]
@@ -111,7 +111,7 @@ def _content(folder: ProtectedFolder, name: str, what: str | None = "machine cod
 
 
 def _write(folder: ProtectedFolder, name: str, content: bytes) -> None:
-    """Write a file that `_content` reads, whole or not at all. Raises OSError."""
+    """Write a file that `_content` reads, atomically. Raises OSError."""
     folder.write(name, (_digest(name, content), content))
 
 
@@ -188,8 +188,10 @@ class CheckedCache(FunctionCache):
 
 
 class CacheAtFirstCall:
-    """What a kernel has for a cache: a `CheckedCache`, whose place is looked for when the kernel is first called. A
-    command imports a hundred kernels and calls ten; the others are parts of those."""
+    """Cache of a kernel: a `CheckedCache` that is created at the kernel's first call.
+
+    A command imports a hundred kernels and calls ten; the others are parts of those.
+    """
 
     def __init__(self, function: Callable[..., Any], folder: ProtectedFolder, parts: Parts) -> None:
         self._function = function
@@ -205,13 +207,15 @@ class CacheAtFirstCall:
 
 
 def loaded() -> int:
-    """How many kernels this process has loaded."""
+    """Number of kernels that this process has loaded."""
     return len(_loaded)
 
 
 def remember(folder: ProtectedFolder, name: str, all_of_it: bool) -> None:
-    """Write down what this process has loaded; where that is not all of it for what is remembered, nothing but that it
-    was done, unless more is known already. Raises OSError."""
+    """Write down the kernels that this process has loaded. Raises OSError.
+
+    If `all_of_it` is False, an existing list is kept; without one, the file is empty.
+    """
     if all_of_it or not folder.exists(name):
         _write(folder, name, pickle.dumps(_loaded if all_of_it else []))
     else:
@@ -219,7 +223,7 @@ def remember(folder: ProtectedFolder, name: str, all_of_it: bool) -> None:
 
 
 def load_remembered(folder: ProtectedFolder, name: str) -> None:
-    """Load what a process wrote down that had the same code; nothing where there is no such file."""
+    """Load the kernels that a process with the same code wrote down; nothing without such a file."""
     try:
         kernels = pickle.loads(_content(folder, name, what=None))
     except OSError:

@@ -1,7 +1,7 @@
-"""What a kernel's machine code is made of: its own bytecode and that of everything of navsim's that it reaches.
+"""Digest of the parts of a kernel's machine code: its own bytecode and that of all navsim code that it reaches.
 
-A version with other sources finds by it that most of its kernels are what they were. Whatever cannot be followed gives
-no digest, and then nothing is taken over.
+With it, a version with other sources recognises its unchanged kernels. Code that cannot be followed has no digest and
+is compiled again.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numba import types
 from numba.core.dispatcher import Dispatcher
 
 Overloads = dict[Callable[..., Any], Callable[..., Any]]
-"""What a function is in kernels: the function that is given the types and returns what is compiled."""
+"""Kernel version of a function: receives the types and returns the function to compile."""
 
 _LANGUAGE = ("jit.py", "kernel_pieces.py", "lanes.py")
-"""Files of this room whose whole text counts: they say how kernels are compiled, and what lanes are in them."""
+"""Files of this room that define compilation and lanes; their whole text is part of the digest."""
 _LANES = "navsim.compiler.lanes"
 _PLAIN = (int, float, complex, bool, str, bytes, type(None), np.generic)
 
@@ -53,7 +53,7 @@ def _language() -> str:
 
 
 def _of_types(kinds: Iterable[types.Type]) -> Iterator[str]:
-    """Types of arguments, with the order of the fields of tuples, which their names do not say."""
+    """Types of arguments, with the order of the fields of tuples, which numba's type names omit."""
     for kind in kinds:
         yield str(kind)
         if hasattr(kind, "fields"):
@@ -63,7 +63,7 @@ def _of_types(kinds: Iterable[types.Type]) -> Iterator[str]:
 
 
 def _of_value(value: Any, overloads: Overloads, seen: set[int]) -> Iterator[str]:
-    """Lines that say what a value is and reaches; each value once."""
+    """Lines that describe a value and all that it reaches; each value once."""
     if isinstance(value, Dispatcher):
         yield f"kernel {sorted(value.targetoptions.items(), key=str)}"
         value = value.py_func
@@ -125,7 +125,7 @@ def _instructions(code: CodeType) -> tuple[dis.Instruction, ...]:
 
 
 def _of_code(code: CodeType, names: dict[str, Any], overloads: Overloads, seen: set[int]) -> Iterator[str]:
-    """A function's bytecode, with what its global names stand for. Names of files and numbers of lines do not count."""
+    """Bytecode of a function with the values of its global names, without file names and line numbers."""
     within: Any = None
     for step in _instructions(code):
         if step.opname == "LOAD_CONST":

@@ -1,9 +1,8 @@
-"""Kernels within kernels: compiled as far as they have to be to be linked, once.
+"""Compile kernels that other kernels call only as far as linking needs, once.
 
-numba makes machine code of every function that it meets on the way, and optimises all that a function calls once more
-with each of its callers, up to the top. Here only what is called from Python is optimised, with all that is linked into
-it, and made machine code of; the pieces stay code of LLVM, as they were lowered. A piece that is called from Python
-later is compiled like any other then.
+numba creates machine code for every called function, and optimises its code again in each of its callers. Here only
+kernels that Python calls are optimised, together with everything that is linked into them, and become machine code. The
+pieces remain unoptimised LLVM code. A piece that Python calls later is then compiled as usual.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 
 _depth = 0
-"""Kernels that are being compiled, one within the other; whoever counts holds the compiler's lock."""
+"""Nesting depth of kernels in compilation; protected by the compiler's lock."""
 
 
 def within_another() -> bool:
@@ -58,10 +57,10 @@ def _seldom_collected() -> Iterator[None]:
 
 
 class _Unfinished(JITCodeLibrary):
-    """Code to be linked: neither optimised as a whole nor made machine code of."""
+    """Code to be linked: not optimised as a whole, and without machine code."""
 
     def _optimize_final_module(self) -> None:
-        """Done where it is linked into."""
+        """No operation: the library that links this code optimises it."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
@@ -75,7 +74,7 @@ def is_piece(result: Any) -> bool:
 
 
 def taken_apart(piece: Any) -> tuple[Any, ...]:
-    """What is kept of a piece, for pickle."""
+    """State of a piece for pickle."""
     described = piece.fndesc
     described.typemap = described.calltypes = None  # neither needed nor sure to be pickled
     code = piece.library.serialize_using_bitcode()
@@ -83,7 +82,7 @@ def taken_apart(piece: Any) -> tuple[Any, ...]:
 
 
 def put_together(target: Any, kept: tuple[Any, ...]) -> Any:
-    """The piece of which `taken_apart` has kept this."""
+    """The piece with the state from `taken_apart`."""
     (name, _, bitcode), described, environment, signature, reload_init = kept
     for reload in reload_init:
         reload()
@@ -98,8 +97,8 @@ def put_together(target: Any, kept: tuple[Any, ...]) -> Any:
 
 
 def _entry() -> Any:
-    """The entry of a piece, which nobody calls: numba knows functions by their entries, and takes for one what is built
-    in."""
+    """Entry point of a piece, which is never called: numba identifies functions by their entry points, and takes a
+    built-in one."""
     return [].append
 
 
@@ -123,7 +122,7 @@ class _PieceLowering(NativeLowering):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _KernelLowering(NativeLowering):
-    """Lowering of what Python calls, which tells the code of its pieces what numba's own would have been told."""
+    """Lowering of a kernel that Python calls; it passes information to its pieces as numba does for its own code."""
 
     _name = "navsim_kernel_lowering"
 
@@ -153,7 +152,7 @@ def _passes(state: Any, lowering: type[NativeLowering]) -> list[PassManager]:
 
 
 class PieceCompiler(CompilerBase):
-    """Compiles what only kernels call."""
+    """Compiler for functions that only kernels call."""
 
     def define_pipelines(self) -> list[PassManager]:
         return _passes(self.state, _PieceLowering)

@@ -38,7 +38,7 @@ def _intrinsic(function: _Function) -> _Function:
 
 
 def _literal_intrinsic(function: _Function) -> _Function:
-    """The same for one whose numbers are literals."""
+    """Intrinsic whose numbers are literals."""
     made: _Function = numba.extending.intrinsic(prefer_literal=True)(function)
     return made
 
@@ -60,7 +60,7 @@ WIDTHS = (4, 8)
 
 
 def _width_of_processor() -> int:
-    """Lanes of a register: those of AVX-512 where there is one, else those of AVX2."""
+    """Lanes of a register: those of AVX-512 if the processor has it, else those of AVX2."""
     return 8 if llvmlite.binding.get_host_cpu_features().get("avx512f", False) else 4
 
 
@@ -85,11 +85,11 @@ class Lanes(types.Type):
         super().__init__(name=f"lanes{width}")
 
     def can_convert_from(self, typingctx: Any, other: types.Type) -> Any:
-        """A number stands for itself in every lane."""
+        """A number is broadcast to every lane."""
         return Conversion.safe if isinstance(other, (types.Float, types.Integer)) else None
 
     def unify(self, typingctx: Any, other: types.Type) -> types.Type | None:
-        """What begins as a number may become lanes."""
+        """A variable may be a number first and lanes later."""
         return self if isinstance(other, (types.Float, types.Integer)) else None
 
 
@@ -101,11 +101,11 @@ class LaneMask(types.Type):
         super().__init__(name=f"mask{width}")
 
     def can_convert_from(self, typingctx: Any, other: types.Type) -> Any:
-        """A truth value stands for itself in every lane."""
+        """A truth value is broadcast to every lane."""
         return Conversion.safe if isinstance(other, types.Boolean) else None
 
     def unify(self, typingctx: Any, other: types.Type) -> types.Type | None:
-        """What compares numbers may come to compare lanes."""
+        """A variable may be a truth value first and a mask later."""
         return self if isinstance(other, types.Boolean) else None
 
 
@@ -161,7 +161,7 @@ class _AssignmentTemplate(SetItemBuffer):
 
 
 def _lanes_among(args: tuple[types.Type, ...]) -> Lanes | None:
-    """The type of the lanes among arguments, None where there are none or anything but numbers beside them."""
+    """Type of the lanes among arguments, None without lanes, or with anything but numbers beside them."""
     found = {a for a in args if isinstance(a, Lanes)}
     if len(found) != 1 or not all(isinstance(a, (Lanes, types.Float, types.Integer)) for a in args):
         return None
@@ -257,7 +257,7 @@ def select(typing: Any, mask: Any, a: Any, b: Any) -> Any:
 
 @_intrinsic
 def any_lane(typing: Any, mask: Any) -> Any:
-    """Whether a mask is true in any lane: what no lane takes need not be computed."""
+    """Whether a mask is true in any lane; if not, its result need not be computed."""
 
     def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         if not isinstance(sig.args[0], LaneMask):
@@ -293,7 +293,7 @@ def fma(typing: Any, a: Any, b: Any, c: Any) -> Any:
 
 @_intrinsic
 def power_of_two(typing: Any, exponent: Any) -> Any:
-    """2 to a whole number between -1022 and 1023, which is given as float64 or lanes."""
+    """2 to a whole number between -1022 and 1023, given as float64 or lanes."""
     kind = exponent if isinstance(exponent, Lanes) else types.float64
 
     def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -311,7 +311,7 @@ def power_of_two(typing: Any, exponent: Any) -> Any:
 
 
 def array_type(width: int, dimensions: int) -> Any:
-    """What numba calls an array of lanes."""
+    """numba type of an array of lanes."""
     # what numpy gives is aligned to a number, not to a register
     return types.Array(Lanes(width), dimensions, types.float64[::1].layout, aligned=False)
 
@@ -339,7 +339,7 @@ def _fill_array(context: Any, builder: Any, kind: Any, data: Any, meminfo: Any, 
 
 @_intrinsic
 def registers(typing: Any, array: Any) -> Any:
-    """What `in_lanes` handed over, as an array of lanes; other arrays are taken as they are."""
+    """Array of lanes from `in_lanes`; other arrays are returned unchanged."""
     given = isinstance(array.dtype, types.Record)
     kind = array_type(array.dtype.size // 8, array.ndim) if given else array
 
@@ -373,7 +373,7 @@ def numbers(typing: Any, array: Any) -> Any:
 
 
 def _like(like: Any, dimensions: int) -> Any:
-    """The type of a new array of what `like` holds."""
+    """Type of a new array with the element type of `like`."""
     if isinstance(like.dtype, Lanes):
         return array_type(like.dtype.width, dimensions)
     return types.Array(like.dtype, dimensions, types.float64[::1].layout)
@@ -381,7 +381,8 @@ def _like(like: Any, dimensions: int) -> Any:
 
 @_intrinsic
 def room(typing: Any, like: Any, shape: Any) -> Any:
-    """An array of this shape (a tuple) of what `like` holds, lanes or numbers, to be filled; registers lie aligned."""
+    """Allocate an array of this shape (a tuple) with the element type of `like`, lanes or numbers; registers are
+    aligned."""
     kind = _like(like, len(shape))
 
     def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -404,7 +405,7 @@ def _on_stack(context: Any, builder: Any, kind: Any, extents: list[int]) -> Any:
 
 @_literal_intrinsic
 def small_vector(typing: Any, like: Any, size: Any) -> Any:
-    """An array of literally so many numbers of what `like` holds, on the stack: it ends with its kernel."""
+    """Array of a literal size with the element type of `like`, on the kernel's stack."""
     extents = [size.literal_value]
 
     def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -415,7 +416,7 @@ def small_vector(typing: Any, like: Any, size: Any) -> Any:
 
 @_literal_intrinsic
 def small_matrix(typing: Any, like: Any, rows: Any, columns: Any) -> Any:
-    """The same of literally so many rows and columns."""
+    """Array of literally so many rows and columns with the element type of `like`, on the kernel's stack."""
     extents = [rows.literal_value, columns.literal_value]
 
     def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:

@@ -37,10 +37,11 @@ def identity(matrix):
 
 @kernel
 def cholesky(a, n):
-    """Lower Cholesky factor of the symmetric a (n, n), read and written in its lower triangle.
+    """Lower Cholesky factor of the symmetric a (n, n), read and written in its lower triangle; returns whether it
+    exists.
 
-    Returns whether it is one; a pivot below 1e-14 of its diagonal element, where `a` is not positive definite or
-    singular to working precision, is taken for 1, so that what follows stays finite.
+    A pivot below 1e-14 of its diagonal element means that `a` is not positive definite, or singular to working
+    precision. It is replaced by 1, so that later results stay finite.
     """
     good = a[0, 0] > 0.0
     # by columns: what is below a pivot waits for nothing but it

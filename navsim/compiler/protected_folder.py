@@ -35,7 +35,7 @@ _USERS_ALONE = 0o700
 
 
 class ChangeableByOthersError(OSError):
-    """Somebody else can change a folder or file. Its text says who and which."""
+    """Another user can change a folder or file. The message names both."""
 
     def __init__(self, path: Path, why: str) -> None:
         super().__init__(errno.EPERM, why, str(path))
@@ -78,7 +78,7 @@ class ProtectedFolder:
             return file.read()
 
     def write(self, name: str, parts: Iterable[bytes | memoryview]) -> None:
-        """Write a file, whole or not at all. Raises OSError."""
+        """Write a file atomically. Raises OSError."""
         temporary = f"{name}.tmp.{uuid.uuid4().hex[:16]}"
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _FILE
         try:
@@ -114,15 +114,16 @@ class ProtectedFolder:
 
 
 def open_protected_folder(path: Path) -> ProtectedFolder:
-    """Open the folder of an absolute path, and make what is missing of it, for the user alone. Of a sticky one only the
-    folders in it are protected, see `open_below`.
+    """Open the folder of an absolute path, and create missing folders for the user alone.
+
+    In a sticky folder only the folders in it are protected, see `open_below`.
 
     Raises
     ------
     ChangeableByOthersError
-        Somebody else can change a folder on the path.
+        Another user can change a folder on the path.
     OSError
-        A folder cannot be made or opened.
+        A folder cannot be created or opened.
     """
     walked = Path("/")
     left = list(reversed(path.parts[1:]))
@@ -151,7 +152,7 @@ def open_protected_folder(path: Path) -> ProtectedFolder:
 
 
 def open_below(folder: ProtectedFolder, name: str) -> ProtectedFolder:
-    """Open a folder in an open one, and make it where it is missing. Raises OSError, ChangeableByOthersError."""
+    """Open a folder in an open one, and create it if it is missing. Raises OSError, ChangeableByOthersError."""
     descriptor = _open_or_make(name, folder.descriptor)
     try:
         _check(os.fstat(descriptor), descriptor, folder.path / name, sticky_suffices=False)

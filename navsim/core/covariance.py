@@ -42,7 +42,7 @@ NOISE_N = 2
 
 @inlined
 def _couplings(phi, i):
-    """Row i of Phi: what couples to position, velocity, attitude, gyro and accelerometer biases, each of three."""
+    """Row i of Phi: couplings to position, velocity, attitude, gyro and accelerometer biases, each of three."""
     return (
         (phi[i, R_N], phi[i, R_E], phi[i, R_D]),
         (phi[i, V_N], phi[i, V_E], phi[i, V_D]),
@@ -66,7 +66,7 @@ def _column(p, j):
 
 @inlined
 def _block_row(phi, i, c):
-    """What a block of states from c on does to row i."""
+    """Effect of a block of states from c on on row i."""
     return phi[i, c], phi[i, c + 1], phi[i, c + 2]
 
 
@@ -84,13 +84,13 @@ def _add(c, x, s):
 
 @inlined
 def _add_outer(c, x, s):
-    """The same where the middle coupling is zero."""
+    """`_add` for a zero middle coupling."""
     return fma(c[2], x[2], fma(c[0], x[0], s))
 
 
 @kernel
 def felt(declared):
-    """How many of the declared states inertial sensors feel: the first ones (`states.declared`)."""
+    """Number of declared states that are errors of inertial sensors; they come first (`states.declared`)."""
     count = 0
     for c in range(declared.shape[0]):
         count += 1 if declared[c].triad <= ACCELEROMETERS else 0
@@ -158,8 +158,8 @@ def _carried(phi, coupled, p, half, out):
 
 @kernel
 def age(p, first, left, gathered):
-    """What decay and drive of states do to P (n, n), in place: of those from `first` on `left` (k,) is left, and
-    `gathered` (k,) is added to their variance."""
+    """Propagate Gauss-Markov states of P (n, n) from `first` on, in place: multiply by `left` (k,), add `gathered` (k,)
+    to the variances."""
     last = first + left.shape[0]
     for i in range(first, last):
         own = left[i - first]
@@ -186,9 +186,9 @@ def is_varying(declared):
 
 @kernel
 def carry_covariance(p, phi, coupled, a):
-    """P <- Phi P Phi' (n, n) but for the decay of its sensor states, in place and exactly symmetric.
+    """P <- Phi P Phi' (n, n) without the decay of the sensor states, in place and exactly symmetric.
 
-    phi: as `transition` writes it. coupled: as of `_carried`. a: (n, 9) work space.
+    phi: from `transition`. coupled: see `_carried`. a: (n, 9) work space.
     """
     n = p.shape[0]
     _carried(phi, coupled, p, 0, a)
@@ -222,9 +222,9 @@ def predict(p, sums, noise, declared, phi, a):
 
 @kernel
 def carry_errors(phi, coupled, left, matrix, work):
-    """matrix <- Phi matrix, in place: errors and sensor states (n, m) over an interval.
+    """Propagate errors and sensor states (n, m) over an interval, in place: matrix <- Phi matrix.
 
-    phi, coupled: as of `carry_covariance`. left (k,): what decay leaves of the sensor states. work: (m, 9).
+    phi, coupled: as of `carry_covariance`. left (k,): decay of the sensor states. work: (m, 9).
     """
     _carried(phi, coupled, matrix, 0, work)
     for i in range(SENSORS):
@@ -330,8 +330,7 @@ def _joseph(p, h, r, m, pht, k, work):
 
 @inlined
 def _add_products(p, sign, a, b, m):
-    """p <- p + sign a b' (n, n) for a, b (n, m'), where that is symmetric but for rounding: its lower half stands for
-    both."""
+    """p <- p + sign a b' (n, n) for a, b (n, m'), symmetric but for rounding: only its lower half is computed."""
     n = p.shape[0]
     first, second = small_vector(p, MOST), small_vector(p, MOST)
     # two rows at once; of an odd number of rows the first is taken with itself
@@ -351,10 +350,10 @@ def _add_products(p, sign, a, b, m):
 
 @kernel
 def reset(p, x, y, z, jac, work):
-    """P <- G P G' after the attitude estimate was turned by theta = (x, y, z): G is I but for J_l(theta) [2].
+    """P <- G P G' after a rotation of the attitude estimate by theta = (x, y, z): G is I except for J_l(theta) [2].
 
-    The error left, delta, is defined by exp(delta) exp(theta) = exp(theta + epsilon): delta = J_l epsilon.
-    p: (n, n). jac: (3, 3), work: (n, 3) space.
+    The remaining error delta is defined by exp(delta) exp(theta) = exp(theta + epsilon): delta = J_l epsilon. p: (n,
+    n). jac: (3, 3), work: (n, 3) space.
     """
     left_jacobian(x, y, z, jac)
     n = p.shape[0]
@@ -375,10 +374,11 @@ def reset(p, x, y, z, jac, work):
 
 @kernel
 def transport(p, diagonal, column, work):
-    """P <- G P G' for a G of 3 x 3 blocks on the diagonal and in the attitude column, in place.
+    """P <- G P G' for a G of 3 x 3 blocks on the diagonal and in the attitude column, in place; the result is
+    symmetric.
 
     p: (n, n). diagonal, column: (k, 3, 3) of the first 3 k states, column added to the attitude column; its attitude
-    block must be zero. States behind those stay as they are. work: (n, 3 k) space. The result is exactly symmetric.
+    block must be zero. Later states do not change. work: (n, 3 k) space.
     """
     n, moved = p.shape[0], 3 * diagonal.shape[0]
     _apply_blocks(diagonal, column, p, n, 0, work)

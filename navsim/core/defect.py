@@ -1,5 +1,5 @@
-"""What navsim raises where it contradicts itself: to be reported to its developers, no input corrects it."""
+"""Exception for a defect of navsim itself: no input corrects it, and it should be reported to the developers."""
 
 
 class Defect(Exception):
-    """A result that cannot be right; the message says of what. The command ends with exit 3."""
+    """A result that cannot be right; the message names it. The command ends with exit code 3."""

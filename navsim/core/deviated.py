@@ -1,9 +1,9 @@
-"""What inertial sensors feel on a way that deviates from a reference, of runs side by side.
+"""Increments of inertial sensors on a trajectory that deviates from a reference, for runs in lanes.
 
-The deviation is given at the samples of the sensors: its place with two derivatives, its turn with one. Between samples
-the place is the quintic, the turn the cubic that has these values at both ends, so that the truth is defined at all
-times and twice, or once, differentiable. Turns are Gibbs vectors, tan(angle / 2) along the axis, in the reference's
-body axes. Source: `docs/theory/air.md`, section 5.
+The deviation is given at the samples of the sensors: its position with two derivatives, its rotation with one. Between
+samples, the position is the quintic and the rotation the cubic with these values at both ends. The truth is thus
+defined at all times, and twice or once differentiable. Rotations are Gibbs vectors, tan(angle / 2) along the axis, in
+the reference's body axes. Source: `docs/theory/air.md`, section 5.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def deviate(dt, force, rate, axes, gradient, earth, way, turn, dtheta, dv, out_d
     """Increments (n, 3) of runs, or of lanes, over intervals of dt s, from those of the reference dtheta, dv (n, 3).
 
     force, rate: (2n + 1, 3), axes: (2n + 1, 3, 3) of the reference at samples and between; gradient: (n + 1, 3, 3);
-    earth: (3,), see `_felt`. way: (n + 1, 9), turn: (n + 1, 6) at samples. What the deviation adds is integrated by
-    Simpson's rule, exact for its own acceleration. Out: out_dtheta, out_dv (n, 3).
+    earth: (3,), see `_felt`. way: (n + 1, 9), turn: (n + 1, 6) at samples. The contribution of the deviation is
+    integrated by Simpson's rule, exact for its own acceleration. Out: out_dtheta, out_dv (n, 3).
     """
     way, turn, out_dtheta, out_dv = registers(way), registers(turn), registers(out_dtheta), registers(out_dv)
     before, between, after = small_vector(way, 6), small_vector(way, 6), small_vector(way, 6)
@@ -85,8 +85,10 @@ def deviate(dt, force, rate, axes, gradient, earth, way, turn, dtheta, dv, out_d
 
 @kernel
 def ranges_from(position, velocity, antenna, antenna_velocity, distance, rate):
-    """Distances, m, and their rates, m/s, of sources at position, velocity (e, s, 3) from an antenna, of one run or of
-    lanes, (e, 3), all ECEF; nan where a position is. Out: distance, rate (e, s)."""
+    """Distances, m, and their rates, m/s, of sources at position, velocity (e, s, 3) from an antenna (e, 3), ECEF.
+
+    Of one run or of lanes; nan if a position is. Out: distance, rate (e, s).
+    """
     antenna, antenna_velocity = registers(antenna), registers(antenna_velocity)
     distance, rate = registers(distance), registers(rate)
     for e in range(position.shape[0]):

@@ -18,8 +18,9 @@ from navsim.compiler.linear import cholesky, invert_factored
 MAX_CLOCKS = 6
 MAX_UNKNOWNS = 3 + MAX_CLOCKS
 SINGULAR = 1e9
-"""From here on a geometry counts as singular (`well_posed`): PDOP of 16 000 with four sources. A filter cannot weigh
-such a fix in double precision: its variance of 1e10 m2 one way hides the metres that it is good for in the others."""
+"""Limit beyond which a geometry counts as singular (`well_posed`): PDOP of 16 000 with four sources. A filter cannot
+use such a fix in double precision. Its variance of 1e10 m2 in one direction hides its accuracy of metres in the
+others."""
 
 
 @kernel
@@ -67,8 +68,11 @@ def strength(normal):
 
 @kernel
 def well_posed(weights, inverse):
-    """Whether a geometry is not singular: the sum of the sources' weights times the variance of the place, PDOP squared
-    times their number where all weigh the same, is below `SINGULAR`."""
+    """Whether a geometry is not singular: the sum of the sources' weights times the position variance is below
+    `SINGULAR`.
+
+    With equal weights it is PDOP squared times the number of sources.
+    """
     return weights * (inverse[0, 0] + inverse[1, 1] + inverse[2, 2]) < SINGULAR
 
 
@@ -133,9 +137,9 @@ def normals(los: np.ndarray, clock: np.ndarray, weight: np.ndarray) -> np.ndarra
 def dops(los: np.ndarray, clock: np.ndarray) -> np.ndarray:
     """GDOP, PDOP, HDOP, VDOP, TDOP of each epoch, unit weights.
 
-    los: (e, s, 3) unit vectors receiver -> source in ENU (or NED), nan where a source is not used.
-    clock: (s,) clock unknown of each source. Returns (e, 5), nan without a solution. GDOP is the root of the
-    whole trace, TDOP belongs to the first clock [2].
+    los: (e, s, 3) unit vectors receiver -> source in ENU (or NED), nan for an unused source. clock: (s,) clock unknown
+    of each source. Returns (e, 5), nan without a solution. GDOP is the root of the whole trace, TDOP belongs to the
+    first clock [2].
     """
     cofactor, unknowns = geometry_covariance(los, clock, np.ones(los.shape[:2]))
     variance = np.diagonal(cofactor, axis1=1, axis2=2)

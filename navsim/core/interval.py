@@ -134,8 +134,8 @@ def age_sums(sums, dt):
 def add_step(total, left, mid, dt, increments, declared):
     """Add a step of dt, s, that `strapdown.step` has made, to the sums `total`.
 
-    left (k,): what decay has left of the declared sensor states (k,), of which those of measurements are passed over.
-    mid: (MID_N,). increments: (6,) compensated.
+    left (k,): decay so far of the declared sensor states (k,), of which measurement errors are skipped. mid: (MID_N,).
+    increments: (6,) compensated.
     """
     n, e, d = mid[MID_FELT], mid[MID_FELT + 1], mid[MID_FELT + 2]
     for i in range(3):
@@ -340,7 +340,7 @@ def _moments(length):
 
 @inlined
 def _add_both(p, i, j, more):
-    """The same to two elements, so that P stays symmetric."""
+    """Add `more` to elements (i, j) and (j, i), so that P stays symmetric."""
     p[i, j] += more
     p[j, i] += more
 
@@ -377,7 +377,7 @@ def add_white(sums, gyro, accel, p):
 
 @kernel
 def add_driven(sums, c, drive, place, p):
-    """P <- P + Q of what the drive of a sensor state, of this density, does to attitude or velocity over an interval.
+    """P <- P + Q due to the drive of a sensor state, of this density, through attitude or velocity over an interval.
 
     c: its number among those summed; place: its own in P. Its own variance is `gathered`.
     """

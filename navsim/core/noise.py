@@ -1,9 +1,9 @@
-"""Kernels that draw: sensor errors and measurement noise of runs side by side, from a numpy Generator each.
+"""Kernels that draw sensor errors and measurement noise of runs in lanes, each from a numpy Generator.
 
-Inside a kernel a Generator gives numpy's own stream, several times faster than from Python. The order of
-draws is part of what a seed means: changing it changes every result. Runs take turns after some intervals, so that
-what they write to lies in the processor's cache: a run is a lane of it, every W-th number.
-Models: `navsim.sensors.imu` and `navsim.gnss.pseudorange`.
+Inside a kernel a Generator produces numpy's own stream, several times faster than from Python. The order of draws
+defines the random numbers of a seed: a change alters every result. Runs alternate every few intervals, so that their
+output stays in the processor's cache: a run is a lane, every W-th number. Models: `navsim.sensors.imu` and
+`navsim.gnss.pseudorange`.
 """
 
 from __future__ import annotations

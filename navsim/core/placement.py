@@ -31,7 +31,7 @@ SAT_A = 0
 SAT_B = 6
 """b of the satellites on the pseudolites' clock."""
 SAT_WEIGHT = 9
-"""n of them, 0 where there are none."""
+"""Their n, 0 without satellites."""
 SAT_N = 10
 
 # a ridge that hides pseudolites, a row of `ridges`
@@ -111,7 +111,7 @@ def _common(receiver, up, reach, spare, satellites, weight, count, out):
 
 @inlined
 def _eliminated(row, sites, places, c):
-    """c (6,) <- C of placements at an epoch, xx, yx, yy, zx, zy, zz, where the first `sites` pseudolites are heard."""
+    """c (6,) <- C of placements at an epoch, xx, yx, yy, zx, zy, zz, with the first `sites` pseudolites."""
     x, y, z = row[_AT], row[_AT + 1], row[_AT + 2]
     xx, yx, yy, zx, zy, zz = row[_A], row[_A + 1], row[_A + 2], row[_A + 3], row[_A + 4], row[_A + 5]
     bx, by, bz = row[_B], row[_B + 1], row[_B + 2]
@@ -174,8 +174,8 @@ def _seen(row, ridges, x, y, z, reach):
 
 @inlined
 def _eliminated_where_seen(row, sites, places, ridges, c):
-    """As `_eliminated`, of the pseudolites that neither the Earth nor a ridge hides; returns whether there are sources
-    enough."""
+    """`_eliminated` for pseudolites that neither the Earth nor a ridge hides; returns whether there are enough
+    sources."""
     xx, yx, yy, zx, zy, zz = row[_A], row[_A + 1], row[_A + 2], row[_A + 3], row[_A + 4], row[_A + 5]
     bx, by, bz = row[_B], row[_B + 1], row[_B + 2]
     heard = 0.0

@@ -1,4 +1,4 @@
-"""What a sensor of second order makes of increments.
+"""Response of a second-order sensor to increments.
 
 Source: `docs/theory/sensors.md`, section 2.
 """
@@ -12,10 +12,10 @@ from navsim.compiler.jit import kernel
 
 @kernel
 def respond(increments, dt, step, out):
-    """Increments out (n, m) of a response of second order to increments (n, m) over intervals of dt, s.
+    """Increments out (n, m) of a second-order response to increments (n, m) over intervals of dt, s, from rest.
 
-    step (3, 3): what the integral over an interval, the value and its slope are after it, of value and slope before it
-    and of the mean of the input. Before the first interval everything has stood still.
+    step (3, 3): matrix from value and slope before an interval, and the mean of the input, to the integral over the
+    interval, and value and slope after it.
     """
     n, m = increments.shape
     value, slope = np.empty(m), np.zeros(m)

@@ -122,26 +122,32 @@ G_SENSITIVITY = tuple(Block(f"gyro_g_sensitivity_{k}", "rad/s/(m/s2)", GYROS, th
 
 
 def alone(name: str, unit: str, kind: int, first: int, sigma: float, time: float, step: float) -> Block:
-    """One error of measurements of a kind that lasts, the one with the number `first`: a Gauss-Markov process of this 1
-    sigma, in its unit; time, step: as of `lasting`."""
+    """A single time-correlated measurement error of a kind, with the number `first`.
+
+    It is a Gauss-Markov process of this 1 sigma, in its unit. time, step: see `lasting`.
+    """
     drive = -math.expm1(-2.0 * step / time) / step
     return Block(name, unit, kind, decay=1.0 / time, drive=sigma**2 * drive, first=first, size=1)
 
 
 def lasting(name: str, kind: int, time: float, step: float, first: int = 0, numbered: bool = False) -> Block:
-    """Three errors of measurements of a kind (`estimation.observations`) that last, each a Gauss-Markov process with a
-    1 sigma of one; what one of each does to a measurement is the business of the measurement's table.
+    """Three time-correlated measurement errors of a kind (`estimation.observations`): Gauss-Markov processes of 1 sigma
+    one.
 
-    time: their correlation time, s, may be inf. step: s, that the filter goes at a time, of which the drive keeps the
-    variance. first, numbered: see `Block`.
+    The measurement's table defines their effect on a measurement.
+
+    time: their correlation time, s, may be inf. step: filter step, s, over which the drive keeps the variance constant.
+    first, numbered: see `Block`.
     """
     drive = -math.expm1(-2.0 * step / time) / step
     return Block(name, "1", kind, decay=1.0 / time, drive=drive, first=first, numbered=numbered)
 
 
 def declared(blocks: Sequence[Block]) -> np.ndarray:
-    """The states of the blocks as kernels take them (k,), see `DECLARED`; those of inertial sensors come first. Raises
-    Defect where they do not."""
+    """States of the blocks as kernels take them (k,), see `DECLARED`.
+
+    Raises Defect unless those of inertial sensors come first.
+    """
     others = [b.triad > ACCELEROMETERS for b in blocks]
     if others != sorted(others):
         raise Defect(f"states of inertial sensors behind others: {', '.join(b.name for b in blocks)}")
@@ -156,7 +162,7 @@ def declared(blocks: Sequence[Block]) -> np.ndarray:
 
 
 def _signal(block: Block, axis: int) -> int:
-    """Of `DECLARED`."""
+    """`signal` of `DECLARED` for an axis of a block."""
     if block.through is None:
         return CONSTANT
     ahead, beyond = block.through % 3, block.through // 3
@@ -173,7 +179,7 @@ def slices(blocks: Sequence[Block]) -> dict[str, slice]:
 
 
 def clock_states(scales: int) -> int:
-    """How many states the receiver's clock has, which sources of so many time scales are measured by."""
+    """Number of states of the receiver clock for sources of so many time scales."""
     return scales + 1 if scales else 0
 
 
@@ -189,7 +195,7 @@ def names(blocks: Sequence[Block], scales: Sequence[str] = ()) -> tuple[str, ...
 
 
 def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
-    """Units of the error states, with the clock's against so many time scales."""
+    """Units of the error states, including the clock's for so many time scales."""
     groups = (*((unit, 3) for _, unit in _NAVIGATION), *((b.unit, b.size) for b in blocks))
     return (*(unit for unit, size in groups for _ in range(size)), *(["m"] * scales), *(["m/s"] if scales else []))
 
@@ -199,7 +205,7 @@ _LASTING = re.compile("(?:fix_error_(slow|fast)|range_error_(slow|fast))(_more)?
 
 
 def display_name(state: str) -> str:
-    """Name of a state, or of a group of three, in reports: in words, errors of satellites by what they are."""
+    """Name of a state, or of a group of three, in reports."""
     if found := _LASTING.fullmatch(state):
         fix, range_, more, which = found.groups()
         name = f"{'further ' if more else ''}{fix} satellite errors" if fix else f"{range_} ranging error"
@@ -218,4 +224,4 @@ def is_sigma_wrong(most: float, least: float, band: tuple[float, float], toleran
 SLICES = slices(biases())
 NAMES = names(biases())
 UNITS = units(biases())
-"""Those of a filter of `N` states."""
+"""Units of a filter of `N` states."""

@@ -42,8 +42,10 @@ MID_N = 21
 
 @kernel
 def unmixing(nav, declared, out):
-    """What takes the estimated scale factors off increments: out (6, 3), (I + M)^-1 of each triad, where measured =
-    (I + M) felt + bias."""
+    """Correction of increments by the estimated scale factors: out (6, 3), (I + M)^-1 of each triad.
+
+    The measurement model is measured = (I + M) true + bias.
+    """
     m = small_matrix(nav, 3, 3)
     for triad in range(2):
         identity(m)
@@ -55,7 +57,7 @@ def unmixing(nav, declared, out):
 
 @kernel
 def is_mixed(declared):
-    """Whether the inertial sensors have anything declared beside biases, so that `unmixing` is needed."""
+    """Whether the inertial sensors have declared states other than biases, so that `unmixing` is needed."""
     mixed = False
     for c in range(N - SENSORS, declared.shape[0]):
         mixed |= declared[c].triad <= ACCELEROMETERS
@@ -199,7 +201,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
 
 @kernel
 def first_increments(nav, declared, dtheta, dv, dt, previous):
-    """What stands for the interval before the first one: its own compensated increments. previous: (6,) out."""
+    """Use the first interval's own compensated increments as those of the interval before it. previous: (6,) out."""
     inverse = small_matrix(nav, 6, 3)
     unmixing(nav, declared, inverse)
     increments = compensated(nav, is_mixed(declared), inverse, dtheta[0], dtheta[1], dtheta[2], dv[0], dv[1], dv[2], dt)

@@ -21,7 +21,7 @@ STREAMS = {
     "lasting": 13,
     "air": 14,
 }
-"""Random streams of a run; a stream's number never changes, whatever comes beside it."""
+"""Random streams of a run. A stream's number never changes when others are added."""
 
 
 def generator(seed: int, run: int, stream: str, *branch: int) -> np.random.Generator:

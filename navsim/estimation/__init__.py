@@ -1,1 +1,1 @@
-"""What a receiver and a filter believe and do."""
+"""Receiver fixes and navigation filters."""

@@ -1,10 +1,10 @@
-"""What an estimator leaves as it flies: a history, or, where the truth is known, an account of its errors.
+"""Output of an estimator: a history, or, if the truth is known, statistics of its errors.
 
-An output is answered by the navigation state and the covariance. A history keeps both; an account judges them on the
-spot, while they are in the processor's cache: the errors, and whether they are of the size that the filter believes.
+An output consists of the navigation state and the covariance. A history stores both. An account evaluates them at once,
+while they are in the processor's cache: the errors, and whether the filter's sigmas agree with them.
 
-NEES is judged in the coordinates in which the filter is Gaussian (`charts.own_error`).
-Source: Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), section 5.4.2.
+NEES uses the coordinates in which the filter is Gaussian (`charts.own_error`). Source: Bar-Shalom, Li & Kirubarajan,
+Estimation with Applications to Tracking and Navigation (2001), section 5.4.2.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def _judge(chart, nav, p, left, row):
 
 
 def _no_innovation(left, i):
-    """No innovation at event i, where innovations are kept."""
+    """Store that event i has no innovation, if innovations are kept."""
     raise NotImplementedError("_no_innovation is for kernels")
 
 
@@ -141,8 +141,10 @@ def nothing_yet(left, i):
 
 
 def keep_innovation(ahead, have, weighed, m, z, s, left, i):
-    """Innovations z (m,) and 1 sigma, from the factor s of their covariance, of event i, where they are kept; nan where
-    there is none. A history keeps none of the copy that runs ahead."""
+    """Store innovations z (m,) of event i and their 1 sigma, from the factor s of their covariance; nan if missing.
+
+    A history stores none of the copy that predicts ahead.
+    """
     raise NotImplementedError("keep_innovation is for kernels")
 
 
@@ -170,7 +172,7 @@ def _innovation_kept(ahead, have, weighed, m, z, s, left, i):
 
 
 def keep_use(used, m, left, i):
-    """Of event i an account keeps only the innovations (m,) that were used."""
+    """Store the innovations (m,) of event i in an account if they were used."""
     raise NotImplementedError("keep_use is for kernels")
 
 
@@ -187,7 +189,7 @@ def _use_of_account(used, m, left, i):
 
 @kernel
 def keep_decision(weighed, used, q, degrees, left, i):
-    """What became of event i, and its normalised innovation squared q of so many degrees."""
+    """Store the status of event i, and its normalised innovation squared q of so many degrees of freedom."""
     left.innovation_squared[i] = select(weighed, q, math.nan)
     left.degrees[i] = select(weighed, degrees, 0.0)
     left.status[i] = select(weighed, select(used, USED, REJECTED), left.status[i])

@@ -120,7 +120,7 @@ class Beliefs:
 
 
 def with_unknown_clock(known: np.ndarray, scales: int) -> np.ndarray:
-    """P (n + c, n + c) of a start with P (n, n) of all but a clock against so many time scales."""
+    """Initial P (n + c, n + c) with an unknown clock for so many time scales, from P (n, n) of all other states."""
     sigma = clock_sigma(scales)
     out = np.zeros((known.shape[0] + sigma.size,) * 2)
     out[: known.shape[0], : known.shape[0]] = known

@@ -21,28 +21,33 @@ from navsim.estimation.clock import carry_clock_covariance
 
 
 class Route(NamedTuple):
-    """What happens to S states carried, of which a filter's n come first.
-
-    Of events (k,): ahead, as of `records.Events`; output, interval, weighed: the row of what it is, or ends, below, -1
-    for none. Of i intervals: phi (i, 9, S) the rows of navigation of Phi; rest (i, S - 9) what is left of the sensor
-    states, which nothing else acts on; length (i,) s. Of w measurements: h (w, MOST, S); gain (w, n, MOST). to_error
-    (n, S): the errors of the filter's states. clock: the first of the clock's biases among the states, and how many.
-    """
+    """History of a linearised filter for S propagated states, of which the filter's n come first."""
 
     ahead: np.ndarray
+    """(k,) see `records.Events`."""
     output: np.ndarray
+    """(k,) row of the output, -1 for other events."""
     interval: np.ndarray
+    """(k,) row of the interval that the event ends, -1 for none."""
     weighed: np.ndarray
+    """(k,) row of the measurement, -1 for other events."""
     phi: np.ndarray
+    """(i, 9, S) navigation rows of Phi of each interval."""
     rest: np.ndarray
+    """(i, S - 9) decay of the sensor states, which depend on nothing else."""
     length: np.ndarray
+    """(i,) s."""
     h: np.ndarray
+    """(w, MOST, S) of each measurement."""
     gain: np.ndarray
+    """(w, n, MOST)."""
     to_error: np.ndarray
+    """(n, S) from the propagated states to the errors of the filter's states."""
     clock: tuple[int, int]
+    """First clock bias among the states, and number of clock states."""
 
     def of(self, chosen: np.ndarray) -> Route:
-        """The same for some of the states, the filter's among them, where the others are always zero."""
+        """The history for some of the states, including the filter's; the others are always zero."""
         sensors = chosen[SENSORS:] - SENSORS
         return self._replace(
             phi=np.take(self.phi, chosen, axis=-1),
@@ -89,10 +94,11 @@ def _observe_column(h, x, d, seen):
 
 @kernel
 def carry_columns(route, x, d, seen, error):
-    """Carry columns in lanes, groups g of them.
+    """Propagate columns in lanes, in g groups.
 
-    x (2, g, S): at the start, and room for the copy that runs ahead; overwritten. d (w, g, MOST): by how much
-    measurements are off. Out: seen (w, g, MOST) the innovations H x + d; error (o, g, n) at the outputs.
+    - `x` (2, g, S): initial columns, and room for the copy that predicts ahead; overwritten.
+    - `d` (w, g, MOST): measurement errors.
+    - `seen` (w, g, MOST), out: innovations H x + d; `error` (o, g, n), out: errors at the outputs.
     """
     x, d, seen, error = registers(x), registers(d), registers(seen), registers(error)
     size, n = x.shape[2], route.gain.shape[1]

@@ -88,7 +88,7 @@ def _turn_axes(chart, nav, p, increments, dt):
 
 
 def correct(chart, nav, p, x, space):
-    """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate, in the chart. space: `workshop`."""
+    """Apply the estimated errors x (n,) and transform P (n, n) to the new estimate, in the chart. space: `workshop`."""
     raise NotImplementedError("correct is for kernels")
 
 

@@ -1,8 +1,7 @@
-"""The receiver's clock as states of a tightly coupled filter: a bias for each time scale, and the drift they share.
+"""Receiver clock as states of a tightly coupled filter: a bias for each time scale, and their common drift.
 
-One oscillator drives all biases, so that they wander alike; what tells one from another is the constant offset of the
-time scales. Between measurements the clock and the motion have nothing to do with each other, so that a step of any
-length is exact.
+One oscillator drives all biases, so they wander alike and differ by the constant offsets of the time scales. Between
+measurements the clock is independent of the motion, so a step of any length is exact.
 
     b' = d + w_f,  d' = w_g,  w_f and w_g white, of the densities S_f and S_g
 
@@ -70,7 +69,7 @@ def carry_clock_covariance(first, count, phase, frequency, dt, p):
 
 @kernel
 def run_clock_on(clock, dt, nav, p):
-    """The clock of a filter over dt, s: nav (NAV,) and P (n, n), in place; its states are the last."""
+    """Propagate the clock states, the last ones, of nav (NAV,) and P (n, n) over dt, s, in place."""
     count = clock.scales.shape[0]
     if count > 0 and dt > 0.0:
         first = p.shape[0] - count - 1
@@ -102,7 +101,7 @@ def has_jumped(heard, kept, jumped):
 
 @kernel
 def forget_clock(jumped, p):
-    """P (n, n) without what it knew of the clocks that jumped (c + 1,), which are its last states; in place."""
+    """Remove all information about clocks that jumped (c + 1,) from P (n, n), in place; they are its last states."""
     first = p.shape[0] - jumped.shape[0]
     for b in range(jumped.shape[0]):
         gone = jumped[b] > 0.0

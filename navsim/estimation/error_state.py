@@ -59,7 +59,7 @@ def plain_error(llh, vel, quat, sensors, nav, error):
 
 @kernel
 def between(a, b, error):
-    """The plain error (n,) that carries navigation state b to a."""
+    """Plain error (n,) from navigation state b to a."""
     plain_error(a[NAV_LLH:NAV_VEL], a[NAV_VEL:NAV_QUAT], a[NAV_QUAT:NAV_HELD], a[NAV_SENSORS:], b, error)
 
 
@@ -82,6 +82,6 @@ def displace(nav, x):
 
 @kernel
 def correct(nav, p, x, space):
-    """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
+    """Apply the estimated errors x (n,) and transform P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
     inject(nav, x)
     reset(p, x[A_N], x[A_E], x[A_D], small_matrix(nav, 3, 3), space.columns)

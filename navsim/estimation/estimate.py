@@ -1,9 +1,9 @@
-"""Estimators, whatever their kind: filters go forward, smoothers know what comes later.
+"""Estimators of all kinds: filters run forward, smoothers also use later measurements.
 
-They fly W runs at once, one to a lane (`compiler.lanes`). One run alone through a filter is a batch of one whose others
-fly the same; a smoother, which keeps its whole flight, takes it as plain numbers: the same kernels, the same bits.
-Where the truth is known runs leave an account (`fly`), else a history; histories of filters are made in pieces, since
-those of all lanes would take much memory.
+W runs are processed at once, one in each SIMD lane (`compiler.lanes`). A single run through a filter is a batch of
+equal runs. A smoother stores the whole flight and therefore uses plain numbers: the same kernels, the same bits. If the
+truth is known, runs produce an account (`fly`), otherwise a history. Histories of filters are produced in pieces, since
+those of all lanes would need much memory.
 """
 
 from __future__ import annotations
@@ -93,8 +93,11 @@ def fly(
 
 
 def _check_lasting(measurements: Measurements, events: Events, model: FilterModel) -> None:
-    """Raise ValueError for fixes, or ranges, whose table does not say what errors that the filter follows do to them:
-    kernels read on."""
+    """Raise ValueError for a table of fixes or ranges without the effect of time-correlated errors that the filter
+    estimates.
+
+    Kernels would read beyond the table.
+    """
     axes, rows = model.declared["axis"][model.declared["triad"] == FIX], events.row[events.kind == FIX]
     table = measurements.fixes.lasting
     if axes.size and rows.size and (table.shape[2] <= axes.max() or table.shape[0] <= rows.max()):
@@ -117,17 +120,17 @@ def _engine(model: FilterModel, state: State) -> Any:
 
 
 def _set_out(lanes: int) -> Way:
-    """The way of a filter that has not set off."""
+    """`Way` of a filter that has not started."""
     return Way(np.array([-1.0, 0.0, 0.0]), np.zeros((6, lanes)))
 
 
 def fly_in_pieces(
     imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel
 ) -> Iterator[tuple[slice, slice, History]]:
-    """The same without a truth: pieces of the history, as they come.
+    """Run an estimator without a truth; yields pieces of the history.
 
-    imu: of lanes, or of one run, the same for all; else as of `fly`. Each piece: which events it is of, which outputs,
-    and what it leaves of them, overwritten by the next. A smoother leaves one piece.
+    imu: of lanes, or of one run, the same for all; other arguments as of `fly`. Each piece has its events, its outputs,
+    and their history, which the next piece overwrites. A smoother yields one piece.
     """
     lanes = state.navigation.shape[-1]
     _check_lasting(measurements, events, model)
@@ -196,16 +199,16 @@ def _arrays(record: Any) -> Iterator[np.ndarray]:
 
 
 def in_all_lanes(array: np.ndarray, lanes: int = WIDTH) -> np.ndarray:
-    """An array of one run in every lane (..., W)."""
+    """Copy the array of one run to every lane (..., W)."""
     return np.repeat(array[..., None], lanes, axis=-1)
 
 
 def estimate(imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel) -> History:
-    """The history of one run's flight; arguments are those of `estimation.records`.
+    """History of one run; arguments are those of `estimation.records`.
 
-    state: where to start, overwritten by the final one. Outputs are those that the events name. Where a
-    smoother loses the positive covariance of its flight they are nan, see `lost`. Raises ValueError for a kind that is
-    none, and for a smoother that is given events ahead.
+    state: initial state, overwritten by the final one. Outputs are those of the events. If a smoother's covariance
+    loses positive definiteness they are nan, see `lost`. Raises ValueError for an unknown kind, and for a smoother with
+    events ahead.
     """
     history = empty_history(_outputs(events), events.time.size, model.states)
     if is_smoother(model.kind):
@@ -225,7 +228,7 @@ def estimate(imu: ImuData, measurements: Measurements, events: Events, state: St
 
 
 def _counted(history: History) -> History:
-    """A history whose whole numbers are such."""
+    """The history with integer arrays for its integers."""
     whole = {name: getattr(history, name).astype(np.int64) for name in ("degrees", "status")}
     return history._replace(**whole)
 

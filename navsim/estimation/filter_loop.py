@@ -67,8 +67,10 @@ class Workshop(NamedTuple):
 
 @within
 def workshop(nav, n, straight, declared):
-    """Work space for a filter of n states, of what `nav` holds; declared: the sensor states that act on it, those that
-    it follows first."""
+    """Allocate work space for a filter of n states, with the lanes of `nav`.
+
+    declared: sensor states that act on it; those that it estimates come first.
+    """
     known = SENSORS + declared.shape[0]
     phi = room(nav, (SENSORS, known))
     for i in range(SENSORS):
@@ -82,7 +84,7 @@ def workshop(nav, n, straight, declared):
 
 @kernel
 def start_axes(nav):
-    """Bias axes at the start of a flight: nothing is held back, unless it goes on from an earlier one that did."""
+    """Initialise the bias axes: nothing is held back, unless the flight continues one that did."""
     nothing = 0.0 * nav[NAV_HELD]
     for i in range(NAV_HELD, NAV_GYRO):
         nothing += abs(nav[i])
@@ -101,8 +103,10 @@ def set_off(imu, nav, declared, cursor, increments):
 
 @inlined
 def is_ahead(time, cursor):
-    """Whether a time is later than the present of a filter: where not there is nowhere to `advance` to, and a call of
-    so many arrays costs as much as an interval."""
+    """Whether a time is later than the present of a filter.
+
+    If not, `advance` need not be called, which with so many arrays costs as much as an interval.
+    """
     return cursor[1] < time - TIME_TOLERANCE
 
 
@@ -121,9 +125,10 @@ def force_noise(model, cursor):
 
 @inlined
 def mechanise(chart, until, imu, model, nav, p, cursor, increments, space):
-    """Mechanise from the present time to `until` (s), or over the longest interval, and sum what its transition needs.
+    """Mechanise from the present time to `until` (s), or over the longest interval, and sum the inputs of its
+    transition.
 
-    Cuts an IMU step where it must. Arguments are those of `advance`.
+    Splits an IMU step if necessary. Arguments are those of `advance`.
     """
     time, dtheta, dv, noise = imu.time, registers(imu.dtheta), registers(imu.dv), model.noise
     mixed, varying, known = is_mixed(model.declared), is_varying(space.sums.declared), model.declared.shape[0]
@@ -213,7 +218,7 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
 
 @kernel
 def run(chart, imu, measurements, events, state, way, model, account):
-    """Fly through the events; arguments are those of `estimation.records`, or those of lanes.
+    """Process the events; arguments are those of `estimation.records`, or those of lanes.
 
     chart: of `charts.CHARTS`. state, way: overwritten by those after the last event that was not ahead. account: it, or
     a history, is filled in.

@@ -69,37 +69,37 @@ from navsim.geodesy.attitude_kernels import dcm, left_jacobian
 _NARROWED = 0.65
 """1 sigma of heading of each of the three that a component is divided into, in its own."""
 _OFFSET = math.sqrt(3.0 * (1.0 - _NARROWED * _NARROWED))
-"""Where the outer two lie, in 1 sigma: with the weights 1/6, 4/6, 1/6 all moments up to the fifth are the divided
-one's."""
+"""Distance of the outer two components in 1 sigma. With the weights 1/6, 4/6, 1/6 all moments up to the fifth equal
+those of the original."""
 _TURN = 0.02
 """A turn that must always be expected, rad."""
 _AHEAD = 2.0
-"""How long a turn is expected to go on as it is, s."""
+"""Time for which a turn is expected to continue, s."""
 _CROSSED = 0.5
-"""The largest quadratic error of a level bias that a turn may make, in what is known of that bias."""
+"""Largest quadratic error of a level bias that a turn may cause, relative to its sigma."""
 _LEVEL_KNOWN = 0.01
-"""What will come to be known of level biases at least, in 1 sigma of the vertical one: at first nothing is, and a
-quadratic error made then shows later."""
+"""Largest sigma of level biases that the limit assumes, relative to the vertical one. At first they are unknown, but a
+quadratic error caused then shows later."""
 _TILT_CROSSED = 0.0015
-"""Largest product of the sigmas of heading and of tilt of a component, rad2: while tilt is being learnt, heading turns
-what each fix says of it."""
+"""Largest product of the sigmas of heading and of tilt of a component, rad2. While the filter learns tilt, heading
+rotates the information of each fix about it."""
 _NARROWEST = 0.5
 """1 sigma of heading that no turn asks to divide, in that of the widest component."""
 _AS_ONE = 0.4
 """1 sigma of heading of two as one, in that of the widest, below which they become one."""
 _ROOMY = 0.7
-"""1 sigma of heading of two as one, in what both may have, below which they become one too: above that of the three
-that one is divided into, which stay apart by their distances."""
+"""Merge two components if their joint heading sigma is below this fraction of the allowed one. It is above that of
+three parts of a split component, whose distances keep them apart."""
 _NEGLIGIBLE = 1e-5
 """Components of less weight go."""
 _SLIGHT = 0.005
-"""Those of less weight are not divided in straight flight; in a turn those of as much less as it is larger."""
+"""Components with less weight are not split in straight flight. In a turn the limit falls as the turn grows."""
 _QUICK = 0.1
 """A turn that may take all the room there is, rad."""
 _CALM = 0.625
-"""What a slower one may take of it."""
+"""Fraction of the components that a slower turn may use."""
 _FEWEST = 3
-"""Room that a slow turn has at least."""
+"""Components that a slow turn may always use."""
 _GAIN = 0.3
 """Without free room, merge two components to split another if the merge costs less than this fraction of the gain. The
 cost is the weight of the two, as far as they differ; the gain is the weight of the other."""
@@ -123,7 +123,7 @@ class Bench(NamedTuple):
 
 @within
 def _components(like, most, nav_size, n):
-    """Room for so many components, all without weight."""
+    """Allocate so many components, all without weight."""
     mixture = Mixture(
         room(like, (most, nav_size)), room(like, (most, n, n)), room(like, (most, 6)), room(like, (most,))
     )  # fmt: skip
@@ -141,7 +141,7 @@ def _components(like, most, nav_size, n):
 
 @within
 def _bench(nav, n, most):
-    """Work space for so many components of n states."""
+    """Allocate work space for so many components of n states."""
     size = nav.shape[0]
     return Bench(
         room(nav, (n,)), room(nav, (n,)), room(nav, (n,)), room(nav, (size,)), room(nav, (size,)), room(nav, (n, n)),
@@ -161,7 +161,7 @@ def _copy_mixture(source, count, target):
 
 @kernel
 def _count(weight):
-    """How many components the run has that has most."""
+    """Largest number of components of any run."""
     count = 1
     for j in range(1, weight.shape[0]):
         if any_lane(weight[j] > 0.0):
@@ -190,7 +190,7 @@ def _put(which, nav, p, increments, weight, mixture, j):
 
 @kernel
 def _share(which, weight):
-    """Weights (M,) <- what they are of their sum where `which` is true."""
+    """Normalise the weights (M,) where `which` is true."""
     total = weight[0]
     for j in range(1, weight.shape[0]):
         total += weight[j]
@@ -316,7 +316,7 @@ def moments(mixture, nav, p, flat, space, bench):
 
 @kernel
 def turn_ahead(imu, cursor, until, nav):
-    """The angle (rad) that the body must be expected to turn by, from what it turns by until then; 0 if that is now."""
+    """Angle (rad) by which the body is expected to turn, from its turn until `until`; 0 if that is now."""
     time, dtheta = imu.time, registers(imu.dtheta)
     first = int(cursor[0])
     last = first
@@ -510,7 +510,7 @@ def _together(weight, zs, ss, m, z, s):
 
 @kernel
 def weigh(used, weight, squares, sizes):
-    """Weights (M,) <- by the likelihoods of a measurement, where it is used; what is next to nothing becomes nothing.
+    """Multiply the weights (M,) by the likelihoods of a measurement, if it is used; negligible weights become zero.
 
     squares (M,): normalised innovations squared, sizes (M,): roots of the determinants of their covariances.
     """
@@ -532,10 +532,10 @@ def weigh(used, weight, squares, sizes):
 
 @kernel
 def run(chart, imu, measurements, events, state, way, model, account):
-    """Fly a sum through the events; arguments are those of `filter_loop.run`.
+    """Process the events with a Gaussian sum; arguments are those of `filter_loop.run`.
 
-    Of `state` the components go on; its navigation and covariance become the moments of those after the last event that
-    was not ahead. Of `way` the increments are not used: each component has its own.
+    The components of `state` continue. Its navigation and covariance become their moments after the last event that was
+    not ahead. The increments of `way` are unused: each component has its own.
     """
     declared = model.declared
     state_nav, state_p, state_rejected = (

@@ -27,10 +27,10 @@ def turned(jac, u, out):
 
 @kernel
 def blocks_of_motion(x, diagonal, column, straight):
-    """The parts of the reset matrix that position, velocity and attitude have in both group filters.
+    """Blocks of the reset matrix for position, velocity and attitude, common to both group filters.
 
-    x: (n,) the estimate. diagonal, column: (5, 3, 3) out; those of the sensor states, and as far as it is `straight`
-    (`charts`) of position and velocity, say that they stay as they are.
+    x: (n,) the estimate. diagonal, column: (5, 3, 3) out. Blocks of sensor states are the identity; also those of
+    position and velocity as far as the chart is `straight` (`charts`).
     """
     a, b, c = x[A_N], x[A_E], x[A_D]
     for block in range(diagonal.shape[0]):
@@ -65,7 +65,7 @@ def move_rigidly(nav, x, jac, straight):
 
 @kernel
 def correct(nav, p, x, space):
-    """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
+    """Apply the estimated errors x (n,) and transform P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
     feed_back(nav, x, space)
     transport(p, space.diagonal, space.column, space.turned)
 

@@ -19,10 +19,10 @@ from navsim.estimation.records import (
 
 
 def judge(model: FilterModel, history: History, truth: Truth, single: int = 0) -> Judgement:
-    """What a history of this model is worth, at all its outputs; a smoother's errors are those of `tfg`.
+    """Errors and NEES of a history at all its outputs; a smoother's errors are those of `tfg`.
 
-    history, truth: of one run, or of lanes; single: as of `empty_account`. Raises ValueError for a
-    kind that is none of `records.FILTERS` or `records.SMOOTHERS`.
+    history, truth: of one run, or of lanes; single: as of `empty_account`. Raises ValueError for a kind outside
+    `records.FILTERS` and `records.SMOOTHERS`.
     """
     _, n, _, *lanes = history.covariance.shape
     account = empty_account(truth, n, 0, *lanes, single=single)
@@ -31,7 +31,7 @@ def judge(model: FilterModel, history: History, truth: Truth, single: int = 0) -
 
 
 def judge_into(model: FilterModel, history: History, account: Account) -> None:
-    """The same into the outputs of an account. Raises ValueError for one of another number of outputs, too."""
+    """`judge` into the outputs of an account. Raises ValueError also for a different number of outputs."""
     if account.sigma.shape[0] != history.navigation.shape[0]:
         raise ValueError("the truth has not the outputs of the history")
     if model.kind not in (*FILTERS, *SMOOTHERS):

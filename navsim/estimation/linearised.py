@@ -1,14 +1,12 @@
-"""The filter flown along the truth, with everything a linear covariance analysis needs.
+"""The filter linearised along the truth, with all matrices of a linear covariance analysis.
 
-Along an error-free flight the filter's gains are those of every run to first order. This kernel flies it there
-and leaves behind, for each interval between events, how errors are carried on and what sensor noise adds, and for
-each measurement its innovation and gain. What the errors really are is then a matter of matrices
-(`navsim.simulation.landing_covariance`).
+Along an error-free flight the filter's gains are those of every run to first order. This kernel stores, for each
+interval between events, the propagation of errors and the added sensor noise, and for each measurement its innovation
+and gain. The true error statistics then need only matrices (`navsim.simulation.landing_covariance`).
 
-Errors are carried as (dr, dv, theta, minus the estimates of the sensor states): the true sensor states are not in it,
-since they need not follow the filter's model; they act through `inputs`.
-Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8 (covariance analysis with a
-truth model of its own).
+Errors are (dr, dv, theta, minus the estimates of the sensor states). True sensor states are not included, since they
+need not follow the filter model; they act through `inputs`. Source: Maybeck, Stochastic Models, Estimation, and
+Control, vol. 1 (1979), section 6.8 (covariance analysis with a truth model of its own).
 """
 
 from __future__ import annotations
@@ -57,7 +55,7 @@ class Linearised(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """What each event (k,) is in a `Linearised`: the interval that it ends and its measurement, -1 for none; its
+    """Role of each event (k,) in a `Linearised`: the interval that it ends and its measurement, -1 for none; its
     length, s."""
 
     interval: np.ndarray
@@ -101,7 +99,7 @@ def empty(steps: Steps, outputs: int, n: int, truth: np.ndarray) -> Linearised:
 
 @kernel
 def _carry_all(phi, left, errors, work):
-    """errors (9 + k, 9 + k) <- what an interval makes of them; phi (9, 9 + k), left (k,). work: the same size."""
+    """Propagate errors (9 + k, 9 + k) over an interval; phi (9, 9 + k), left (k,). work: the same size."""
     size = errors.shape[0]
     for i in range(SENSORS):
         for j in range(size):
@@ -118,7 +116,7 @@ def _carry_all(phi, left, errors, work):
 
 @kernel
 def _carry_added(space, markov, noises, errors, work, added):
-    """added (NOISES, 15, 15) <- carried over an interval, with what the noises of unit densities add in it.
+    """Propagate added (NOISES, 15, 15) over an interval, and add the noises of unit densities.
 
     space: after the interval. markov, noises: as of `linearise`. errors: (9, 15), work (15, 9): space.
     """
@@ -144,8 +142,10 @@ def _carry_added(space, markov, noises, errors, work, added):
 
 @kernel
 def _interval(until, imu, model, markov, noises, nav, p, cursor, increments, space, tools, added):
-    """Fly to `until`, s; errors (9 + k, 9 + k) of `tools`: what becomes of errors and sensor states; added: (NOISES,
-    15, 15)."""
+    """Propagate to `until`, s.
+
+    errors (9 + k, 9 + k) of `tools`: transition of errors and sensor states; added: (NOISES, 15, 15).
+    """
     errors, work, of_markov, by = tools
     identity(errors)
     for a in range(NOISES):
@@ -160,8 +160,11 @@ def _interval(until, imu, model, markov, noises, nav, p, cursor, increments, spa
 
 @kernel
 def _describe(errors, clock, length, transition, inputs):
-    """transition (n, n) and inputs (9, t) of an interval of this length, s, from the errors (9 + k, 9 + k) that it
-    makes of those at its begin; clock: `clock.ReceiverClock`."""
+    """Write transition (n, n) and inputs (9, t) of an interval of this length, s, from the errors (9 + k, 9 + k) at its
+    end.
+
+    clock: `clock.ReceiverClock`.
+    """
     size, scales = transition.shape[0], clock.scales.shape[0]
     # the states of navigation and of its sensors, before those of the clock
     n = size - scales - 1 if scales > 0 else size

@@ -171,7 +171,7 @@ class RangeTable(NamedTuple):
 
 
 class Measurements(NamedTuple):
-    """The tables of all kinds of measurements, without rows where there are none."""
+    """Tables of all kinds of measurements, empty without measurements."""
 
     fixes: FixTable
     altitudes: AltitudeTable
@@ -181,8 +181,10 @@ class Measurements(NamedTuple):
 
     @classmethod
     def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
-        """These tables, of one run or of so many lanes, by their kinds; of others there are no measurements. Fixes and
-        probes have one table. Raises KeyError for a kind that is none."""
+        """Measurements from tables by their kinds, of one run or of lanes; other kinds have none.
+
+        Fixes and probes share one table. Raises KeyError for an unknown kind.
+        """
         unknown = tables.keys() - {FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE}
         if unknown:
             raise KeyError(f"no measurements are of the kind {unknown.pop()}")
@@ -215,13 +217,13 @@ _NO_GROUND = GroundTable(
 
 @kernel
 def slot(kind, row, measurements):
-    """Where rejections in a row of such a measurement are counted: each source of ranges is one by itself."""
+    """Counter for consecutive rejections of such a measurement; each source of ranges has its own."""
     return KIND_COUNT + measurements.ranges.source[row] if kind == RANGE else kind
 
 
 @kernel
 def _across(arm, h, first):
-    """-[arm x] into the attitude columns of the rows first .. first + 2: what turning does to an arm in NED."""
+    """-[arm x] into the attitude columns of the rows first .. first + 2: effect of a rotation on an arm in NED."""
     h[first, A_E], h[first, A_D] = arm[2], -arm[1]
     h[first + 1, A_N], h[first + 1, A_D] = -arm[2], arm[0]
     h[first + 2, A_N], h[first + 2, A_E] = arm[1], -arm[0]
@@ -229,8 +231,8 @@ def _across(arm, h, first):
 
 @kernel
 def _antenna(nav, increments, dt, c_nb, lever, arm, swing):
-    """Where the antenna is from the IMU, arm (3,) NED m, and how fast it swings around it, swing (3,) NED m/s [1];
-    c_nb (3, 3) out."""
+    """Position of the antenna relative to the IMU, arm (3,) NED m, and its velocity, swing (3,) NED m/s [1]; c_nb (3,
+    3) out."""
     dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
     sin_lat, cos_lat = sincos_of_latitude(nav[NAV_LLH])
     rate = small_vector(nav, 3)
@@ -247,8 +249,8 @@ def _antenna(nav, increments, dt, c_nb, lever, arm, swing):
 
 @kernel
 def _turning(one, i, increments, dt, c_nb, lever):
-    """What a gyro state, one of the declared, does to the swing along axis i of NED: omega_true = omega_measured -
-    error, d = C [l x] error."""
+    """Effect of a gyro state on the swing along axis i of NED: omega_true = omega_measured - error, d = C [l x]
+    error."""
     b, d = (one.axis + 1) % 3, (one.axis + 2) % 3
     turning = c_nb[i, b] * lever[d] - c_nb[i, d] * lever[b]
     if one.signal != CONSTANT:
@@ -358,8 +360,10 @@ def _above_ground(nav, c_nb, grounds, z, h):
 
 @kernel
 def is_bent(ranges, row, h, p):
-    """Whether a range is bent where the filter may be, so that one linearisation will not do: its source is near, and
-    the position uncertain across it [2]. h: as `observe` left it; p: (n, n)."""
+    """Whether one linearisation of a range is not enough: its source is near, and the position uncertain across it [2].
+
+    h: from `observe`; p: (n, n).
+    """
     across = 0.0
     for i in range(3):
         across += p[POS + i, POS + i]
@@ -370,12 +374,15 @@ def is_bent(ranges, row, h, p):
 
 @kernel
 def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, z, h, r):
-    """What a measurement says: returns how many numbers its kind has.
+    """Innovation, matrix and noise of a measurement; returns the number of its components.
 
-    kind, row: as of `records.Events`. nav: navigation state; increments (6,): the compensated ones of the last
-    interval, of dt s. declared: the filter's sensor states. c_nb (3, 3): work space. Out: have (MOST,) 1 for the
-    numbers that are there, else 0; z (MOST,) innovation, h (MOST, n), r (MOST, MOST) noise. One that is not there has
-    the innovation 0 and the row 0, and nothing is weighed by it.
+    - `kind`, `row`: as of `records.Events`; `nav`: navigation state.
+    - `increments` (6,): compensated increments of the last interval, of `dt` s.
+    - `declared`: sensor states of the filter; `c_nb` (3, 3): work space.
+    - `have` (MOST,), out: 1 for valid components, else 0.
+    - `z` (MOST,), out: innovation; `h` (MOST, n), out; `r` (MOST, MOST), out: noise. An invalid component has
+      innovation 0
+      and row 0, so it has no effect.
     """
     for a in range(MOST):
         have[a] = 0.0

@@ -26,9 +26,9 @@ from navsim.estimation.observations import RANGE, is_bent, observe
 from navsim.estimation.weighing import errors_from, held
 
 _MORE = 2
-"""Iterations more of an epoch that is bent."""
+"""Further iterations for an epoch with curved ranges."""
 NUMBERS = 2
-"""Of a range: itself, and its rate."""
+"""Components of a range: pseudorange and range rate."""
 
 
 class RangeEpoch(NamedTuple):
@@ -74,7 +74,7 @@ def is_alone(events, i, before):
 
 @kernel
 def _longest(events):
-    """How many ranges the longest epoch has."""
+    """Number of ranges of the longest epoch."""
     most, length = 0, 0
     for i in range(events.time.shape[0]):
         if events.kind[i] == RANGE:
@@ -85,8 +85,7 @@ def _longest(events):
 
 @within
 def range_epoch(nav, n, estimates, events, scales):
-    """Room for the ranges of an epoch, weighed by so many estimates of n states, of what `nav` holds, that follow the
-    clocks of so many time scales."""
+    """Allocate the update of so many estimates of n states with the ranges of an epoch, for so many time scales."""
     most = _longest(events)
     m, states, size = (estimates, n, nav.shape[0]) if most else (0, 0, 0)
     return RangeEpoch(
@@ -115,8 +114,10 @@ def begin_estimate(epoch, j, p):
 
 @kernel
 def foresee(chart, row, measurements, declared, nav, increments, interval, epoch, j, space, gauge):
-    """`observe` a range for estimate j, nav (NAV,) before the epoch, beside what those before it said. Returns how many
-    numbers there are."""
+    """`observe` a range for estimate j, given the ranges before it; nav (NAV,) is the state before the epoch.
+
+    Returns the number of components.
+    """
     ranges, z, h, x = measurements.ranges, gauge.z, gauge.h, epoch.x[j]
     m = observe(RANGE, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, z, h, gauge.r)
     bent = is_bent(ranges, row, h, epoch.prior[j])
@@ -141,7 +142,7 @@ def foresee(chart, row, measurements, declared, nav, increments, interval, epoch
 
 @kernel
 def _weigh(used, m, p, gauge):
-    """P (n, n) after a range of m numbers that `gain` has weighed, where it is used."""
+    """Update P (n, n) with a range of m components after `gain`, where it is used."""
     for i in range(p.shape[0]):
         for a in range(m):
             gauge.k[i, a] = select(used, gauge.k[i, a], 0.0)
@@ -150,7 +151,7 @@ def _weigh(used, m, p, gauge):
 
 @kernel
 def take_range(used, m, p, epoch, j, gauge):
-    """What a range says to estimate j, where it is used: its covariance p (n, n), and gauge.x, what it corrects."""
+    """Update estimate j with a range, where it is used: covariance p (n, n), and the correction gauge.x."""
     for i in range(p.shape[0]):
         epoch.x[j, i] += select(used, gauge.x[i], 0.0)
     epoch.bent[j] = select(used & (epoch.now[j] > 0.0), 1.0, epoch.bent[j])
@@ -168,7 +169,7 @@ def count_range(ranges, row, place, weighed, used, epoch):
 
 @kernel
 def _weigh_all(rows, measurements, declared, nav, p, x, increments, interval, epoch, space, gauge, moves):
-    """P (n, n) after all used ranges, taken at nav (NAV,); where it `moves`, x (n,) too: what they correct."""
+    """Update P (n, n) with all used ranges at nav (NAV,); where it `moves`, also the correction x (n,)."""
     for e in range(rows.shape[0]):
         m = observe(
             RANGE, rows[e], measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z,
@@ -187,9 +188,9 @@ def _weigh_all(rows, measurements, declared, nav, p, x, increments, interval, ep
 
 @kernel
 def move_estimate(chart, there, rows, measurements, declared, nav, p, increments, interval, epoch, j, space, gauge):
-    """Move estimate j, nav (NAV,) and p (n, n), by what the ranges of these rows said, where it is `there`.
+    """Correct estimate j, nav (NAV,) and p (n, n), with the ranges of these rows, where it is `there`.
 
-    The prior is carried to the new estimate and all are weighed there, as in `weighing.update`.
+    The prior is transformed to the new estimate, and all ranges are processed there, as in `weighing.update`.
     """
     x = epoch.x[j]
     some = there & no(there)

@@ -110,11 +110,11 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
 
 @kernel
 def residuals(position, clock, antenna, axes, pseudorange, llh, clocks, residual, off):
-    """What the fixes of one run, or of lanes, leave of their pseudoranges, and how far off they are.
+    """Residuals of the pseudoranges of fixes, and errors of the fixes, of one run or of lanes.
 
-    position (e, s, 3), clock (s,), pseudorange (e, s), llh (e, 3), clocks (e, MAX_CLOCKS): as of `fixes`. antenna: (e,
-    3) where it truly is, ECEF, as lanes with them. axes: (e, 3, 3) rows to resolve errors along. Out: residual (e, s)
-    m, nan where a range is not used; off (e, 3) fix minus truth, m; both nan without a fix.
+    - `position` (e, s, 3), `clock` (s,), `pseudorange` (e, s), `llh` (e, 3), `clocks` (e, MAX_CLOCKS): as of `fixes`.
+    - `antenna` (e, 3): true position, ECEF, m, in lanes with them; `axes` (e, 3, 3): rows, axes for the errors.
+    - `residual` (e, s), out: m, nan for an unused range; `off` (e, 3), out: fix minus truth, m; both nan without a fix.
     """
     pseudorange, llh, clocks, antenna = registers(pseudorange), registers(llh), registers(clocks), registers(antenna)
     residual, off = registers(residual), registers(off)

@@ -128,7 +128,7 @@ class Way(NamedTuple):
     """(6,) compensated increments of that interval."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Way:
-        """The way with the array changed that differs between runs."""
+        """The record with the array changed that differs between runs."""
         return self._replace(increments=change(self.increments))
 
 

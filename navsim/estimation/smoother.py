@@ -1,11 +1,11 @@
-"""`kind: map`: the batch maximum-a-posteriori smoother, the reference of what is attainable.
+"""`kind: map`: batch maximum-a-posteriori smoother, the reference for the attainable accuracy.
 
-The whole flight is one least-squares problem: the initial estimate, the sensor noise of every interval and every
-fix, each weighed by what the filter believes of it. It is solved by Gauss-Newton, whose normal equations are those
-of a Kalman filter and a backward pass linearised along the latest trajectory [1]; the first trajectory is that of an
-error-state filter, smoothed. At the solution nothing is linearised at a wrong place any more, so what is left of
-inconsistency is the curvature of the posterior itself. Every output uses all fixes, also the later ones; the
-last output of a flight is what a filter could at best know at that time.
+The whole flight is one least-squares problem. It contains the initial estimate, the sensor noise of every interval and
+every fix, each weighted by the filter model. Gauss-Newton solves it; its normal equations are those of a Kalman filter
+and a backward pass, linearised along the latest trajectory [1]. The first trajectory is that of an error-state filter,
+smoothed. At the solution every linearisation is at the estimate, so the remaining inconsistency is the curvature of the
+posterior. Every output uses all fixes, also later ones. The last output of a flight is the best that a filter could
+know at that time.
 
 Sources: [1] Bell, The iterated Kalman smoother as a Gauss-Newton method, SIAM J. Optim. 4 (1994). [2] Rauch, Tung &
 Striebel, Maximum likelihood estimates of linear dynamic systems, AIAA J. 3 (1965).
@@ -123,8 +123,10 @@ def _smooth_covariance(gains, predicted, later, p, d):
 
 @kernel
 def _nodes(begin, events):
-    """The instants of a flight: time (n,), measurement (n,) and output (n,) of each; -1 where there is none. Node 0 is
-    the beginning; a measurement is a node by itself, an output shares one of its time."""
+    """Times of a flight: time (n,), measurement (n,) and output (n,) of each; -1 for none.
+
+    Node 0 is the start. A measurement has its own node; an output shares one of its time.
+    """
     count = events.time.shape[0]
     time = np.empty(count + 1)
     measurement = np.full(count + 1, -1)

@@ -1,13 +1,13 @@
-"""Steady specific force: keep the accelerometers' noise from looking like information about heading.
+"""Steady specific force: prevent accelerometer noise from counting as information about heading.
 
-A heading error shows in velocity by the horizontal specific force that it turns. A filter knows the measured force
-only, and the noise in it would count as force: in steady flight the filter would learn a heading that nothing shows,
-and believe it. So while the velocity that the fixes confirm follows a straight line, attitude errors are coupled to
-velocity errors by the change of that line, not by the change that the accelerometers measured. In a manoeuvre, which
-the tests here notice, the measured force is used again, and what was left out before is put back.
+A heading error affects velocity through the horizontal specific force. The filter knows only the measured force, and
+its noise would count as force. In steady flight the filter would then learn a heading that no measurement shows. So
+while the velocity, confirmed by fixes, follows a straight line, attitude errors are coupled to velocity errors by the
+change of that line, not by the measured change. In a manoeuvre, which the tests here detect, the measured force is used
+again, and the omitted part is restored.
 
-A young line is noisy itself, by the fixes' noise. While the aircraft keeps its attitude, the mean of the measured force
-in body axes since the line began says better what the noise of an interval was; the line stays the judge.
+A young line has the noise of the fixes. While the attitude is constant, the mean measured force in body axes since the
+start of the line estimates the noise of an interval better. The line still decides.
 
 The line belongs to the filter, not to a component: it follows the mean velocity of a Gaussian sum.
 
@@ -50,15 +50,16 @@ _YOUNG = 2.0
 _YOUNG_MEMORIES = 1.3
 """The same in memories of the filter's velocity."""
 _SLOWEST = 8.0
-"""Longest memory of the filter's velocity with which steady flight may begin, s: beyond it the noise tells little."""
+"""Longest memory of the filter's velocity with which steady flight may begin, s. Beyond it the noise contains little
+information."""
 _UNCONFIRMED = 3.0
 """Steady flight ends where the memory grows to this part more: fixes do not confirm the velocity any more."""
 _OFF_LINE = 4.5
 """Distance of the velocity from the line that ends steady flight, in its sigma."""
 _OFF_MEAN = 4.5
-"""Change of velocity beside that of the mean force, in its sigma, after which the line is used instead."""
+"""Velocity change relative to that of the mean force, in its sigma, above which the line is used instead."""
 _JUMP = 6.0
-"""Change of velocity beside that of the line that ends steady flight, in the noise of the interval."""
+"""Velocity change relative to that of the line, in the noise of the interval, that ends steady flight."""
 _ROUGH = 4.0
 """Excess of the mean square of these changes that ends steady flight, in its own sigma."""
 _ROUGHNESS_TIME = 20.0
@@ -66,12 +67,12 @@ _ROUGHNESS_TIME = 20.0
 _SLOWING = 1.5
 """By this an interval between fixes may be longer than the one before, if it is no hole."""
 _GRAVITY = 9.8
-"""Gravity, m/s2: its error matters as far as tilt changes."""
+"""Gravity, m/s2. Its error matters only while tilt changes."""
 
 
 @kernel
 def start_line(line, velocity, time):
-    """Start the line (STEADY_N,) at a velocity (3,) at a time, s, unless it goes on from an earlier flight."""
+    """Start the line (STEADY_N,) at a velocity (3,) at a time, s, unless it continues from an earlier flight."""
     new = line[STEADY_ROUGHNESS] == 0.0
     for i in range(3):
         line[STEADY_LINE + i] = select(new, velocity[i], line[STEADY_LINE + i])
@@ -89,7 +90,7 @@ def has_begun(line):
 
 @kernel
 def _span(age, memory):
-    """How much of what is so old, s, the line and the mean force remember, with that memory of the velocity."""
+    """Memory of the line and the mean force at this age, s, with that memory of the velocity."""
     longest = _WINDOW_MEMORIES * memory
     longest = select(longest < _WINDOW, _WINDOW, longest)
     return select(age > longest, longest, age)
@@ -133,7 +134,7 @@ def begin_interval(line, v, variance, q, time):
 
 @kernel
 def _is_rough(roughness, count):
-    """Whether changes of velocity are larger than noise makes them, each by itself unseen."""
+    """Whether velocity changes are larger than the noise, although each of them alone is not detected."""
     return (roughness - 1.0) * (roughness - 1.0) * count * 3.0 > 2.0 * _ROUGH * _ROUGH * select(
         roughness > 1.0, 1.0, math.inf
     )
@@ -229,9 +230,9 @@ def _compare(line, v, attitude, many, dt, force, noise):
 
 @kernel
 def couple(p, block, m, tilts):
-    """Add m (3,) to the change of velocity that attitude errors turn, in P (n, n): v <- v + theta x m, in place.
+    """Add m (3,) to the velocity change that attitude errors rotate, in P (n, n): v <- v + theta x m, in place.
 
-    block: `VEL`, or `POS` for the same of positions. tilts: 1.0, or 0.0 where errors of heading alone are coupled.
+    block: `VEL`, or `POS` for position. tilts: 1.0, or 0.0 to couple errors of heading alone.
     """
     n = p.shape[0]
     m0, m1, m2 = m[0], m[1], m[2]

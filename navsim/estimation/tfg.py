@@ -1,19 +1,19 @@
-"""`kind: tfg`: the two-frames group filter, biases kept in the navigation frame, with the exact reset.
+"""`kind: tfg`: two-frames group filter, with biases in the navigation frame and the exact reset.
 
-The group holds attitude, position, velocity and B = C b of both biases; the estimate moves by
-u+ = u + J_l(theta) y_u for u in {r, v, B_g, B_a}. In these coordinates the posterior of a landing is nearly
-Gaussian where it is curved in plain ones, so the covariance stays true at large heading errors.
+The group contains attitude, position, velocity and B = C b of both biases; the estimate moves by u+ = u + J_l(theta)
+y_u for u in {r, v, B_g, B_a}. In these coordinates the posterior of a landing is nearly Gaussian where it is curved in
+plain ones, so the covariance stays consistent at large heading errors.
 
     T: (dr, dv, theta, db_g, db_a) -> (dr, dv, theta, dB_g, dB_a),  dB = C db - [B x] theta
     P+ = T(x+)^-1 M T(x) P T(x)' M' T(x+)^-T
     M: J_l(theta) on the diagonal, d(J_l(theta) y_u)/d(theta) in the theta column
 
-C is the attitude of the moment, but for a quick turn made while heading is uncertain (`hold_axes`): C is then
-the attitude before it. Any C is a valid choice to first order; this one keeps the posterior straight.
+C is the present attitude, except after a quick turn with an uncertain heading (`hold_axes`): then it is the attitude
+before the turn. Any C is valid to first order; this one keeps the posterior straight.
 
-Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68 (2023) (two-frames group).
-[2] Fornasier et al., Equivariant symmetries for inertial navigation systems, arXiv 2309.03765. [3]
-`docs/theory/filter.md`, section 5.
+Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68 (2023) (two-frames group). [2]
+Fornasier et al., Equivariant symmetries for inertial navigation systems, arXiv 2309.03765. [3] `docs/theory/filter.md`,
+section 5.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def hold_axes(nav, p, increments, dt):
 
 @kernel
 def bias_axes(nav, out):
-    """C (3, 3): the attitude less the turn held back, which takes biases into the frame they are kept in."""
+    """C (3, 3): the attitude minus the held-back turn; it rotates biases into their own frame."""
     q = nav[NAV_QUAT:NAV_HELD]
     m = nav[NAV_HELD:NAV_SENSORS]
     back = small_vector(nav, 4)
@@ -87,7 +87,7 @@ def turned_back(matrix, u0, u1, u2, out):
 
 @kernel
 def correct(nav, p, x, space):
-    """Feed the estimated plain errors x (n,) back and carry P (n, n) to the new estimate. space: as of
+    """Apply the estimated plain errors x (n,) and transform P (n, n) to the new estimate. space: as of
     `filter_loop`."""
     feed_back(nav, x, space)
     transport(p, space.diagonal, space.column, space.turned)
@@ -95,10 +95,10 @@ def correct(nav, p, x, space):
 
 @kernel
 def feed_back(nav, x, space):
-    """Feed the estimated plain errors x (n,) back, in place; diagonal, column (5, 3, 3) of `space`: the reset
-    matrix, as `core.covariance.transport` takes it.
+    """Apply the estimated plain errors x (n,), in place.
 
-    Sensor states beside the biases stay as they are.
+    diagonal, column (5, 3, 3) of `space`, out: reset matrix for `core.covariance.transport`. Sensor states other than
+    the biases do not change.
     """
     n = x.shape[0]
     diagonal, column = space.diagonal, space.column
@@ -148,9 +148,9 @@ def feed_back(nav, x, space):
 
 @kernel
 def own_error(nav, error, out, straight):
-    """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (n,).
+    """Error (n,) in the filter's own coordinates, expressed as the plain error of the same tangent.
 
-    y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors weighs it.
+    y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors applies to it.
     """
     c_nb, jac, inverse, truth = (
         small_matrix(nav, 3, 3),

@@ -1,4 +1,4 @@
-"""How a filter weighs a measurement: gate, count of rejections, correction in the chart.
+"""Measurement update of a filter: gate, count of rejections, correction in the chart.
 
 Source: `docs/theory/filter.md`, sections 4 to 7.
 """
@@ -86,7 +86,7 @@ def errors_from(k, z, m, x):
 
 @kernel
 def limit_of(gate, degrees):
-    """The limit (MOST + 1,) for so many numbers."""
+    """Gate limit (MOST + 1,) for so many components."""
     limit = degrees * 0.0 + gate[0]
     for m in range(1, gate.shape[0]):
         limit = select(degrees == m, gate[m], limit)
@@ -101,10 +101,11 @@ def count_rejection(weighed, used, where, rejected):
 
 @kernel
 def decide(ahead, weighed, degrees, m, gauge, where, model, rejected, left, i):
-    """Whether what was weighed is used: it passes the gate, or enough before it did not.
+    """Whether a measurement is used: it passes the gate, or enough consecutive ones before it were rejected.
 
-    gauge: `weighing` with z (m,), which is spoiled, and the factor s of its covariance. where: its slot. rejected
-    (slots,): counted on. Unless it is that of the copy that runs ahead, it is left as that of event i.
+    - `gauge`: `weighing` with z (m,), which is overwritten, and the factor s of its covariance.
+    - `where`: its slot in `rejected` (slots,), which is updated.
+    - The decision is stored as that of event i, except for the copy that predicts ahead.
     """
     keep_innovation(ahead, gauge.have, weighed, m, gauge.z, gauge.s, left, i)
     q = whitened_square(gauge.s, gauge.z, m)
@@ -127,9 +128,9 @@ def held(source, there, target):
 
 @kernel
 def update(chart, used, what, row, measurements, declared, nav, p, increments, interval, space, gauge):
-    """Correct nav (NAV,) and P (n, n) by a measurement and the errors gauge.x estimated from it, where it is used.
+    """Update nav (NAV,) and P (n, n) with a measurement and the errors gauge.x estimated from it, where it is used.
 
-    what, row, measurements, increments, interval, declared: as `observe` takes them.
+    what, row, measurements, increments, interval, declared: as of `observe`.
     """
     # a lane that does not use it stays as it is
     spared = any_lane(no(used))

@@ -45,8 +45,8 @@ def dcm_from_quaternion(q: np.ndarray) -> np.ndarray:
 
 @np.errstate(over="ignore", invalid="ignore")
 def dcm_from_rotation_vector(theta: np.ndarray) -> np.ndarray:
-    """exp(theta x) of rotation vectors (..., 3), rad -> (..., 3, 3) [1], nan for what is not finite; in the steps of
-    scipy's `Rotation`, whose bits it has."""
+    """exp(theta x) of rotation vectors (..., 3), rad -> (..., 3, 3) [1], nan if not finite; bits as of scipy's
+    `Rotation`."""
     size = np.sqrt(theta[..., 0] ** 2 + theta[..., 1] ** 2 + theta[..., 2] ** 2)
     square = size**2
     small = size <= 1e-3

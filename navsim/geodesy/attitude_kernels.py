@@ -15,7 +15,7 @@ from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import any_lane, no, select
 
 _SMALL = 1e-2
-"""Below this square of an angle (rad2) series replace the closed forms; what they drop is under 1e-17."""
+"""Below this square of an angle (rad2) series replace the closed forms; their error is below 1e-17."""
 
 
 @kernel

@@ -95,7 +95,7 @@ def gravity_ecef(ecef: np.ndarray) -> np.ndarray:
 
 
 def gravity_at(llh: np.ndarray) -> np.ndarray:
-    """The same at geodetic positions (..., 3) [rad, rad, m]."""
+    """Gravity at geodetic positions (..., 3) [rad, rad, m]."""
     sin_lat, cos_lat = np.sin(llh[..., 0]), np.cos(llh[..., 0])
     g = G_EQUATOR * (1 + SOMIGLIANA * sin_lat**2) / np.sqrt(1 - E2 * sin_lat**2) * (1 - 2 * llh[..., 2] / A)
     down = np.stack([-cos_lat * np.cos(llh[..., 1]), -cos_lat * np.sin(llh[..., 1]), -sin_lat], axis=-1)

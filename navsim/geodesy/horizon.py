@@ -1,5 +1,4 @@
-"""What stands over the horizon: tops of ridges, straight edges between two places, that paths go over or under and that
-hide a part of the sky; elevations by azimuth."""
+"""Terrain horizon: ridges with straight tops that hide sources, and elevations by azimuth."""
 
 from __future__ import annotations
 
@@ -11,8 +10,11 @@ from navsim.geodesy.earth import llh_from_ecef, ned_matrix
 
 
 def upright_planes(tops: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of ridges (w, 2, 3), ECEF, m: where each begins, its top, m, the vertical at its middle, and what of its top is
-    level, m, (w, 3) each."""
+    """Vertical planes of ridges (w, 2, 3), ECEF, m: first end, top, m, vertical at the middle, level part of the top,
+    m.
+
+    Each is (w, 3).
+    """
     first, along = tops[:, 0], tops[:, 1] - tops[:, 0]
     up = -ned_matrix(llh_from_ecef(tops.mean(axis=1)))[:, 2]
     return first, along, up, along - np.sum(along * up, axis=1, keepdims=True) * up
@@ -54,8 +56,10 @@ def crossings(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray) -> Cross
 
 
 def reach(tops: np.ndarray, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """Up to which elevations ridges hide the sky from an eye (3,) at azimuths (n,): (n,), -pi/2 where none stands, rad.
-    tops: (w, 2, 3) ends of their tops, ECEF, m."""
+    """Elevations (n,), rad, up to which ridges hide the sky from an eye (3,) at azimuths (n,); -pi/2 without a ridge.
+
+    tops: (w, 2, 3) ends of their tops, ECEF, m.
+    """
     to_enu = ned_matrix(llh_from_ecef(eye))[[1, 0, 2]] * np.array([1.0, 1.0, -1.0])[:, None]
     s, c = np.sin(azimuth), np.cos(azimuth)
     highest = np.full(azimuth.size, -0.5 * np.pi)
@@ -73,6 +77,6 @@ def reach(tops: np.ndarray, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
 
 
 def between(azimuth: np.ndarray, elevation: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """A horizon at azimuths, rad: straight over the azimuth between those (n,) at which its elevation is told, which
-    grow, and from the last one on to the first."""
+    """Elevation of a horizon at azimuths, rad, by linear interpolation between given azimuths (n,), increasing, and
+    around."""
     return np.interp(at, azimuth, elevation, period=2 * np.pi)

@@ -13,8 +13,11 @@ class NoDeclination(Exception):
 
 
 def declination(lat: float, lon: float, height: float, year: float) -> float:
-    """Of the World Magnetic Model of a time, deg, east positive, at a place, deg and m above the ellipsoid, in a
-    decimal year. Raises NoDeclination where the package `pygeomag` is not there or has no model of that time."""
+    """Magnetic declination of the World Magnetic Model, deg, east positive, at a position, deg and m above the
+    ellipsoid.
+
+    Raises NoDeclination without the package `pygeomag`, or if it has no model of that decimal year.
+    """
     try:
         model = importlib.import_module("pygeomag")
     except ImportError:

@@ -6,8 +6,8 @@ import math
 
 
 def quantile(probability: float, degrees: float) -> float:
-    """What a variable of so many degrees of freedom is below with this probability; scipy.special only, since
-    scipy.stats takes half a second."""
+    """Quantile of the chi-square distribution. Uses only scipy.special, since scipy.stats takes half a second to
+    import."""
     from scipy.special import gammaincinv
 
     return float(2.0 * gammaincinv(0.5 * degrees, probability))

@@ -20,7 +20,9 @@ def densities(h0: float, h_minus2: float) -> tuple[float, float]:
 
 
 def step_covariance(density: np.ndarray, dt: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What noises of these densities (2,) add over dt (...), s: variance of the bias (m2), covariance of both, variance
-    of the drift."""
+    """Covariance that clock noises of these densities (2,) add over dt (...), s.
+
+    Returns the variance of the bias (m2), the covariance of both, the variance of the drift.
+    """
     phase, frequency = density
     return phase * dt + frequency * dt**3 / 3.0, frequency * dt**2 / 2.0, frequency * dt

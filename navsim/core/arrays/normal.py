@@ -18,7 +18,7 @@ def outside(low: np.ndarray, high: np.ndarray, mean: np.ndarray | float, sigma: 
 
 
 def quantile(chance: float) -> float:
-    """What a normal value of mean 0 and sigma 1 is below with this chance."""
+    """Quantile of the standard normal distribution."""
     from scipy.special import ndtri
 
     return float(ndtri(chance))

@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 _TERMS = 14
-"""Of the series of the exponential of a matrix of norm up to 1/2: the rest is below 1e-16."""
+"""Terms of the series of the exponential of a matrix of norm up to 1/2: the rest is below 1e-16."""
 _NODES = 8
-"""Of a Gauss-Legendre rule over a piece on which the exponential does not turn by more than one."""
+"""Nodes of a Gauss-Legendre rule over a piece on which the exponential rotates by at most one."""
 
 
 def exponential(a: np.ndarray) -> np.ndarray:
@@ -33,10 +33,10 @@ def exponential(a: np.ndarray) -> np.ndarray:
 
 
 def discretised(a: np.ndarray, b: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Transition (n, n) over a step, s, and a root (n, n) of the covariance of what noise adds in it; a (n, n), b (n,).
+    """Transition (n, n) over a step, s, and a root (n, n) of the covariance of the noise in it; a (n, n), b (n,).
 
-    The covariance is the integral of [1], by quadrature of its factor and not of its square, whose smallest directions
-    would be lost in rounding.
+    The covariance is the integral of [1], by quadrature of its factor. Quadrature of its square would lose the smallest
+    directions in rounding.
     """
     n = a.shape[0]
     pieces = max(1, math.ceil(float(np.abs(a).sum(axis=1).max()) * step))

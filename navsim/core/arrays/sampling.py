@@ -1,4 +1,4 @@
-"""Chances from samples that weigh differently, for arrays."""
+"""Probabilities from weighted samples, for arrays."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ TWO_SIDED = 1.959963984540054
 FEW = 30
 """Effective samples below which an interval is no more than a hint."""
 LEAST = 1e-300
-"""Chances below this are not told apart: the numbers end soon after it."""
+"""Smallest probability that is distinguished from zero; floating-point numbers end soon below it."""
 
 
 def relative_error(total: np.ndarray, square: np.ndarray, runs: int) -> np.ndarray:
