@@ -16,11 +16,11 @@ from measure import STEPS, Job, Line, Plan, alternate, ratios, seconds, timed
 
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import WIDTH, in_lanes, registers, room
-from navsim.core import strapdown
-from navsim.core.covariance import NOISE_ACCEL, NOISE_GYRO, carry_covariance, gain, joseph
-from navsim.core.interval import add_step, add_white, begin_sums, sums_of, transition
-from navsim.core.states import MOST, SENSORS, VEL, N
-from navsim.estimation.estimate import in_all_lanes
+from navsim.filter import strapdown
+from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, carry_covariance, gain, joseph
+from navsim.filter.estimate import in_all_lanes
+from navsim.filter.interval import add_step, add_white, begin_sums, sums_of, transition
+from navsim.filter.states import MOST, SENSORS, VEL, N
 from navsim.simulation.landing import exact_start
 
 SOURCE = Path(__file__).resolve().parent / "filter_step.c"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.core import strapdown
-from navsim.core.interval import add_step, begin_sums, sums_of, transition
-from navsim.core.states import SENSORS, N
+from navsim.filter import strapdown
+from navsim.filter.interval import add_step, begin_sums, sums_of, transition
+from navsim.filter.states import SENSORS, N
 
 
 @kernel

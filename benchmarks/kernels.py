@@ -12,10 +12,10 @@ from dense import dense_filter
 from measure import SCENARIO, STEPS, Curve, Job, Line, Plan, alternate, ratios, seconds, timed
 
 from navsim.compiler.lanes import WIDTH
-from navsim.core import states, strapdown
-from navsim.estimation.estimate import fly, in_all_lanes
-from navsim.estimation.observations import FIX, Measurements
-from navsim.estimation.records import ESKF, TFG, ImuData, Truth, empty_account, start
+from navsim.filter import states, strapdown
+from navsim.filter.estimate import fly, in_all_lanes
+from navsim.filter.measurement_models import FIX, Measurements
+from navsim.filter.records import ESKF, TFG, ImuData, Truth, empty_account, start
 from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
 from navsim.simulation.landing import exact_start, table_of_fixes
@@ -186,7 +186,7 @@ def placements(plan: Plan) -> list[Line]:
     """DOPs of 200 x 200 placements of two pseudolites at 121 epochs, 12 sources: 4.84 million solutions."""
     from navsim.landing.sources import environment
     from navsim.optimization.placement import RunwayPlane
-    from navsim.simulation.geometry import glide_geometry
+    from navsim.simulation.placement_geometry import glide_geometry
 
     scenario, document = read(SCENARIO, ["pseudolites.frame=runway", "pseudolites.count=0", "sky.mask_deg=0"])
     sources, scenario, _ = environment(scenario, document)

@@ -6,7 +6,7 @@ Frames   i inertial; e ECEF (WGS-84); n local level, north-east-down (NED) at th
          forward-right-down. Receiver geometry is in ENU, because that is how DOPs are defined.
 C_nb     takes b components into n: v_n = C_nb v_b. Quaternions are b -> n, Hamilton, scalar first.
 Errors   truth minus estimate. Attitude error: rotation vector theta in NED, C_nb(true) = exp(theta x) C_nb(estimate).
-States   fifteen, in the order of `navsim.core.states`: position (m, NED), velocity (m/s), attitude (rad), gyro
+States   fifteen, in the order of `navsim.filter.states`: position (m, NED), velocity (m/s), attitude (rad), gyro
          bias (rad/s), accelerometer bias (m/s2); behind them, where a filter follows them, the errors of the scale
          factors of gyros and accelerometers (1). Measured = (1 + scale) true + bias.
 Units    SI and radians inside; outside as each key or column says in its name.

@@ -6,7 +6,7 @@ import gc
 import os
 import sys
 
-from navsim.cli.ending import deafen, ends, prepare_streams
+from navsim.cli.exit_status import deafen, ends, prepare_streams
 
 _OBJECTS = 200_000
 """New objects between two looks for cycles among them; Python's own number, 700, is a third of the imports' time."""

@@ -47,20 +47,20 @@ KINDS = {
         "navsim.companions.jobs:azimuth_tracking",
     ),
     "sweep": Kind(
-        "sweep", "navsim.report.sweep:VIEW", "navsim.scenario.sweep:Sweep", "navsim.sweeps.job:SweepJob", "study",
+        "sweep", "navsim.sweeps.report:VIEW", "navsim.sweeps.scenario:Sweep", "navsim.sweeps.job:SweepJob", "study",
         "navsim.sweeps.job:check",
     ),
     "optimize": Kind(
-        "optimize", "navsim.report.optimize:VIEW", "navsim.scenario.optimize:Optimize",
+        "optimize", "navsim.optimization.report:VIEW", "navsim.optimization.scenario:Optimize",
         "navsim.optimization.job:OptimizeJob", "study", "navsim.optimization.job:check",
     ),
     "replay": Kind(
-        "replay", "navsim.report.replay:VIEW", "navsim.scenario.replay:Replay", "navsim.replays.job:ReplayJob",
+        "replay", "navsim.replays.report:VIEW", "navsim.replays.scenario:Replay", "navsim.replays.job:ReplayJob",
         "log", "navsim.replays.job:check",
     ),
     "table2": Kind("table2", "navsim.report.table2:VIEW"),
     "integrity-table": Kind("integrity-table", "navsim.report.integrity_table:VIEW"),
-    "live": Kind("live", "navsim.report.live:VIEW"),
+    "live": Kind("live", "navsim.replays.live_report:VIEW"),
 }  # fmt: skip
 OF_FILES = tuple(name for name, kind in KINDS.items() if kind.section)
 """The kinds that files have."""

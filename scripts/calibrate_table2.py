@@ -23,15 +23,15 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq, least_squares, minimize_scalar
 
-from navsim.core.dop import normals
 from navsim.geodesy.earth import ecef_from_llh
+from navsim.gnss.dop import normals
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import covariance_analysis, covariance_result, prepare
 from navsim.landing.table2 import PUBLISHED, PUBLISHED_DOPS, PUBLISHED_SKO, ROWS
 from navsim.scenario.base import DEG
 from navsim.scenario.load import read
-from navsim.simulation.geometry import glide_geometry, rows
+from navsim.simulation.placement_geometry import glide_geometry, rows
 
 ROOT = Path(__file__).resolve().parent.parent
 ALMANACS = ROOT.parent / "shared" / "data" / "almanacs"

@@ -11,7 +11,7 @@ from pathlib import Path
 import measured
 import numpy as np
 
-from navsim.core.states import ACCEL, GYRO
+from navsim.filter.states import ACCEL, GYRO
 from navsim.landing.study import Case, covariance_analysis, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.scenario.load import read

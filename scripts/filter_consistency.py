@@ -26,7 +26,7 @@ import measured
 import numpy as np
 from scipy.stats import chi2
 
-from navsim.core.states import A_D, GYRO, NAMES, N, display_name
+from navsim.filter.states import A_D, GYRO, NAMES, N, display_name
 from navsim.landing.study import Case, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.scenario.load import read

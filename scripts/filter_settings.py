@@ -11,7 +11,7 @@ import measured
 import numpy as np
 from measured import command, row, size
 
-from navsim.core.states import A_D, ACCEL
+from navsim.filter.states import A_D, ACCEL
 from navsim.landing.study import Case, covariance_analysis, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.scenario.load import read

@@ -11,7 +11,7 @@ from pathlib import Path
 import measured
 import numpy as np
 
-from navsim.core import states
+from navsim.filter import states
 from navsim.landing.study import Case, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.runner.statistics import consistency_band

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from navsim.scenario.names import FILE, collected, text
+from navsim.scenario.key_names import FILE, collected, text
 
 
 def main() -> None:

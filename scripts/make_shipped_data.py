@@ -25,7 +25,6 @@ from pathlib import Path
 import numpy as np
 
 import navsim
-from navsim.core.streams import generator
 from navsim.formats.rinex_write import navigation_lines
 from navsim.geodesy import earth
 from navsim.gnss import timescales
@@ -36,6 +35,7 @@ from navsim.scenario.load import read
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.sensors import imu
 from navsim.simulation.landing import measured, receiver_fixes
+from navsim.statistics.random_streams import generator
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
 DAY = datetime.date(2018, 9, 13)

@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 
 import navsim
-from navsim.core import states
+from navsim.filter import states
 from navsim.landing.study import Case, covariance_analysis, fly_all
 from navsim.runner.executor import threads
 

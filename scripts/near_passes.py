@@ -14,7 +14,7 @@ from pathlib import Path
 import measured
 import numpy as np
 
-from navsim.core import states
+from navsim.filter import states
 from navsim.landing.case import rms_window
 from navsim.landing.study import Case, covariance_analysis, prepare
 from navsim.scenario.load import read

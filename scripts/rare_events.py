@@ -13,12 +13,12 @@ import measured
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from navsim.landing import rare
+from navsim.landing import rare_events
 from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.runner.statistics import weighted_share
 from navsim.scenario.load import read
-from navsim.simulation.rare import proposal
+from navsim.simulation.importance_sampling import proposal
 
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 41
@@ -51,16 +51,16 @@ PARTS = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 1.0)
 TRIALS, MOST = 400, 20_000
 
 
-def boxed(name: str, settings: tuple[str, ...], chance: float, axes: tuple[int, ...]) -> tuple[Case, rare.Edge]:
+def boxed(name: str, settings: tuple[str, ...], chance: float, axes: tuple[int, ...]) -> tuple[Case, rare_events.Edge]:
     """A scenario with a box that a Gaussian error leaves with this chance, the same through each of its pairs of
     faces."""
     file = ROOT / "scenarios" / f"{name}.yaml"
     case = prepare(*read(file, (*settings, "box={lateral_m: 100}")))
-    sigma = np.sqrt(np.diagonal(rare.prepare(case).tilt.proposal.covariance))
+    sigma = np.sqrt(np.diagonal(rare_events.prepare(case).tilt.proposal.covariance))
     limits = -ndtri(0.5 * chance / len(axes)) * sigma
     keys = [f"{('lateral_m', 'along_m', 'vertical_m')[axis]}: {float(limits[axis])!r}" for axis in axes]
     case = prepare(*read(file, (*settings, f"box={{{', '.join(keys)}}}")))
-    return case, rare.prepare(case)
+    return case, rare_events.prepare(case)
 
 
 def interval(values: np.ndarray) -> str:
@@ -80,9 +80,9 @@ def counted() -> list[str]:
         case, edge = boxed(name, settings, chance, (LATERAL, ALONG, VERTICAL))
         errors = fly_all(case, SEED, 0, runs, threads(), keep="none").per_run("at_box")[:, 0]
         share = float(edge.box.beyond(errors).any(axis=1).mean())
-        enough = rare.stopping_rule(lambda edge=edge: edge, "probability within 10%")  # type: ignore[misc]
-        flown = rare.fly_all(case, edge, SEED + 1, 0, 20_000, threads(), enough=enough)
-        value, relative, _ = rare.probability(edge, flown)
+        enough = rare_events.stopping_rule(lambda edge=edge: edge, "probability within 10%")  # type: ignore[misc]
+        flown = rare_events.fly_all(case, edge, SEED + 1, 0, 20_000, threads(), enough=enough)
+        value, relative, _ = rare_events.probability(edge, flown)
         error = math.hypot(relative * value[0], math.sqrt(share * (1.0 - share) / runs))
         difference = f"{(value[0] - share) / error:+.1f}"
         cells = (f"{chance:g}", f"{share:.3g} of {runs}", interval(value), flown.runs, difference)
@@ -108,9 +108,9 @@ def closed() -> list[str]:
     for chance, runs in CLOSED:
         limit = float(-ndtri(0.5 * chance) * sigma)
         case = prepare(*read(file, (*LINEAR, f"box={{vertical_m: {limit!r}}}")))
-        edge = rare.prepare(case)
-        flown = rare.fly_all(case, edge, SEED, 0, runs, threads())
-        value, _, _ = rare.probability(edge, flown)
+        edge = rare_events.prepare(case)
+        flown = rare_events.fly_all(case, edge, SEED, 0, runs, threads())
+        value, _, _ = rare_events.probability(edge, flown)
         lines.append(measured.row(f"{chance:g}", interval(value), runs, f"{100 * (value[0] / chance - 1):+.1f} %"))
     return lines
 
@@ -127,10 +127,10 @@ def costs() -> list[str]:
     ]
     for label, name, settings in COSTS:
         case, edge = boxed(name, settings, COST_AT, (LATERAL, VERTICAL))
-        enough = rare.stopping_rule(lambda edge=edge: edge, "probability within 20%")  # type: ignore[misc]
-        flown = [rare.fly_all(case, edge, SEED + k, 0, 20_000, threads(), enough=enough) for k in range(3)]
-        values = [f"{rare.probability(edge, each)[0][0]:.2g}" for each in flown]
-        most = max(float(rare.not_linear(edge, each).max()) for each in flown)
+        enough = rare_events.stopping_rule(lambda edge=edge: edge, "probability within 20%")  # type: ignore[misc]
+        flown = [rare_events.fly_all(case, edge, SEED + k, 0, 20_000, threads(), enough=enough) for k in range(3)]
+        values = [f"{rare_events.probability(edge, each)[0][0]:.2g}" for each in flown]
+        most = max(float(rare_events.not_linear(edge, each).max()) for each in flown)
         landings = sorted(each.runs for each in flown)
         lines.append(measured.row(label, f"{landings[0]} - {landings[-1]}", ", ".join(values), f"{most:.2f} σ"))
     return lines
@@ -162,7 +162,7 @@ def honesty() -> list[str]:
                 value, _, effective = weighted_share(
                     log_weights[:runs], outside[:runs], mix.most_weight, mix.most_weight
                 )
-                if rare.narrow(value, effective, rare.USUAL):
+                if rare_events.narrow(value, effective, rare_events.USUAL):
                     break
             found.append((runs, value[0] / truth, value[2] < truth, effective))
         runs, over, missed, effective = np.array(found, float).T
@@ -175,7 +175,7 @@ def probe() -> measured.Probe:
     """Probability, its relative error and its effective samples of a few pushed runs of one box."""
     label, name, settings, chance, _ = COUNTED[2]
     case, edge = boxed(name, settings, chance, (LATERAL, ALONG, VERTICAL))
-    value, relative, effective = rare.probability(edge, rare.fly_all(case, edge, SEED, 0, 64, threads()))
+    value, relative, effective = rare_events.probability(edge, rare_events.fly_all(case, edge, SEED, 0, 64, threads()))
     return {f"{label}, {chance:g}": [float(value[0]), float(relative), float(effective)]}
 
 

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from navsim.results.draft import missing
+from navsim.results.builder import missing
 from navsim.results.result import Result
 from navsim.results.schema import CHECKSUMS, COVARIANCE, DTYPES, LAYOUTS, RARE, ROOT, declared
 

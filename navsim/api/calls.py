@@ -246,7 +246,7 @@ def schema(kind: str = "landing") -> dict[str, Any]:
 
 
 def _computed(command: str, scenario: Scenario, asked: dict[str, Any]) -> ResultFile:
-    from navsim.core.defect import Defect
+    from navsim.defect import Defect
 
     heard: list[str] = []
     with _alone(), of_python():

@@ -14,8 +14,8 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 
 import typer
 
-from navsim.cli import ending, log
-from navsim.cli.ending import BAD_INPUT, RUN_FAILED, print_message
+from navsim.cli import exit_status, log
+from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED, print_message
 from navsim.runner.reporter import Reporter
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def progress(extent: int, unit: str, shown: bool, clock: Callable[[], float] = t
     with (_bar(extent, unit) if extent else _status()) if live else nullcontext() as show:
 
         def tell(finished: int, words: str = "") -> None:
-            ending.check()
+            exit_status.check()
             here(finished, words)
             if show is not None:
                 show(finished, words)
@@ -109,7 +109,7 @@ def _bar(extent: int, unit: str) -> Iterator[Callable[[int, str], None]]:
     columns = (
         TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.fields[words]}"),
     )  # fmt: skip
-    with Progress(*columns, console=Console(file=cast("IO[str]", ending.LossyStderr())), transient=True) as bar:
+    with Progress(*columns, console=Console(file=cast("IO[str]", exit_status.LossyStderr())), transient=True) as bar:
         task = bar.add_task(unit, total=extent, words="")
         yield lambda finished, words: bar.update(task, completed=finished, words=words)
 
@@ -118,7 +118,7 @@ def _bar(extent: int, unit: str) -> Iterator[Callable[[int, str], None]]:
 def _status() -> Iterator[Callable[[int, str], None]]:
     from rich.console import Console
 
-    with Console(file=cast("IO[str]", ending.LossyStderr())).status("") as line:
+    with Console(file=cast("IO[str]", exit_status.LossyStderr())).status("") as line:
         yield lambda finished, words: line.update(words)
 
 

@@ -290,7 +290,7 @@ _OFFERED = {
 
 def _assignments(words: Sequence[str], typed: str) -> Iterator[Candidate]:
     """Keys for `--set`, or, behind a key and `=`, the values it may have."""
-    from navsim.scenario.names import key_names
+    from navsim.scenario.key_names import key_names
 
     known = key_names()
     keys: dict[str, list[str]] = {}

@@ -13,7 +13,7 @@ import typer
 
 from navsim.cli.common import AT_TERMINAL, leave, leaving, print_json
 from navsim.cli.completion import SHELLS, script
-from navsim.cli.ending import BAD_INPUT, print_message
+from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.options import set_option
 from navsim.kinds import KINDS, OF_FILES
 from navsim.runner.errors import BadInput
@@ -64,7 +64,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of a kind of file, with unit, range and default of each key."""
     from navsim.results.atomic_write import write_atomically
-    from navsim.scenario.published import ANY, installed, published
+    from navsim.scenario.json_schema import ANY, installed, published
 
     with leaving():
         found = schema_of(ANY if all_ and kind in OF_FILES else kind)
@@ -161,7 +161,7 @@ def init(
         leave(BAD_INPUT, f"{target}: exists already and stays untouched; choose another name with -o")
     if not target.parent.is_dir():
         leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
-    from navsim.scenario.published import modeline
+    from navsim.scenario.json_schema import modeline
 
     beside = {target.parent / name: shipped.content(name) for name in shipped.needs(template)}
     written = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from navsim.cli.ending import print_message
+from navsim.cli.exit_status import print_message
 
 if TYPE_CHECKING:
     from navsim.results.result import Result

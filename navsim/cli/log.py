@@ -103,7 +103,7 @@ def _ends_with_newline(file: IO[str]) -> bool | None:
 
 def _end_of(error: BaseException) -> tuple[int, str]:
     """The exit code of a command that ends by this, and why it does, where no error was said."""
-    from navsim.cli.ending import OK, RUN_FAILED, WORDS, signal_that_came
+    from navsim.cli.exit_status import OK, RUN_FAILED, WORDS, signal_that_came
 
     for name in ("exit_code", "code"):  # of typer, of the interpreter
         if isinstance(known := getattr(error, name, None), int):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from navsim.cli.ending import OK, ending
+from navsim.cli.exit_status import OK, ending
 from navsim.cli.options import grouped
 from navsim.kinds import named
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import leave, leaving, read_result
-from navsim.cli.ending import BAD_INPUT
+from navsim.cli.exit_status import BAD_INPUT
 from navsim.cli.options import Care, JsonOption, Required, dry_run_option, figures_option
 from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.errors import translate_errors

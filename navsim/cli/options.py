@@ -158,7 +158,7 @@ class Required:
 
 def _log_in(path: Path) -> None:
     """Keep a log to the end of the command."""
-    from navsim.cli.ending import keep
+    from navsim.cli.exit_status import keep
     from navsim.cli.log import NoLog, logged
 
     try:

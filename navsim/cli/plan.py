@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import leave
-from navsim.cli.ending import BAD_INPUT, print_message
+from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.options import number_option
 from navsim.cli.reports import INSTALL
 

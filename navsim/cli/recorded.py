@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from navsim.cli.common import AT_TERMINAL, leave, leaving, print_shown, progress
-from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, keep, print_message
+from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED, WORDS, keep, print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import (
     Care,

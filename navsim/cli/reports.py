@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import called, leave, read_result
-from navsim.cli.ending import BAD_INPUT, RUN_FAILED
+from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED
 from navsim.cli.results import shown_as_stored
 
 INSTALL = "pip install 'navsim-landing[report]'"

@@ -21,7 +21,7 @@ from navsim.cli.common import (
     print_tables,
     read_result,
 )
-from navsim.cli.ending import BAD_INPUT, print_message
+from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
 from navsim.runner.target import figure_folder

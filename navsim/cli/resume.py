@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from navsim.cli.common import leave, leaving
-from navsim.cli.ending import BAD_INPUT, print_message
+from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.options import Care, SchedulerOption, WorkersOption, figures_option
 from navsim.cli.terminal import resuming
 

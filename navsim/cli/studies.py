@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import leave, leaving
-from navsim.cli.ending import CHECK_FAILED
+from navsim.cli.exit_status import CHECK_FAILED
 from navsim.cli.options import (
     Care,
     FreshOption,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navsim.cli.common import AT_TERMINAL, leaving, print_shown, progress
-from navsim.cli.ending import print_message
+from navsim.cli.exit_status import print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import Care, Required
 from navsim.runner import steps

@@ -1,7 +1,7 @@
 """Small dense Kalman filters for the tracking systems, with sequential scalar measurements.
 
 Predict and update are kernels on (n,) and (n, n) arrays; models in continuous time become discrete ones by van Loan's
-method. The landing filter has the same steps for its fifteen states with their block structure (`core.covariance`).
+method. The landing filter has the same steps for its fifteen states with their block structure (`filter.covariance`).
 
 Sources:
 
@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.core.defect import Defect
+from navsim.defect import Defect
 
 _MOST_DECAY = 8.0
 """Correlation times in a period up to which van Loan's method keeps its digits: its error grows by e with each."""

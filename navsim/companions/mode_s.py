@@ -17,9 +17,9 @@ from navsim.companions.atc.filter import singer_range
 from navsim.companions.azimuth.filter import FIRST, SINGER, azimuth_filter, range_filter
 from navsim.companions.circuit import CircuitFlight, G
 from navsim.companions.kalman import singer
-from navsim.core.streams import generator
 from navsim.formats.text import read_lines
 from navsim.geodesy.earth import ecef_from_llh, ned_matrix
+from navsim.statistics.random_streams import generator
 
 KNOT, FOOT, DEG = 0.514444, 0.3048, np.pi / 180.0
 POSITION_SIGMA, VELOCITY_SIGMA = 15.0, 0.7

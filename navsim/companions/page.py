@@ -12,7 +12,8 @@ from bokeh.plotting import figure
 from navsim.companions.atc import report as atc
 from navsim.companions.azimuth import report as azimuth
 from navsim.companions.elevation import report as elevation
-from navsim.report.page.marks import (
+from navsim.report.figure_data import settled
+from navsim.report.page.plots import (
     ORANGE,
     Drawing,
     Key,
@@ -35,8 +36,7 @@ from navsim.report.page.marks import (
     ticks,
     upright,
 )
-from navsim.report.quantities import settled
-from navsim.report.tables import setting
+from navsim.report.summary_tables import setting
 from navsim.results.result import Result
 
 _OF_RUNS = "σ of the filter"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.companions.circuit import CircuitFlight, G, level_acceleration
-from navsim.core.streams import generator
+from navsim.statistics.random_streams import generator
 
 DRAWS = 8
 """Numbers drawn a report: three load factors, roll, path angle, track, speed, track rate."""

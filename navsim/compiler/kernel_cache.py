@@ -29,7 +29,7 @@ from navsim.compiler.kernel_pieces import is_piece, put_together, taken_apart, w
 from navsim.compiler.protected_folder import ProtectedFolder
 
 KERNEL_ROOMS = (
-    "compiler", "geodesy", "core", "trajectory", "gnss", "sensors", "estimation", "simulation", "integrity",
+    "compiler", "geodesy", "statistics", "trajectory", "gnss", "sensors", "filter", "simulation", "integrity",
     "companions",
 )  # fmt: skip
 """Rooms of the package with kernels, or with data that kernels read."""

@@ -25,7 +25,7 @@ from navsim.formats import rinex_write, simulated_log
 from navsim.formats.conventions import KNOT
 from navsim.formats.ridges import ridges
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
-from navsim.formats.swept import heads, rows
+from navsim.formats.sweep_rows import heads, rows
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.gnss import timescales

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from navsim.core import states
+from navsim.filter import states
 from navsim.formats.conventions import (
     ACCELEROMETER_UNITS,
     FIX_CORRELATIONS,

@@ -15,9 +15,9 @@ import numpy as np
 
 from navsim.geodesy import earth
 from navsim.gnss.constellations.constellation import Constellation
+from navsim.gnss.correlated_errors import LastingErrors
 from navsim.gnss.dll import ReflectionErrors
-from navsim.gnss.lasting import LastingErrors
-from navsim.gnss.transmitter import WanderingClocks
+from navsim.gnss.pseudolite_clock import WanderingClocks
 
 _TRAVEL_TIME = 0.07
 _BY_SOURCE = (

@@ -1,6 +1,6 @@
-"""The satellite receiver as a clock and a source of fixes; how it positions is `estimation.receiver`.
+"""The satellite receiver as a clock and a source of fixes; how it positions is `gnss.position_fix`.
 
-Source of the clock's noise: `core.arrays.clock`.
+Source of the clock's noise: `gnss.clock_noise`.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.clock import step_covariance
 from navsim.geodesy.earth import SPEED_OF_LIGHT
+from navsim.gnss.clock_noise import step_covariance
 
 
 def epochs(duration: float, rate: float) -> np.ndarray:

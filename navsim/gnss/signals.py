@@ -1,6 +1,6 @@
 """The simulator of satellite and pseudolite signals: what there is to receive along a motion, and in what state.
 
-Source: `docs/theory/signals.md`; the effects are those of `gnss.effects`.
+Source: `docs/theory/signals.md`; the effects are those of `gnss.signal_errors`.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from navsim.core.defect import Defect
+from navsim.defect import Defect
 from navsim.geodesy.earth import RATE as EARTH_RATE
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss import atmosphere, dll, pseudorange, timescales
 from navsim.gnss.antenna import AircraftAntenna, GroundPattern
 from navsim.gnss.constellations.constellation import Constellation, carriers
 from navsim.gnss.constellations.systems import CLOCKS, GPS, OWN
-from navsim.gnss.effects import NO_EFFECTS, Effects, directions_from, propagation, space_sensitivity
+from navsim.gnss.correlated_errors import LastingErrors
 from navsim.gnss.events import PSEUDOLITES, Event, Scene, happened
 from navsim.gnss.interference import propagation as interference
 from navsim.gnss.interference.horizon import behind, horizon_dip, horizon_distance
 from navsim.gnss.interference.jamming import TEMPERATURE, Jamming, Received
-from navsim.gnss.lasting import LastingErrors
+from navsim.gnss.pseudolite_clock import WanderingClocks
+from navsim.gnss.signal_errors import NO_EFFECTS, Effects, directions_from, propagation, space_sensitivity
 from navsim.gnss.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
-from navsim.gnss.transmitter import WanderingClocks
 from navsim.trajectory.kinematics import Motion
 
 _LISTED_RANGE = 20_000e3

@@ -15,7 +15,7 @@ import numpy as np
 
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import WIDTH, in_lanes, registers, select
-from navsim.core.defect import Defect
+from navsim.defect import Defect
 from navsim.integrity.solution import MonitoredFix, Noise, solve, turned
 
 EAST, NORTH, UP = 0, 1, 2

@@ -1,6 +1,6 @@
 """The receiver's fixes of lanes, and what they leave of their ranges.
 
-The solution itself is `navsim.estimation.receiver`.
+The solution itself is `navsim.gnss.position_fix`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH, in_lanes
-from navsim.core.dop import MAX_CLOCKS
-from navsim.estimation.receiver import fixes, residuals
+from navsim.gnss.dop import MAX_CLOCKS
+from navsim.gnss.position_fix import fixes, residuals
 from navsim.gnss.pseudorange import Signals
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays import chi_square
+from navsim.statistics import chi_square
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.core.arrays import chi_square, normal
 from navsim.integrity.solution import MonitoredFix, turned
+from navsim.statistics import chi_square, normal
 
 BLIND = 1e-9
 """A range of less redundancy than this is not checked by the others; one that moves the position by less than this of

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.arrays import chi_square, normal
 from navsim.integrity.residuals import Monitor
 from navsim.integrity.solution import MonitoredFix
+from navsim.statistics import chi_square, normal
 
 
 def silent(monitor: Monitor, epoch: int, source: int, bias: float, limit: float) -> float:

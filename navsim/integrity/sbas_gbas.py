@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from navsim.core.arrays import normal
 from navsim.integrity.solution import MonitoredFix
+from navsim.statistics import normal
 
 SBAS_HORIZONTAL, SBAS_VERTICAL = 6.0, 5.33
 """Factors of precision approaches [DO-229]; 5.33 is the rounded 5.327 that a chance of 5e-8 a side has."""

@@ -1,8 +1,8 @@
 """Least-squares fixes as their monitors see them: what an error of each range does to the position, and what it leaves
 in the residuals.
 
-Source: `docs/theory/integrity.md`, section 1. The receiver's own fixes are made by `core.least_squares`; their normal
-matrix is that of `core.dop` where range errors are independent.
+Source: `docs/theory/integrity.md`, section 1. The receiver's own fixes are made by `gnss.least_squares`; their normal
+matrix is that of `gnss.dop` where range errors are independent.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.core.dop import invert_normal
+from navsim.gnss.dop import invert_normal
 
 POSITION = 3
 """Unknowns of position, which stand first."""

@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH
-from navsim.core import states
-from navsim.core.states import Block
-from navsim.estimation.beliefs import Beliefs
-from navsim.estimation.estimate import FILTER_KINDS
+from navsim.filter import states
+from navsim.filter.design import Beliefs
+from navsim.filter.estimate import FILTER_KINDS
+from navsim.filter.states import Block
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.interference.horizon import behind
 from navsim.gnss.signals import Environment, Pseudolites
@@ -28,6 +28,8 @@ from navsim.scenario.signals import ClockNoise
 from navsim.scenario.source import Document
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import followed_errors as followed_heights
+from navsim.simulation.correlated_errors import fix_blocks, followed_errors
+from navsim.simulation.inertial_states import followed, gains_that_matter
 from navsim.simulation.landing import (
     Flight,
     InitialErrors,
@@ -37,8 +39,6 @@ from navsim.simulation.landing import (
     fly,
 )
 from navsim.simulation.landing import prepare as prepare_flight
-from navsim.simulation.lasting import fix_blocks, followed_errors
-from navsim.simulation.sensors import followed, gains_that_matter
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.kinematics import Moving
 

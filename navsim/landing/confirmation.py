@@ -17,7 +17,7 @@ import numpy as np
 from navsim.landing.result import result
 from navsim.landing.study import Case
 from navsim.landing.study import fly_all as fly_landing
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import CONSISTENT, Finding, of, several
 from navsim.results.result import Result
 from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from navsim.core.consistency import ROUNDING
 from navsim.landing.case import Case
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.runner.batches import Ensemble
 from navsim.runner.consistency import RatioBand, Ratios, StateVerdict, correlation_of, evaluate, simultaneous_band
+from navsim.statistics.consistency import ROUNDING
 
 EXACT_START = 1e-3
 """Ratio at time 0 below which a state starts without error, beside the least sigma that a filter starts from."""

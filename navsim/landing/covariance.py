@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from navsim.core import states
+from navsim.filter import states
 from navsim.geodesy.attitude import rpy_jacobian
-from navsim.landing import integrity, requirements, tails
-from navsim.landing.box import box_of, to_first_order
+from navsim.landing import integrity, requirements, risk_sampling
 from navsim.landing.case import MOVING, PERCENTILES, Case, crossing_times, rms_window
 from navsim.landing.consistency import evaluate_states, expected_ratios, put_consistency
 from navsim.landing.ensemble import (
@@ -27,8 +26,9 @@ from navsim.landing.ensemble import (
     turned_variances,
     variances_at_heights,
 )
-from navsim.landing.tree import accuracy, attributes, base, belief
-from navsim.results.draft import ResultBuilder
+from navsim.landing.error_box import box_of, to_first_order
+from navsim.landing.result_groups import accuracy, attributes, base, belief
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept, several
 from navsim.results.result import Result
 from navsim.results.schema import COVARIANCE
@@ -75,7 +75,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     integrity.described(draft, case)
     integrity.in_runway_axes(draft, case)
     integrity.compared(draft, case)
-    tails.sampled_risks(draft, case, seed)
+    risk_sampling.sampled_risks(draft, case, seed)
     requirements.judged(draft, case, 0, _moments(case, analysis))
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(covariance_findings(case, analysis)))

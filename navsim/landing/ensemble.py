@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core import states
-from navsim.core.consistency import sum_ratios
-from navsim.core.dop import MAX_CLOCKS
-from navsim.core.states import MOST
-from navsim.estimation.beliefs import Beliefs
-from navsim.estimation.records import NOT_USED, REJECTED
+from navsim.filter import states
+from navsim.filter.design import Beliefs
+from navsim.filter.records import NOT_USED, REJECTED
+from navsim.filter.states import MOST
 from navsim.geodesy.attitude import rpy_error, rpy_jacobian
+from navsim.gnss.dop import MAX_CLOCKS
 from navsim.integrity.monitoring import ALARM
 from navsim.landing import integrity
 from navsim.landing.case import MOVING, Case, crossing_times, rms_window
@@ -37,6 +36,7 @@ from navsim.runner.statistics import rms_interval
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import Run
+from navsim.statistics.consistency import sum_ratios
 from navsim.words import option
 
 LEVELS = np.array([1.0, 2.0, 3.0])
@@ -198,7 +198,7 @@ class LandingStudy:
 
 
 def add_ratios(sums: Sums, first: int, runs: Run) -> None:
-    """Add the ratios of errors to sigma of runs from `first` on (`core.consistency`) to sums."""
+    """Add the ratios of errors to sigma of runs from `first` on (`statistics.consistency`) to sums."""
     limits = np.array(LIMITS)
     for start, length in blocks(first, runs.error.shape[0]):
         part = slice(start - first, start - first + length)

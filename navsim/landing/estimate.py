@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from navsim.compiler.lanes import WIDTH
-from navsim.core.states import MOST, clock_states
+from navsim.filter.states import MOST, clock_states
 from navsim.gnss.constellations.systems import OWN
 from navsim.gnss.events import PSEUDOLITES
 from navsim.gnss.receiver import epochs
@@ -26,8 +26,8 @@ from navsim.runner.estimate import (
 from navsim.scenario.filter import SMOOTHERS, SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import believed_latency, times_of
+from navsim.simulation.inertial_states import true_states
 from navsim.simulation.landing_covariance import SOURCES
-from navsim.simulation.sensors import true_states
 
 SAMPLE_MEMORY = 3200
 """A sample of the inertial sensors in what all runs share and in what leads there, bytes."""

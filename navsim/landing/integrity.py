@@ -29,7 +29,7 @@ from navsim.integrity.monitoring import (
 )
 from navsim.landing.case import Case, times_at_heights
 from navsim.landing.sources import on_glide
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE
 from navsim.runner.batches import Ensemble
 from navsim.runner.checkpoint import Arrays

@@ -13,20 +13,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.streams import generator
 from navsim.gnss import events
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.monitoring import Monitoring, Snapshot, tested_levels
 from navsim.integrity.observability import possible
 from navsim.landing.integrity import ApproachLimits, approach_limits, glide_of, level_warnings, spread_over, within
 from navsim.landing.study import Case
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result
 from navsim.results.schema import INTEGRITY_TABLE, MOST_LEVELS
 from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import notes
 from navsim.simulation.landing import Flight
+from navsim.statistics.random_streams import generator
 
 SATELLITES = (2, 3, 4, 5, 6, 7)
 """Numbers of satellites, the columns of both tables."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from navsim.gnss.signals import Environment
-from navsim.landing import rare
+from navsim.landing import rare_events
 from navsim.landing import study as landing
 from navsim.landing.estimate import landing as estimated
 from navsim.results.result import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, ResultKind
@@ -147,7 +147,7 @@ class RareJob(_Prepared):
     """The probability of leaving the box."""
 
     unit, suffix = "runs", ""
-    edge: rare.Edge
+    edge: rare_events.Edge
 
     def __init__(self, section: Landing, document: Document, options: Options) -> None:
         super().__init__(section, document)
@@ -159,12 +159,12 @@ class RareJob(_Prepared):
             raise OptionError(f"{option('require_consistent')}: {text}")
         self.seed, self.first = options.seed, options.first_run or 0
         # a number of runs alone is flown whole
-        usual = f"probability within {100.0 * rare.USUAL:g}%" if options.runs is None else None
+        usual = f"probability within {100.0 * rare_events.USUAL:g}%" if options.runs is None else None
         self.until = options.until or usual
-        self.runs = options.runs or rare.MOST_RUNS
+        self.runs = options.runs or rare_events.MOST_RUNS
         _check_numbers(self.first, self.runs)
         try:
-            self.enough = None if self.until is None else rare.stopping_rule(lambda: self.edge, self.until)
+            self.enough = None if self.until is None else rare_events.stopping_rule(lambda: self.edge, self.until)
         except ValueError as error:
             raise OptionError(f"{option('until')} {error}") from None
         self.sort = ResultKind("landing", section.method, count=0 if self.until is not None else self.runs)
@@ -174,7 +174,7 @@ class RareJob(_Prepared):
     def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         self._prepare(self.runs, "none", executor, allow, at_most=self.until is not None)
         try:
-            self.edge = rare.prepare(self.case)
+            self.edge = rare_events.prepare(self.case)
         except ValueError as error:
             raise InputError([Problem(self.document.place(("box",)), "box", str(error))]) from None
 
@@ -186,10 +186,10 @@ class RareJob(_Prepared):
         return landing.partial_key(self.case, self.seed, self.first, self.runs, "none")
 
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
-        flown = rare.fly_all(
+        flown = rare_events.fly_all(
             self.case, self.edge, self.seed, self.first, self.runs, executor,
             store=store, done=_progress_of(tell, self.enough), enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
         warnings = () if reached else (f"{self.until}: not reached within {self.runs} runs",)
-        return Outcome(rare.result(self.case, self.edge, flown, self.seed), warnings)
+        return Outcome(rare_events.result(self.case, self.edge, flown, self.seed), warnings)

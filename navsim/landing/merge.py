@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import navsim
-from navsim.landing import rare
+from navsim.landing import rare_events
 from navsim.landing.case import Case, prepare
 from navsim.landing.result import result
 from navsim.results.findings import several
@@ -111,7 +111,7 @@ def merged(parts: Parts, case: Case) -> Result:
     seed = int(first.attributes["seed"])
     ensemble = together([one for _, one in parts])
     if case.scenario.method == "rare":
-        whole = rare.result(case, rare.prepare(case), ensemble, seed)
+        whole = rare_events.result(case, rare_events.prepare(case), ensemble, seed)
     else:
         whole = result(case, ensemble, seed, keep="none")
     if whole.attributes["scenario_sha256"] != first.attributes["scenario_sha256"]:

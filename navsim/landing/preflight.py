@@ -17,7 +17,7 @@ import numpy as np
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
 from navsim.gnss.interference.horizon import flown_under
-from navsim.landing.implausible import implausible, one_direction
+from navsim.landing.plausibility import implausible, one_direction
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.box import BoxSection

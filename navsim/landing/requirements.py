@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.arrays import normal
 from navsim.integrity.monitoring import Monitoring, Watcher, tested_levels, threshold_by_faults, vertical_sigma
 from navsim.landing.case import Case, touches_down
 from navsim.landing.integrity import (
@@ -23,7 +22,7 @@ from navsim.landing.integrity import (
     relative_levels,
     share_of_alike,
 )
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE, HEIGHTS, RARE, VERDICTS
 from navsim.runner.statistics import rms_interval_of_means, share_interval
 from navsim.scenario.landing import Landing
@@ -42,6 +41,7 @@ from navsim.scenario.requirements import (
     singles,
 )
 from navsim.simulation.landing_covariance import folded_quantile
+from navsim.statistics import normal
 
 NOT_MET, UNDECIDED, MET = VERDICTS
 MOST_RUNS = 10**12

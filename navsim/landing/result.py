@@ -6,17 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from navsim.core import states
-from navsim.estimation.observations import FIX
+from navsim.filter import states
+from navsim.filter.measurement_models import FIX
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss.constellations.systems import CLOCKS
-from navsim.landing import integrity, requirements, tails
-from navsim.landing.box import box_of, counted
+from navsim.landing import integrity, requirements, risk_sampling
 from navsim.landing.case import MOVING, PERCENTILES, Case, rms_window
 from navsim.landing.consistency import put_consistency, ratios_of_runs, shares_beyond
 from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, findings
-from navsim.landing.tree import accuracy, attributes, base, belief
-from navsim.results.draft import ResultBuilder
+from navsim.landing.error_box import box_of, counted
+from navsim.landing.result_groups import accuracy, attributes, base, belief
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result, Stream
 from navsim.results.schema import LANDING, RUNWAY_AXES
@@ -50,7 +50,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
     integrity.in_runway_axes(draft, case)
     integrity.compared(draft, case)
     integrity.counted(draft, case, ensemble)
-    tails.sampled_risks(draft, case, seed)
+    risk_sampling.sampled_risks(draft, case, seed)
     _summary(draft, case, ensemble)
     requirements.judged(draft, case, ensemble.runs, within=integrity.levels_within(case, ensemble))
     pack(draft, ensemble)

@@ -17,7 +17,7 @@ import numpy as np
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import Case, findings, fly_all, prepare
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result
 from navsim.results.schema import TABLE2
@@ -28,7 +28,7 @@ from navsim.runner.findings import among, marks
 from navsim.runner.statistics import rms_interval
 from navsim.scenario.load import read
 from navsim.scenario.shipped import path
-from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.simulation.placement_geometry import Geometry, glide_geometry
 
 
 @dataclass(frozen=True)

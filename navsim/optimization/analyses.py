@@ -23,9 +23,9 @@ from navsim.landing.requirements import Fulfilment, sizes_of
 from navsim.landing.sources import touchdown_time
 from navsim.landing.study import Case, covariance_analysis, covariance_findings, covariance_summary, judged_without_runs
 from navsim.optimization.placement import Rules, RunwayPlane
+from navsim.optimization.scenario import LEVEL_OBJECTIVES
 from navsim.results.findings import Finding
 from navsim.results.schema import LARGE
-from navsim.scenario.optimize import LEVEL_OBJECTIVES
 from navsim.scenario.requirements import (
     AccuracyRequirement,
     AvailabilityRequirement,

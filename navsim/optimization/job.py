@@ -11,6 +11,7 @@ from navsim.landing.sources import glide_epochs
 from navsim.optimization import study as optimize
 from navsim.optimization.problem import PENALTY_REQUIREMENT, PlacementProblem, load_of, problem
 from navsim.optimization.progress import SearchMonitor, SearchProgress
+from navsim.optimization.scenario import DOP_OBJECTIVES, Optimize
 from navsim.optimization.search import CHUNK, COARSE, FULL
 from navsim.optimization.search_log import SearchLog
 from navsim.results.result import Result, ResultKind
@@ -21,7 +22,6 @@ from navsim.runner.executor import Executor, RemoteExecutor
 from navsim.runner.job import Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
-from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.source import Document
 
 _JUDGED_MEMORY = 70

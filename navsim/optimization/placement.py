@@ -14,10 +14,10 @@ import numpy as np
 from navsim.formats import geojson
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.pseudolite import Track, runway_positions
+from navsim.optimization.scenario import Constraints, Optimize, Strip, Surfaces
 from navsim.results import files
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
-from navsim.scenario.optimize import Constraints, Optimize, Strip, Surfaces
 from navsim.scenario.source import Document, InputError, Place, Problem
 
 

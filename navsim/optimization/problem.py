@@ -35,23 +35,23 @@ from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.signals import Environment
 from navsim.landing.case import Ask, crossing_times
 from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
-from navsim.landing.implausible import implausible
+from navsim.landing.plausibility import implausible
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.landing.requirements import MET, Fulfilment
 from navsim.landing.sources import environment, glide_epochs, touchdown_time
 from navsim.landing.study import Case, prepare
 from navsim.optimization.analyses import FidelityEvaluator, LevelScreen, ObjectiveFunction, flown, screened, watched
 from navsim.optimization.placement import Rules, rules
+from navsim.optimization.scenario import DOP_OBJECTIVES, FILTER_DISTANCE, LEVEL_OBJECTIVES, Optimize
 from navsim.results.findings import Finding
 from navsim.results.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
 from navsim.runner.executor import threads
 from navsim.scenario.base import KeyedError, validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.optimize import DOP_OBJECTIVES, FILTER_DISTANCE, LEVEL_OBJECTIVES, Optimize
 from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singles
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
-from navsim.scenario.sweep import FILTER_OUTPUTS
-from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.simulation.placement_geometry import Geometry, glide_geometry
+from navsim.sweeps.scenario import FILTER_OUTPUTS
 
 PENALTY_CONSTRAINT = 1e9
 """Objective of a placement that breaks a rule by nothing; more for worse."""

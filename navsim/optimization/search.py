@@ -46,8 +46,8 @@ from navsim.optimization.problem import (
     penalised,
 )
 from navsim.optimization.progress import SearchMonitor, Step
+from navsim.optimization.scenario import LEVEL_OBJECTIVES
 from navsim.runner.job import JobError
-from navsim.scenario.optimize import LEVEL_OBJECTIVES
 
 if TYPE_CHECKING:
     from scipy.optimize import Bounds

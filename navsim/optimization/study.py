@@ -27,7 +27,7 @@ from navsim.optimization.problem import (
 from navsim.optimization.progress import SearchMonitor, Step, TimeUp
 from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, Found, NoPlacement, named, search_one, steps
 from navsim.optimization.search_log import SearchLog
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import OBJECTIVE_QUANTITIES, OPTIMIZE

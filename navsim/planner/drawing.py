@@ -16,7 +16,7 @@ from bokeh.plotting import figure
 from navsim.gnss.sky import Horizon
 from navsim.planner.outlook import Share
 from navsim.planner.proposal import PlannedScenario
-from navsim.report.page.marks import (
+from navsim.report.page.plots import (
     BLUE,
     BROWN,
     GREY,

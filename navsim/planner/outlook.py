@@ -13,20 +13,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.dop import dops, geometry_covariance
 from navsim.geodesy.earth import llh_from_ecef
+from navsim.gnss.dop import dops, geometry_covariance
 from navsim.gnss.signals import build_signals
 from navsim.gnss.sky import Horizon
 from navsim.landing import integrity
 from navsim.landing.case import Case
+from navsim.landing.result_groups import geometry_summary
 from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import prepare
-from navsim.landing.tree import geometry_summary
 from navsim.optimization.analyses import LevelScreen, Prepared, glimpsed
 from navsim.optimization.placement import RunwayPlane
 from navsim.optimization.problem import of_geometry
 from navsim.planner.proposal import PlannedScenario
-from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.simulation.placement_geometry import Geometry, glide_geometry
 
 
 @dataclass(frozen=True)

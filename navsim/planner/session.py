@@ -22,11 +22,11 @@ import numpy as np
 from bokeh.document import Document as Page
 from bokeh.models import ColumnDataSource
 
-from navsim.core.defect import Defect
+from navsim.defect import Defect
 from navsim.planner.drawing import AerodromePlan, Outline, ShownArea, SkyPlan, area_of, reach_of
-from navsim.planner.orders import Known, WrongOrder, read_order
 from navsim.planner.outlook import QUANTITIES, Outlook, Places, Worth
 from navsim.planner.proposal import PlannedScenario
+from navsim.planner.requests import Known, WrongOrder, read_order
 from navsim.planner.target import Consent, Target
 from navsim.results.result import ResultError
 from navsim.scenario.source import InputError

@@ -1,7 +1,7 @@
 """A recorded flight through the filter: increments from samples, fixes as they came, nothing simulated.
 
 A fix that arrived late is used for the time it was valid, and the answer at each output time is what could be known
-then: see `estimation.filter_loop`. Where samples are missing, the flight goes on with interpolated motion and a process
+then: see `filter.filter_loop`. Where samples are missing, the flight goes on with interpolated motion and a process
 noise that knows it; smoothing carries across.
 
 A flight has several parts where the filter cannot go on: samples are missing for longer than the attitude survives, or
@@ -16,16 +16,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core import covariance, states
-from navsim.core.dop import geometry_covariance
-from navsim.estimation import error_state
-from navsim.estimation.beliefs import Beliefs, with_unknown_clock
-from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
-from navsim.estimation.observations import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
-from navsim.estimation.records import NOT_USED, REJECTED, TIME_TOLERANCE, ImuData, by_epoch, schedule, start
+from navsim.filter import covariance, eskf, states
+from navsim.filter.design import Beliefs, with_unknown_clock
+from navsim.filter.estimate import FILTER_KINDS, estimate, is_smoother, lost
+from navsim.filter.measurement_models import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter.records import NOT_USED, REJECTED, TIME_TOLERANCE, ImuData, by_epoch, schedule, start
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
+from navsim.gnss.dop import geometry_covariance
 from navsim.replays.alignment import Alignment
 
 _ACCELERATION = 5.0
@@ -686,7 +685,7 @@ def _start(
     nav[states.NAV_GYRO : states.NAV_ACCEL] = alignment.gyro_bias
     if begin.kept is not None:
         nav[states.NAV_ACCEL : states.NAV_N] = begin.kept[0][states.NAV_ACCEL : states.NAV_N]
-    error_state.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ beliefs.lever_arm))
+    eskf.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ beliefs.lever_arm))
     position_sigma, fix_velocity_sigma = np.split(np.where(np.isnan(begin.own), fix_sigma, begin.own), 2)
     matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *beliefs.sensors.sigma], 3) ** 2)
     # since the fix the aircraft may have accelerated, and it turns about the antenna

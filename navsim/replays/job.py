@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from navsim.replays import study as replay
+from navsim.replays.scenario import Replay
 from navsim.results.findings import several
 from navsim.results.result import ResultKind
 from navsim.runner.checkpoint import CheckpointStore
@@ -10,7 +11,6 @@ from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budge
 from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.filter import SMOOTHERS
-from navsim.scenario.replay import Replay
 from navsim.scenario.source import Document
 from navsim.words import option
 

@@ -16,10 +16,9 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core import states
-from navsim.core.streams import generator
-from navsim.estimation.estimate import in_all_lanes
-from navsim.estimation.records import REJECTED
+from navsim.filter import states
+from navsim.filter.estimate import in_all_lanes
+from navsim.filter.records import REJECTED
 from navsim.formats.conventions import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.formats.nmea import Assembler, has_sentences
 from navsim.formats.stream import Lines
@@ -31,7 +30,7 @@ from navsim.gnss.signals import antenna_ecef
 from navsim.landing.case import Case
 from navsim.replays import source_clock
 from navsim.replays.live_filter import Increments, LiveFilter
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, several
 from navsim.results.result import Result
 from navsim.results.schema import COUNTS, LIVE, RMS_WINDOW
@@ -39,6 +38,7 @@ from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import notes, of_flight
 from navsim.sensors import imu
 from navsim.simulation.landing import initial_errors, initial_estimate, measured, receiver_fixes
+from navsim.statistics.random_streams import generator
 
 Block = Literal["receiver", "imu"]
 _OF_NMEA = {

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from navsim.core.states import MOST
-from navsim.estimation.estimate import estimate, is_smoother
-from navsim.estimation.judge import judge
-from navsim.estimation.observations import FIX, Measurements
-from navsim.estimation.records import TIME_TOLERANCE, History, ImuData, Judgement, State, Truth, schedule, start
+from navsim.filter.estimate import estimate, is_smoother
+from navsim.filter.evaluation import judge
+from navsim.filter.measurement_models import FIX, Measurements
+from navsim.filter.records import TIME_TOLERANCE, History, ImuData, Judgement, State, Truth, schedule, start
+from navsim.filter.states import MOST
 from navsim.simulation.landing import Flight, table_of_all_fixes
 from navsim.trajectory.kinematics import Moving
 

@@ -12,13 +12,12 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core.dop import MAX_CLOCKS, dops
-from navsim.estimation import receiver
 from navsim.formats.recorded_data import Ranges
 from navsim.formats.rinex_obs import Observations
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
-from navsim.gnss import atmosphere
+from navsim.gnss import atmosphere, position_fix
 from navsim.gnss.constellations.constellation import Constellation
+from navsim.gnss.dop import MAX_CLOCKS, dops
 from navsim.gnss.pseudorange import apparent_velocity, turned_with_earth
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from navsim.replays import outliers
@@ -167,7 +166,7 @@ def _fixes(
         if round_:
             moving = apparent_velocity(turned, moving, believed, np.einsum("eji,ej->ei", ned_matrix(llh), speed))
         usable = np.isfinite(m.ranges - delay) & np.isfinite(turned[..., 0]) & visible
-        receiver.fixes(
+        position_fix.fixes(
             start, turned, moving, sigma, np.full((e, s), outliers.RATE_SIGMA), m.clock,
             np.where(usable, m.ranges - delay, np.nan), m.rates, llh, speed, clocks, covariance,
         )  # fmt: skip

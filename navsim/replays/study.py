@@ -22,11 +22,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from navsim.core import states
-from navsim.estimation.beliefs import Beliefs
-from navsim.estimation.estimate import FILTER_KINDS, is_smoother
-from navsim.estimation.observations import FIX
-from navsim.estimation.records import NOT_USED, REJECTED, TFG
+from navsim.filter import states
+from navsim.filter.design import Beliefs
+from navsim.filter.estimate import FILTER_KINDS, is_smoother
+from navsim.filter.measurement_models import FIX
+from navsim.filter.records import NOT_USED, REJECTED, TFG
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.formats.recording import is_nmea, read_fixes, read_imu
 from navsim.formats.text import Dropped, FileError
@@ -36,10 +36,11 @@ from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays.diagnosis import Log, examine
 from navsim.replays.recorded_ranges import read_messages, read_ranges, together
+from navsim.replays.scenario import FixError, KnownSection, Outage, Replay
 from navsim.replays.single_point import PositioningOptions
 from navsim.replays.tuning import EVALUATIONS, FASTEST_NEEDED, LATENCY, moving_speed, tune
 from navsim.results import files
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import CONSISTENT, Finding, kept, several
 from navsim.results.result import Result
 from navsim.results.schema import REPLAY
@@ -48,10 +49,9 @@ from navsim.runner.findings import DOUBTED, limit, notes, of_flight
 from navsim.runner.job import JobError
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.base import DEG, DEG_H, MG
-from navsim.scenario.replay import FixError, KnownSection, Outage, Replay
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.sensors.imu import Triad
-from navsim.simulation.sensors import followed
+from navsim.simulation.inertial_states import followed
 
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers carry positions on with the velocity."""

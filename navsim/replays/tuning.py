@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.estimation.records import TFG
+from navsim.filter.records import TFG
 from navsim.replays import flight as replay
 from navsim.results.findings import CONSISTENT, Finding
 from navsim.runner.statistics import gate_limits

@@ -15,22 +15,7 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from navsim.report.figure_files import remove_former
-from navsim.report.limits import gates, rms_lines, within_sight, word
-from navsim.report.names import Covered, Letters, Side
-from navsim.report.printing import (
-    COLOURS,
-    COLUMN,
-    SMALL,
-    Print,
-    content,
-    fit,
-    legend,
-    named_handles,
-    new_figure,
-    printed,
-)
-from navsim.report.quantities import (
+from navsim.report.figure_data import (
     ellipse,
     first_runs,
     followed,
@@ -43,9 +28,24 @@ from navsim.report.quantities import (
     touchdown,
     true_for,
 )
+from navsim.report.figure_files import remove_former
+from navsim.report.label_placement import Covered, Letters, Side
+from navsim.report.limits import gates, rms_lines, within_sight, word
+from navsim.report.printing import (
+    COLOURS,
+    COLUMN,
+    SMALL,
+    Print,
+    content,
+    fit,
+    legend,
+    named_handles,
+    new_figure,
+    printed,
+)
 from navsim.report.ridges import BROWN, ShownRidge, clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import REACH, RINGS, SHADE, WRITTEN, bearings, masked, shaded, sides, source_tracks
-from navsim.report.tables import runs_of, setting, single
+from navsim.report.summary_tables import runs_of, setting, single
 from navsim.results.result import Result, ResultError, write_bytes
 
 if TYPE_CHECKING:

@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.report.figures import legend_above
-from navsim.report.limits import level_lines, required_limits
-from navsim.report.printing import COLOURS, COLUMN, SMALL, abreast, new_figure
-from navsim.report.quantities import (
+from navsim.report.figure_data import (
     ALARM,
     LEVELS,
     NO_FIX,
@@ -22,8 +19,11 @@ from navsim.report.quantities import (
     touchdown,
     whose,
 )
-from navsim.report.quantities import stanford as counted
-from navsim.report.tables import runs_of
+from navsim.report.figure_data import stanford as counted
+from navsim.report.figures import legend_above
+from navsim.report.limits import level_lines, required_limits
+from navsim.report.printing import COLOURS, COLUMN, SMALL, abreast, new_figure
+from navsim.report.summary_tables import runs_of
 from navsim.results.result import Result
 
 if TYPE_CHECKING:

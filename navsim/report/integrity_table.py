@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from navsim.report.summary_tables import setting
 from navsim.report.table import ABSENT, Cell, Table
-from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result, ResultError
 
@@ -114,5 +114,5 @@ def more(result: Result) -> dict[str, Any]:
 
 VIEW = View(
     one_by_one(tables), figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more,
-    drawings="navsim.report.page.tabulations:few_satellites",
+    drawings="navsim.report.page.published_tables:few_satellites",
 )  # fmt: skip

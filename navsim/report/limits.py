@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.report.quantities import come_down, event_time, touchdown
+from navsim.report.figure_data import come_down, event_time, touchdown
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
 

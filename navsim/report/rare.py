@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.core.arrays import normal
-from navsim.core.arrays.sampling import FEW, TWO_SIDED, relative_error
 from navsim.report.limits import DOTTED, REQUIRED, required_limits, word
+from navsim.report.summary_tables import box_head, box_limits, box_sides, box_to_first_order, requirements, runs_of
 from navsim.report.table import ABSENT, Cell, Table, cell
-from navsim.report.tables import box_head, box_limits, box_sides, box_to_first_order, requirements, runs_of
 from navsim.results.findings import several
 from navsim.results.result import Result
+from navsim.statistics import normal
+from navsim.statistics.importance_sampling import FEW, TWO_SIDED, relative_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,8 +12,8 @@ from navsim.formats.export import true_antenna
 from navsim.formats.ridges import RidgeLine, ridges
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.geodesy.horizon import crossings, reach
-from navsim.report.quantities import about_threshold
-from navsim.report.tables import setting
+from navsim.report.figure_data import about_threshold
+from navsim.report.summary_tables import setting
 from navsim.results.result import Result
 
 BROWN = "#8C4B00"

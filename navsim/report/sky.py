@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.geodesy.horizon import between
-from navsim.report.names import ON, Covered, Letters, Side
-from navsim.report.tables import setting
+from navsim.report.label_placement import ON, Covered, Letters, Side
+from navsim.report.summary_tables import setting
 from navsim.results.result import Result
 
 Sector = tuple[float, float, float, float]

@@ -184,9 +184,9 @@ def markdown(result: Result) -> str:
 
 def figures(result: Result) -> dict[str, Figure]:
     """The paper's figures 4 and 5: PDOP and horizontal error over the approach for none, one and two pseudolites."""
+    from navsim.report.figure_data import settled
     from navsim.report.figures import legend_above
     from navsim.report.printing import COLOURS, COLUMN, new_figure
-    from navsim.report.quantities import settled
 
     out = {}
     time = result["/approach/time"]
@@ -220,5 +220,5 @@ VIEW = View(
     ("/fit", "/claims", "/table"),
     texts=texts,
     verdicts=one_by_one(lambda result: [_claims(result)]),
-    drawings="navsim.report.page.tabulations:table2s",
+    drawings="navsim.report.page.published_tables:table2s",
 )

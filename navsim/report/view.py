@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from navsim.kinds import KINDS, named
+from navsim.report.summary_tables import FINDINGS, plain_tree
 from navsim.report.table import Cell, Table
-from navsim.report.tables import FINDINGS, plain_tree
 from navsim.results.result import Result, ResultError, write_text
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def draw(
     here = view(result.attributes["kind"])
     if run is None:
         return save_figures(lambda: here.figures(result), folder, stem, how, only)
-    from navsim.report.quantities import one_run
+    from navsim.report.figure_data import one_run
 
     chosen = one_run(result, run)
 

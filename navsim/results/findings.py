@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.result import Result, ResultError, Variable
 from navsim.results.schema import FINDINGS, LANDING
 

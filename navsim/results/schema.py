@@ -1,6 +1,6 @@
 """Every variable that a result may hold: path, dimensions, unit, meaning, in which layouts of results, and when.
 
-Studies hand in data by path (`results.draft`); what stands here is written into the file, published in
+Studies hand in data by path (`results.builder`); what stands here is written into the file, published in
 docs/reference/results, and held against the files that studies make (`tests/layout.py`).
 
 A `{name}` in a path stands for each member of a family: those that the entry lists, or those that a study names (its

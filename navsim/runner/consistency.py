@@ -24,9 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays import chi_square, normal
-from navsim.core.states import display_name, is_sigma_wrong
+from navsim.filter.states import display_name, is_sigma_wrong
 from navsim.results.findings import several
+from navsim.statistics import chi_square, normal
 
 FALSE_ALARM = 1e-3
 """Chance that a right filter is outside the band in any state at any output."""

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.arrays import chi_square
-from navsim.estimation.records import NOT_USED, REJECTED
+from navsim.filter.records import NOT_USED, REJECTED
 from navsim.results.findings import CONSISTENT, FIX, Finding, several
 from navsim.results.result import Result
 from navsim.runner.consistency import StateVerdict
 from navsim.runner.statistics import poisson_exceedance
+from navsim.statistics import chi_square
 
 FALSE_ALARM = 1e-6
 """Chance that a filter which is right causes a finding that rests on chance."""

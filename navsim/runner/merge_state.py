@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.result import Result
 from navsim.results.schema import PART
 from navsim.runner.batches import Batch, Ensemble

@@ -84,7 +84,7 @@ def schema_of(kind: str) -> dict[str, Any]:
     """The JSON Schema of files of a kind, or of `any`. Raises BadInput."""
     from navsim.kinds import OF_FILES
     from navsim.scenario.base import hint
-    from navsim.scenario.published import ANY, published
+    from navsim.scenario.json_schema import ANY, published
 
     if kind not in (*OF_FILES, ANY):
         raise BadInput(as_problems(f"{kind!r} is no kind of scenario; {hint(kind, [*OF_FILES, ANY])}"))

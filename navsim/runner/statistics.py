@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.arrays import chi_square
-from navsim.core.arrays.sampling import LEAST, TWO_SIDED, relative_error
+from navsim.statistics import chi_square
+from navsim.statistics.importance_sampling import LEAST, TWO_SIDED, relative_error
 
 CONFIDENCE = 0.95
 _TAIL = 0.5 * (1.0 - CONFIDENCE)

@@ -126,7 +126,7 @@ class FilterSection(Section):
     def states(self, scales: int, others: int) -> int:
         """How many errors it follows where sources keep so many time scales, and it follows so many others beside
         navigation and biases."""
-        from navsim.core import states
+        from navsim.filter import states
 
         clock = states.clock_states(scales) if self.tight else 0
         return len(states.names(states.biases())) + others + clock

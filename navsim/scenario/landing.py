@@ -62,9 +62,9 @@ from navsim.scenario.terrain import RidgeSection, tops_of
 if TYPE_CHECKING:
     import numpy as np
 
-    from navsim.gnss.effects import Effects
     from navsim.gnss.pseudolite import Track
     from navsim.gnss.receiver import Receiver
+    from navsim.gnss.signal_errors import Effects
     from navsim.gnss.signals import Pseudolites
     from navsim.trajectory.air import Air
     from navsim.trajectory.kinematics import Frame, Moving, Trajectory
@@ -351,7 +351,7 @@ class Landing(Section):
 
     def lasting_states(self, sources: int) -> int:
         """How many errors of fixes the filter follows, or of the ranges of so many sources."""
-        from navsim.gnss.lasting import SUMS
+        from navsim.gnss.correlated_errors import SUMS
 
         if self.about_lasting_errors() != "states":
             return 0
@@ -583,7 +583,7 @@ class Landing(Section):
     def effects(self, pseudolites: Pseudolites) -> Effects:
         """What becomes of the signals of satellites and of these pseudolites, on their way and in the receiver."""
         from navsim.geodesy.earth import SPEED_OF_LIGHT
-        from navsim.gnss.effects import Effects
+        from navsim.gnss.signal_errors import Effects
 
         signals, section, tracking = self.signals, self.pseudolites, self.signals.tracking
         space, station, multipath = signals.ephemeris, section.differential, section.multipath

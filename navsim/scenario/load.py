@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from navsim.kinds import KINDS, OF_FILES, advice, named
 from navsim.scenario.base import Section, hint, validated
@@ -13,15 +13,19 @@ from navsim.scenario.source import Document, InputError, Problem, Setting, assig
 
 if TYPE_CHECKING:
     from navsim.scenario.landing import Landing
-    from navsim.scenario.optimize import Optimize
-    from navsim.scenario.replay import Replay
-    from navsim.scenario.sweep import Sweep
 
-S = TypeVar("S", "Sweep", "Optimize")
+S = TypeVar("S", bound=Section)
 Source = Path | Document
 """A file, or what would stand in one."""
 Assignment = str | Setting
 """Of a value to a key: `a.b=value` as text, or the two."""
+
+
+class OverLandings(Protocol):
+    """Section of a study over landings: base is the file of its scenario, set are keys with other values there."""
+
+    base: str
+    set: dict[str, Any]
 
 
 def section(kind: str) -> type[Section]:
@@ -91,7 +95,7 @@ def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document
     return _read(path, assignments, ("landing",))
 
 
-def read_replay(path: Path, assignments: Sequence[str] = ()) -> tuple[Replay, Document]:
+def read_replay(path: Path, assignments: Sequence[str] = ()) -> tuple[Any, Document]:
     """As `read_any`, for recorded flights."""
     return _read(path, assignments, ("replay",))
 
@@ -101,11 +105,11 @@ NO_RECORDED = "an approach of a file (approach.profile: recorded or track) is fl
 
 def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tuple[S, Document, Document]:
     """A study of the wanted kind, its document, and that of its base scenario. Raises InputError."""
-    study, document = _read(path, assignments, [name for name in ("sweep", "optimize") if section(name) is kind])
+    study, document = _read(path, assignments, [name for name in OF_FILES if section(name) is kind])
     return study, document, base_of(study, document)
 
 
-def base_of(study: Sweep | Optimize, document: Document) -> Document:
+def base_of(study: OverLandings, document: Document) -> Document:
     """The document of a study's base scenario with the study's `set` in it.
 
     It need not be whole before the varied keys are in too. Raises InputError.

@@ -29,9 +29,9 @@ from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
 if TYPE_CHECKING:
     from navsim.scenario.approach import Runway
     from navsim.sensors.altimeter import Altimeter, Ground, RadioAltimeter
+    from navsim.sensors.barometer import BarometricAltimeter
     from navsim.sensors.imu import Triad
     from navsim.sensors.imu_errors import ImuErrorModel, Vibration, Warming
-    from navsim.sensors.pressure import BarometricAltimeter
 
 
 PPM = 1e-6
@@ -726,7 +726,7 @@ class BarometricAltimeterSection(Section):
 
     def model(self, runway: Runway, given: FilterBarometricAltimeter) -> BarometricAltimeter:
         """The sensor in SI units at a runway, and what a filter takes it for."""
-        from navsim.sensors.pressure import SLOPE, AirColumn, BarometricAltimeter, PressureBeliefs
+        from navsim.sensors.barometer import SLOPE, AirColumn, BarometricAltimeter, PressureBeliefs
 
         warmer = self.isa_deviation_k if given.isa_deviation_k is None else given.isa_deviation_k
         setting, drift, drift_time = self.lasting(given)

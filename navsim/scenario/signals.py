@@ -35,10 +35,10 @@ from navsim.scenario.sky import Clock, Name
 if TYPE_CHECKING:
     import numpy as np
 
-    from navsim.gnss import effects
+    from navsim.gnss import signal_errors
     from navsim.gnss.antenna import AircraftAntenna, GroundPattern
+    from navsim.gnss.correlated_errors import LastingError, Mapping
     from navsim.gnss.dll import CodeLoop, GroundReflection
-    from navsim.gnss.lasting import LastingError, Mapping
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signals import ErrorLaw, Pseudolites
 
@@ -83,13 +83,13 @@ class IonosphereSection(Section):
     corrected: bool = True
     """the receiver takes the model off"""
 
-    def model(self) -> effects.Ionosphere:
+    def model(self) -> signal_errors.Ionosphere:
         """What it does to signals."""
         import numpy as np
 
-        from navsim.gnss import effects
+        from navsim.gnss import signal_errors
 
-        return effects.Ionosphere(np.array(self.alpha), np.array(self.beta), self.truth_scale, self.corrected)
+        return signal_errors.Ionosphere(np.array(self.alpha), np.array(self.beta), self.truth_scale, self.corrected)
 
 
 class TroposphereSection(Section):
@@ -100,11 +100,11 @@ class TroposphereSection(Section):
     correction: Literal["none", "saastamoinen", "mops"] = "saastamoinen"
     """what the receiver takes off: nothing, Saastamoinen's standard atmosphere, or the climatology itself"""
 
-    def model(self) -> effects.Troposphere:
+    def model(self) -> signal_errors.Troposphere:
         """What it does to signals."""
-        from navsim.gnss import effects
+        from navsim.gnss import signal_errors
 
-        return effects.Troposphere(self.truth_scale, self.correction)
+        return signal_errors.Troposphere(self.truth_scale, self.correction)
 
 
 class Ephemeris(Section):
@@ -115,13 +115,13 @@ class Ephemeris(Section):
     clock_sigma_m: NonNegative = 1.0
     """1 sigma of the error of the satellite's clock, as a range"""
 
-    def model(self) -> effects.Space:
+    def model(self) -> signal_errors.Space:
         """The errors of satellites."""
         import numpy as np
 
-        from navsim.gnss import effects
+        from navsim.gnss import signal_errors
 
-        return effects.Space(np.array(self.orbit_sigma_m), self.clock_sigma_m)
+        return signal_errors.Space(np.array(self.orbit_sigma_m), self.clock_sigma_m)
 
 
 class LastingErrorSection(Section):
@@ -151,7 +151,7 @@ class LastingErrorsSection(Section):
 
     def models(self) -> tuple[LastingError, ...]:
         """The kinds that there are."""
-        from navsim.gnss.lasting import LastingError
+        from navsim.gnss.correlated_errors import LastingError
 
         own: dict[str, Mapping] = {
             "orbit_clock": "none", "ionosphere": "ionosphere", "troposphere": "troposphere", "multipath": "multipath",
@@ -212,12 +212,12 @@ class Differential(Section):
     site: str | None = None
     """name of the pseudolite whose site has the station; default: the first"""
 
-    def model(self, pseudolites: Pseudolites) -> effects.Reference:
+    def model(self, pseudolites: Pseudolites) -> signal_errors.Reference:
         """The station among these pseudolites."""
-        from navsim.gnss import effects
+        from navsim.gnss import signal_errors
 
         at = pseudolites.names.index(self.site) if self.site else 0
-        return effects.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m)
+        return signal_errors.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m)
 
 
 Gain = Annotated[float, Field(ge=-100.0, le=100.0)]
@@ -310,7 +310,7 @@ class ClockNoiseSection(Section):
 
     def densities(self) -> tuple[float, float]:
         """Densities of the white noises of phase, m2/s, and frequency, m2/s3."""
-        from navsim.core.arrays.clock import densities
+        from navsim.gnss.clock_noise import densities
 
         return densities(self.h0, self.h_minus2)
 
@@ -563,7 +563,7 @@ class ClockNoise(Section):
 
     def densities(self) -> tuple[float, float]:
         """Densities of the white noises of phase, m2/s, and frequency, m2/s3."""
-        from navsim.core.arrays.clock import densities
+        from navsim.gnss.clock_noise import densities
 
         return densities(self.h0, self.h_minus2)
 

@@ -137,7 +137,7 @@ def simulate_lanes(
     """
     if at.size and (at[0] < 0 or at[-1] > dtheta.shape[0] or np.any(np.diff(at) < 0)):
         raise ValueError("biases are asked for at intervals in order, from the first to the end of the last")
-    from navsim.core.noise import corrupt  # compiled code only when something is really simulated
+    from navsim.statistics.noise import corrupt  # compiled code only when something is really simulated
 
     lanes = len(rngs)
     acting = dv.reshape(dv.shape[0], 3, -1)[..., :count]

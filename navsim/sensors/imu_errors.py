@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.processes import exponential
-from navsim.core.streams import branch
+from navsim.statistics.linear_processes import exponential
+from navsim.statistics.random_streams import branch
 
 (
     _MISALIGNMENT, _ASYMMETRY, _NONLINEARITY, _G_SENSITIVITY, _RAMP, _TEMPERATURE, _RECTIFICATION, _WALK, _LINES,
@@ -209,7 +209,7 @@ def apply_bandwidth(increments: np.ndarray, dt: float, what: ImuErrorModel) -> n
     each interval [2]."""
     if not math.isfinite(what.bandwidth):
         return increments
-    from navsim.core.response import respond  # compiled code only when something is really simulated
+    from navsim.sensors.second_order_response import respond  # compiled code only when something is really simulated
 
     z2 = what.damping**2
     omega = 2.0 * math.pi * what.bandwidth / math.sqrt(1.0 - 2.0 * z2 + math.sqrt((1.0 - 2.0 * z2) ** 2 + 1.0))
@@ -235,7 +235,7 @@ def flickering(
     what: ImuErrorModel, triad: int, term: int, rngs: Sequence[np.random.Generator], count: int, dt: float
 ) -> np.ndarray:
     """A term of the flicker noise (count + 1, 3, W) at the ends of intervals of dt, s."""
-    from navsim.core.noise import walk  # compiled code only when something is really simulated
+    from navsim.statistics.noise import walk  # compiled code only when something is really simulated
 
     sigma, time = what.flicker[term]
     decay, own = math.exp(-dt / time), tuple(branch(rng, _FLICKER, triad, term) for rng in rngs)

@@ -1,8 +1,8 @@
 """Sensors beside the receiver that aid the filter: their measurements along a flight and their filter models.
 
-A new sensor has a model in `sensors`, a measurement model in `estimation.observations`, a section in `scenario` with a
-line in `Landing.aiding`, and a line in `_SENSORS` here. Events, smoother, covariance analysis, error budget and result
-file take it from there.
+A new sensor has a model in `sensors`, a measurement model in `filter.measurement_models`, a section in `scenario` with
+a line in `Landing.aiding`, and a line in `_SENSORS` here. Events, smoother, covariance analysis, error budget and
+result file take it from there.
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core import states
-from navsim.core.states import Block
-from navsim.core.streams import branch, generator
-from navsim.estimation.observations import (
+from navsim.filter import states
+from navsim.filter.measurement_models import (
     ABOVE_GROUND,
     ALTITUDE,
     PRESSURE,
@@ -24,9 +22,11 @@ from navsim.estimation.observations import (
     GroundTable,
     PressureTable,
 )
-from navsim.gnss.lasting import LastingErrors
+from navsim.filter.states import Block
+from navsim.gnss.correlated_errors import LastingErrors
 from navsim.sensors.altimeter import Altimeter, Centreline, RadioAltimeter
-from navsim.sensors.pressure import DRIFT, SETTING, BarometricAltimeter
+from navsim.sensors.barometer import DRIFT, SETTING, BarometricAltimeter
+from navsim.statistics.random_streams import branch, generator
 from navsim.trajectory.kinematics import Frame, Moving
 
 
@@ -37,7 +37,7 @@ class Sensor:
     name: str
     """Name."""
     kind: int
-    """Kind of its measurements (`estimation.observations`)."""
+    """Kind of its measurements (`filter.measurement_models`)."""
     numbers: tuple[str, ...]
     """Name of each number that it measures."""
     unit: str

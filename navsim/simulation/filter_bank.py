@@ -2,7 +2,7 @@
 
 Filters that are given less see the same inertial sensors, so that how far they are from the one that flies is a matter
 of gains and innovations alone. Covariances and gains are those along the truth, the same in all runs; a run carries
-differences (`estimation.carried_errors.carry_differences`).
+differences (`filter.sensitivity_propagation.carry_differences`).
 
 Source: `docs/theory/integrity.md`, section 10; Brenner, Integrated GPS/inertial fault detection availability,
 NAVIGATION 43(2) (1996); Young & McGraw, Fault detection and exclusion using normalized solution separation and residual
@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH, in_lanes
-from navsim.core import states
-from navsim.core.defect import Defect
-from navsim.core.states import MOST
-from navsim.estimation.carried_errors import Route, carry_differences
-from navsim.estimation.observations import FIX
+from navsim.defect import Defect
+from navsim.filter import states
+from navsim.filter.measurement_models import FIX
+from navsim.filter.sensitivity_propagation import Route, carry_differences
+from navsim.filter.states import MOST
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.integrity import araim
 from navsim.integrity.araim import Allocation, Levels, SeparationWatch, SolutionSpread

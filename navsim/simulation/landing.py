@@ -4,7 +4,7 @@
     route -> inertial sensors -> SINS ────────────────────────────┴-> Kalman filter -> accuracy
 
 `World` is what all runs of a scenario share: the route, and the signals (`gnss.signals`). `fly` is one run. Where the
-air makes the way of each its own (`simulation.flown`), the route is what they deviate from.
+air makes the way of each its own (`simulation.dispersed_trajectory`), the route is what they deviate from.
 """
 
 from __future__ import annotations
@@ -19,16 +19,12 @@ import numpy as np
 
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import WIDTH, in_lanes
-from navsim.core import noise, states
-from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
-from navsim.core.states import MOST
-from navsim.core.streams import generator
-from navsim.estimation import error_state
-from navsim.estimation.beliefs import Beliefs, clock_sigma
-from navsim.estimation.estimate import fly as fly_filter
-from navsim.estimation.estimate import in_all_lanes, is_smoother
-from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
-from navsim.estimation.records import (
+from navsim.filter import eskf, states
+from navsim.filter.design import Beliefs, clock_sigma
+from navsim.filter.estimate import fly as fly_filter
+from navsim.filter.estimate import in_all_lanes, is_smoother
+from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter.records import (
     Account,
     Events,
     FilterModel,
@@ -40,10 +36,12 @@ from navsim.estimation.records import (
     schedule,
     start,
 )
+from navsim.filter.states import MOST
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss import dll, pseudorange
 from navsim.gnss.dll import ReflectionErrors
+from navsim.gnss.dop import MAX_CLOCKS, dops, geometry_covariance
 from navsim.gnss.heavy_tailed import HeavyTailedNoise
 from navsim.gnss.receiver import Receiver, wander
 from navsim.gnss.signals import Environment, build_signals, true_positions
@@ -54,7 +52,10 @@ from navsim.integrity.fix_exclusion import Excluder, SettledFixes
 from navsim.integrity.fixes import ReceiverFixes, range_residuals, solved
 from navsim.sensors import imu
 from navsim.simulation.aiding import Aid, aids_of
-from navsim.simulation.curvature import (
+from navsim.simulation.correlated_errors import FixErrors, RangeErrors, as_noise
+from navsim.simulation.dispersed_trajectory import Flown, Ways
+from navsim.simulation.inertial_states import true_values
+from navsim.simulation.range_curvature import (
     NEGLIGIBLE,
     Curvature,
     NearPass,
@@ -63,9 +64,8 @@ from navsim.simulation.curvature import (
     near_passes,
     shifted,
 )
-from navsim.simulation.flown import Flown, Ways
-from navsim.simulation.lasting import FixErrors, RangeErrors, as_noise
-from navsim.simulation.sensors import true_values
+from navsim.statistics import noise
+from navsim.statistics.random_streams import generator
 from navsim.trajectory.air import Air
 from navsim.trajectory.guidance import Held
 from navsim.trajectory.kinematics import Motion, Moving, Trajectory
@@ -330,7 +330,7 @@ def initial_estimate(flight: Flight, errors: np.ndarray, flown: Flown | None = N
         nav[states.NAV_LLH : states.NAV_VEL] = flown.llh[0]
         nav[states.NAV_VEL : states.NAV_QUAT] = flown.velocity[0]
         nav[states.NAV_QUAT : states.NAV_HELD] = flown.quaternion[0]
-    error_state.displace(in_lanes(nav), in_lanes(-errors))
+    eskf.displace(in_lanes(nav), in_lanes(-errors))
     return nav
 
 

@@ -13,7 +13,7 @@ Their sum is the true covariance, whatever the filter model, and the terms are t
 The propagated state has nine navigation errors, the negative sensor states of the filter, and the true sensor states.
 The filter's error of a state is the sum of those with the same meaning. An error drawn once a run (initial error,
 constant bias, orbit, clock) is propagated as the effect of its one sigma; noise is propagated as a covariance
-(`estimation.carried_errors`). Noise of carrier-smoothed ranges is correlated in time: see `_Smoothed`.
+(`filter.sensitivity_propagation`). Noise of carrier-smoothed ranges is correlated in time: see `_Smoothed`.
 
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8.
 """
@@ -30,20 +30,20 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH, in_lanes
-from navsim.core import states
-from navsim.core.defect import Defect
-from navsim.core.states import MOST, Block
-from navsim.estimation.beliefs import SensorBeliefs, clock_sigma
-from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances, carry_excess
-from navsim.estimation.linearised import NOISES, Linearised, Steps, empty, linearise, steps_of
-from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
-from navsim.estimation.records import OUTPUT, Events, ImuData
-from navsim.gnss.lasting import LastingErrors
+from navsim.defect import Defect
+from navsim.filter import states
+from navsim.filter.design import SensorBeliefs, clock_sigma
+from navsim.filter.linearised import NOISES, Linearised, Steps, empty, linearise, steps_of
+from navsim.filter.measurement_models import FIX, RANGE, FixTable, RangeTable
+from navsim.filter.records import OUTPUT, Events, ImuData
+from navsim.filter.sensitivity_propagation import Route, carry_columns, carry_covariances, carry_excess
+from navsim.filter.states import MOST, Block
+from navsim.gnss.correlated_errors import LastingErrors
+from navsim.gnss.pseudolite_clock import WanderingClocks
 from navsim.gnss.pseudorange import Signals
-from navsim.gnss.transmitter import WanderingClocks
 from navsim.integrity.fix_slopes import slopes
 from navsim.simulation.aiding import Aid
-from navsim.simulation.curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
+from navsim.simulation.inertial_states import TrueState, followed, true_states
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
     Flight,
@@ -59,7 +59,7 @@ from navsim.simulation.landing import (
     with_clock,
     without_noise,
 )
-from navsim.simulation.sensors import TrueState, followed, true_states
+from navsim.simulation.range_curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
 
 SOURCES = (
     "initial_position",
@@ -96,7 +96,7 @@ CURVATURE = "range_curvature"
 CLOCK = "receiver_clock"
 """The source that the clock's noise, and not knowing it at the start, are to a tightly coupled filter."""
 _NOISES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_markov")
-"""The sources that the sensor noises of `estimation.linearised` are."""
+"""The sources that the sensor noises of `filter.linearised` are."""
 
 _MARKOV = 6
 """The first of six Markov biases among the states of `true_states`."""
@@ -382,7 +382,7 @@ class AlongTruth(NamedTuple):
     """The filter of a flight, linearised along the truth."""
 
     steps: Steps
-    """Of its events (`estimation.linearised`)."""
+    """Of its events (`filter.linearised`)."""
     lin: Linearised
     """Likewise."""
     by_range: np.ndarray

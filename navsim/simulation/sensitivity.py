@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core import states
-from navsim.estimation.observations import FIX
-from navsim.estimation.records import OUTPUT, TIME_TOLERANCE
+from navsim.filter import states
+from navsim.filter.measurement_models import FIX
+from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.gnss import dll
-from navsim.gnss.lasting import LastingErrors
+from navsim.gnss.correlated_errors import LastingErrors
 from navsim.gnss.pseudorange import Signals
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import Aid

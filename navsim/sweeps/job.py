@@ -23,8 +23,8 @@ from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceC
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
 from navsim.scenario.source import Document
-from navsim.scenario.sweep import REQUIREMENTS, Sweep
 from navsim.sweeps import study as sweep
+from navsim.sweeps.scenario import REQUIREMENTS, Sweep
 from navsim.words import option
 
 _WIDTHS = 100

@@ -33,9 +33,10 @@ from navsim.landing.confirmation import (
     fly_case,
     of_runs,
 )
-from navsim.landing.implausible import implausible, one_direction
+from navsim.landing.plausibility import implausible, one_direction
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.landing.requirements import UNDECIDED, Fulfilment, Statement, statements
+from navsim.landing.result_groups import geometry_summary
 from navsim.landing.sources import environment, files_of, glide_epochs, on_glide
 from navsim.landing.study import (
     Case,
@@ -45,9 +46,8 @@ from navsim.landing.study import (
     judged_without_runs,
     prepare,
 )
-from navsim.landing.tree import geometry_summary
 from navsim.results import files
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import FIX, Finding, kept, of
 from navsim.results.result import Result
 from navsim.results.schema import OUTCOMES, SWEEP, VERDICTS
@@ -63,7 +63,8 @@ from navsim.scenario.load import NO_RECORDED, resolved_yaml
 from navsim.scenario.signals import PseudolitesSection
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
-from navsim.scenario.sweep import (
+from navsim.simulation.placement_geometry import Geometry, glide_geometry
+from navsim.sweeps.scenario import (
     DOP_OUTPUTS,
     FILTER_OUTPUTS,
     LEVEL_OUTPUTS,
@@ -72,7 +73,6 @@ from navsim.scenario.sweep import (
     Sweep,
     Vary,
 )
-from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.trajectory.kinematics import Frame, Trajectory
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.core.arrays.processes import stationary
+from navsim.statistics.linear_processes import stationary
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.kinematics import Trajectory, faded
 from navsim.trajectory.path import AnyPath

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.processes import exponential
+from navsim.statistics.linear_processes import exponential
 from navsim.trajectory.air import Process, through, two_lags
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.processes import exponential
 from navsim.geodesy import earth
+from navsim.statistics.linear_processes import exponential
 from navsim.trajectory.air import TURBULENCE_LOWEST, Air, Gust, Process, carried, dryden, level_axes, through
 from navsim.trajectory.kinematics import Trajectory
 from navsim.trajectory.track_frame import LATERAL, VERTICAL, Course, Walk

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.processes import discretised
+from navsim.statistics.linear_processes import discretised
 from navsim.trajectory.air import Process
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.kinematics import Trajectory
@@ -106,7 +106,7 @@ class Walk:
 
     def drawn(self, rngs: tuple[np.random.Generator, ...], count: int) -> np.ndarray:
         """States (k, n, W) of the first `count` of W runs."""
-        from navsim.core.noise import walk  # compiled code only when something is really simulated
+        from navsim.statistics.noise import walk  # compiled code only when something is really simulated
 
         out = np.zeros((self.which.size + 1, self.start.shape[0], len(rngs)))
         walk(rngs, count, self.transition, self.root, self.which, self.start, out)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from navsim.estimation.records import TFG
+from navsim.filter.records import TFG
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.replays import alignment

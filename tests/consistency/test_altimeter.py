@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core import states
-from navsim.estimation import records
-from navsim.estimation.estimate import estimate
-from navsim.estimation.observations import ALTITUDE, FIX, AltitudeTable, Measurements
+from navsim.filter import records, states
+from navsim.filter.estimate import estimate
+from navsim.filter.measurement_models import ALTITUDE, FIX, AltitudeTable, Measurements
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.findings import of
 from navsim.results.result import read

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core import states
+from navsim.filter import states
 from navsim.gnss.signals import build_signals
 from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all
 from navsim.runner.batches import Ensemble

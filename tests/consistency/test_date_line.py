@@ -17,7 +17,7 @@ from navsim.geodesy import earth
 from navsim.geodesy import earth_kernels as point
 from navsim.landing import study as landing
 from navsim.replays import study as replay
-from navsim.report.quantities import fix_errors
+from navsim.report.figure_data import fix_errors
 from navsim.results.result import Result
 from navsim.runner.executor import threads
 from navsim.scenario.load import read_replay

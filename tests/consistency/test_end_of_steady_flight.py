@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from navsim.compiler.lanes import WIDTH
-from navsim.core.states import A_D
-from navsim.estimation import charts, estimate
-from navsim.estimation.observations import Measurements
-from navsim.estimation.records import (
+from navsim.filter import error_parametrisation, estimate
+from navsim.filter.measurement_models import Measurements
+from navsim.filter.records import (
     STEADY_AGE,
     STEADY_COUNT,
     STEADY_IS,
@@ -24,6 +23,7 @@ from navsim.estimation.records import (
     Truth,
     empty_account,
 )
+from navsim.filter.states import A_D
 from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.landing.case import Case
 from navsim.landing.study import fly_all
@@ -100,7 +100,7 @@ def test_an_alarm_at_every_fix_is_a_filter_without_the_rule(
     assert model.steady_force
     alarmed = flown_with_alarms(batch, model, True)
     free = flown_with_alarms(batch, model, False)
-    chart = charts.chart_of(model)
+    chart = error_parametrisation.chart_of(model)
     monkeypatch.setattr(estimate, "chart_of", lambda _: chart)
     without = flown_with_alarms(batch, model._replace(steady_force=False), False)
     assert free[2] > 100

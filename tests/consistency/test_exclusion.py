@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from navsim.estimation.records import NOT_USED
+from navsim.filter.records import NOT_USED
 from navsim.geodesy.earth import ned_matrix
 from navsim.gnss.sky import unit_vector
 from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from navsim.core.states import A_D
+from navsim.filter.states import A_D
 from navsim.landing.study import Case, fly_all
 from navsim.runner.executor import threads
 from tests.conftest import LANDINGS

@@ -10,7 +10,7 @@ from scipy.signal import cont2discrete, dlsim, tf2ss
 from scipy.stats import binom, binomtest, norm
 
 from navsim.compiler.lanes import WIDTH
-from navsim.core import states, strapdown
+from navsim.filter import states, strapdown
 from navsim.geodesy import attitude_kernels as attitude
 from navsim.geodesy import earth
 from navsim.gnss.signals import build_signals
@@ -20,7 +20,7 @@ from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
-from navsim.simulation.flown import Flown, Ways
+from navsim.simulation.dispersed_trajectory import Flown, Ways
 from navsim.simulation.landing import World, fly
 from navsim.trajectory.dispersion import Departure
 from navsim.trajectory.guidance import Held, steered

@@ -10,7 +10,6 @@ import allantools
 import numpy as np
 import pytest
 
-from navsim.core.streams import generator
 from navsim.landing.result import result
 from navsim.landing.study import findings, fly_all
 from navsim.runner.executor import threads
@@ -28,6 +27,7 @@ from navsim.sensors.imu import (
     simulate,
 )
 from navsim.sensors.imu_errors import ImuErrorModel
+from navsim.statistics.random_streams import generator
 from tests.helpers import case, scenario
 
 RATE = 100.0

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from navsim.estimation.records import PASS, Events
+from navsim.filter.records import PASS, Events
 from navsim.simulation.landing import fly
 from tests.helpers import case
 

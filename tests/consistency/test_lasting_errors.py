@@ -7,19 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core import states
-from navsim.core.streams import generator
-from navsim.estimation import records
-from navsim.estimation.clock import ReceiverClock
-from navsim.estimation.estimate import estimate
-from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter import records, states
+from navsim.filter.estimate import estimate
+from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter.receiver_clock import ReceiverClock
 from navsim.geodesy.earth import ecef_from_llh, ned_matrix
-from navsim.gnss.lasting import LastingErrors, mapped
+from navsim.gnss.correlated_errors import LastingErrors, mapped
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import exact_start, fly
+from navsim.statistics.random_streams import generator
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case, cross
 from tests.layout import as_declared

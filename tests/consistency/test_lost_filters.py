@@ -18,8 +18,8 @@ from navsim.formats.recorded_data import Samples
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
-from navsim.report.page.flights import replays
-from navsim.report.replay import figures, lost_spans, tables
+from navsim.replays.page import replays
+from navsim.replays.report import figures, lost_spans, tables
 from navsim.results import findings
 from navsim.results.result import Result
 from navsim.trajectory.recorded import RecordedTrajectory

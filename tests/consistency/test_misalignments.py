@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.core import states
+from navsim.filter import states
 from navsim.landing.covariance import covariance_findings
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.sensors.imu import SensorErrors
-from navsim.simulation.sensors import true_values
+from navsim.simulation.inertial_states import true_values
 from tests.helpers import case, scenario
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")

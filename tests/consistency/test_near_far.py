@@ -19,9 +19,9 @@ from navsim.gnss.constellations.constellation import carriers
 from navsim.landing import integrity_table
 from navsim.landing.study import Case, covariance_analysis, covariance_result
 from navsim.optimization import problem as objective
+from navsim.optimization.scenario import Optimize
 from navsim.results.result import read as read_result
 from navsim.scenario.load import read_study, resolved_yaml
-from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case, scenario

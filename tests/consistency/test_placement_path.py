@@ -17,22 +17,22 @@ from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.pseudolite import NEAREST, TRACK_STEP, Track
 from navsim.landing.case import world_of
+from navsim.landing.result_groups import base
 from navsim.landing.sources import on_glide
 from navsim.landing.study import covariance_analysis, covariance_result
-from navsim.landing.tree import base
 from navsim.optimization import problem as objective
-from navsim.results.draft import ResultBuilder
+from navsim.optimization.scenario import Optimize
+from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE
 from navsim.runner.findings import LANDING
 from navsim.scenario.base import Section
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read_study
-from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
-from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
-from navsim.simulation.geometry import Geometry
 from navsim.simulation.landing import World, receiver_fixes
 from navsim.simulation.landing_covariance import AnalysisError
+from navsim.simulation.placement_geometry import Geometry
+from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.sweeps.study import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs, plan
 from tests.helpers import SCENARIOS, case, scenario
 

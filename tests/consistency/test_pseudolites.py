@@ -11,7 +11,7 @@ import pytest
 from navsim.gnss import dll
 from navsim.landing.case import Case
 from navsim.landing.study import covariance_analysis, covariance_result
-from navsim.report import tables
+from navsim.report import summary_tables
 from navsim.results.result import Result
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import InputError
@@ -54,7 +54,7 @@ def test_shadowed_pseudolites_are_counted_by_name() -> None:
 
 def lost_by_name(flown: Case, title: str) -> dict[str, str]:
     """The rows of a section of the table of a covariance analysis: source, and at how many fixes it is lost."""
-    rows = tables.summary_table([("x", covariance_result(flown, covariance_analysis(flown), 1))]).rows
+    rows = summary_tables.summary_table([("x", covariance_result(flown, covariance_analysis(flown), 1))]).rows
     rest = rows[[row.cells[0] for row in rows].index(title) + 1 :]
     own = itertools.takewhile(lambda row: not row.heading, rest)
     return {name.strip(): said for name, said in (row.texts() for row in own)}
@@ -148,7 +148,7 @@ def test_whether_ranging_errors_are_white(settings: tuple[str, ...], said: str) 
     """As tables say it: constant ones are not, where the receiver does not solve for them."""
     given = scenario(*settings)
     result = Result({"scenario": resolved_yaml(given)}, {})
-    assert tables.ranging_errors(result) == said
+    assert summary_tables.ranging_errors(result) == said
 
 
 def test_signals_fade_by_the_ground() -> None:

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core import states
-from navsim.estimation import records
+from navsim.filter import records, states
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.findings import of
 from navsim.results.result import read
@@ -110,9 +109,9 @@ def test_runs_agree_with_the_analysis_near_the_ground(settings: tuple[str, ...],
 
 def test_its_matrix_is_the_slope_of_what_it_expects() -> None:
     """Innovations of a filter that is off by a little in each state, against H."""
-    from navsim.core.states import NAV_LLH, NAV_N, NAV_QUAT, NAV_VEL
-    from navsim.estimation.error_state import displace
-    from navsim.estimation.observations import ABOVE_GROUND, Measurements, observe
+    from navsim.filter.eskf import displace
+    from navsim.filter.measurement_models import ABOVE_GROUND, Measurements, observe
+    from navsim.filter.states import NAV_LLH, NAV_N, NAV_QUAT, NAV_VEL
 
     flown = case(*GENTLE, RADIO % SLOPE, "runway.heading_deg=70")
     (aid,) = flown.world.aids

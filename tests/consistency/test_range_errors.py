@@ -10,14 +10,14 @@ import pytest
 from scipy import stats
 
 from navsim.compiler.lanes import WIDTH
-from navsim.core.streams import generator
-from navsim.estimation.estimate import in_all_lanes
+from navsim.filter.estimate import in_all_lanes
 from navsim.integrity.monitoring import ALARM, QUIET
 from navsim.landing.ensemble import LandingStudy
 from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
+from navsim.statistics.random_streams import generator
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
 from tests.product.test_run import navsim

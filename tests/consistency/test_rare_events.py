@@ -10,13 +10,13 @@ import pytest
 from scipy.special import ndtri
 
 from navsim.compiler.lanes import WIDTH
-from navsim.landing import rare
-from navsim.landing.rare import Edge
+from navsim.landing import rare_events
+from navsim.landing.rare_events import Edge
 from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all
 from navsim.runner.executor import threads
 from navsim.runner.statistics import share_interval, weighted_share
+from navsim.simulation.importance_sampling import proposal, pushed
 from navsim.simulation.landing import draw
-from navsim.simulation.rare import proposal, pushed
 from tests.helpers import case
 
 LINEAR = (
@@ -28,7 +28,7 @@ LINEAR = (
 
 def boxed(name: str, box: str, *settings: str) -> tuple[Case, Edge]:
     flown = case(f"box={box}", *settings, name=name)
-    return flown, rare.prepare(flown)
+    return flown, rare_events.prepare(flown)
 
 
 def sigmas(name: str, *settings: str) -> np.ndarray:
@@ -44,7 +44,9 @@ def test_a_linear_case_has_the_closed_form(runs: int, within: float) -> None:
     quarter of them within twice that, and within 3 of their own standard errors."""
     limit = float(-ndtri(0.5e-7) * sigmas("landing_gnss_only", *LINEAR)[2])
     flown, edge = boxed("landing_gnss_only", f"{{vertical_m: {limit!r}}}", *LINEAR)
-    (value, low, high), relative, effective = rare.probability(edge, rare.fly_all(flown, edge, 3, 0, runs, threads()))
+    (value, low, high), relative, effective = rare_events.probability(
+        edge, rare_events.fly_all(flown, edge, 3, 0, runs, threads())
+    )
     assert abs(value / 1e-7 - 1.0) < within
     assert abs(value / 1e-7 - 1.0) < 3.0 * relative
     assert low < value < high
@@ -77,7 +79,7 @@ def test_counting_agrees(chance: float, aids: tuple[str, ...], runs: int) -> Non
     limits = (sides * sigmas("landing_gnss_only", *settings)[:, None]).tolist()
     box = "{{lateral_m: {}, along_m: {}, vertical_m: {}}}".format(*limits)
     flown, edge = boxed("landing_gnss_only", box, *settings)
-    (value, *_), relative, _ = rare.probability(edge, rare.fly_all(flown, edge, 4, 0, 480, threads()))
+    (value, *_), relative, _ = rare_events.probability(edge, rare_events.fly_all(flown, edge, 4, 0, 480, threads()))
     errors = fly_all(flown, 5, 0, runs, threads(), keep="none").per_run("at_box")[:, 0]
     share = float(edge.box.beyond(errors).any(axis=1).mean())
     assert abs(share - value) < 3.0 * math.hypot(relative * value, math.sqrt(value * (1.0 - value) / runs))
@@ -108,8 +110,8 @@ def test_weights_belong_to_the_pushes() -> None:
 
 def test_runs_do_not_depend_on_what_flies_beside_them() -> None:
     flown, edge = boxed("landing_gnss_only", "{lateral_m: 3}", *LINEAR)
-    together = rare.fly_all(flown, edge, 3, 0, 40, threads(2))
-    alone = rare.fly_all(flown, edge, 3, 13, 1, threads(1))
+    together = rare_events.fly_all(flown, edge, 3, 0, 40, threads(2))
+    alone = rare_events.fly_all(flown, edge, 3, 13, 1, threads(1))
     for name in ("error", "first_order", "log_weight"):
         np.testing.assert_array_equal(together.per_run(name)[13:14], alone.per_run(name))
 
@@ -180,13 +182,13 @@ def test_no_run_inside_is_no_certainty() -> None:
 
 def test_a_study_ends_by_the_interval_that_it_prints() -> None:
     """On both sides, and never where nothing is known of what is left."""
-    assert rare.narrow(np.array([1e-6, 0.82e-6, 1.2e-6]), 50.0, 0.2)
-    assert not rare.narrow(np.array([1e-6, 0.9e-6, 1.21e-6]), 50.0, 0.2)
-    assert not rare.narrow(np.array([1e-6, 0.79e-6, 1.1e-6]), 50.0, 0.2)
-    assert not rare.narrow(np.array([1e-6, 0.9e-6, 1.1e-6]), 29.0, 0.2)
-    assert not rare.narrow(np.array([1.0, 0.0, 1.0]), 32.0, 0.01)
-    assert not rare.narrow(np.array([1.0, math.nan, math.nan]), 32.0, 0.5)
-    assert rare.narrow(np.array([math.nan, 0.0, 1e-300]), 32.0, 0.01)
+    assert rare_events.narrow(np.array([1e-6, 0.82e-6, 1.2e-6]), 50.0, 0.2)
+    assert not rare_events.narrow(np.array([1e-6, 0.9e-6, 1.21e-6]), 50.0, 0.2)
+    assert not rare_events.narrow(np.array([1e-6, 0.79e-6, 1.1e-6]), 50.0, 0.2)
+    assert not rare_events.narrow(np.array([1e-6, 0.9e-6, 1.1e-6]), 29.0, 0.2)
+    assert not rare_events.narrow(np.array([1.0, 0.0, 1.0]), 32.0, 0.01)
+    assert not rare_events.narrow(np.array([1.0, math.nan, math.nan]), 32.0, 0.5)
+    assert rare_events.narrow(np.array([math.nan, 0.0, 1e-300]), 32.0, 0.01)
 
 
 def test_weights_within_a_box_are_bounded() -> None:

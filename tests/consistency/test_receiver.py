@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from navsim.core.dop import MAX_CLOCKS, geometry_covariance
-from navsim.core.noise import measure
-from navsim.core.streams import generator
-from navsim.estimation.receiver import fixes
 from navsim.geodesy import earth
 from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.dop import MAX_CLOCKS, geometry_covariance
+from navsim.gnss.position_fix import fixes
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import World, measured
 from navsim.simulation.landing_covariance import Analysis, analyse
+from navsim.statistics.noise import measure
+from navsim.statistics.random_streams import generator
 from navsim.trajectory.kinematics import Motion
 from tests.helpers import case
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core.arrays import chi_square
-from navsim.estimation.records import NOT_USED, REJECTED, USED
+from navsim.filter.records import NOT_USED, REJECTED, USED
 from navsim.formats.export import export
 from navsim.formats.recorded_data import Ranges, Samples
 from navsim.formats.rinex_nav import read_nav
@@ -29,6 +28,7 @@ from navsim.scenario.load import read, read_replay
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import draw
+from navsim.statistics import chi_square
 from navsim.trajectory.kinematics import Motion
 from tests.helpers import case
 

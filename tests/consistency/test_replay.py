@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.estimation.records import REJECTED, TFG
+from navsim.filter.records import REJECTED, TFG
 from navsim.formats.conventions import FIX_SIGMAS
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import flight as simulated

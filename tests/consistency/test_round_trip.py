@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from navsim.estimation.estimate import FILTER_KINDS
+from navsim.filter.estimate import FILTER_KINDS
 from navsim.formats.export import export
 from navsim.formats.simulated_log import differences
 from navsim.geodesy.attitude import dcm_from_rpy

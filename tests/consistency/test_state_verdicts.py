@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from navsim.core.states import A_D
+from navsim.filter.states import A_D
 from navsim.landing.case import Case
 from navsim.landing.consistency import evaluate_states, ratios_of_runs
 from navsim.landing.result import result
 from navsim.landing.study import covariance_analysis, covariance_result, fly_all
-from navsim.report import tables
+from navsim.report import summary_tables
 from navsim.report.compare import compared
 from navsim.report.table import Table
 from navsim.results.findings import of
@@ -47,7 +47,7 @@ def believing_too_little(share: float, state: int, *settings: str) -> Case:
 
 
 def rows(found: Result) -> dict[str, str]:
-    table = tables.summary_table([("x", found)])
+    table = summary_tables.summary_table([("x", found)])
     return {str(row.cells[0]).strip(): row.texts()[1] for row in table.rows if row.cells[1:]}
 
 
@@ -167,7 +167,7 @@ def test_results_beside_each_other_and_of_an_earlier_version() -> None:
     """Differences of z have numbers; a file without z says why there is no verdict."""
     right, wrong = flown(case(*BRIEF), 40, 2), flown(believing_too_little(0.6, A_D), 40)
     named = [("right", right), ("wrong", wrong)]
-    (table,) = compared(named, [tables.summary_table(named)], [])
+    (table,) = compared(named, [summary_tables.summary_table(named)], [])
     assert isinstance(table, Table)
     (row,) = (row for row in table.rows if str(row.cells[0]).strip() == "attitude, largest z")
     ratio = wrong["/summary/consistency/worst_z"][6:9].max() / right["/summary/consistency/worst_z"][6:9].max()
@@ -175,7 +175,7 @@ def test_results_beside_each_other_and_of_an_earlier_version() -> None:
     old = Result(right.attributes, {path: v for path, v in right.variables.items()
                                     if not path.startswith("/consistency/") and path.split("/")[-1] not in
                                     ("verdict", "state", "looks", "worst_z", "worst_time", "least_z")})  # fmt: skip
-    shown = tables.summary_table([("old", old), ("right", right)])
+    shown = summary_tables.summary_table([("old", old), ("right", right)])
     (row,) = (row for row in shown.rows if str(row.cells[0]).strip() == "all states")
     assert row.texts()[1] == "none: the file is of a navsim that judged groups of states alone; fly it again"
     assert row.texts()[2] == str(right["/summary/consistency/verdict"])

@@ -8,7 +8,7 @@ import pytest
 from navsim.landing.case import Case
 from navsim.landing.result import result
 from navsim.landing.study import covariance_analysis, covariance_result, fly_all
-from navsim.report import tables
+from navsim.report import summary_tables
 from navsim.results.findings import of
 from navsim.runner.executor import threads
 from tests.helpers import case
@@ -78,7 +78,11 @@ def test_runs_of_perfect_sensors() -> None:
     assert np.isfinite(worst["attitude_down"])
     assert "no uncertainty" not in str(found["/summary/consistency/verdict"])
     assert not [one for one in of(found) if one.name.startswith("sigma")]
-    texts = {row.cells[0].strip(): row.texts()[1] for row in tables.summary_table([("x", found)]).rows if row.cells[1:]}
+    texts = {
+        row.cells[0].strip(): row.texts()[1]
+        for row in summary_tables.summary_table([("x", found)]).rows
+        if row.cells[1:]
+    }
     assert texts["NEES, 9 states"].startswith(f"{np.nanmean(of_all.data):.3f}")
 
 

@@ -1,12 +1,12 @@
-"""Noise of the accelerometers is no information about heading (`estimation.steady_force`)."""
+"""Noise of the accelerometers is no information about heading (`filter.steady_force`)."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from navsim.core.states import A_D, ATT, POS, VEL, N
-from navsim.estimation import records, steady_force
+from navsim.filter import records, steady_force
+from navsim.filter.states import A_D, ATT, POS, VEL, N
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads
 from tests.helpers import case, cross

@@ -16,20 +16,20 @@ from navsim.geodesy.horizon import crossings, reach
 from navsim.gnss.interference import horizon
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.landing.preflight import through_ridges
+from navsim.landing.result_groups import base
 from navsim.landing.study import Case, covariance_analysis, covariance_result
-from navsim.landing.tree import base
 from navsim.optimization import problem as objective
+from navsim.optimization.scenario import Optimize
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.report.ridges import ShownRidge, clipped, flown_over, shown_ridges, terrain_skyline
-from navsim.report.tables import summary_table
+from navsim.report.summary_tables import summary_table
 from navsim.results.result import Result
 from navsim.results.schema import COVARIANCE
 from navsim.runner.opening import checked
 from navsim.scenario.load import read_study
-from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import load
-from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
+from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.sweeps.study import SweepStudy, filter_outputs, plan
 from tests.helpers import SCENARIOS, case
 

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core import states
-from navsim.core.arrays import chi_square
-from navsim.estimation.records import NOT_USED, REJECTED, USED
+from navsim.filter import states
+from navsim.filter.records import NOT_USED, REJECTED, USED
 from navsim.integrity.monitoring import ALARM
 from navsim.landing.result import result
 from navsim.landing.study import Case, covariance_analysis, fly_all
 from navsim.runner.executor import threads
 from navsim.simulation.landing import Run
+from navsim.statistics import chi_square
 from tests.helpers import case
 
 SEED = 907

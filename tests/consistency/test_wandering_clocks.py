@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from navsim.gnss.transmitter import WanderingClocks
+from navsim.gnss.pseudolite_clock import WanderingClocks
 from navsim.landing.study import covariance_analysis
 from navsim.simulation.landing import measured
 from navsim.simulation.landing_covariance import along_truth

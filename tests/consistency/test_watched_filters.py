@@ -11,17 +11,17 @@ import pytest
 from scipy.stats import binom
 
 from navsim.compiler.lanes import WIDTH
-from navsim.core.arrays import chi_square
 from navsim.integrity import monitoring
 from navsim.integrity.monitoring import ALARM, NO_FIX, QUIET
 from navsim.landing import integrity
 from navsim.landing.study import Case
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.simulation.filter_bank import LEAST, FilterBank
 from navsim.simulation.landing import Flight, draw, fly_inputs
+from navsim.statistics import chi_square
 from tests.consistency.test_tight_landings import flown, silence
 from tests.helpers import case
 

@@ -12,7 +12,7 @@ import pytest
 from scipy import optimize, stats
 
 from navsim.compiler.lanes import WIDTH
-from navsim.estimation.estimate import in_all_lanes
+from navsim.filter.estimate import in_all_lanes
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.sky import unit_vector
 from navsim.integrity import monitoring
@@ -23,7 +23,7 @@ from navsim.integrity.solution import Independent, rows_of, solve
 from navsim.landing import integrity
 from navsim.landing.ensemble import LandingStudy
 from navsim.landing.study import Case
-from navsim.report import quantities
+from navsim.report import figure_data
 from navsim.results.result import read
 from navsim.runner.statistics import share_interval
 from navsim.simulation import landing as simulation
@@ -304,15 +304,15 @@ def test_the_result_says_what_was_counted(tmp_path: Path, keep: str) -> None:
     assert int(result[f"{branch}/stanford_vertical"][5]) == alarms
     assert float(result[f"{branch}/availability"][0]) == pytest.approx(1.0 - alarms / tested, abs=1e-12)
     if keep != "none":  # the diagram is of the same epochs, those with an alarm left out
-        for axis in quantities.LEVELS:
-            assert quantities.stanford(result, *axis).counts.sum() == tested - alarms
-        assert "epochs of the glide alone, from its start to touchdown" in quantities.stanford_text(result)
+        for axis in figure_data.LEVELS:
+            assert figure_data.stanford(result, *axis).counts.sum() == tested - alarms
+        assert "epochs of the glide alone, from its start to touchdown" in figure_data.stanford_text(result)
     value, low, high = result[f"{branch}/hmi"]
     assert value == 0.0
     assert low == 0.0
     assert high == pytest.approx(1.0 - 0.025 ** (1.0 / 40), rel=1e-9)
     if keep != "none":
-        assert quantities.ALARM == ALARM  # reports read results alone
+        assert figure_data.ALARM == ALARM  # reports read results alone
         glide = result["/integrity/time"] <= 60.2
         assert int((result["/integrity/status"][:, glide] == ALARM).sum()) == alarms
 

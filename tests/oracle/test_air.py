@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays.processes import discretised, exponential, stationary
+from navsim.statistics.linear_processes import discretised, exponential, stationary
 from navsim.trajectory import air
 from navsim.trajectory.air import Process
 from tests.conftest import DATA, Within

@@ -21,8 +21,8 @@ from navsim.companions.atc.study import (
 from navsim.companions.circuit import fly
 from navsim.companions.circuit_section import CircuitSection
 from navsim.companions.kalman import update_row
-from navsim.core.streams import generator
 from navsim.report.table import Table
+from navsim.statistics.random_streams import generator
 from tests.conftest import Within
 
 

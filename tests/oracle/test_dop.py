@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.dop import dops, geometry_covariance
 from navsim.formats.almanac import read_agl
 from navsim.gnss import timescales
 from navsim.gnss.constellations.glonass import Glonass24Slots, GlonassAlmanac
+from navsim.gnss.dop import dops, geometry_covariance
 from navsim.gnss.sky import unit_vector
 from tests.conftest import Within
 from tests.helpers import case, scenario

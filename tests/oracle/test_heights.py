@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core import states
+from navsim.filter import states
 from navsim.geodesy import geoid
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
-from navsim.sensors import pressure
+from navsim.sensors import barometer
 from tests.conftest import DATA, Within
 from tests.helpers import case, scenario
 
@@ -35,27 +35,27 @@ def oracle(name: str) -> dict[str, Any]:
 def test_standard_atmosphere(within: Within) -> None:
     given = oracle("isa")
     heights = np.array(given["h_m"], float)
-    found = pressure.standard_pressure(heights)
+    found = barometer.standard_pressure(heights)
     np.testing.assert_allclose(found, given["p_pa"], rtol=0, atol=within["pressure"])
-    np.testing.assert_allclose(pressure.pressure_altitude(found), heights, atol=1e-8)
-    assert abs(pressure.SLOPE - given["m_per_hpa_sea_level"]) < 1e-3
+    np.testing.assert_allclose(barometer.pressure_altitude(found), heights, atol=1e-8)
+    assert abs(barometer.SLOPE - given["m_per_hpa_sea_level"]) < 1e-3
 
 
 @pytest.mark.validates("heights shown over a cold aerodrome", "true = shown T / T_ISA", height="0.01 m")
 def test_cold_air(within: Within) -> None:
     given = oracle("isa")["cold"]
-    cold = pressure.AirColumn(0.0, given["surface_c"] + 273.15 - 288.15)
+    cold = barometer.AirColumn(0.0, given["surface_c"] + 273.15 - 288.15)
     assert cold.height(np.array(float(given["indicated_m"]))) == pytest.approx(given["true_m"], abs=within["height"])
-    for air in (cold, pressure.AirColumn(800.0, 20.0)):  # what the pressure shows is that straight line
+    for air in (cold, barometer.AirColumn(800.0, 20.0)):  # what the pressure shows is that straight line
         true = air.elevation + np.array([0.0, 60.0, 300.0])
-        np.testing.assert_allclose(air.height(pressure.pressure_altitude(air.pressure(true))), true, atol=1e-7)
+        np.testing.assert_allclose(air.height(barometer.pressure_altitude(air.pressure(true))), true, atol=1e-7)
 
 
 def test_a_lag_reads_high_on_the_way_down() -> None:
     time = np.arange(0.0, 20.0, 0.01)
-    np.testing.assert_allclose(pressure.late(time, 500.0 - 3.0 * time, 0.5) - (500.0 - 3.0 * time), 1.5, atol=1e-9)
+    np.testing.assert_allclose(barometer.late(time, 500.0 - 3.0 * time, 0.5) - (500.0 - 3.0 * time), 1.5, atol=1e-9)
     step = np.where(time < 1.0, 0.0, 1.0)
-    late = pressure.late(time, step, 2.0)
+    late = barometer.late(time, step, 2.0)
     assert late[np.searchsorted(time, 2.995)] == pytest.approx(1.0 - np.exp(-1.0), abs=3e-3)
 
 
@@ -91,7 +91,7 @@ def test_errors_of_a_run_that_last() -> None:
 
     setting = added("qnh_sigma_hpa: 0.5")
     np.testing.assert_allclose(setting, setting[:, :1] * np.ones(setting.shape[1]), atol=1e-9)
-    assert setting[:, 0].std() == pytest.approx(0.5 * pressure.SLOPE, rel=0.05)  # 3 sigma of 2000 runs
+    assert setting[:, 0].std() == pytest.approx(0.5 * barometer.SLOPE, rel=0.05)  # 3 sigma of 2000 runs
     drift = added("drift_m: 3", "drift_time_s: 40")
     np.testing.assert_allclose(drift.std(axis=0), 3.0, rtol=0.07)
     for lag in (10, 40):

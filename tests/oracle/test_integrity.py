@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.arrays import chi_square, normal
-from navsim.core.dop import geometry_covariance
+from navsim.gnss.dop import geometry_covariance
 from navsim.gnss.sky import unit_vector
 from navsim.integrity import sbas_gbas
 from navsim.integrity.araim import Allocation, Fault, Levels, levels
@@ -23,6 +22,7 @@ from navsim.integrity.risk import silent, undetected_by_separation
 from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
 from navsim.landing.integrity import REGIONS, ApproachLimits, regions
 from navsim.scenario.integrity import OPERATIONS, LimitsSection
+from navsim.statistics import chi_square, normal
 from tests.conftest import DATA, Within
 
 EAST, NORTH, UP = range(3)
@@ -422,7 +422,7 @@ def test_table_of_sources(cases: dict[str, Any], within: Within) -> None:
 
 
 def test_covariance_is_that_of_the_geometry() -> None:
-    """The normal matrix of `core.dop` and this one are of the same equations."""
+    """The normal matrix of `gnss.dop` and this one are of the same equations."""
     rng = np.random.default_rng(5)
     for _ in range(30):
         count = int(rng.integers(4, 14))

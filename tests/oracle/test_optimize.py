@@ -11,9 +11,9 @@ import pytest
 from shapely.geometry import Point, Polygon
 
 from navsim.optimization.problem import PlacementProblem, problem
+from navsim.optimization.scenario import Optimize
 from navsim.optimization.study import search
 from navsim.scenario.load import read_study
-from navsim.scenario.optimize import Optimize
 from tests.conftest import SCENARIOS
 
 SKIES = {

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.dop import dops
-from navsim.core.orbits import glonass_states
 from navsim.formats.almanac import read_almanac
 from navsim.formats.horizon import read_horizon
 from navsim.formats.rinex_nav import read_nav
@@ -20,7 +18,9 @@ from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass, gps
 from navsim.gnss.constellations.glonass_broadcast import StateVectorEphemerides as Glonass
 from navsim.gnss.constellations.glonass_broadcast import itrf_from_pz90, lunisolar, pz90_from_itrf, sent_by
+from navsim.gnss.constellations.glonass_integration import glonass_states
 from navsim.gnss.constellations.systems import GLONASS, GPS
+from navsim.gnss.dop import dops
 from navsim.gnss.pseudorange import satellites_at_reception
 from navsim.gnss.sky import Mask, azimuth_elevation, enu_matrix
 from tests.conftest import SCENARIOS, Within

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core import states
-from navsim.core.strapdown import navigate
+from navsim.filter import states
+from navsim.filter.strapdown import navigate
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.landing import study as landing
 from navsim.replays import study as replay

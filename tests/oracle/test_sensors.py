@@ -11,7 +11,6 @@ import allantools
 import numpy as np
 import pytest
 
-from navsim.core.streams import generator
 from navsim.scenario.base import DEG, DEG_H, DEG_SQRT_H
 from navsim.scenario.sensors import G
 from navsim.sensors.imu import (
@@ -25,6 +24,7 @@ from navsim.sensors.imu import (
     simulate_lanes,
 )
 from navsim.sensors.imu_errors import Gains, ImuErrorModel, Vibration, Warming, apply_bandwidth, shaking
+from navsim.statistics.random_streams import generator
 from tests.conftest import DATA, Within
 from tests.helpers import scenario
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.dop import dops
 from navsim.formats.rinex_nav import Navigation, read_nav, time_offset
 from navsim.formats.sp3 import read_sp3
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh
@@ -19,6 +18,7 @@ from navsim.gnss import timescales
 from navsim.gnss.constellations import gps, nominal_constellations
 from navsim.gnss.constellations.nominal import design
 from navsim.gnss.constellations.systems import BEIDOU, GALILEO, GPS, QZSS, SYSTEMS, System
+from navsim.gnss.dop import dops
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from navsim.landing.study import prepare
 from navsim.scenario.load import read

@@ -7,11 +7,10 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from navsim.core import states
-from navsim.core.strapdown import navigate
-from navsim.estimation import error_state, records
-from navsim.estimation.estimate import estimate
-from navsim.estimation.observations import FIX, FixTable, Measurements
+from navsim.filter import eskf, records, states
+from navsim.filter.estimate import estimate
+from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.strapdown import navigate
 from navsim.simulation.landing import exact_start
 from tests.conftest import Within
 from tests.helpers import case
@@ -24,7 +23,7 @@ DECLARED = states.declared(states.biases())
 
 def injected(start: np.ndarray, x: np.ndarray) -> np.ndarray:
     nav = start.copy()
-    error_state.inject(nav, x)
+    eskf.inject(nav, x)
     return nav
 
 
@@ -60,7 +59,7 @@ def test_map_is_the_least_squares_solution(within: Within) -> None:
             z = np.empty(15)
             target = nav.copy()
             target[:3] = fix
-            error_state.between(target, nav, z)
+            eskf.between(target, nav, z)
             row[:] = z[:3]
         return np.concatenate([x / SIGMA, misfit.ravel() / FIX_SIGMA])
 
@@ -82,7 +81,7 @@ def test_map_is_the_least_squares_solution(within: Within) -> None:
     )
     nav, sigma = state.navigation, history.sigma()
     gap = np.empty(15)
-    error_state.between(nav, expected[-1], gap)
+    eskf.between(nav, expected[-1], gap)
     assert np.all(np.abs(gap) < within["estimate"] * sigma[-1]), gap / sigma[-1]
     # the prior is left by 0.5 degrees and more, so this is not the linear problem
     turned = Rotation.from_quat(nav[[7, 8, 9, 6]]) * Rotation.from_quat(start[[7, 8, 9, 6]]).inv()

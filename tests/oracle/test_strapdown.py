@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from navsim.core import states, strapdown
+from navsim.filter import states, strapdown
 from navsim.geodesy import attitude_kernels as attitude
 from navsim.geodesy import earth
 from navsim.trajectory.kinematics import Trajectory

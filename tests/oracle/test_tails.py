@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.streams import generator
 from navsim.integrity.araim import Allocation, Fault, Levels, levels
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent
+from navsim.integrity.risk_sampling import (
+    SeparationTest,
+    TailCase,
+    sampled,
+    under_separations,
+    under_squares,
+    worst_size,
+)
 from navsim.integrity.solution import Independent, MonitoredFix, solve
-from navsim.integrity.tails import SeparationTest, TailCase, sampled, under_separations, under_squares, worst_size
 from navsim.runner.statistics import share_interval
+from navsim.statistics.random_streams import generator
 from tests.conftest import Within
 from tests.oracle.test_integrity import CASE, UP, cases, raim, rows_towards
 

@@ -12,14 +12,14 @@ import pytest
 from scipy.optimize import least_squares
 
 from navsim.compiler.lanes import WIDTH
-from navsim.core import states
-from navsim.core.arrays.clock import densities, step_covariance
-from navsim.core.covariance import gain, joseph
-from navsim.estimation.clock import ReceiverClock, carry_clock_covariance
-from navsim.estimation.estimate import estimate
-from navsim.estimation.observations import FIX, RANGE, Measurements, RangeTable
-from navsim.estimation.records import ESKF, FILTERS, FilterModel, History, ImuData, schedule, start
+from navsim.filter import states
+from navsim.filter.covariance import gain, joseph
+from navsim.filter.estimate import estimate
+from navsim.filter.measurement_models import FIX, RANGE, Measurements, RangeTable
+from navsim.filter.receiver_clock import ReceiverClock, carry_clock_covariance
+from navsim.filter.records import ESKF, FILTERS, FilterModel, History, ImuData, schedule, start
 from navsim.geodesy.earth import RATE, ecef_from_llh, ned_matrix
+from navsim.gnss.clock_noise import densities, step_covariance
 from navsim.gnss.receiver import wander
 from navsim.gnss.sky import unit_vector
 from navsim.landing.study import Case, covariance_analysis

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from navsim.cli import ending
+from navsim.cli import exit_status
 from navsim.cli.common import progress
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import PYTHON, Running, found_first, navsim, shared
@@ -26,7 +26,7 @@ LONG = ["run", str(SCENARIOS / "landing.yaml"), "--runs", "100000", "--keep", "n
 
 def _listening() -> None:
     """The tests may themselves run where signals are ignored, as in the background of a script."""
-    for number in ending.WORDS:
+    for number in exit_status.WORDS:
         signal.signal(number, signal.SIG_DFL)
 
 
@@ -41,7 +41,7 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize("number", list(ending.WORDS))
+@pytest.mark.parametrize("number", list(exit_status.WORDS))
 def test_signals_keep_finished_work(number: signal.Signals, tmp_path: Path) -> None:
     process = start(tmp_path, *LONG)
     until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))
@@ -49,7 +49,7 @@ def test_signals_keep_finished_work(number: signal.Signals, tmp_path: Path) -> N
     done = process.ended()
     assert done.code == 128 + number
     assert "finished runs are kept in long.h5.partial; the same command continues from there" in done.err
-    assert done.err.endswith(f"{ending.WORDS[number]}\n")
+    assert done.err.endswith(f"{exit_status.WORDS[number]}\n")
     assert "Traceback" not in done.err
     assert done.out == ""
     assert [path.name for path in tmp_path.iterdir()] == ["long.h5.partial"]
@@ -186,9 +186,9 @@ def test_the_second_on_one_output_is_told_who_is_there(tmp_path: Path) -> None:
 
 
 def test_too_little_memory_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left, ending.ends():
+    with pytest.raises(SystemExit) as left, exit_status.ends():
         raise MemoryError
-    assert left.value.code == ending.RUN_FAILED
+    assert left.value.code == exit_status.RUN_FAILED
     assert capsys.readouterr().err == "error: there is too little memory; --dry-run tells how much is needed\n"
 
 
@@ -278,14 +278,14 @@ def test_words_for_a_terminal_that_went_away_are_lost(monkeypatch: pytest.Monkey
         done(3)
     with progress(0, "placements", True):
         pass
-    ending.print_message("nobody hears")
+    exit_status.print_message("nobody hears")
 
 
 @pytest.mark.parametrize("full", [True, False])
 def test_only_what_standard_output_refuses_is_said_of_it(full: bool) -> None:
     """An error without a file's name may be of a socket, too."""
     code = (
-        "import errno, os\nfrom navsim.cli.ending import ends\n"
+        "import errno, os\nfrom navsim.cli.exit_status import ends\n"
         f"with ends():\n    print('words' * {full})\n    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))"
     )
     with open("/dev/full" if full else os.devnull, "w") as out:

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.estimation.records import NOT_USED
+from navsim.filter.records import NOT_USED
 from navsim.landing import study as landing
 from navsim.landing.ensemble import LandingStudy
 from navsim.optimization.problem import problem
+from navsim.optimization.scenario import Optimize
 from navsim.results.findings import CONSISTENT, FIX, Finding, kept, of
 from navsim.results.result import Result, ResultError, Variable, read, write
 from navsim.runner import findings as judging
@@ -20,10 +21,9 @@ from navsim.runner.batches import Batch, Ensemble
 from navsim.runner.executor import threads
 from navsim.scenario.load import read as read_scenario
 from navsim.scenario.load import read_study
-from navsim.scenario.optimize import Optimize
-from navsim.scenario.sweep import Sweep
 from navsim.simulation.landing import Run
 from navsim.sweeps import study as sweep
+from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
 from tests.product.test_run import navsim, warnings_of
 

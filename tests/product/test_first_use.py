@@ -30,7 +30,7 @@ from navsim.report import printing as drawing
 from navsim.results.result import ONE_RUN, SEVERAL_RUNS, ResultKind, read, read_kind
 from navsim.scenario import shipped
 from navsim.scenario.landing import Landing
-from navsim.scenario.sweep import Sweep
+from navsim.sweeps.scenario import Sweep
 from tests.conftest import ROOT, SCENARIOS
 from tests.helpers import case, scenario
 from tests.layout import as_declared

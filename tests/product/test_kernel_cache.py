@@ -125,7 +125,7 @@ def test_what_is_kept_is_loaded_without_the_compiler(tmp_path: Path) -> None:
     """Code that makes arrays too; and what is compiled after it, in the same process, is right."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     dops = (
-        "import sys; import numpy as np; from navsim.core import dop;"
+        "import sys; import numpy as np; from navsim.gnss import dop;"
         "up = np.array([[[1.0, 0, 0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3], [0, 0, 1.0], [0.6, 0, 0.8]]]);"
         "print(dop.dops(up, np.zeros(5, dtype=int)).tolist(), 'numba.np.linalg' in sys.modules);"
     )

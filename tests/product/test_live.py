@@ -26,10 +26,9 @@ import numpy as np
 import pytest
 
 from navsim.cli.recorded import _ended_by_signals
-from navsim.core.streams import generator
-from navsim.estimation.estimate import estimate
-from navsim.estimation.observations import FIX, Measurements
-from navsim.estimation.records import ImuData, schedule
+from navsim.filter.estimate import estimate
+from navsim.filter.measurement_models import FIX, Measurements
+from navsim.filter.records import ImuData, schedule
 from navsim.formats.export import export
 from navsim.formats.stream import Lines, StreamError, open_source
 from navsim.landing import study as landing
@@ -40,6 +39,7 @@ from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.sensors import imu
 from navsim.simulation.landing import measured, receiver_fixes, table_of_fixes
+from navsim.statistics.random_streams import generator
 from tests.forks import shared
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared

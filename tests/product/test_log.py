@@ -14,7 +14,7 @@ import pytest
 
 from navsim import __version__
 from navsim.cli import common, log
-from navsim.cli.ending import ends, keep, print_message
+from navsim.cli.exit_status import ends, keep, print_message
 from tests import forks
 from tests.conftest import SCENARIOS
 

@@ -16,7 +16,7 @@ from navsim.__main__ import main
 from navsim.cli import common
 from navsim.optimization import job
 from navsim.optimization import progress as watch
-from navsim.report.optimize import front, plan
+from navsim.optimization.report import front, plan
 from navsim.results.result import read
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared

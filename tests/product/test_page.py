@@ -19,21 +19,22 @@ import numpy as np
 import pytest
 from bokeh.models import ColorBar
 
-from navsim.formats import swept
+from navsim.formats import sweep_rows
 from navsim.kinds import KINDS
-from navsim.report import citations, tables
+from navsim.report import citations, summary_tables
 from navsim.report.compare import differences, settings_of
-from navsim.report.page import landing, marks, placement
+from navsim.report.figure_data import one_run
+from navsim.report.page import landing, plots
 from navsim.report.page.document import GENERATOR, Read, page
-from navsim.report.page.marks import MOST_POINTS, some
+from navsim.report.page.plots import MOST_POINTS, some
 from navsim.report.page.terrain import ridge_lines
-from navsim.report.quantities import one_run
 from navsim.report.requirements import box
 from navsim.report.ridges import ShownRidge
 from navsim.report.sky import source_tracks
 from navsim.report.table import TIDY, Table, tidy
 from navsim.report.view import view
 from navsim.results.result import Result, read
+from navsim.sweeps.page import sweeps
 from tests import steps
 from tests.conftest import ROOT
 from tests.forks import navsim, shared
@@ -173,8 +174,8 @@ def test_a_sweep_is_told_in_words_in_the_order_of_quantities(place: Path) -> Non
     firsts = [str(row.cells[0]) for row in table.rows]
     assert firsts[:3] == [f"{dop}, mean over the glide" for dop in ("PDOP", "HDOP", "VDOP")]
     assert firsts[-1] == "vertical RMS of a fix, mean over the glide, m"
-    drawings = placement.sweeps([("sweep", result)])
-    assert [drawing.name for drawing in drawings] == [f"{name}-0" for name in swept.outputs(result)]
+    drawings = sweeps([("sweep", result)])
+    assert [drawing.name for drawing in drawings] == [f"{name}-0" for name in sweep_rows.outputs(result)]
     for drawing, said in zip(drawings, firsts, strict=True):
         for panel in drawing.panels:
             assert [bar.title for bar in panel.select(ColorBar)] == [said]
@@ -212,7 +213,7 @@ def luminance(colour: str) -> float:
 @pytest.mark.parametrize("paper", ["#ffffff", "#14171c"])
 def test_colours_are_seen_on_light_and_dark_paper(paper: str) -> None:
     assert paper in made_of("page.css")
-    for colour, least in (*((each, 3.0) for each in marks.COLOURS), (marks.BROWN, 3.9), (marks.TEXT, 3.9)):
+    for colour, least in (*((each, 3.0) for each in plots.COLOURS), (plots.BROWN, 3.9), (plots.TEXT, 3.9)):
         low, high = sorted((luminance(colour), luminance(paper)))
         assert (high + 0.05) / (low + 0.05) >= least, colour
 
@@ -226,7 +227,7 @@ def test_heights_of_ridges_are_written_within_the_plan() -> None:
     """Over the upper end of the line; at a border of what is shown towards its middle."""
     said = {}
     for x, y in ((0.0, 0.0), (0.0, 95.0), (-95.0, 0.0), (95.0, 96.0)):
-        on = marks.plot("", "", "")
+        on = plots.plot("", "", "")
         assert ridge_lines(on, [ShownRidge(np.array([[0.0, 90.0, 3.0], [x, -y, 3.0]]), 3.0)], (-100, 100), (-100, 100))
         name = on.renderers[-1].glyph
         said[x, y] = (name.text_align, name.text_baseline)
@@ -247,8 +248,8 @@ def test_verdicts_and_warnings_are_said(place: Path) -> None:
 
 def test_the_first_figures_are_those_of_the_table(place: Path) -> None:
     result = read(place / "runs.h5")
-    of_table = set(cells([tables.summary_table([("runs", result)])]))
-    shown = tables.glance(result)
+    of_table = set(cells([summary_tables.summary_table([("runs", result)])]))
+    shown = summary_tables.glance(result)
     assert len(shown) >= 6
     assert {str(said) for _, said in shown} <= of_table
 

@@ -11,12 +11,12 @@ import pytest
 
 from navsim.optimization import problem as objective
 from navsim.optimization import study as optimize
+from navsim.optimization.scenario import Optimize
 from navsim.runner.checkpoint import CheckpointError
 from navsim.runner.executor import threads
 from navsim.scenario.load import read_study
-from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
-from navsim.scenario.sweep import Sweep
+from navsim.sweeps.scenario import Sweep
 from navsim.sweeps.study import SweepStudy, compute, partial_key, plan, sweep_result
 from tests.helpers import SCENARIOS
 

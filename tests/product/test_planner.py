@@ -27,9 +27,9 @@ import yaml
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.study import prepare
 from navsim.optimization.analyses import glimpsed, screened
-from navsim.planner.orders import Known, WrongOrder, read_order
 from navsim.planner.outlook import QUANTITIES, Outlook
 from navsim.planner.proposal import PlannedScenario
+from navsim.planner.requests import Known, WrongOrder, read_order
 from navsim.planner.server import MOST_PAGES
 from navsim.results.result import read
 from navsim.scenario.source import InputError, load

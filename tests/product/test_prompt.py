@@ -24,10 +24,10 @@ import pytest
 from navsim.cli.completion import SHELLS, UNTIL
 from navsim.kinds import OF_FILES
 from navsim.landing.ensemble import stopping_rule
-from navsim.landing.rare import stopping_rule as rare_rule
-from navsim.scenario import names, shipped
+from navsim.landing.rare_events import stopping_rule as rare_rule
+from navsim.scenario import key_names, shipped
+from navsim.scenario.json_schema import ANY, DIALECT, identity, published
 from navsim.scenario.load import section
-from navsim.scenario.published import ANY, DIALECT, identity, published
 from navsim.scenario.source import load
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import found_first, navsim, shared
@@ -158,7 +158,7 @@ def test_an_answer_loads_no_models_and_no_kernels() -> None:
 
 
 def test_the_list_of_names_is_that_of_the_models() -> None:
-    assert names.FILE.read_text(encoding="utf-8") == names.text(names.collected()), "run: make docs"
+    assert key_names.FILE.read_text(encoding="utf-8") == key_names.text(key_names.collected()), "run: make docs"
 
 
 def test_what_until_is_offered_is_taken() -> None:

@@ -469,7 +469,7 @@ def test_the_log_takes_what_is_no_warning(tmp_path: Path, caplog: pytest.LogCapt
     assert "damaged piece(s) of an earlier attempt were computed again" in caplog.text
 
 
-NOT_READ = ("numpy", "scipy", "xarray", "pandas", "pydantic", "navsim.landing", "navsim.core", "navsim.gnss")
+NOT_READ = ("numpy", "scipy", "xarray", "pandas", "pydantic", "navsim.landing", "navsim.filter", "navsim.gnss")
 """What mypy is spared: it takes minutes, and no type of the interface is there."""
 USER = """
 from pathlib import Path

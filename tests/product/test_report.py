@@ -29,18 +29,21 @@ from navsim.companions.azimuth import report as azimuth
 from navsim.companions.elevation import mls
 from navsim.companions.elevation import report as elevation
 from navsim.companions.elevation import study as elevation_study
-from navsim.core import states
+from navsim.filter import states
 from navsim.formats.export import choose_run, export
 from navsim.landing import study as landing
-from navsim.report import figures, limits, live, optimize, printing, quantities, sweep, tables
+from navsim.optimization import report as optimize_report
+from navsim.replays import live_report
+from navsim.report import figure_data, figures, limits, printing, summary_tables
 from navsim.report.landing import VIEW
 from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import Table, console
 from navsim.results.result import Result, ResultError, Variable, read, write
 from navsim.runner.executor import threads
 from navsim.scenario.load import read_for, read_study, resolved_yaml
-from navsim.scenario.sweep import Sweep
+from navsim.sweeps import report as sweep_report
 from navsim.sweeps import study as sweep_study
+from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 
@@ -80,7 +83,7 @@ def printed(table: RenderableType) -> str:
 
 
 def text_of(*results: Result) -> str:
-    return printed(console([tables.summary_table([(f"r{i}", r) for i, r in enumerate(results)])]))
+    return printed(console([summary_tables.summary_table([(f"r{i}", r) for i, r in enumerate(results)])]))
 
 
 def rows(text: str, word: str) -> list[str]:
@@ -221,7 +224,7 @@ def test_the_legend_has_terrain_whichever_ridge_is_shown() -> None:
 def test_fixes_lie_about_the_antenna() -> None:
     """Exact ranges: the fixes are the antenna's true position to centimetres, 2.3 m from the IMU."""
     exact = flown(1, "all", "signals.range_sigma_m=1e-4", "pseudolites.range_sigma_m=1e-4")
-    error = quantities.fix_errors(exact)
+    error = figure_data.fix_errors(exact)
     assert error.shape == (1, exact["/receiver/time"].size, 3)
     assert np.abs(error).max() < 0.02
     drawn_points = figures.fixes(exact).axes[0].lines[0].get_xydata()
@@ -232,7 +235,7 @@ def test_states_are_shown_in_their_units() -> None:
     """Fix errors, of variance 1, in their σ before; they are told apart by their own ends."""
     names = [f"{triad}_{axis}" for triad in "abcdef" for axis in "xyz"]
     more = [f"fix_error_slow_{a}" for a in ("north", "east", "down")] + [f"fix_error_slow_more_{k}" for k in (1, 2, 3)]
-    shown = quantities.followed(names + more)
+    shown = figure_data.followed(names + more)
     assert [(one.label, one.axis) for one in shown[17:20]] == [
         ("f, ppm", "z"),
         ("slow satellite errors, prior σ", "north"),
@@ -510,7 +513,7 @@ def test_the_figure_of_a_live_run_fits_its_page() -> None:
         "/filter/sigma": Variable(("time", "state"), history + 1.0, "m", "sigma"),
     }
     with mpl.rc_context(printing.STYLE):
-        figure = live.figures(Result({}, variables))["errors"]
+        figure = live_report.figures(Result({}, variables))["errors"]
     figure.draw_without_rendering()
     check_page("live", figure)
     assert {"±3σ", "truth minus estimate"} <= set(words_of(figure).splitlines())
@@ -538,7 +541,7 @@ def test_varied_keys_are_words_with_units() -> None:
         "interference.jammers.0.place.lat_deg": "jammers[0] latitude", "imu.gyro.noise_deg_h": "gyro noise",
         "signals.range_sigma_m": "signals range sigma", "method": "method",
     }  # fmt: skip
-    assert {key: sweep.key_label(key) for key in said} == said
+    assert {key: sweep_report.key_label(key) for key in said} == said
 
 
 @pytest.mark.parametrize("better", [True, False])
@@ -546,7 +549,7 @@ def test_what_is_the_same_everywhere_has_the_colour_of_the_best(better: bool) ->
     for value in (1.0, 0.0, -3.0):
         cube = np.full((3, 4), value)
         cube[0, 0] = np.nan
-        low, high = sweep.colours(cube, better)
+        low, high = sweep_report.colours(cube, better)
         assert (low < value == high) if better else (low == value < high)
         assert high - low >= 1.0
 
@@ -566,7 +569,7 @@ def with_terrain(result: Result) -> Result:
 def test_maps_below_each_other_fit_their_page(place: Path) -> None:
     """As they are printed, with their colour bar beside them."""
     with printing.printed(printing.Print()):
-        for name, figure in sweep.figures(read(place / "sweep.h5")).items():
+        for name, figure in sweep_report.figures(read(place / "sweep.h5")).items():
             printing.fit(figure)
             figure.draw_without_rendering()
             check_page(name, figure)
@@ -581,11 +584,11 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     result = sweep_study.sweep_result(planned, sweep_study.compute(planned, threads(1)))
     values = result["/sweep/pdop"]
     assert np.isnan(values).any()
-    best = sweep.best(values, large=False)
+    best = sweep_report.best(values, large=False)
     assert best is not None
     assert best[1] == 20
     with mpl.rc_context(printing.STYLE):
-        figure = sweep.figures(result)["pdop"]
+        figure = sweep_report.figures(result)["pdop"]
     figure.draw_without_rendering()
     check_page("map", figure)
     ax = figure.axes[0]
@@ -595,19 +598,19 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     assert ax.get_ylim() == pytest.approx((105.0, -105.0), abs=0.5)
     corners = ax.collections[0].get_coordinates()  # type: ignore[attr-defined]
     assert np.ptp(np.diff(corners[:, :, 0], axis=1)) < 1e-6
-    assert sweep.best_plain(result)["pdop"]["at_end_of_range"] == ["l1_m"]  # type: ignore[index]
+    assert sweep_report.best_plain(result)["pdop"]["at_end_of_range"] == ["l1_m"]  # type: ignore[index]
     flat = np.where(np.isnan(values), np.nan, 1.0)
     pdop = replace(result.variables["/sweep/pdop"], data=flat)
     alike = Result(result.attributes, result.variables | {"/sweep/pdop": pdop})
-    (panel,) = sweep.panels(alike, "pdop", (0, 1))
+    (panel,) = sweep_report.panels(alike, "pdop", (0, 1))
     assert (panel.best, panel.title) == (None, "any place 1")
     hilly = with_terrain(result)
     assert [each.label for each in shown_ridges(hilly)] == ["60 m"]
     with printing.printed(printing.Print()):
-        words = words_of(sweep.figures(hilly)["pdop"])
+        words = words_of(sweep_report.figures(hilly)["pdop"])
     assert "not drawn: terrain[1], which varies" in words
     assert "60 m" in words
-    text = printed(console(sweep.tables(result)))
+    text = printed(console(sweep_report.tables(result)))
     assert "500 *" in text
     assert "the best may lie beyond" in text
 
@@ -618,11 +621,13 @@ def test_the_table_has_the_satellites_used_and_the_tightest_rule(place: Path) ->
     used = np.isfinite(result["/geometry/line_of_sight"][:, sky, 0])
     assert result["/summary/used/satellites"][1] >= used.sum(axis=1).min()
     assert result["/summary/used/satellites"][2] <= used.sum(axis=1).max()
-    (row,) = (row for row in tables.summary_table([("runs", result)]).rows if "satellites used" in str(row.cells[0]))
+    (row,) = (
+        row for row in summary_tables.summary_table([("runs", result)]).rows if "satellites used" in str(row.cells[0])
+    )
     mean, low, high = result["/summary/used/satellites"][:3]
     assert str(row.cells[1]) == f"{mean:.1f}  ({low:.0f} - {high:.0f})"
     best = read(place / "optimize.h5")
-    front = optimize.tables(best)[0]
+    front = optimize_report.tables(best)[0]
     assert isinstance(front, Table)
     for row, rule in zip(front.rows[1:], best["/optimum/tightest_rule"], strict=True):
         assert str(row.cells[7]).startswith(f"{rule}: ")

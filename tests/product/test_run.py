@@ -16,8 +16,8 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from navsim.core import states
-from navsim.core.dop import dops
+from navsim.filter import states
+from navsim.gnss.dop import dops
 from navsim.results.result import Result, read
 from tests import forks
 from tests.conftest import ROOT, SCENARIOS

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from navsim.compiler.lanes import WIDTH, in_lanes
-from navsim.core.arrays.clock import step_covariance
-from navsim.core.states import MOST, SENSORS
-from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances
+from navsim.filter.sensitivity_propagation import Route, carry_columns, carry_covariances
+from navsim.filter.states import MOST, SENSORS
+from navsim.gnss.clock_noise import step_covariance
 from navsim.simulation.landing import receiver_fixes, without_noise
 from navsim.simulation.landing_covariance import along_truth
 from tests.helpers import case

@@ -176,8 +176,8 @@ def test_modules_named_by_pages_are_there() -> None:
     pages = [page for page in PAGES if page.name != "CHANGELOG.md"]  # of which the former names are history
     found = {str(page.relative_to(ROOT)): lost_modules(text_of(page)) for page in pages}
     assert {page: lost for page, lost in found.items() if lost} == {}
-    assert lost_modules("`core/nothing.py`, `compiler/jit.no_such`, `compiler/jit.kernel`") == [
-        "core/nothing",
+    assert lost_modules("`filter/nothing.py`, `compiler/jit.no_such`, `compiler/jit.kernel`") == [
+        "filter/nothing",
         "compiler/jit.no_such",
     ]
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from navsim.core import covariance, interval, states, strapdown
+from navsim.filter import covariance, interval, states, strapdown
 from navsim.geodesy import attitude_kernels as attitude
 from navsim.geodesy import earth_kernels as earth
 

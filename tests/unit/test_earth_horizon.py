@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core.dop import dops
 from navsim.geodesy.earth import ecef_from_llh
+from navsim.gnss.dop import dops
 from navsim.gnss.interference.horizon import horizon_dip
 from navsim.gnss.signals import build_signals
 from navsim.landing.sources import environment
 from navsim.optimization.problem import problem
+from navsim.optimization.scenario import Optimize
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.results.findings import of
 from navsim.runner.executor import threads
 from navsim.runner.opening import checked
 from navsim.scenario.load import read, read_study
-from navsim.scenario.optimize import Optimize
-from navsim.scenario.sweep import Sweep
-from navsim.simulation.geometry import glide_geometry
+from navsim.simulation.placement_geometry import glide_geometry
 from navsim.sweeps import study as sweep
+from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
 from tests.helpers import case, scenario
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.states import A_D, N
+from navsim.filter.states import A_D, N
 from tests.helpers import load_script
 
 consistency: Any = load_script("filter_consistency")

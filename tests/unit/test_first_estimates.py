@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.core import states
-from navsim.core.covariance import NOISE_N
-from navsim.core.states import A_D, ATT, POS, VEL, N
-from navsim.estimation.error_state import inject
-from navsim.estimation.estimate import FILTER_KINDS, estimate
-from navsim.estimation.first_estimates import note_shift, start_transition
-from navsim.estimation.observations import FIX, FixTable, Measurements
-from navsim.estimation.records import OUTPUT, Events, FilterModel, History, ImuData, start
+from navsim.filter import states
+from navsim.filter.covariance import NOISE_N
+from navsim.filter.eskf import inject
+from navsim.filter.estimate import FILTER_KINDS, estimate
+from navsim.filter.first_estimates import note_shift, start_transition
+from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.records import OUTPUT, Events, FilterModel, History, ImuData, start
+from navsim.filter.states import A_D, ATT, POS, VEL, N
 from tests.helpers import case, cross
 from tests.unit.test_covariance import some_covariance
 

@@ -7,12 +7,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from navsim.compiler.elementary import exp_of_negative
-from navsim.core import states
-from navsim.core.states import A_D, A_E, A_N, NAV_HELD, NAV_N, NAV_SENSORS, N
-from navsim.estimation import estimate, gaussian_sum, tfg
-from navsim.estimation.error_state import inject
-from navsim.estimation.observations import FIX, FixTable, Measurements
-from navsim.estimation.records import ImuData, Mixture, schedule, start
+from navsim.filter import estimate, gaussian_sum, states, tfg
+from navsim.filter.eskf import inject
+from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.records import ImuData, Mixture, schedule, start
+from navsim.filter.states import A_D, A_E, A_N, NAV_HELD, NAV_N, NAV_SENSORS, N
 from navsim.simulation.landing import exact_start
 from tests.helpers import case
 from tests.unit.test_covariance import error, some_covariance

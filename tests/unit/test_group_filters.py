@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from navsim.core import states
-from navsim.core.strapdown import MID_N
-from navsim.estimation import error_state, filter_loop, invariant, judge, records, smoother, tfg
-from navsim.estimation.estimate import FILTER_KINDS
+from navsim.filter import eskf, evaluation, filter_loop, left_invariant, records, smoother, states, tfg
+from navsim.filter.estimate import FILTER_KINDS
+from navsim.filter.strapdown import MID_N
 from navsim.geodesy import attitude_kernels as attitude
 from navsim.scenario import filter as scenario_filter
 from tests.helpers import cross
@@ -55,7 +54,7 @@ def retract(kind: str, nav: np.ndarray, x: np.ndarray, straight: int = 0) -> np.
     after = Rotation.from_rotvec(theta) * c
     out = nav.copy()
     shift = j @ x[0:3] if kind != "eskf" and not straight else x[0:3]
-    error_state.move(out, *shift)
+    eskf.move(out, *shift)
     out[3:6] += j @ x[3:6] if kind != "eskf" else x[3:6]
     out[6:10] = after.as_quat()[[3, 0, 1, 2]]
     for first in (0, 3):
@@ -71,8 +70,8 @@ def retract(kind: str, nav: np.ndarray, x: np.ndarray, straight: int = 0) -> np.
 
 
 KINDS: dict[str, Callable[..., None]] = {
-    "eskf": error_state.correct,
-    "left-invariant": invariant.correct,
+    "eskf": eskf.correct,
+    "left-invariant": left_invariant.correct,
     "tfg": tfg.correct,
 }
 X = np.array([3.0, -2.0, 1.0, 0.4, -0.3, 0.2, 0.05, -0.12, 0.25, 1e-3, -2e-3, 1.5e-3, 0.02, 0.01, -0.03])
@@ -89,7 +88,7 @@ def own(kind: str, nav: np.ndarray, plain: np.ndarray, straight: int = 0) -> np.
     if kind == "eskf":
         return plain
     if kind == "left-invariant":
-        invariant.own_error(plain, out, straight)
+        left_invariant.own_error(plain, out, straight)
     else:
         tfg.own_error(nav, plain, out, straight)
     return out
@@ -178,4 +177,4 @@ def test_no_kind_is_judged_or_flown_as_another() -> None:
     declared = np.empty(0, states.DECLARED)
     none = records.FilterModel(max(records.SMOOTHERS) + 1, np.zeros((1, 2)), declared, np.ones(states.MOST + 1), 0)
     with pytest.raises(ValueError, match="no kind"):
-        judge.judge(none, history, truth)
+        evaluation.judge(none, history, truth)

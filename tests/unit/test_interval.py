@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from navsim.core import covariance, interval, states, strapdown
+from navsim.filter import covariance, interval, states, strapdown
 from tests.unit.test_covariance import BLOCKS, NOISE, add, dense_transition, size, some_covariance, some_state
 from tests.unit.test_covariance import some_sums as begun
 

@@ -17,11 +17,10 @@ from navsim.compiler.elementary import atan2, sincos, sincos_of_latitude
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import any_lane, fma, in_lanes, no, registers, room, select, small_matrix, small_vector
 from navsim.compiler.linear import cholesky
-from navsim.core import states
-from navsim.core.covariance import _carried
-from navsim.estimation import estimate, judge
-from navsim.estimation.observations import FIX, FixTable, Measurements
-from navsim.estimation.records import (
+from navsim.filter import estimate, evaluation, states
+from navsim.filter.covariance import _carried
+from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.records import (
     GAUSSIAN_SUM,
     OUTPUT,
     Events,
@@ -236,7 +235,7 @@ def _flown(width: int, kind: int, spoil: Spoil) -> dict[str, np.ndarray]:
     imu, measurements, events, state, model, truth = _before(width, kind, spoil)
     out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, *Judgement._fields)}
     for _, rows, piece in estimate.fly_in_pieces(imu, measurements, events, state, model):
-        judged = judge.judge(model, piece, Truth(*(m[rows] for m in truth)))
+        judged = evaluation.judge(model, piece, Truth(*(m[rows] for m in truth)))
         for name, kept in out.items():
             kept.append((getattr(piece, name) if name in piece._fields else getattr(judged, name)).copy())
     return {

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from navsim.compiler.lanes import WIDTH, WIDTHS, in_lanes
-from navsim.core.placement import MEAN, placement_dops
 from navsim.landing.sources import environment
 from navsim.optimization.placement import RunwayPlane, _polygons, surface_height
+from navsim.optimization.scenario import Surfaces
 from navsim.scenario.load import read
-from navsim.scenario.optimize import Surfaces
-from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.simulation.placement_dops import MEAN, placement_dops
+from navsim.simulation.placement_geometry import Geometry, glide_geometry
 from tests.conftest import SCENARIOS
 
 EPOCHS = np.linspace(0.0, 60.0, 7)
@@ -104,7 +104,7 @@ def test_the_bits_of_a_placement_are_its_own(width: int, monkeypatch: pytest.Mon
     assert not lost[4::3].any()
     for p in range(len(sites)):
         np.testing.assert_array_equal(geometry.fix_sigmas(sites[p : p + 1])[0][..., 0], found[..., p])
-    monkeypatch.setattr("navsim.simulation.geometry._SHARE", 80)
+    monkeypatch.setattr("navsim.simulation.placement_geometry._SHARE", 80)
     again, lost_again = geometry.fix_sigmas(sites, workers=3)
     np.testing.assert_array_equal(again, found)
     np.testing.assert_array_equal(lost_again, lost)

@@ -9,14 +9,14 @@ import pytest
 
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.optimization.problem import problem
+from navsim.optimization.scenario import Optimize
 from navsim.results.findings import of
 from navsim.results.result import Result
 from navsim.runner.executor import threads
 from navsim.runner.opening import checked
 from navsim.scenario.load import read_study, resolved_yaml
-from navsim.scenario.optimize import Optimize
-from navsim.scenario.sweep import Sweep
 from navsim.sweeps import study as sweep
+from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

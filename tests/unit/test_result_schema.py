@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from navsim.core.defect import Defect
-from navsim.results.draft import ResultBuilder
+from navsim.defect import Defect
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Stream
 from navsim.results.schema import (
@@ -28,7 +28,7 @@ from navsim.results.schema import (
     declared,
     fields,
 )
-from navsim.scenario.sweep import OUTPUTS
+from navsim.sweeps.scenario import OUTPUTS
 from tests.conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "scripts"))

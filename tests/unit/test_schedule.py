@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from navsim.estimation.observations import ALTITUDE, FIX
-from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Events, schedule
+from navsim.filter.measurement_models import ALTITUDE, FIX
+from navsim.filter.records import OUTPUT, PASS, TIME_TOLERANCE, Events, schedule
 
 LETTERS = {PASS: "-", OUTPUT: "o", FIX: "f", ALTITUDE: "a"}
 

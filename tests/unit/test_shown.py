@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.formats.swept import outputs
+from navsim.formats.sweep_rows import outputs
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
-from navsim.report.quantities import about_threshold
+from navsim.report.figure_data import about_threshold
 from navsim.results.result import Result, Variable
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core import covariance
-from navsim.core.dop import MAX_CLOCKS, SINGULAR, dops
-from navsim.core.states import MOST
-from navsim.estimation.receiver import fixes
+from navsim.filter import covariance
+from navsim.filter.states import MOST
 from navsim.geodesy.earth import ecef_from_llh, ned_matrix
+from navsim.gnss.dop import MAX_CLOCKS, SINGULAR, dops
+from navsim.gnss.position_fix import fixes
 
 SIGMA, RATE_SIGMA = 4.5, 0.05
 HEIGHTS = np.geomspace(1.0, 1e-8, 161)

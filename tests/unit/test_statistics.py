@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import norm
 
-from navsim.core.arrays import normal
+from navsim.statistics import normal
 
 
 def test_chance_outside_limits() -> None:

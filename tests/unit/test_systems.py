@@ -12,9 +12,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from navsim.core import orbits
-from navsim.core.dop import MAX_CLOCKS
 from navsim.gnss import timescales
+from navsim.gnss.constellations import glonass_integration
 from navsim.gnss.constellations.constellation import Constellation, Remembering, carriers
 from navsim.gnss.constellations.nominal import design
 from navsim.gnss.constellations.systems import (
@@ -29,6 +28,7 @@ from navsim.gnss.constellations.systems import (
     SYSTEMS,
     System,
 )
+from navsim.gnss.dop import MAX_CLOCKS
 from navsim.scenario import sky
 
 PACKAGE = Path(__file__).resolve().parents[2] / "navsim"
@@ -168,7 +168,7 @@ def test_the_receivers_clocks_fit_the_kernels() -> None:
 
 
 def test_the_integration_flies_by_the_tables_constant() -> None:
-    assert GLONASS.gm == orbits.GM
+    assert GLONASS.gm == glonass_integration.GM
 
 
 def test_scenarios_allow_what_the_table_has() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.report.sweep import best_plain, indifferent, tables
 from navsim.report.table import Table
 from navsim.results.result import Result, Variable
+from navsim.sweeps.report import best_plain, indifferent, tables
 
 
 def swept(cube: np.ndarray) -> Result:

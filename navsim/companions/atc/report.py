@@ -104,10 +104,10 @@ def case_label(case: object) -> str:
 
 
 def _errors(result: Result) -> Figure:
+    from navsim.report.figure_data import settled
     from navsim.report.figures import legend_above
     from navsim.report.printing import COLUMN, new_figure
-    from navsim.report.quantities import settled
-    from navsim.report.tables import setting
+    from navsim.report.summary_tables import setting
 
     fig = new_figure(2 * COLUMN, 4.8)
     axes = fig.subplots(2, 1, sharex=True)

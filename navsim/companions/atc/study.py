@@ -17,14 +17,14 @@ from navsim.companions.azimuth.study import window as _window
 from navsim.companions.circuit import CircuitFlight, at, fly
 from navsim.companions.kalman import singer, steady_state
 from navsim.companions.reports import quantise
-from navsim.core.streams import generator
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import ATC
 from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import of_filter
 from navsim.scenario.base import DEG
+from navsim.statistics.random_streams import generator
 
 FILTERS = ("full", "adapt", "fix", "singer", "cartesian")
 WINDOWS = ("manoeuvre", "straight")

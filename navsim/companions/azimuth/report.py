@@ -118,7 +118,7 @@ def _growth(result: Result) -> list[Table | str]:
 
 def filter_labels(result: Result) -> dict[str, str]:
     """What each filter is."""
-    from navsim.report.tables import setting
+    from navsim.report.summary_tables import setting
 
     sigmas = setting(result, "filters", "singer_sigma_m_s2")
     return {name: f"Singer, {sigma:.3g} m/s²" for name, sigma in zip(("S1", "S2"), sigmas, strict=True)} | _WORDS

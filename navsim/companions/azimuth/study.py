@@ -16,7 +16,7 @@ from navsim.companions.circuit import CircuitFlight, at, fly
 from navsim.companions.circuit_section import CircuitSection
 from navsim.companions.kalman import singer
 from navsim.companions.reports import Draws, Onboard, draw, nodes, reported, stamped
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import AZIMUTH

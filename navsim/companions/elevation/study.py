@@ -15,14 +15,14 @@ from navsim.companions.elevation import mls
 from navsim.companions.elevation.filter import Model, first_order, fly, follow, model
 from navsim.companions.elevation.scenario import SETTLING, Elevation
 from navsim.companions.kalman import covariance_sequence, driven_covariance, singer, singer_sigma, steady_state
-from navsim.core.arrays import chi_square
-from navsim.core.streams import generator
-from navsim.results.draft import ResultBuilder
+from navsim.results.builder import ResultBuilder
 from navsim.results.findings import CONSISTENT, Finding, kept
 from navsim.results.result import Result
 from navsim.results.schema import ELEVATION
 from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import doubted, positive
+from navsim.statistics import chi_square
+from navsim.statistics.random_streams import generator
 
 BANDS = ("std_theory", "std_sample", "variance")
 """Ways to read "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the

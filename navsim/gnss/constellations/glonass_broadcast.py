@@ -117,7 +117,8 @@ class StateVectorEphemerides:
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF (ITRF) positions and velocities (m, n, 3), m, m/s, at GPS times (m,) or (m, n); nan without a record."""
-        from navsim.core.orbits import glonass_states  # compiled code only when something is really computed
+        # compiled code only when something is really computed
+        from navsim.gnss.constellations.glonass_integration import glonass_states
 
         gpst, index = self._select(gpst)
         records = self.records.take(index.ravel())

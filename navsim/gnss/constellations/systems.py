@@ -1,7 +1,7 @@
 """Satellite systems: their properties, declared once for simulation, files and positioning.
 
 A new system needs an entry here, its design constellation in `gnss/constellations/nominal.py`, and room for its clock
-(`core.dop.MAX_CLOCKS`). Its messages in files need a reader in `formats/rinex_nav.py` and a writer in
+(`gnss.dop.MAX_CLOCKS`). Its messages in files need a reader in `formats/rinex_nav.py` and a writer in
 `formats/rinex_write.py`.
 
 Sources:
@@ -57,8 +57,8 @@ class System:
     talker: str
     """Of NMEA sentences."""
     gm: float
-    """Gravitational constant for its messages, m3/s2; of GLONASS for almanacs (`core.orbits` has that for state
-    vectors)."""
+    """Gravitational constant for its messages, m3/s2; of GLONASS for almanacs (that for state vectors is in
+    `gnss.constellations.glonass_integration`)."""
     earth_rate: float
     """Rate of the Earth likewise, rad/s."""
     called: str

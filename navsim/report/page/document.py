@@ -22,7 +22,7 @@ import navsim
 from navsim.kinds import named
 from navsim.report import citations
 from navsim.report.compare import TEXTS, differences, settings_of
-from navsim.report.page.marks import Drawing, Named, colour
+from navsim.report.page.plots import Drawing, Named, colour
 from navsim.report.provenance import Read, provenance
 from navsim.report.table import ABSENT, Table
 from navsim.report.view import View, view

@@ -10,7 +10,18 @@ import numpy as np
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
-from navsim.report.page.marks import (
+from navsim.report.figure_data import (
+    LEVELS,
+    alarms,
+    largest_errors,
+    limit,
+    settled,
+    stanford_text,
+    touchdown,
+    whose,
+)
+from navsim.report.figure_data import stanford as counted
+from navsim.report.page.plots import (
     BLUE,
     GREEN,
     GREY,
@@ -33,17 +44,6 @@ from navsim.report.page.marks import (
     tell,
     upright,
 )
-from navsim.report.quantities import (
-    LEVELS,
-    alarms,
-    largest_errors,
-    limit,
-    settled,
-    stanford_text,
-    touchdown,
-    whose,
-)
-from navsim.report.quantities import stanford as counted
 
 _ALARMED = "#CC79A7"
 _STRIP = 2.0

@@ -10,9 +10,25 @@ import numpy as np
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
+from navsim.report.figure_data import (
+    RunwayErrors,
+    descent,
+    ellipse,
+    first_runs,
+    followed,
+    in_runway_axes,
+    rms_over_runs,
+    runway_errors,
+    settled,
+    some_fix_errors,
+    state_ratios,
+    touchdown,
+    true_for,
+)
+from navsim.report.figure_data import heights as height_of
 from navsim.report.limits import required_limits
 from navsim.report.page import integrity, rare
-from navsim.report.page.marks import (
+from navsim.report.page.plots import (
     BLUE,
     BROWN,
     GREY,
@@ -48,25 +64,9 @@ from navsim.report.page.marks import (
 )
 from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
 from navsim.report.page.terrain import plan_of, ridge_lines
-from navsim.report.quantities import (
-    RunwayErrors,
-    descent,
-    ellipse,
-    first_runs,
-    followed,
-    in_runway_axes,
-    rms_over_runs,
-    runway_errors,
-    settled,
-    some_fix_errors,
-    state_ratios,
-    touchdown,
-    true_for,
-)
-from navsim.report.quantities import heights as height_of
 from navsim.report.ridges import clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import SourceTrack, masked, source_tracks
-from navsim.report.tables import box_limits, of_total, outside_box, runs_of, setting, single, state_verdict
+from navsim.report.summary_tables import box_limits, of_total, outside_box, runs_of, setting, single, state_verdict
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from bokeh.models import Range1d
 
-from navsim.report.page.marks import (
+from navsim.report.page.plots import (
     GREY,
     Drawing,
     Key,
@@ -23,7 +23,7 @@ from navsim.report.page.marks import (
     upright,
 )
 from navsim.report.rare import curve, middle
-from navsim.report.tables import box_limits
+from navsim.report.summary_tables import box_limits
 from navsim.results.findings import several
 
 _MOST = 400

@@ -10,8 +10,8 @@ from bokeh.core.properties import value
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from navsim.report.names import Letters
-from navsim.report.page.marks import FONT, GREY, TEXT, names, plot, source
+from navsim.report.label_placement import Letters
+from navsim.report.page.plots import FONT, GREY, TEXT, names, plot, source
 from navsim.report.sky import REACH, RINGS, SHADE, WRITTEN, Sector, bearings, shaded, sides
 
 _NARROW = 290.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from bokeh.plotting import figure
 
-from navsim.report.page.marks import BROWN, names
+from navsim.report.page.plots import BROWN, names
 from navsim.report.ridges import ShownRidge, clipped
 
 Ends = tuple[float, float]

@@ -1,1 +1,0 @@
-"""Receiver fixes and navigation filters."""

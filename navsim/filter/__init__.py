@@ -1,0 +1,1 @@
+"""The filter: states, mechanisation, covariance, measurement models, updates, all kinds of filter, the smoother."""

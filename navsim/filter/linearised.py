@@ -1,0 +1,245 @@
+"""The filter linearised along the truth, with all matrices of a linear covariance analysis.
+
+Along an error-free flight the filter's gains are those of every run to first order. This kernel stores, for each
+interval between events, the propagation of errors and the added sensor noise, and for each measurement its innovation
+and gain. The true error statistics then need only matrices (`navsim.simulation.landing_covariance`).
+
+Errors are (dr, dv, theta, minus the estimates of the sensor states). True sensor states are not included, since they
+need not follow the filter model; they act through `inputs`. Source: Maybeck, Stochastic Models, Estimation, and
+Control, vol. 1 (1979), section 6.8 (covariance analysis with a truth model of its own).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import fma
+from navsim.compiler.linear import copy, copy_matrix, identity
+from navsim.filter.covariance import age, carry_covariance, gain, joseph
+from navsim.filter.error_parametrisation import PLAIN
+from navsim.filter.filter_loop import advance_once, goes_on, set_off, workshop
+from navsim.filter.interval import add_driven, add_white
+from navsim.filter.measurement_models import observe
+from navsim.filter.records import OUTPUT, PASS, TIME_TOLERANCE, Events
+from navsim.filter.states import MOST, SENSORS, N
+
+NOISES = 4
+"""Sensor noises: white gyro, white accelerometer, drive of the Markov gyro and accelerometer bias."""
+
+
+class Linearised(NamedTuple):
+    """A filter linearised along the truth: i intervals between events, w measurements, o outputs."""
+
+    transition: np.ndarray
+    """(i, n, n)."""
+    inputs: np.ndarray
+    """(i, 9, t) effect of the true sensor states."""
+    added: np.ndarray
+    """(i, NOISES, 15, 15) covariance for a unit density of each simulated noise, of navigation and the Markov
+    biases."""
+    h: np.ndarray
+    """(w, MOST, n)."""
+    gain: np.ndarray
+    """(w, n, MOST)."""
+    z: np.ndarray
+    """(w, MOST) innovation at the truth."""
+    expected: np.ndarray
+    """(w, MOST, MOST) innovation covariance of the filter."""
+    have: np.ndarray
+    """(w, MOST) see `observe`."""
+    believed: np.ndarray
+    """(o, n, n) filter covariance at the outputs."""
+
+
+class Steps(NamedTuple):
+    """Role of each event (k,) in a `Linearised`: the interval that it ends and its measurement, -1 for none; its
+    length, s."""
+
+    interval: np.ndarray
+    measurement: np.ndarray
+    length: np.ndarray
+
+
+def steps_of(begin: float, events: Events) -> Steps:
+    """The steps of a flight from `begin`, s, on."""
+    count = events.time.size
+    length = np.empty(count)
+    own, copy = begin, begin  # times of the filter itself, and of its copy that runs ahead
+    # nothing happens before the flight begins: a filter that waits for late fixes is at its start
+    times = np.maximum(events.time, begin).tolist()
+    for i, (time, ahead) in enumerate(zip(times, events.ahead.tolist(), strict=True)):
+        if not ahead:
+            length[i] = time - own
+            own = copy = time
+        else:
+            length[i] = time - copy
+            copy = time
+    moved = length >= TIME_TOLERANCE
+    weighed = (events.kind != OUTPUT) & (events.kind != PASS)
+    return Steps(
+        np.where(moved, np.cumsum(moved) - 1, -1),
+        np.where(weighed, np.cumsum(weighed) - 1, -1),
+        np.where(moved, length, 0.0),
+    )
+
+
+def empty(steps: Steps, outputs: int, n: int, truth: np.ndarray) -> Linearised:
+    """Empty arrays for the steps of a flight, of a filter of n states."""
+    t = truth.size
+    i, w = int(steps.interval.max(initial=-1)) + 1, int(steps.measurement.max(initial=-1)) + 1
+    return Linearised(
+        np.empty((i, n, n)), np.empty((i, SENSORS, t)), np.empty((i, NOISES, N, N)), np.zeros((w, MOST, n)),
+        np.zeros((w, n, MOST)), np.zeros((w, MOST)), np.zeros((w, MOST, MOST)), np.zeros((w, MOST)),
+        np.empty((outputs, n, n)),
+    )  # fmt: skip
+
+
+@kernel
+def _carry_all(phi, left, errors, work):
+    """Propagate errors (9 + k, 9 + k) over an interval; phi (9, 9 + k), left (k,). work: the same size."""
+    size = errors.shape[0]
+    for i in range(SENSORS):
+        for j in range(size):
+            t = errors[i, j]
+            for c in range(size):
+                t = fma(phi[i, c], errors[c, j], t)
+            work[i, j] = t
+    for i in range(SENSORS):
+        copy(work[i], errors[i])
+    for c in range(left.shape[0]):
+        for j in range(size):
+            errors[SENSORS + c, j] *= left[c]
+
+
+@kernel
+def _carry_added(space, markov, noises, errors, work, added):
+    """Propagate added (NOISES, 15, 15) over an interval, and add the noises of unit densities.
+
+    space: after the interval. markov, noises: as of `linearise`. errors: (9, 15), work (15, 9): space.
+    """
+    sums = space.sums
+    for i in range(SENSORS):
+        for j in range(N):
+            errors[i, j] = space.phi[i, j if j < SENSORS else j + markov]
+    left, nothing = sums.left[markov : markov + N - SENSORS], np.zeros(N - SENSORS)
+    for a in range(NOISES):
+        if noises[a]:
+            carry_covariance(added[a], errors, N, work)
+            age(added[a], SENSORS, left, nothing)
+    if noises[0]:
+        add_white(sums, 1.0, 0.0, added[0])
+    if noises[1]:
+        add_white(sums, 0.0, 1.0, added[1])
+    for c in range(N - SENSORS):
+        a = 2 + c // 3
+        if noises[a]:
+            add_driven(sums, markov + c, 1.0, SENSORS + c, added[a])
+            added[a, SENSORS + c, SENSORS + c] += sums.gathered[markov + c]
+
+
+@kernel
+def _interval(until, imu, model, markov, noises, nav, p, cursor, increments, space, tools, added):
+    """Propagate to `until`, s.
+
+    errors (9 + k, 9 + k) of `tools`: transition of errors and sensor states; added: (NOISES, 15, 15).
+    """
+    errors, work, of_markov, by = tools
+    identity(errors)
+    for a in range(NOISES):
+        for i in range(N):
+            for j in range(N):
+                added[a, i, j] = 0.0
+    while goes_on(imu, until, cursor):
+        advance_once(PLAIN, until, imu, model, nav, p, cursor, increments, space)
+        _carry_all(space.phi, space.sums.left, errors, work)
+        _carry_added(space, markov, noises, of_markov, by, added)
+
+
+@kernel
+def _describe(errors, clock, length, transition, inputs):
+    """Write transition (n, n) and inputs (9, t) of an interval of this length, s, from the errors (9 + k, 9 + k) at its
+    end.
+
+    clock: `clock.ReceiverClock`.
+    """
+    size, scales = transition.shape[0], clock.scales.shape[0]
+    # the states of navigation and of its sensors, before those of the clock
+    n = size - scales - 1 if scales > 0 else size
+    for i in range(size):
+        for j in range(size):
+            transition[i, j] = errors[i, j] if i < n and j < n else 0.0
+    for c in range(n, size):
+        transition[c, c] = 1.0
+        if c < size - 1:
+            transition[c, size - 1] = length
+    for i in range(SENSORS):
+        for j in range(inputs.shape[1]):
+            inputs[i, j] = errors[i, n + j]
+
+
+@kernel
+def linearise(imu, measurements, events, steps, state, model, both, markov, noises, out):
+    """Run the filter along exact increments from the exact initial state.
+
+    - `imu`, `measurements`, `events`, `state`, `model`: `filter.records`, without noise, with one row of process
+      noise.
+    - `steps`: `steps_of` the events.
+    - `both`: declared sensor states of the filter, then the true ones, of unit drive.
+    - `markov`: index of the first of the six Markov biases among them.
+    - `noises` (NOISES,) bool: simulated noises; nothing is added for the others.
+    - `out`: filled in.
+    """
+    n = out.believed.shape[1]
+    declared = model.declared
+    h, z, r, s = np.empty((MOST, n)), np.empty(MOST), np.empty((MOST, MOST)), np.empty((MOST, MOST))
+    pht, work = np.empty((n, MOST)), np.empty((n, MOST))
+    space, size = workshop(state.navigation, n, PLAIN.straight, both), SENSORS + both.shape[0]
+    errors = np.empty((size, size))
+    tools = errors, np.empty((SENSORS, size)), np.empty((SENSORS, N)), np.empty((N, SENSORS))
+    navs, ps, increments_pair, cursors = (
+        np.empty((2, state.navigation.shape[0])), np.empty((2, n, n)), np.empty((2, 6)), np.zeros((2, 3)),
+    )  # fmt: skip
+    copy(state.navigation, navs[0])
+    copy_matrix(state.covariance, ps[0])
+    set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
+    before = 0
+    for i in range(events.time.shape[0]):
+        # what is answered ahead of late fixes is a copy's, which starts from the filter as it is now
+        ahead = 1 if events.ahead[i] else 0
+        if ahead > before:
+            copy(navs[0], navs[1])
+            copy_matrix(ps[0], ps[1])
+            copy(increments_pair[0], increments_pair[1])
+            copy(cursors[0], cursors[1])
+        before = ahead
+        nav, p, increments, cursor = navs[ahead], ps[ahead], increments_pair[ahead], cursors[ahead]
+        at = steps.interval[i]
+        if at >= 0:
+            _interval(
+                events.time[i], imu, model, markov, noises, nav, p, cursor, increments, space, tools,
+                out.added[at],
+            )  # fmt: skip
+            _describe(errors, model.clock, steps.length[i], out.transition[at], out.inputs[at])
+        what, row = events.kind[i], events.row[i]
+        if what == OUTPUT:
+            copy_matrix(p, out.believed[row])
+        elif what != PASS:
+            w = steps.measurement[i]
+            m = observe(what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, out.have[w], z, h, r)
+            if not gain(p, h, r, m, pht, s, out.gain[w]):
+                for a in range(MOST):
+                    out.have[w, a] = 0.0
+                continue
+            # what the filter expects of its innovation: H P H' + R
+            for a in range(m):
+                out.z[w, a] = z[a]
+                copy(h[a], out.h[w, a])
+                for b in range(m):
+                    u = r[a, b]
+                    for c in range(n):
+                        u += h[a, c] * pht[c, b]
+                    out.expected[w, a, b] = u
+            joseph(p, h, r, m, pht, out.gain[w], work)

@@ -1,0 +1,474 @@
+"""Measurement models: innovation, matrix and noise of each kind of measurement.
+
+    z = measured - predicted = H d + noise,  d the plain errors (dr, dv, theta, sensor states)
+
+A new kind needs a number (counted in `KIND_COUNT`), a table and a function here, and a line in `Measurements` and in
+`observe`.
+
+Sources:
+
+- [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled update,
+  section 14.3.2).
+- [2] `docs/theory/tight-coupling.md`.
+- [3] `docs/theory/altimeters.md`, sections 1, 2.
+- [4] `docs/theory/lasting-errors.md`, sections 3 and 4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from navsim.compiler.elementary import sincos_of_latitude
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import no, registers, select, small_matrix, small_vector
+from navsim.filter.states import (
+    A_D,
+    A_E,
+    A_N,
+    ATT,
+    CONSTANT,
+    GYROS,
+    MOST,
+    NAV_HELD,
+    NAV_LLH,
+    NAV_QUAT,
+    NAV_SENSORS,
+    NAV_VEL,
+    POS,
+    R_D,
+    R_E,
+    R_N,
+    SENSORS,
+    V_D,
+    VEL,
+)
+from navsim.geodesy.attitude_kernels import dcm
+from navsim.geodesy.earth_kernels import RATE, llh_to_ecef, ned_axes, radii, short_way
+
+FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE = 2, 3, 4, 5, 6, 7
+"""Kinds of measurements, as kinds of events; `records.PASS` and `OUTPUT` come before them. The filter computes the
+innovation of a probe, a kind of fix, and never uses it. Random numbers are keyed by these numbers, so they never
+change."""
+KIND_COUNT = 8
+"""Slots of the other kinds, see `slot`. Slots of ranges follow, one for each source."""
+_NEAR = 0.1
+"""A range is treated as curved if the position uncertainty across it lengthens it by more than this fraction of its
+sigma."""
+
+
+class FixTable(NamedTuple):
+    """Fixes of a receiver's antenna, m of them."""
+
+    llh: np.ndarray
+    """(m, 3) rad, rad, m, nan without a fix."""
+    velocity: np.ndarray
+    """(m, 3) NED m/s; the filter ignores components that are nan."""
+    covariance: np.ndarray
+    """(m, 6, 6) of the white noise of both, NED."""
+    lever_arm: np.ndarray
+    """(3,) IMU to antenna, body axes, m; the same in all lanes."""
+    lasting: np.ndarray = np.empty((0, MOST, 0))
+    """(m, 6, k) effect of each of the filter's k time-correlated errors of fixes [4]; the same in all lanes."""
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> FixTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(
+            llh=change(self.llh), velocity=change(self.velocity), covariance=change(self.covariance)
+        )
+
+
+class AltitudeTable(NamedTuple):
+    """Heights of the IMU above the ellipsoid, m of them."""
+
+    height: np.ndarray
+    """(m,) m, nan if missing."""
+    variance: np.ndarray
+    """(m,) m2."""
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> AltitudeTable:
+        """The table with every array changed that differs between runs."""
+        return AltitudeTable(change(self.height), change(self.variance))
+
+
+class GroundTable(NamedTuple):
+    """Heights of a radio altimeter's antenna above the ground, m of them, and the filter's model of the ground."""
+
+    height: np.ndarray
+    """(m,) m, nan if missing."""
+    floor: float
+    """Smallest 1 sigma, m."""
+    share: float
+    """1 sigma as a fraction of the height, if that is larger than `floor`."""
+    start: float
+    """Distance beyond the threshold from which the filter uses heights, m."""
+    threshold: np.ndarray
+    """See `sensors.altimeter.Centreline`, also for `scale` and `direction`."""
+    scale: np.ndarray
+    direction: np.ndarray
+    along: np.ndarray
+    """(g,) see `sensors.altimeter.Ground`, also for `ground`."""
+    ground: np.ndarray
+    lever_arm: np.ndarray
+    """See `FixTable`."""
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> GroundTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(height=change(self.height))
+
+
+class PressureTable(NamedTuple):
+    """Heights of the IMU above the ellipsoid from static pressure, m of them."""
+
+    height: np.ndarray
+    """(m,) m, nan if missing."""
+    variance: np.ndarray
+    """(m,) m2 of the white noise."""
+    lag: float
+    """Delay of the pressure, s."""
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> PressureTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(height=change(self.height), variance=change(self.variance))
+
+
+class RangeTable(NamedTuple):
+    """Pseudoranges and range rates of a receiver's antenna, m of them, each of a source and an epoch.
+
+    Only `pseudorange` and `range_rate` differ between lanes.
+    """
+
+    position: np.ndarray
+    """(m, 3) of the source according to the receiver (`gnss.pseudorange.Signals`), ECEF, m."""
+    velocity: np.ndarray
+    """(m, 3) likewise, m/s."""
+    distance: np.ndarray
+    """(m,) approximate distance to it, m."""
+    sigma: np.ndarray
+    """(m,) of pseudoranges, m."""
+    rate_sigma: np.ndarray
+    """(m,) of range rates, m/s."""
+    source: np.ndarray
+    """(m,) int, number of the source."""
+    bias: np.ndarray
+    """(m,) int, clock bias in the pseudorange (`clock.ReceiverClock`)."""
+    pseudorange: np.ndarray
+    """(m,) m, nan if missing."""
+    range_rate: np.ndarray
+    """(m,) m/s, unused if it or the pseudorange is nan."""
+    lever_arm: np.ndarray
+    """See `FixTable`."""
+    lasting: np.ndarray
+    """(m, g) 1 sigma of the time-correlated errors that the filter estimates, m, for each of g groups of kinds. The
+    state with the axis g source + group is this error in sigmas [4]."""
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> RangeTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(pseudorange=change(self.pseudorange), range_rate=change(self.range_rate))
+
+
+class Measurements(NamedTuple):
+    """Tables of all kinds of measurements, empty without measurements."""
+
+    fixes: FixTable
+    altitudes: AltitudeTable
+    ranges: RangeTable
+    grounds: GroundTable
+    pressures: PressureTable
+
+    @classmethod
+    def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
+        """Measurements from tables by their kinds, of one run or of lanes; other kinds have none.
+
+        Fixes and probes share one table. Raises KeyError for an unknown kind.
+        """
+        unknown = tables.keys() - {FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE}
+        if unknown:
+            raise KeyError(f"no measurements are of the kind {unknown.pop()}")
+
+        def none(*shape: int) -> np.ndarray:
+            return np.empty((0, *shape, *lanes))
+
+        return cls(
+            tables.get(FIX, tables.get(PROBE, FixTable(none(3), none(3), none(6, 6), np.zeros(3)))),
+            tables.get(ALTITUDE, AltitudeTable(none(), none())),
+            tables.get(RANGE, _NO_RANGES._replace(pseudorange=none(), range_rate=none())),
+            tables.get(ABOVE_GROUND, _NO_GROUND._replace(height=none())),
+            tables.get(PRESSURE, PressureTable(none(), none(), 0.0)),
+        )
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Measurements:
+        """The tables with every array changed that differs between runs."""
+        tables = (self.fixes.each(change), self.altitudes.each(change), self.ranges.each(change))
+        return Measurements(*tables, self.grounds.each(change), self.pressures.each(change))
+
+
+_NO_RANGES = RangeTable(
+    np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64),
+    np.empty(0, np.int64), np.empty(0), np.empty(0), np.zeros(3), np.empty((0, 0)),
+)  # fmt: skip
+_NO_GROUND = GroundTable(
+    np.empty(0), 1.0, 0.0, 0.0, np.zeros(3), np.ones(2), np.array([1.0, 0.0]), np.zeros(1), np.zeros(1), np.zeros(3)
+)
+
+
+@kernel
+def slot(kind, row, measurements):
+    """Counter for consecutive rejections of such a measurement; each source of ranges has its own."""
+    return KIND_COUNT + measurements.ranges.source[row] if kind == RANGE else kind
+
+
+@kernel
+def _across(arm, h, first):
+    """-[arm x] into the attitude columns of the rows first .. first + 2: effect of a rotation on an arm in NED."""
+    h[first, A_E], h[first, A_D] = arm[2], -arm[1]
+    h[first + 1, A_N], h[first + 1, A_D] = -arm[2], arm[0]
+    h[first + 2, A_N], h[first + 2, A_E] = arm[1], -arm[0]
+
+
+@kernel
+def _antenna(nav, increments, dt, c_nb, lever, arm, swing):
+    """Position of the antenna relative to the IMU, arm (3,) NED m, and its velocity, swing (3,) NED m/s [1]; c_nb (3,
+    3) out."""
+    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    sin_lat, cos_lat = sincos_of_latitude(nav[NAV_LLH])
+    rate = small_vector(nav, 3)
+    # v_antenna = v + C (omega_eb x l), omega_eb = omega_ib - C' omega_ie
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
+        rate[i] = increments[i] / dt - (c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
+    bx = rate[1] * lever[2] - rate[2] * lever[1]
+    by = rate[2] * lever[0] - rate[0] * lever[2]
+    bz = rate[0] * lever[1] - rate[1] * lever[0]
+    for i in range(3):
+        swing[i] = c_nb[i, 0] * bx + c_nb[i, 1] * by + c_nb[i, 2] * bz
+
+
+@kernel
+def _turning(one, i, increments, dt, c_nb, lever):
+    """Effect of a gyro state on the swing along axis i of NED: omega_true = omega_measured - error, d = C [l x]
+    error."""
+    b, d = (one.axis + 1) % 3, (one.axis + 2) % 3
+    turning = c_nb[i, b] * lever[d] - c_nb[i, d] * lever[b]
+    if one.signal != CONSTANT:
+        turning *= increments[one.signal] / dt
+    return turning
+
+
+@kernel
+def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
+    """Position and velocity of the antenna [1]; z (6,) nan where vel is, h (6, n) zero at first."""
+    arm, swing = small_vector(nav, 3), small_vector(nav, 3)
+    _antenna(nav, increments, dt, c_nb, lever, arm, swing)
+    lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
+    sin_lat, cos_lat = sincos_of_latitude(lat)
+    meridian, transverse = radii(sin_lat)
+    z[0] = (llh[0] - lat) * (meridian + height) - arm[0]
+    z[1] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat - arm[1]
+    z[2] = height - llh[2] - arm[2]
+    # r_antenna = r + C l: d = -[C l x] theta
+    _across(arm, h, 0)
+    for i in range(3):
+        z[3 + i] = vel[i] - nav[NAV_VEL + i] - swing[i]
+        h[i, POS + i], h[3 + i, VEL + i] = 1.0, 1.0
+    _across(swing, h, 3)
+    for c in range(declared.shape[0]):
+        if declared[c].triad == GYROS:
+            for i in range(3):
+                h[3 + i, SENSORS + c] = _turning(declared[c], i, increments, dt, c_nb, lever)
+
+
+@kernel
+def _range(nav, increments, dt, declared, c_nb, ranges, row, z, h):
+    """Pseudorange and range rate of a source [1], [2]; z (2,) of zero measurements, h (2, n) zero at first.
+
+    range = |x - x_antenna| + bias, range rate = u (v - v_antenna) + drift, u the unit vector to the source.
+    """
+    arm, swing, x, u, w = (
+        small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3),
+    )  # fmt: skip
+    c_ne = small_matrix(nav, 3, 3)
+    _antenna(nav, increments, dt, c_nb, ranges.lever_arm, arm, swing)
+    llh_to_ecef(nav[NAV_LLH:NAV_VEL], x)
+    ned_axes(nav[NAV_LLH], nav[NAV_LLH + 1], c_ne)
+    source, velocity = ranges.position[row], ranges.velocity[row]
+    for i in range(3):
+        x[i] = source[i] - x[i]
+    for i in range(3):
+        u[i] = c_ne[i, 0] * x[0] + c_ne[i, 1] * x[1] + c_ne[i, 2] * x[2] - arm[i]
+        w[i] = c_ne[i, 0] * velocity[0] + c_ne[i, 1] * velocity[1] + c_ne[i, 2] * velocity[2]
+        w[i] -= nav[NAV_VEL + i] + swing[i]
+    distance = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    for i in range(3):
+        u[i] /= distance
+    along = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
+    drift = h.shape[1] - 1
+    bias = SENSORS + declared.shape[0] + ranges.bias[row]
+    clock = NAV_SENSORS - SENSORS
+    z[0], z[1] = -distance - nav[clock + bias], -along - nav[clock + drift]
+    h[0, bias], h[1, drift] = 1.0, 1.0
+    for i in range(3):
+        # the place turns the unit vector
+        turn = (along * u[i] - w[i]) / distance
+        h[0, POS + i], h[1, POS + i], h[1, VEL + i] = -u[i], turn, -u[i]
+        # r_antenna = r + C l: a' (theta x l) = (l x a)' theta
+        j, k = (i + 1) % 3, (i + 2) % 3
+        h[0, ATT + i] = arm[k] * u[j] - arm[j] * u[k]
+        h[1, ATT + i] = arm[j] * ((along * u[k] - w[k]) / distance) - arm[k] * ((along * u[j] - w[j]) / distance)
+        h[1, ATT + i] += swing[k] * u[j] - swing[j] * u[k]
+    for c in range(declared.shape[0]):
+        if declared[c].triad == GYROS:
+            for i in range(3):
+                h[1, SENSORS + c] -= u[i] * _turning(declared[c], i, increments, dt, c_nb, ranges.lever_arm)
+
+
+@kernel
+def _above_ground(nav, c_nb, grounds, z, h):
+    """Height of an antenna above the filter's ground model [3]; returns the distance of the antenna beyond the
+    threshold, m.
+
+    z (1,): of a zero measurement. h (1, n): zero at first.
+    """
+    arm = small_vector(nav, 3)
+    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    lever, along, height = grounds.lever_arm, grounds.along, grounds.ground
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
+    north, east = grounds.direction[0], grounds.direction[1]
+    beyond = north * ((nav[NAV_LLH] - grounds.threshold[0]) * grounds.scale[0] + arm[0])
+    beyond += east * (short_way(nav[NAV_LLH + 1] - grounds.threshold[1]) * grounds.scale[1] + arm[1])
+    ground, slope = 0.0 * beyond + height[0], 0.0 * beyond
+    for k in range(along.shape[0] - 1):
+        rise = (height[k + 1] - height[k]) / (along[k + 1] - along[k])
+        past = beyond - along[k]
+        inside = (past > 0.0) & (beyond < along[k + 1])
+        slope = select(inside, rise, slope)
+        ground = select(past > 0.0, height[k] + rise * past, ground)
+        ground = select(beyond < along[k + 1], ground, height[k + 1])
+    z[0] = -(nav[NAV_LLH + 2] - arm[2] - grounds.threshold[2] - ground)
+    # height = -r_D - slope (north r_N + east r_E), r_antenna = r + C l: the arm turns with theta
+    by_north, by_east = -slope * north, -slope * east
+    h[0, R_N], h[0, R_E], h[0, R_D] = by_north, by_east, -1.0
+    h[0, A_N] = -arm[1] - by_east * arm[2]
+    h[0, A_E] = arm[0] + by_north * arm[2]
+    h[0, A_D] = by_east * arm[0] - by_north * arm[1]
+    return beyond
+
+
+@kernel
+def is_bent(ranges, row, h, p):
+    """Whether one linearisation of a range is not enough: its source is near, and the position uncertain across it [2].
+
+    h: from `observe`; p: (n, n).
+    """
+    across = 0.0
+    for i in range(3):
+        across += p[POS + i, POS + i]
+        for j in range(3):
+            across -= h[0, POS + i] * h[0, POS + j] * p[POS + i, POS + j]
+    return across > 2.0 * ranges.distance[row] * _NEAR * ranges.sigma[row]
+
+
+@kernel
+def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, z, h, r):
+    """Innovation, matrix and noise of a measurement; returns the number of its components.
+
+    - `kind`, `row`: as of `records.Events`; `nav`: navigation state.
+    - `increments` (6,): compensated increments of the last interval, of `dt` s.
+    - `declared`: sensor states of the filter; `c_nb` (3, 3): work space.
+    - `have` (MOST,), out: 1 for valid components, else 0.
+    - `z` (MOST,), out: innovation; `h` (MOST, n), out; `r` (MOST, MOST), out: noise. An invalid component has
+      innovation 0
+      and row 0, so it has no effect.
+    """
+    for a in range(MOST):
+        have[a] = 0.0
+        for c in range(h.shape[1]):
+            h[a, c] = 0.0
+    if kind in (FIX, PROBE):
+        fixes = measurements.fixes
+        llh, velocity, covariance = registers(fixes.llh), registers(fixes.velocity), registers(fixes.covariance)
+        _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, llh[row], velocity[row], z, h)
+        for c in range(declared.shape[0]):
+            if declared[c].triad == FIX:
+                for a in range(MOST):
+                    effect = fixes.lasting[row, a, declared[c].axis]
+                    z[a] -= effect * nav[NAV_SENSORS + c]
+                    h[a, SENSORS + c] = effect
+        fixed = no(math.isnan(llh[row, 0]))
+        for a in range(MOST):
+            there = fixed & no(math.isnan(z[a]))
+            have[a] = select(there, 1.0, 0.0)
+            z[a] = select(there, z[a], 0.0)
+            for c in range(h.shape[1]):
+                h[a, c] *= have[a]
+            for b in range(a):
+                both = have[a] * have[b] > 0.0
+                r[a, b] = select(both, covariance[row, a, b], 0.0)
+                r[b, a] = r[a, b]
+            r[a, a] = select(there, covariance[row, a, a], 1.0)
+        return MOST
+    if kind == RANGE:
+        ranges = measurements.ranges
+        pseudorange, range_rate = registers(ranges.pseudorange), registers(ranges.range_rate)
+        _range(nav, increments, dt, declared, c_nb, ranges, row, z, h)
+        groups = ranges.lasting.shape[1]
+        for c in range(declared.shape[0]):
+            if declared[c].triad == RANGE and declared[c].axis // groups == ranges.source[row]:
+                effect = ranges.lasting[row, declared[c].axis % groups]
+                z[0] -= effect * nav[NAV_SENSORS + c]
+                h[0, SENSORS + c] = effect
+        ranged = no(math.isnan(pseudorange[row]))
+        for a in range(2):
+            measured = pseudorange[row] if a == 0 else range_rate[row]
+            sigma = ranges.sigma[row] if a == 0 else ranges.rate_sigma[row]
+            there = ranged & no(math.isnan(measured))
+            have[a] = select(there, 1.0, 0.0)
+            z[a] = select(there, z[a] + measured, 0.0)
+            for c in range(h.shape[1]):
+                h[a, c] *= have[a]
+            r[a, a] = select(there, sigma * sigma, 1.0)
+        r[0, 1], r[1, 0] = 0.0, 0.0
+        return 2
+    if kind == ABOVE_GROUND:
+        grounds = measurements.grounds
+        height = registers(grounds.height)
+        beyond = _above_ground(nav, c_nb, grounds, z, h)
+        there = no(math.isnan(height[row])) & (beyond >= grounds.start)
+        # by the height that the filter expects, which is not off by the noise
+        sigma = grounds.share * -z[0]
+        sigma = select(sigma > grounds.floor, sigma, grounds.floor)
+        have[0] = select(there, 1.0, 0.0)
+        z[0] = select(there, z[0] + height[row], 0.0)
+        for c in range(h.shape[1]):
+            h[0, c] *= have[0]
+        r[0, 0] = select(there, sigma * sigma, 1.0)
+        return 1
+    if kind == PRESSURE:
+        pressures = measurements.pressures
+        measured, variance = registers(pressures.height), registers(pressures.variance)
+        there = no(math.isnan(measured[row]))
+        have[0] = select(there, 1.0, 0.0)
+        # late by the lag, it reads what the height was then: more on the way down [3]
+        z[0] = measured[row] - (nav[NAV_LLH + 2] + pressures.lag * nav[NAV_VEL + 2])
+        h[0, R_D], h[0, V_D] = -1.0, pressures.lag
+        for c in range(declared.shape[0]):
+            if declared[c].triad == PRESSURE:
+                z[0] -= nav[NAV_SENSORS + c]
+                h[0, SENSORS + c] = 1.0
+        z[0] = select(there, z[0], 0.0)
+        for c in range(h.shape[1]):
+            h[0, c] *= have[0]
+        r[0, 0] = select(there, variance[row], 1.0)
+        return 1
+    altitudes = measurements.altitudes
+    measured, variance = registers(altitudes.height), registers(altitudes.variance)
+    there = no(math.isnan(measured[row]))
+    have[0] = select(there, 1.0, 0.0)
+    z[0] = select(there, nav[NAV_LLH + 2] - measured[row], 0.0)  # down, as the error of position
+    h[0, R_D] = have[0]
+    r[0, 0] = select(there, variance[row], 1.0)
+    return 1

@@ -1,0 +1,195 @@
+"""`kind: tfg`: two-frames group filter, with biases in the navigation frame and the exact reset.
+
+The group contains attitude, position, velocity and B = C b of both biases; the estimate moves by u+ = u + J_l(theta)
+y_u for u in {r, v, B_g, B_a}. In these coordinates the posterior of a landing is nearly Gaussian where it is curved in
+plain ones, so the covariance stays consistent at large heading errors.
+
+    T: (dr, dv, theta, db_g, db_a) -> (dr, dv, theta, dB_g, dB_a),  dB = C db - [B x] theta
+    P+ = T(x+)^-1 M T(x) P T(x)' M' T(x+)^-T
+    M: J_l(theta) on the diagonal, d(J_l(theta) y_u)/d(theta) in the theta column
+
+C is the present attitude, except after a quick turn with an uncertain heading (`hold_axes`): then it is the attitude
+before the turn. Any C is valid to first order; this one keeps the posterior straight.
+
+Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68 (2023) (two-frames group). [2]
+Fornasier et al., Equivariant symmetries for inertial navigation systems, arXiv 2309.03765. [3] `docs/theory/filter.md`,
+section 5.
+"""
+
+from __future__ import annotations
+
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import any_lane, no, select, small_matrix, small_vector
+from navsim.compiler.linear import copy, invert3
+from navsim.filter.covariance import transport
+from navsim.filter.left_invariant import blocks_of_motion, move_rigidly, turned
+from navsim.filter.states import (
+    A_D,
+    A_E,
+    A_N,
+    ATT,
+    GYRO,
+    NAV_GYRO,
+    NAV_HELD,
+    NAV_QUAT,
+    NAV_SENSORS,
+    POS,
+    SENSORS,
+    VEL,
+    N,
+)
+from navsim.geodesy.attitude_kernels import dcm, left_jacobian, left_jacobian_derivative, rotate_right
+
+HELD_RATE = 0.035
+"""Body rates above this (2 deg/s) turn the vehicle but not the bias axes, while heading is uncertain."""
+HELD_SIGMA = 0.07
+"""1 sigma of heading, rad (4 degrees), below which the bias axes follow the body at once."""
+
+
+@kernel
+def hold_axes(nav, p, increments, dt):
+    """Accumulate the rotation that holds back the bias axes.
+
+    increments: bias-free angle increments over dt, rad. While heading is uncertain, knowledge of a bias belongs to the
+    axes along which it was observed. A quick turn of the body must not rotate it to axes of unknown direction.
+    """
+    held = nav[NAV_HELD:NAV_SENSORS]
+    known = p[A_D, A_D] < HELD_SIGMA * HELD_SIGMA
+    size = increments[0] * increments[0] + increments[1] * increments[1] + increments[2] * increments[2]
+    turning = no(known) & (size > (HELD_RATE * dt) * (HELD_RATE * dt))
+    if any_lane(turning):
+        # a turn by nothing leaves what it is as it was
+        share = select(turning, 1.0, 0.0)
+        rotate_right(held, share * increments[0], share * increments[1], share * increments[2])
+    for i in range(4):
+        held[i] = select(known, 1.0 if i == 0 else 0.0, held[i])
+
+
+@kernel
+def bias_axes(nav, out):
+    """C (3, 3): the attitude minus the held-back turn; it rotates biases into their own frame."""
+    q = nav[NAV_QUAT:NAV_HELD]
+    m = nav[NAV_HELD:NAV_SENSORS]
+    back = small_vector(nav, 4)
+    back[0] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2] + q[3] * m[3]
+    back[1] = -q[0] * m[1] + q[1] * m[0] - q[2] * m[3] + q[3] * m[2]
+    back[2] = -q[0] * m[2] + q[1] * m[3] + q[2] * m[0] - q[3] * m[1]
+    back[3] = -q[0] * m[3] - q[1] * m[2] + q[2] * m[1] + q[3] * m[0]
+    dcm(back, out)
+
+
+@kernel
+def turned_back(matrix, u0, u1, u2, out):
+    """out = matrix' u for the 3-vector u."""
+    for i in range(3):
+        out[i] = matrix[0, i] * u0 + matrix[1, i] * u1 + matrix[2, i] * u2
+
+
+@kernel
+def correct(nav, p, x, space):
+    """Apply the estimated plain errors x (n,) and transform P (n, n) to the new estimate. space: as of
+    `filter_loop`."""
+    feed_back(nav, x, space)
+    transport(p, space.diagonal, space.column, space.turned)
+
+
+@kernel
+def feed_back(nav, x, space):
+    """Apply the estimated plain errors x (n,), in place.
+
+    diagonal, column (5, 3, 3) of `space`, out: reset matrix for `filter.covariance.transport`. Sensor states other than
+    the biases do not change.
+    """
+    n = x.shape[0]
+    diagonal, column = space.diagonal, space.column
+    before, after, slope = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
+    y, big, moved = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3)
+    bias_axes(nav, before)
+    blocks_of_motion(x, diagonal, column, space.straight)
+    jac = diagonal[2]
+    move_rigidly(nav, x, jac, space.straight)
+    bias_axes(nav, after)
+    t0, t1, t2 = x[A_N], x[A_E], x[A_D]
+
+    for triad in range(2):
+        block = 3 + triad
+        b = nav[NAV_GYRO + 3 * triad : NAV_GYRO + 3 * triad + 3]
+        turned(before, b, big)
+        turned(before, x[GYRO + 3 * triad : GYRO + 3 * triad + 3], y)
+        # y_B = C db - B x theta
+        y[0] -= big[1] * t2 - big[2] * t1
+        y[1] -= big[2] * t0 - big[0] * t2
+        y[2] -= big[0] * t1 - big[1] * t0
+        left_jacobian_derivative(t0, t1, t2, y, slope)
+        turned(jac, y, moved)
+        turned_back(after, moved[0] + big[0], moved[1] + big[1], moved[2] + big[2], b)
+        # theta column: C+' (D - J [B x]) + [b+ x] C+' J;  own block: C+' J C
+        for i in range(3):
+            j0, j1, j2 = jac[i, 0], jac[i, 1], jac[i, 2]
+            slope[i, 0] -= j1 * big[2] - j2 * big[1]
+            slope[i, 1] -= j2 * big[0] - j0 * big[2]
+            slope[i, 2] -= j0 * big[1] - j1 * big[0]
+        for j in range(3):
+            # column j of C+' J, then of C+' slope
+            turned_back(after, jac[0, j], jac[1, j], jac[2, j], y)
+            turned_back(after, slope[0, j], slope[1, j], slope[2, j], moved)
+            column[block, 0, j] = moved[0] + b[1] * y[2] - b[2] * y[1]
+            column[block, 1, j] = moved[1] + b[2] * y[0] - b[0] * y[2]
+            column[block, 2, j] = moved[2] + b[0] * y[1] - b[1] * y[0]
+            # column j of C, then of J C, of C+' J C
+            y[0], y[1], y[2] = before[0, j], before[1, j], before[2, j]
+            turned(jac, y, moved)
+            turned_back(after, moved[0], moved[1], moved[2], y)
+            for i in range(3):
+                diagonal[block, i, j] = y[i]
+    for c in range(N - SENSORS, n - SENSORS):
+        nav[NAV_SENSORS + c] += x[SENSORS + c]
+
+
+@kernel
+def own_error(nav, error, out, straight):
+    """Error (n,) in the filter's own coordinates, expressed as the plain error of the same tangent.
+
+    y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors applies to it.
+    """
+    c_nb, jac, inverse, truth = (
+        small_matrix(nav, 3, 3),
+        small_matrix(nav, 3, 3),
+        small_matrix(nav, 3, 3),
+        small_matrix(nav, 3, 3),
+    )
+    big, y = small_vector(nav, 3), small_vector(nav, 3)
+    bias_axes(nav, c_nb)
+    t0, t1, t2 = error[A_N], error[A_E], error[A_D]
+    left_jacobian(t0, t1, t2, jac)
+    invert3(jac, inverse)
+    copy(error, out)
+    if straight < 1:
+        turned(inverse, error[POS:VEL], out[POS:VEL])
+    if straight < 2:
+        turned(inverse, error[VEL:ATT], out[VEL:ATT])
+    # C_true = exp(theta x) C = (I + [theta x] J_l) C
+    for j in range(3):
+        y[0] = c_nb[0, j]
+        y[1] = c_nb[1, j]
+        y[2] = c_nb[2, j]
+        turned(jac, y, big)
+        truth[0, j] = y[0] + t1 * big[2] - t2 * big[1]
+        truth[1, j] = y[1] + t2 * big[0] - t0 * big[2]
+        truth[2, j] = y[2] + t0 * big[1] - t1 * big[0]
+    # theta in body axes
+    b0 = c_nb[0, 0] * t0 + c_nb[1, 0] * t1 + c_nb[2, 0] * t2
+    b1 = c_nb[0, 1] * t0 + c_nb[1, 1] * t1 + c_nb[2, 1] * t2
+    b2 = c_nb[0, 2] * t0 + c_nb[1, 2] * t1 + c_nb[2, 2] * t2
+    for triad in range(2):
+        o = GYRO + 3 * triad
+        n = NAV_GYRO + 3 * triad
+        for i in range(3):
+            big[i] = 0.0
+            for j in range(3):
+                big[i] += truth[i, j] * (nav[n + j] + error[o + j]) - c_nb[i, j] * nav[n + j]
+        turned(inverse, big, y)
+        k0, k1, k2 = nav[n], nav[n + 1], nav[n + 2]
+        out[o] = c_nb[0, 0] * y[0] + c_nb[1, 0] * y[1] + c_nb[2, 0] * y[2] + k1 * b2 - k2 * b1
+        out[o + 1] = c_nb[0, 1] * y[0] + c_nb[1, 1] * y[1] + c_nb[2, 1] * y[2] + k2 * b0 - k0 * b2
+        out[o + 2] = c_nb[0, 2] * y[0] + c_nb[1, 2] * y[1] + c_nb[2, 2] * y[2] + k0 * b1 - k1 * b0

@@ -1,0 +1,238 @@
+"""How often a position is off by more than a limit and nothing is said, by importance sampling, where it is too rare to
+be counted.
+
+Source: `docs/theory/integrity.md`, section 4. Errors of ranges are drawn whitened, z ~ N(0, I), and moved to where it
+happens: the estimate to its limit, and back from what the tests see to where they do not. Weights undo that; a part of
+the draws is not moved, so that no weight is large.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from navsim.integrity.araim import FixLevels
+from navsim.integrity.residuals import Monitor
+from navsim.integrity.solution import Independent, MonitoredFix
+from navsim.statistics import chi_square, normal
+
+UNMOVED = 0.1
+"""Share of the draws that are not moved; no weight is above one over it."""
+_AT_ONCE = 50_000
+"""Draws that are made together."""
+_PLACES = 400
+"""Sizes of a bias among which the worst is sought first."""
+_FARTHEST = 12.0
+"""Sigmas beyond limit and threshold in which it is sought."""
+
+
+class FixTest(Protocol):
+    """A test of the whitened errors of ranges."""
+
+    def silent(self, errors: np.ndarray) -> np.ndarray:
+        """Where errors (n, m) give no alarm (m,) bool."""
+
+    def reach(self, direction: np.ndarray) -> float:
+        """How far errors along a direction (n,) of size 1 may go without an alarm."""
+
+    def unseen(self, size: float, direction: np.ndarray) -> float:
+        """The chance of no alarm, or more, with a bias of this size along a direction of the residuals (n,)."""
+
+
+@dataclass(frozen=True)
+class SquareTest:
+    """The sum of the residuals' squares against a threshold. residual: (n, n) makes residuals of errors, degrees: of
+    freedom."""
+
+    residual: np.ndarray
+    threshold: float
+    degrees: int
+
+    def silent(self, errors: np.ndarray) -> np.ndarray:
+        """As of `FixTest`."""
+        return np.asarray(((self.residual @ errors) ** 2).sum(axis=0) <= self.threshold)
+
+    def reach(self, direction: np.ndarray) -> float:
+        """As of `FixTest`."""
+        return math.sqrt(self.threshold)
+
+    def unseen(self, size: float, direction: np.ndarray) -> float:
+        """As of `FixTest`; exact."""
+        return chi_square.probability_below(self.threshold, self.degrees, size * size)
+
+
+@dataclass(frozen=True)
+class SeparationTest:
+    """Differences of fixes against their thresholds. separators: (t, n) make differences, by their thresholds, of
+    errors."""
+
+    separators: np.ndarray
+
+    def silent(self, errors: np.ndarray) -> np.ndarray:
+        """As of `FixTest`."""
+        return np.asarray((np.abs(self.separators @ errors) <= 1.0).all(axis=0))
+
+    def reach(self, direction: np.ndarray) -> float:
+        """As of `FixTest`."""
+        return 1.0 / max(float(np.abs(self.separators @ direction).max(initial=0.0)), 1e-12)
+
+    def unseen(self, size: float, direction: np.ndarray) -> float:
+        """As of `FixTest`; of the difference that shows the bias best alone."""
+        steepest = self.separators[np.argmax(np.abs(self.separators @ direction))]
+        spread = float(np.linalg.norm(steepest))
+        moved = float(np.abs(steepest @ direction)) * size
+        return 1.0 - float(normal.exceedance(np.array(1.0), moved, spread))
+
+
+@dataclass(frozen=True)
+class TailCase:
+    """A fix of an epoch, in terms of the whitened errors of its n ranges."""
+
+    estimate: np.ndarray
+    """(n,) effect on the position along an axis, m."""
+    residual: np.ndarray
+    """(n, n) matrix from errors to residuals."""
+    unwhitened: np.ndarray
+    """(n,) their 1 sigma, m."""
+    test: FixTest
+    """Of the fix."""
+    used: np.ndarray
+    """(n,) numbers of the ranges."""
+
+    @property
+    def sigma(self) -> float:
+        """1 sigma of the position along the axis, m."""
+        return float(np.linalg.norm(self.estimate))
+
+    def biases(self, of_ranges: np.ndarray) -> np.ndarray:
+        """Whitened biases (n,) of biases of all ranges (s,), m."""
+        return np.asarray(of_ranges[self.used] / self.unwhitened)
+
+    def least_seen(self, sources: np.ndarray) -> np.ndarray:
+        """Biases of ranges (s,) bool, whitened and of size 1 (n,): those that move the position along the axis most
+        for what the residuals show of them. 0 where they move nothing."""
+        among = sources[self.used]
+        shown = self.residual[:, among]
+        # what is not shown at all would be without limit: the least of the eigenvalues stands for it
+        strength, axes = np.linalg.eigh(shown.T @ shown)
+        inverse = axes / np.maximum(strength, 1e-12) @ axes.T
+        found = np.zeros(self.used.size)
+        found[among] = inverse @ self.estimate[among]
+        size = float(np.linalg.norm(found))
+        return found / size if size else found
+
+
+def under_squares(monitor: Monitor, epoch: int, axis: int) -> TailCase:
+    """The fix of an epoch under the test of its residuals, which are of independent ranges; axis: east, north, up."""
+    threshold, degrees = float(monitor.threshold[epoch]), int(monitor.solution.degrees[epoch])
+    estimate, residual, sigma, used = _whitened(monitor.solution, epoch, axis)
+    return TailCase(estimate, residual, sigma, SquareTest(residual, threshold, degrees), used)
+
+
+def under_separations(fix: MonitoredFix, found: FixLevels, epoch: int, axis: int) -> TailCase:
+    """The fix of an epoch under the test of its separations `found`; axis: east, north, up."""
+    estimate, residual, sigma, used = _whitened(fix, epoch, axis)
+    seen = found.monitored[:, epoch]
+    separators = found.separator[seen, epoch][..., used] * sigma / found.threshold[seen, epoch][..., None]
+    told = np.isfinite(separators).all(axis=2) & (found.threshold[seen, epoch] > 0.0)
+    return TailCase(estimate, residual, sigma, SeparationTest(separators[told]), used)
+
+
+def _whitened(fix: MonitoredFix, epoch: int, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """What errors of the ranges of an epoch do and leave, their 1 sigma, their numbers. Raises ValueError for ranges
+    that are not independent."""
+    if not isinstance(fix.noise, Independent):
+        raise ValueError("tails are sampled of independent ranges alone")
+    used = np.flatnonzero(fix.used[epoch])
+    sigma, rows = fix.noise.sigma[epoch, used], fix.rows[epoch, used]
+    residual = np.eye(used.size) - rows @ fix.cofactor[epoch] @ rows.T
+    return fix.estimator[epoch, axis, used] * sigma, residual, sigma, used
+
+
+@dataclass(frozen=True)
+class TailDraws:
+    """log_weights: (m,) of draws, hits: (m,) bool, which of them are off by more than the limit, and silent."""
+
+    log_weights: np.ndarray
+    hits: np.ndarray
+
+    @property
+    def probability(self) -> float:
+        """How often that is."""
+        return float(np.exp(self.log_weights) @ self.hits) / self.hits.size
+
+    @property
+    def error(self) -> float:
+        """Its standard error."""
+        values = np.exp(self.log_weights) * self.hits
+        return float(values.std(ddof=1)) / math.sqrt(values.size)
+
+    @property
+    def effective(self) -> float:
+        """How many hits of one weight would tell as much."""
+        weights = np.exp(self.log_weights[self.hits])
+        return float(weights.sum() ** 2 / (weights @ weights)) if weights.size else 0.0
+
+
+def moves(case: TailCase, bias: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Shifts of the samples (c, n) and their shares (c,).
+
+    Shifts bring the estimate to either limit, including its bias, and the residuals, along those of the bias, to the
+    edge of the test. The last share is not shifted.
+    """
+    sigma = case.sigma
+    off = float(case.estimate @ bias)
+    along = case.estimate / sigma
+    seen = case.residual @ bias
+    size = float(np.linalg.norm(seen))
+    back = np.zeros_like(bias)
+    if size > 0.0:
+        direction = seen / size
+        back = -max(0.0, size - case.test.reach(direction)) * direction
+    far = np.array([(limit - off) / sigma, (limit + off) / sigma])
+    sides = np.array([1.0, -1.0])[:, None] * np.maximum(far, 0.0)[:, None] * along + back
+    tails = -0.5 * np.maximum(far, 0.0) ** 2
+    likely = np.exp(tails - tails.max())
+    return np.vstack([sides, np.zeros_like(bias)]), np.append((1.0 - UNMOVED) * likely / likely.sum(), UNMOVED)
+
+
+def sampled(case: TailCase, bias: np.ndarray, limit: float, count: int, rng: np.random.Generator) -> TailDraws:
+    """Draws of fixes whose ranges have these whitened biases (n,); limit: of the error along the axis, m."""
+    places, shares = moves(case, bias, limit)
+    squares = 0.5 * (places**2).sum(axis=1)
+    weights, hits = np.empty(count), np.empty(count, bool)
+    for first in range(0, count, _AT_ONCE):
+        part = slice(first, min(first + _AT_ONCE, count))
+        which = rng.choice(shares.size, part.stop - first, p=shares)
+        z = rng.standard_normal((bias.size, which.size)) + places[which].T
+        exponents = places @ z - squares[:, None]
+        most = exponents.max(axis=0)
+        weights[part] = -(most + np.log(shares @ np.exp(exponents - most)))
+        errors = z + bias[:, None]
+        hits[part] = (np.abs(case.estimate @ errors) > limit) & case.test.silent(errors)
+    return TailDraws(weights, hits)
+
+
+def worst_size(case: TailCase, direction: np.ndarray, nominal: np.ndarray, limit: float) -> float:
+    """The size of a bias along a direction (n,), beside nominal ones (n,), that is most often beyond the limit and
+    silent: by `FixTest.unseen`, which is a bound where several tests are made at once."""
+    moved, shown = float(case.estimate @ direction), float(np.linalg.norm(case.residual @ direction))
+    if moved == 0.0 or shown < 1e-9:
+        return 0.0
+    along = case.residual @ direction / shown
+    off, sigma = float(case.estimate @ nominal), case.sigma
+    before = float(along @ (case.residual @ nominal))
+
+    def risk(size: float) -> float:
+        beyond = float(normal.exceedance(np.array(limit), off + moved * size, sigma))
+        return beyond * case.test.unseen(abs(before + shown * size), along)
+
+    most = min((limit + abs(off)) / abs(moved) + _FARTHEST * sigma / abs(moved),
+               (case.test.reach(along) + abs(before) + _FARTHEST) / shown)  # fmt: skip
+    sizes = np.linspace(0.0, most, _PLACES + 1)
+    around = sizes[int(np.argmax([risk(size) for size in sizes]))]
+    finer = around + np.linspace(-1.0, 1.0, 41) * sizes[1]
+    return float(max(finer[finer >= 0.0], key=risk))

@@ -1,0 +1,277 @@
+"""The probability that a landing ends outside the scenario's box, from runs that are pushed towards its edge.
+
+What is flown and weighed is `simulation.importance_sampling`'s; here are the study of many runs, its statistics and
+its result.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.compiler.lanes import WIDTH
+from navsim.landing import requirements
+from navsim.landing.case import Case
+from navsim.landing.ensemble import (
+    FAR_OFF,
+    FLAW_PARTS,
+    GATED,
+    at_heights,
+    between_outputs,
+    fix_flaws,
+    of_aids,
+    of_fixes,
+    of_outputs,
+    output_flaws,
+    percent,
+    to_runway,
+)
+from navsim.landing.error_box import AXES, Box, box_of, to_first_order, where_limited
+from navsim.landing.result_groups import attributes
+from navsim.results.builder import ResultBuilder
+from navsim.results.findings import Finding, kept, several
+from navsim.results.result import Result
+from navsim.results.schema import RARE
+from navsim.runner import findings as judging
+from navsim.runner.batches import Ensemble, Until
+from navsim.runner.batches import fly_all as fly_ensemble
+from navsim.runner.checkpoint import Arrays, CheckpointStore
+from navsim.runner.executor import Executor
+from navsim.runner.findings import Flaws
+from navsim.runner.merge_state import pack
+from navsim.runner.statistics import weighted_share
+from navsim.simulation.importance_sampling import Tilt, pushed, tilt
+from navsim.simulation.landing import draw, fly_inputs
+from navsim.simulation.landing_covariance import along_truth, analyse
+from navsim.simulation.sensitivity import sensitivity
+from navsim.statistics.importance_sampling import FEW
+
+USUAL = 0.2
+"""Half the width of the 95 % interval, over the probability, with which a study ends unless told otherwise."""
+MOST_RUNS = 20_000
+"""Where it gives up, unless told otherwise."""
+LINEAR = 0.2
+"""Sigmas of an error that may be other than linear before intervals are too narrow (docs/rare-events-measured.md)."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The box of a case, and the pushes to its edge."""
+
+    box: Box
+    tilt: Tilt
+
+
+def prepare(case: Case) -> Edge:
+    """The way to the edge of the box of a case. Raises ValueError where an error that it bounds depends on nothing that
+    is drawn."""
+    box = box_of(case)
+    assert box is not None
+    before, after, share = between_outputs(case, np.array([box.time]))
+    weights = np.zeros((3, case.world.filter_time.size, 3))
+    turn = to_runway(case)
+    weights[:, before[0]] += (1.0 - share[0]) * turn
+    weights[:, after[0]] += share[0] * turn
+    along = along_truth(case.flight)
+    analysis = analyse(case.flight, np.isin(case.world.signals.names, case.pseudolites.names), along)
+    mean = at_heights(case, [box.time], analysis.mean)[0]
+    return Edge(box, tilt(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper))
+
+
+@dataclass(frozen=True)
+class RareStudy:
+    """Pushed runs of a case as the engine flies them (`runner.batches.Study`)."""
+
+    case: Case
+    edge: Edge
+    seed: int
+
+    def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
+        """Fly runs first ... first + count - 1, in order."""
+        case, tilt = self.case, self.edge.tilt
+        solvable = np.isfinite(case.world.dop[:, 1])
+        rows: list[Arrays] = []
+        for begin in range(first, first + count, WIDTH):
+            runs = range(begin, min(begin + WIDTH, first + count))
+            components = [tilt.proposal.drawn(self.seed, run) for run in runs]
+            inputs, off = pushed(case.flight, tilt, draw(case.flight, self.seed, runs), components)
+            flown = fly_inputs(case.flight, inputs, len(runs))
+            fixes, outputs = fix_flaws(flown, solvable, case.beliefs), output_flaws(flown)
+            rows.append(
+                {
+                    "error": at_heights(case, [self.edge.box.time], flown.error)[:, 0],
+                    "first_order": (tilt.mean[:, None] + off).T[: len(runs)],
+                    "log_weight": tilt.proposal.log_weights(off)[: len(runs)],
+                    "still": np.logical_not(tilt.proposal.pushes[components].any(axis=1)),
+                    "fixes": np.sum(~np.isnan(flown.fix_llh[..., 0]), axis=1),
+                    "aided_rejected": of_aids(case, flown)["aided_rejected"],
+                    **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
+                    **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
+                }
+            )
+        return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}, {}, {}
+
+
+def fly_all(
+    case: Case,
+    edge: Edge,
+    seed: int,
+    first_run: int,
+    runs: int,
+    executor: Executor,
+    *,
+    store: CheckpointStore | None = None,
+    done: Callable[[int], None] = lambda _: None,
+    enough: Callable[[Ensemble], bool] | None = None,
+) -> Ensemble:
+    """Fly pushed runs of a case; see `runner.batches.fly_all`."""
+    return fly_ensemble(RareStudy(case, edge, seed), first_run, runs, executor, store, done, enough)
+
+
+def probability(edge: Edge, flown: Ensemble) -> tuple[np.ndarray, float, float]:
+    """Of ending outside the box: value with its 95 % interval (3,), relative standard error, effective samples."""
+    outside = np.asarray(edge.box.beyond(flown.per_run("error")).any(axis=1))
+    return _share(edge, flown, outside, edge.box.lower, edge.box.upper)
+
+
+def axis_probabilities(edge: Edge, flown: Ensemble) -> list[tuple[np.ndarray, float, float]]:
+    """The same of exceeding each limit alone."""
+    outside = edge.box.beyond(flown.per_run("error"))
+    alone = np.eye(3, dtype=bool)
+    lower, upper = np.where(alone, edge.box.lower, -np.inf), np.where(alone, edge.box.upper, np.inf)
+    return [_share(edge, flown, *each) for each in zip(outside.T, lower, upper, strict=True)]
+
+
+def _share(
+    edge: Edge, flown: Ensemble, outside: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, float, float]:
+    """Of runs outside (run,) some limits (3,); see `runner.statistics.weighted_share`."""
+    mean, mix = edge.tilt.mean, edge.tilt.proposal
+    inside = mix.most_weight_between(lower - mean, upper - mean)
+    return weighted_share(flown.per_run("log_weight"), outside, mix.most_weight, inside)
+
+
+def narrow(value: np.ndarray, effective: float, share: float) -> bool:
+    """Whether an interval (3,) is within a share of its value on both sides and rests on no fewer than `FEW` effective
+    samples; a chance too small to be told needs no interval."""
+    reaches = (1.0 - share) * value[0] <= value[1] and value[2] <= (1.0 + share) * value[0]
+    return effective >= FEW and bool(reaches or np.isnan(value[0]))
+
+
+_UNTIL = re.compile(r"\s*probability\s+within\s+([0-9.]+)\s*%\s*")
+
+
+def stopping_rule(edge: Callable[[], Edge], expression: str) -> Until:
+    """`probability within 20%`: true once the 95 % interval is `narrow` by that share. edge: known once runs are.
+    Raises ValueError for anything else."""
+    match = _UNTIL.fullmatch(expression)
+    if match is None:
+        raise ValueError(f"{expression!r}: with method rare expected `probability within 20%`")
+    share = percent(match.group(1), expression, 0.1, 50.0)
+
+    def judge(flown: Ensemble) -> tuple[bool, str]:
+        value, _, effective = probability(edge(), flown)
+        words = f"probability {value[0]:.2g} ({value[1]:.2g} to {value[2]:.2g})"
+        return narrow(value, effective, share), words
+
+    return Until(judge)
+
+
+def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
+    """What was wrong with the input, with what was flown, and with the probability."""
+    fixes, outputs = (
+        Flaws(*(flown.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
+    )
+    outputs.count[:, FAR_OFF] = 0  # pushed runs are far off on purpose
+    told = [*case.warnings, *requirements.untold_by_pushed_runs(case.scenario)]
+    out = judging.notes(told) + of_fixes(case, fixes) + _rejections(case, fixes, flown)
+    out += of_outputs(case, outputs)
+    (value, low, high), relative, effective = probability(edge, flown)
+    if effective == 0.0:
+        text = f"none of {several(flown.runs, 'run')} ended outside the box: its probability is below {high:.2g} (95 %)"
+        out.append(Finding("none_outside", text, (), 0, flown.runs, flown.runs))
+    elif value == 1.0:
+        text = f"all of {several(flown.runs, 'run')} ended outside the box: its probability is above {low:.3g} (95 %)"
+        out.append(Finding("all_outside", text, (), flown.runs, flown.runs, flown.runs))
+    elif effective < FEW:
+        known = f" (relative error {100.0 * relative:.0f} %)" if math.isfinite(relative) else ""
+        text = (
+            f"the probability rests on {several(round(effective), 'effective sample')} of "
+            f"{several(flown.runs, 'run')}{known}: its interval is a hint; fly more runs"
+        )
+        out.append(Finding("few_effective_samples", text, (), int(effective), flown.runs, flown.runs))
+    off = not_linear(edge, flown)
+    if off.max() > LINEAR:
+        axis = AXES[np.flatnonzero(np.isfinite(edge.box.upper))[off.argmax()]]
+        text = (
+            f"the {axis} error at the box is not linear in the random inputs by {off.max():.2g} sigma; the "
+            "interval is too narrow more often than it says (docs/rare-events.md)"
+        )
+        out.append(Finding("not_linear", text, (), flown.runs, flown.runs, flown.runs))
+    return out
+
+
+def _rejections(case: Case, fixes: Flaws, flown: Ensemble) -> list[Finding]:
+    """What the gate rejected in all runs, more than chance makes it; it speaks against fixes where runs that are not
+    pushed have too many as well."""
+    still, probability = flown.per_run("still"), case.scenario.filter.gate.probability
+    rejected, fixed = fixes.count[:, GATED], flown.per_run("fixes")
+    found = judging.spread(fixes, GATED, case.world.signals.time)
+    out = judging.rejections(found, int(fixed.sum()), probability, flown.runs)
+    if not judging.too_many(int(rejected[still].sum()), int(fixed[still].sum()) * probability):
+        out = [_by_pushes(each) for each in out]
+    for k, aid in enumerate(case.world.aids):
+        of_aid, size = flown.per_run("aided_rejected")[:, k], aid.time.size - aid.missing
+        of_all = judging.rejected_of(aid.sensor.name, int(of_aid.sum()), flown.runs * size, probability)
+        if not judging.too_many(int(of_aid[still].sum()), int(still.sum()) * size * probability):
+            of_all = [_by_pushes(each) for each in of_all]
+        out += of_all
+    return out
+
+
+def _by_pushes(found: Finding) -> Finding:
+    """A finding that runs without a push do not bear out."""
+    return replace(found, text=f"{found.text}; pushes may have caused it", against=())
+
+
+def not_linear(edge: Edge, flown: Ensemble) -> np.ndarray:
+    """Standard deviation over the pushed runs of what is not of first order in the limited errors (k,), over their
+    sigmas to first order; inf for errors that are no numbers."""
+    some = np.isfinite(edge.box.upper)
+    off = (flown.per_run("error") - flown.per_run("first_order"))[:, some]
+    sigma = np.sqrt(np.diagonal(edge.tilt.proposal.covariance))[some]
+    return np.where(np.isfinite(off).all(axis=0), off.std(axis=0), np.inf) / sigma
+
+
+def result(case: Case, edge: Edge, flown: Ensemble, seed: int) -> Result:
+    """The result."""
+    draft = ResultBuilder(RARE)
+    error, log_weight, tilt = flown.per_run("error"), flown.per_run("log_weight"), edge.tilt
+    outside = edge.box.beyond(error)
+    value, relative, effective = probability(edge, flown)
+    draft["/run"] = np.arange(flown.first_run, flown.first_run + flown.runs)
+    draft["/rare/error"] = error
+    draft["/rare/first_order"] = flown.per_run("first_order")
+    draft["/rare/log_weight"] = log_weight
+    to_first_order(draft, edge.box, tilt.mean, np.sqrt(np.diagonal(tilt.proposal.covariance)))
+    of_axes = axis_probabilities(edge, flown)
+    for name, data in (
+        ("probability", value),
+        ("axis_probability", where_limited(edge.box, np.stack([each[0] for each in of_axes]))),
+        ("axis_effective_samples", where_limited(edge.box, np.array([each[2] for each in of_axes]))),
+        ("relative_error", relative),
+        ("effective_samples", effective),
+        ("landings", np.int64(flown.runs)),
+        ("outside", np.int64(outside.any(axis=1).sum())),
+    ):
+        draft[f"/summary/rare/{name}"] = data
+    draft["/summary/count/runs"] = np.int64(flown.runs)
+    requirements.judged(draft, case, flown.runs)
+    pack(draft, flown)
+    out = draft.result(attributes(case, seed))
+    out.variables.update(kept(findings(case, edge, flown)))
+    return out

@@ -1,0 +1,214 @@
+"""What the results of all landing studies have in common."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from navsim.filter import states
+from navsim.geodesy.earth import ned_matrix
+from navsim.gnss import timescales
+from navsim.gnss.constellations.systems import CLOCKS
+from navsim.landing.case import FOOT, Case, crossing_times
+from navsim.landing.sources import on_glide
+from navsim.results.builder import ResultBuilder
+from navsim.results.schema import COVARIANCE, HEIGHTS, SKY_TIMES
+from navsim.runner.attributes import root_attributes
+from navsim.scenario.approach import TrackApproach
+from navsim.trajectory.air import triangle_along
+from navsim.trajectory.kinematics import Trajectory
+from navsim.trajectory.recorded import largest
+
+
+def base(case: Case, layout: str) -> ResultBuilder:
+    """A draft of a layout of landing's result with the truth, the geometry and their summary."""
+    draft = ResultBuilder(
+        layout,
+        {"mixed": ", ".join(dict.fromkeys(case.state_units))},
+        sensor=[aid.sensor.name for aid in case.world.aids],
+        system=[group.constellation.system.name for group in case.environment.satellites],
+    )
+    _truth(draft, case)
+    _wind(draft, case)
+    _track(draft, case)
+    _geometry(draft, case)
+    _geometry_summary(draft, case)
+    _navigation(draft, case)
+    _interference(draft, case)
+    return draft
+
+
+def attributes(case: Case, seed: int) -> dict[str, Any]:
+    """The root attributes of a landing's result."""
+    return root_attributes("landing", seed, case.scenario, method=case.scenario.method)
+
+
+def _truth(draft: ResultBuilder, case: Case) -> None:
+    truth = case.world.truth
+    draft["/truth/time"] = truth.time
+    draft["/truth/position_llh"] = truth.llh
+    draft["/truth/velocity_ned"] = truth.velocity_ned
+    draft["/truth/attitude_rpy"] = truth.rpy
+    events = case.trajectory.path.events
+    names = [n for n in events if events[n] <= case.scenario.duration_s]
+    draft["/truth/event"] = np.array(names, dtype=object)
+    draft["/truth/event_time"] = np.array([events[n] for n in names], dtype=float)
+    draft["/truth/threshold_llh"] = case.scenario.threshold(case.trajectory.frame)
+
+
+def _wind(draft: ResultBuilder, case: Case) -> None:
+    """The mean wind along the way, and its triangle at the decision heights, where it blows."""
+    if not case.scenario.wind.blows:
+        return
+    trajectory, truth = case.trajectory, case.world.truth
+    assert isinstance(trajectory, Trajectory)
+    # the tangent plane's axes are those of the touchdown point, a wind's north is that of the place
+    c_np = ned_matrix(truth.llh) @ trajectory.frame.axes
+    draft["/truth/wind_ned"] = np.einsum("tij,tj->ti", c_np, trajectory.wind.mean(truth.time))
+    draft["/truth/airspeed"] = triangle_along(trajectory, truth.time).airspeed
+    passed = np.array(crossing_times(case))
+    known = np.isfinite(passed)
+    at = triangle_along(trajectory, passed[known])
+    for name in ("headwind", "crosswind", "airspeed", "crab"):
+        values = np.full(passed.size, np.nan)
+        values[known] = getattr(at, name)
+        draft[f"/summary/at/{name}"] = values
+
+
+def _track(draft: ResultBuilder, case: Case) -> None:
+    """What became of a trajectory of a table by being smoothed."""
+    if not isinstance(case.scenario.approach, TrackApproach):
+        return
+    most = largest(case.trajectory, case.scenario.duration_s)
+    draft["/summary/track/rms_smoothed"] = case.trajectory.path.rms_residual
+    draft["/summary/track/specific_force"] = most.force
+    draft["/summary/track/rate"] = most.rate
+
+
+def _geometry(draft: ResultBuilder, case: Case) -> None:
+    world = case.world
+    s = world.signals
+    draft["/geometry/time"] = s.time
+    draft["/geometry/source"] = np.array(s.names, dtype=object)
+    draft.put("/geometry/clock", s.clock, {"clocks": ", ".join(CLOCKS)})
+    draft["/geometry/line_of_sight"] = s.los
+    for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
+        draft[f"/geometry/{name}"] = world.dop[:, i]
+    some = np.unique(np.linspace(0, s.time.size - 1, min(SKY_TIMES, s.time.size)).astype(int))
+    draft["/geometry/instant"] = s.time[some]
+    draft["/geometry/azimuth"] = s.azimuth[some]
+    draft["/geometry/elevation"] = s.elevation[some]
+    if (horizon := case.environment.mask.horizon) is not None:
+        draft["/geometry/bearing"] = horizon.azimuth
+        draft["/geometry/horizon"] = horizon.elevation
+    if case.environment.sight_placed:
+        draft["/geometry/behind_terrain"] = case.behind_terrain().sum(axis=0)
+    if case.environment.antenna is not None:
+        draft["/geometry/shadowed"] = case.foreseen.shadowed.sum(axis=0)
+    pseudolites = case.pseudolites
+    draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
+    draft["/pseudolites/position_llh"] = pseudolites.llh
+    draft["/receiver/time"] = s.time
+    draft["/receiver/covariance_enu"] = world.fix_covariance
+
+
+def _navigation(draft: ResultBuilder, case: Case) -> None:
+    """The messages the satellites flew by, or would have sent: what an export to RINEX needs."""
+    time = timescales.gps_from_utc(case.scenario.epoch.timestamp()) + case.world.signals.time
+    for group in case.environment.satellites:
+        sent = group.constellation.messages(time)
+        if sent is None:
+            continue
+        branch = f"/navigation/{group.constellation.system.name}"
+        for name, values in sent.fields.items():
+            draft[f"{branch}/{name}"] = values.astype(np.int8) if values.dtype == bool else values
+        draft.put(f"{branch}/message", np.arange(len(sent.fields["healthy"])), {"exact": int(sent.exact)})
+        if f"{branch}/position" in draft:
+            draft[f"{branch}/xyz"] = np.array(["x", "y", "z"])
+
+
+def _interference(draft: ResultBuilder, case: Case) -> None:
+    """What jammers leave of signals, where there are any."""
+    jamming, s = case.environment.jamming, case.world.signals
+    if jamming is None:
+        return
+    ground = () if jamming.pseudolites is None else case.pseudolites.names
+    draft["/interference/time"] = s.time
+    draft["/interference/source"] = np.array(s.names, dtype=object)
+    draft["/interference/jammer"] = np.array([*(jammer.name for jammer in jamming.jammers), *ground], dtype=object)
+    draft["/interference/js"] = s.js
+    draft["/interference/cn0"] = s.cn0
+    draft["/interference/held"] = s.used.astype(np.int8)
+
+
+def geometry_summary(case: Case) -> ResultBuilder:
+    """What the fixes of the glide owe to the geometry, DOPs and SKO, for those who need no more of a result."""
+    draft = ResultBuilder(COVARIANCE)
+    _geometry_summary(draft, case)
+    return draft
+
+
+def _geometry_summary(draft: ResultBuilder, case: Case) -> None:
+    world = case.world
+    glide = on_glide(case.scenario, case.trajectory, world.signals.time)
+    for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
+        values = world.dop[glide, i]
+        draft[f"/summary/dop/{name}"] = _statistics(values[np.isfinite(values)])
+    ground = np.isin(world.signals.names, case.pseudolites.names)
+    for name, chosen in (("satellites", ~ground), ("pseudolites", ground)):
+        draft[f"/summary/used/{name}"] = _statistics(world.signals.used[glide][:, chosen].sum(axis=1))
+
+    variance = np.diagonal(world.fix_covariance, axis1=1, axis2=2)[glide]
+    variance = variance[np.isfinite(variance[:, 0])]
+    for name, columns in (("rms_horizontal", [0, 1]), ("rms_vertical", [2]), ("rms_3d", [0, 1, 2])):
+        each = np.sqrt(variance[:, columns].sum(axis=1))
+        reach = {"minimum": each.min() if each.size else np.nan, "maximum": each.max() if each.size else np.nan}
+        draft.put(f"/summary/fix/{name}", np.full(3, each.mean() if each.size else np.nan), reach)
+
+
+def _statistics(values: np.ndarray) -> np.ndarray:
+    """Mean, least, largest, median and 95th percentile of values (n,); nan where there are none."""
+    if not values.size:
+        return np.full(5, np.nan)
+    return np.array([values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])])
+
+
+def accuracy(
+    draft: ResultBuilder,
+    rms: np.ndarray,
+    rpy: np.ndarray,
+    horizontal: np.ndarray,
+    vertical: np.ndarray,
+    at: np.ndarray,
+) -> None:
+    """Write the accuracy table over the last seconds before touchdown; last axis value, low, high.
+
+    - `rms` (9, 3): position, velocity, attitude; `rpy` (3, 3): roll, pitch, yaw.
+    - `horizontal`, `vertical` (3,): position.
+    - `at` (3, h, 3): lateral, along, vertical at the decision heights.
+    """
+    for name, part in (("position_ned", "position"), ("velocity_ned", "velocity"), ("attitude", "attitude")):
+        draft[f"/summary/rms/{name}"] = rms[states.SLICES[part]]
+    draft["/summary/rms/attitude_rpy"] = rpy
+    draft["/summary/rms/horizontal"] = horizontal
+    draft["/summary/rms/vertical"] = vertical
+    draft["/summary/at/height"] = np.array(list(HEIGHTS.values())) * FOOT
+    for i, name in enumerate(("lateral", "along", "vertical")):
+        draft[f"/summary/at/{name}"] = at[i]
+
+
+def belief(draft: ResultBuilder, variance: np.ndarray, rpy: np.ndarray, at: np.ndarray) -> None:
+    """Write the filter sigmas of the errors in the accuracy table.
+
+    Mean variances over the last seconds before touchdown: (15,) of the states, (3,) of roll, pitch, yaw; and (h, 3) of
+    lateral, along, vertical position at the decision heights.
+    """
+    sigma = np.sqrt(variance)
+    for name, part in (("position_ned", "position"), ("velocity_ned", "velocity"), ("attitude", "attitude")):
+        draft[f"/summary/sigma/{name}"] = sigma[states.SLICES[part]]
+    draft["/summary/sigma/attitude_rpy"] = np.sqrt(rpy)
+    draft["/summary/sigma/horizontal"] = np.sqrt(variance[states.POS : states.POS + 2].sum())
+    draft["/summary/sigma/vertical"] = sigma[states.POS + 2]
+    for i, name in enumerate(("lateral", "along", "vertical")):
+        draft[f"/summary/at/{name}_sigma"] = np.sqrt(at[:, i])

@@ -1,0 +1,127 @@
+"""Drawings of placements found: the front, a map for each number of pseudolites, requirements; result by result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from navsim.optimization import report
+from navsim.report.page.plots import (
+    GREY,
+    ORANGE,
+    Drawing,
+    Key,
+    Named,
+    colour,
+    image,
+    keys_of,
+    labels,
+    level,
+    line,
+    plot,
+    reach,
+    shades,
+    source,
+    tell,
+)
+from navsim.results.result import Result
+from navsim.results.schema import LARGE
+from navsim.sweeps.page import RUNWAY, draw_runway, shade_ground, terrain_key
+
+
+def optima(results: Sequence[Named]) -> list[Drawing]:
+    """Plans of each search, and the front of all."""
+    fronts = _front(results)
+    return [fronts, *(_plan(k, name, result, len(results) > 1) for k, (name, result) in enumerate(results)),
+            *(_requirements(k, name, result, len(results) > 1) for k, (name, result) in enumerate(results)
+              if "/front/met" in result)]  # fmt: skip
+
+
+def _front(results: Sequence[Named]) -> Drawing:
+    panels = []
+    objectives = list(dict.fromkeys(str(r.attributes["objective"]) for _, r in results))
+    for objective in objectives:
+        mine = [(i, name, r) for i, (name, r) in enumerate(results) if r.attributes["objective"] == objective]
+        on = plot("", "pseudolites", report.label(mine[0][2]), 300)
+        marks, values = [], []
+        for i, name, result in mine:
+            counts, found, met = report.front_points(result)
+            values.append(found)
+            verdicts = (
+                ["requirements met" if each else "requirements not met" for each in met]
+                if met is not None
+                else [""] * len(counts)
+            )
+            of = source(x=counts, y=found, said=verdicts)
+            line(on, of, "y", colour(i))
+            marks.append(on.scatter("x", "y", source=of, size=9, color=colour(i), name=name))
+            if met is not None:
+                unmet = source(x=counts[~met], y=found[~met])
+                on.scatter("x", "y", source=unmet, marker="x", size=15, line_color=ORANGE, line_width=2)
+        on.xaxis[0].ticker = sorted({int(c) for _, _, r in mine for c in report.front_points(r)[0]})
+        reach(on, values)
+        said = (report.label(mine[0][2]), "@y{0.0000}")
+        tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), said, ("", "@said"))
+        panels.append(on)
+    judged = any("/front/met" in r for _, r in results)
+    caption = "The best found for each number of pseudolites." + (
+        " Crosses: requirements are not met." if judged else ""
+    )
+    return Drawing("front", "What pseudolites buy", panels, caption, keys_of(results), min(2, len(panels)))
+
+
+def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
+    """For each number of pseudolites: the placement over the objective with the first one moved."""
+    large = str(result.attributes["objective"]) in LARGE
+    s, along = result["/map/s"], -result["/map/l1"]
+    panels = []
+    for i, count in enumerate(map(int, result["/pseudolites"])):
+        on = plot(report.plan_title(result, i), "along the runway from the threshold, m", "right of the axis, m", 410)
+        values = result["/map/objective"][i]
+        known = values[np.isfinite(values)]
+        sites = (-result["/optimum/l1"][i][:count], result["/optimum/s"][i][:count])
+        if known.size:
+            low, high = np.percentile(known, [5, 100] if large else [0, 95]).tolist()
+            mapper = shades(low, max(high, low + 1e-12), reverse=not large)
+            flipped = values[:, ::-1] if along[-1] < along[0] else values
+            half = [0.5 * abs(float(e[1] - e[0])) if e.size > 1 else 1.0 for e in (along, s)]
+            ends = [(float(e.min()) - h, float(e.max()) + h) for e, h in zip((along, s), half, strict=True)]
+            flipped = flipped if s[-1] > s[0] else flipped[::-1]
+            shade_ground(on, *map(np.array, ends))
+            drawn = image(on, flipped, ends[0], ends[1], mapper, report.label(result))
+            tell(on, [drawn], ("along", "$x{0} m"), ("right", "$y{0} m"), ("PL1 there", "@image{0.0000}"))
+        of = source(x=sites[0], y=sites[1], said=[f"PL{n + 1}" for n in range(count)])
+        stars = on.scatter("x", "y", source=of, marker="star", size=15, fill_color=ORANGE, line_color="white")
+        labels(on, *sites, [f"PL{n + 1}" for n in range(count)])
+        tell(on, [stars], ("", "@said"), ("along", "@x{0.00} m"), ("right", "@y{0.00} m"))
+        draw_runway(on, result, [(np.append(along, sites[0]), np.append(s, sites[1][0]).repeat(1))])
+        panels.append(on)
+    unmet = ", or requirements are not met" if "/front/met" in result else ""
+    caption = "Stars: the placement found."
+    if np.isfinite(result["/map/objective"]).any():
+        shown = f"{report.label(result)}, with PL1 moved there and the others kept"
+        caption = f"Colours: {shown}; grey where that is not allowed{unmet}. {caption}"
+    else:
+        caption += " The maps were not computed."
+    title = f"Placement map{f' ({name})' if several else ''}"
+    keys = [RUNWAY, Key("pseudolites", ORANGE, "star"), Key(f"not allowed{unmet}", GREY, "band"), *terrain_key(result)]
+    return Drawing(f"plan-{k}", title, panels, caption, keys, min(2, len(panels)))
+
+
+def _requirements(k: int, name: str, result: Result, several: bool) -> Drawing:
+    """How much of what is allowed each requirement takes, by the number of pseudolites."""
+    on = plot("", "pseudolites", "size kept as often as asked for, by the size asked for", 320)
+    counts, statements, used = report.used(result)
+    marks = []
+    for i, statement in enumerate(statements):
+        of = source(x=counts, y=used[:, i])
+        line(on, of, "y", colour(i))
+        marks.append(on.scatter("x", "y", source=of, size=8, color=colour(i), name=statement))
+    level(on, 1.0)
+    reach(on, [used], 1.1)
+    on.xaxis[0].ticker = [int(count) for count in counts]
+    tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), ("used", "@y{0.000}"))
+    keys = [Key(statement, colour(i)) for i, statement in enumerate(statements)]
+    caption = "Below the dashed line a requirement is met. The table tells of those that are left to runs."
+    return Drawing(f"requirements-{k}", f"Requirements{f' ({name})' if several else ''}", [on], caption, keys, 1)

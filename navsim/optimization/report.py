@@ -1,0 +1,389 @@
+"""Placements found: tables of where pseudolites stand and how flat the optimum is, the plan, the front."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from navsim.report.ridges import shown_ridges
+from navsim.report.summary_tables import setting
+from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
+from navsim.report.view import View, one_by_one
+from navsim.results.findings import several
+from navsim.results.result import Result
+from navsim.results.schema import FILTER_QUANTITIES, LARGE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def _reach(values: np.ndarray) -> Cell | str:
+    """Distances by bearing as least and largest; a bearing that area or rules end has no bound."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return ABSENT
+    pattern = "{:.0f} - {:.0f}" + ("" if known.size == values.size else " *")
+    return cell(pattern, float(known.min()), float(known.max()), names=("smallest", "largest"))
+
+
+def tables(result: Result) -> list[Table | str]:
+    """The front, and every placement with its neighbourhood."""
+    name = str(result.attributes["objective"])
+    variable = result.variables["/front/objective"]
+    none = variable.attributes["without_pseudolites"]
+    heads = ("pseudolites", "objective", "better than none", "PDOP", "HDOP", "VDOP", "tried", "tightest rule")
+    judged = "/front/met" in result
+    front = Table(f"{name}: {variable.long_name}", (*heads, *(("requirements",) if judged else ())))
+    front.add("0", number(none, 4), *([""] * 6), *((_met(result["/front/met_without"]),) if judged else ()))
+    for i, count in enumerate(result["/pseudolites"]):
+        value = result["/front/objective"][i]
+        # what is made large gains the other way round
+        gain = value / none - 1 if name in LARGE else 1 - value / none
+        gain = cell("{:.1f} %", float(100 * gain)) if np.isfinite(gain) else ABSENT
+        dops = [number(result[f"/optimum/{dop}"][i]) for dop in ("pdop", "hdop", "vdop")]
+        tried = "{} (all)" if result["/front/every_choice"][i] else "{}"
+        tried += "" if result["/front/finished"][i] else " (stopped)"
+        margin = result["/optimum/violation"][i]
+        room = "none given" if np.isneginf(margin) else _room(result, i, float(-margin))
+        evaluations = cell(tried, int(result["/front/evaluations"][i]))
+        front.add(cell("{}", int(count)), number(value, 4), gain, *dops, evaluations, room,
+                  *((_met(result["/front/met"][i]),) if judged else ()))  # fmt: skip
+    if judged:
+        front.notes = _fewest(int(result["/front/fewest"]))
+    losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
+    places = Table(
+        "Where they stand, and how far each may be moved before the objective worsens (by direction; * to the limit of "
+        "area or rules in some)",
+        ("of", "name", "s, m", "l1, m", "latitude, °", "longitude, °", *losses),
+    )
+    for i, count in enumerate(result["/pseudolites"]):
+        for k in range(int(count)):
+            angles = [number(np.degrees(result[f"/optimum/{axis}"][i, k]), 7) for axis in ("latitude", "longitude")]
+            explored = result["/optimum/explored"][i]
+            around = result["/optimum/neighbourhood"][i, k]
+            reach = [_reach(row) if explored else "not computed" for row in around]
+            where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
+            places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
+    return [front, *flown(result), *([requirements(result)] if judged else []), places]
+
+
+def flown(result: Result) -> list[Table | str]:
+    """What runs say of the best placements, beside the covariance analysis; those that they spoke against."""
+    counts, runs = result["/pseudolites"], result["/flown/runs"]
+    if not runs.any():
+        return ["The best placements were not flown (--runs 0); --runs 200 compares them with the errors of a filter."]
+    name = str(result.attributes["objective"])
+    of_filter = name in FILTER_QUANTITIES
+    heads = ("pseudolites", *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",
+             "vertical, m", "runs")  # fmt: skip
+    out = Table("The best placements, flown (RMS [95 %])", heads)
+    for i, count in enumerate(counts):
+        errors = [interval(result[f"/flown/{part}"][i], 3) for part in ("horizontal", "vertical")]
+        both = (
+            [number(result["/front/objective"][i], 4), interval(result["/flown/objective"][i], 4)] if of_filter else []
+        )
+        out.add(cell("{}", int(count)), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
+    if "/flown/verdict" in result:  # results of before have none
+        said = {several(int(count), "pseudolite"): str(result["/flown/verdict"][i]) for i, count in enumerate(counts)}
+        out.notes = "\n".join(f"States with {whose}: {verdict}" for whose, verdict in said.items() if verdict)
+    if "/rejected/rejected" not in result:
+        return [out]
+    against = Table(
+        "Rejected: runs are worse than the covariance analysis says",
+        ("pseudolites", "covariance analysis", "runs [95 %]", "s, l1, m"),
+    )
+    for i in range(result["/rejected/rejected"].size):
+        k = int(result["/rejected/pseudolites"][i])
+        at = ", ".join(
+            f"({s:.2f}, {l1:.2f})"
+            for s, l1 in zip(result["/rejected/s"][i, :k], result["/rejected/l1"][i, :k], strict=True)
+        )
+        against.add(
+            cell("{}", k), number(result["/rejected/analysed"][i], 4), interval(result["/rejected/flown"][i], 4), at
+        )
+    return [out, against]
+
+
+def _room(result: Result, i: int, left: float) -> Cell | str:
+    """The rule that is kept with the least room, and that room; results of before do not name it."""
+    rule = str(result["/optimum/tightest_rule"][i]) if "/optimum/tightest_rule" in result else ""
+    unit = "dB" if rule == "near_far_db" else "m"
+    return cell(f"{rule}: {{:.2f}} {unit} left".removeprefix(": "), left)
+
+
+def _met(flag: np.ndarray) -> str:
+    return "met" if flag else "not met"
+
+
+def _fewest(number: int) -> str:
+    """With how many pseudolites requirements are met, in words."""
+    if number < 0:
+        return "the requirements are met by no placement found, whatever the number of pseudolites"
+    return f"the fewest pseudolites with which the requirements are met: {number}"
+
+
+def requirements(result: Result) -> Table:
+    """Every requirement with each number of pseudolites: the verdict, the figure, and what is left of the size."""
+    counts = [0, *(int(count) for count in result["/pseudolites"])]
+    heads = ("requirement", "limit", *(f"{count} pseudolite{'' if count == 1 else 's'}" for count in counts))
+    out = Table("Requirements: verdict, what was found (room within the size asked for)", heads)
+    branch = "/requirements"
+    for k, statement in enumerate(result[f"{branch}/statement"]):
+        cells = []
+        for i in range(len(counts)):
+            value, verdict, used = (
+                result[f"{branch}/{name}_without"][k] if i == 0 else result[f"{branch}/{name}"][i - 1, k]
+                for name in ("value", "verdict", "utilisation")
+            )
+            cells.append(_fulfilled(str(verdict), float(value), float(used)))
+        out.add(str(statement), cell("{:g}", float(result[f"{branch}/limit"][k])), *cells)
+    if not result[f"{branch}/decided"].all():
+        out.notes = "undecided requirements were no constraint; navsim run can decide them"
+    return out
+
+
+def _fulfilled(verdict: str, value: float, utilisation: float) -> Cell:
+    if np.isnan(value):
+        return cell("{}", verdict)
+    if not np.isfinite(utilisation):
+        return cell("{}: {:.4g}", verdict, value, names=("verdict", "found"))
+    room, names = 100.0 * (1.0 - utilisation), ("verdict", "found", "room")
+    return cell("{}: {:.4g} ({:.1f} %)", verdict, value, room, names=names)
+
+
+def best_plain(result: Result) -> dict[str, Any]:
+    """The optima as plain data."""
+    none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
+    out: dict[str, Any] = {"objective": str(result.attributes["objective"])}
+    judged = "/front/met" in result
+    if judged:
+        out["fewest"] = int(result["/front/fewest"]) if int(result["/front/fewest"]) >= 0 else None
+    out["without_pseudolites"] = none if np.isfinite(none) else None
+    out["stopped"] = str(result.attributes["stopped"])
+    out["placements"] = [
+        {
+            "pseudolites": int(count),
+            "value": _plain(float(result["/front/objective"][i])),
+            "finished": bool(result["/front/finished"][i]),
+            "flown": _flown_plain(result, i),
+            "sites": [
+                {"s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}
+                for k in range(int(count))
+            ],
+            **(
+                {"met": bool(result["/front/met"][i]), "requirements": _requirements_plain(result, i)} if judged else {}
+            ),
+        }
+        for i, count in enumerate(result["/pseudolites"])
+    ]
+    return out
+
+
+def _flown_plain(result: Result, i: int) -> dict[str, Any] | None:
+    """What runs say of the i-th placement as plain data, each with its interval; None where it was not flown."""
+    runs = int(result["/flown/runs"][i])
+    if not runs:
+        return None
+    names = ("objective", "horizontal", "vertical")
+    errors = {name: [_plain(float(x)) for x in result[f"/flown/{name}"][i]] for name in names}
+    verdict = {"verdict": str(result["/flown/verdict"][i])} if "/flown/verdict" in result else {}
+    return {"runs": runs} | errors | verdict
+
+
+def _plain(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _requirements_plain(result: Result, i: int) -> list[dict[str, Any]]:
+    """Every requirement with the i-th placement as plain data."""
+    branch = "/requirements"
+    return [
+        {
+            "statement": str(statement),
+            "verdict": str(result[f"{branch}/verdict"][i, k]),
+            "limit": float(result[f"{branch}/limit"][k]),
+            "value": _plain(float(result[f"{branch}/value"][i, k])),
+            "utilisation": _plain(float(result[f"{branch}/utilisation"][i, k])),
+        }
+        for k, statement in enumerate(result[f"{branch}/statement"])
+    ]
+
+
+_NEAR = 1.0
+"""A pseudolite this close to the border of its area stands on it, m."""
+
+
+def _on_border(result: Result, i: int) -> list[str]:
+    """Pseudolites of the i-th placement that the area alone keeps from going farther."""
+    area = yaml.safe_load(str(result.attributes["study"])).get("area")
+    if area is None:
+        return []
+    out = []
+    for k in range(int(result["/pseudolites"][i])):
+        place = {"s_m": result["/optimum/s"][i, k], "l1_m": result["/optimum/l1"][i, k]}
+        if any(abs(place[key] - end) <= _NEAR for key in place for end in area[key]):
+            out.append(f"PL{k + 1}")
+    return out
+
+
+def plan_title(result: Result, i: int) -> str:
+    """What the i-th placement comes to, and what is to be known of it."""
+    count = int(result["/pseudolites"][i])
+    many = "1 pseudolite" if count == 1 else f"{count} pseudolites"
+    stopped = "" if result["/front/finished"][i] else " (search stopped)"
+    border = _on_border(result, i)
+    where = f"; on the border of the area: {', '.join(border)}" if border else ""
+    met = f"; requirements {_met(result['/front/met'][i])}" if "/front/met" in result else ""
+    computed = "" if result["/map/computed"][i] or not result["/map/computed"].any() else "; map not computed"
+    return f"{many}: {result['/front/objective'][i]:.4g}{met}{stopped}{where}{computed}"
+
+
+def label(result: Result) -> str:
+    """What is optimised, with its unit."""
+    variable = result.variables["/front/objective"]
+    return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
+
+
+def front_points(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Numbers of pseudolites, none of them among them where that is known, what was reached with each, and whether
+    requirements are met, None where none are asked for."""
+    none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
+    counts, values = result["/pseudolites"].astype(int), result["/front/objective"]
+    met = result["/front/met"].astype(bool) if "/front/met" in result else None
+    if np.isfinite(none):
+        counts, values = np.append(0, counts), np.append(none, values)
+        met = None if met is None else np.append(bool(result["/front/met_without"]), met)
+    return counts, values, met
+
+
+def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
+    """Numbers of pseudolites (n,), the requirements that placements are judged by, and how much of what is allowed each
+    takes (n, r), nan where that is no number."""
+    branch = "/requirements"
+    chosen = np.flatnonzero(result[f"{branch}/decided"])
+    counts = np.append(0, result["/pseudolites"].astype(int))
+    taken = np.vstack([result[f"{branch}/utilisation_without"][None], result[f"{branch}/utilisation"]])[:, chosen]
+    return counts, [str(result[f"{branch}/statement"][k]) for k in chosen], np.where(np.isfinite(taken), taken, np.nan)
+
+
+def plan(result: Result) -> Figure:
+    """For each number of pseudolites: the placement over the objective with the first one moved."""
+    from matplotlib.patches import Rectangle
+
+    from navsim.report.figures import label_points, legend_above, ridge_lines, view_from_above
+    from navsim.report.printing import COLUMN, new_figure
+
+    counts = result["/pseudolites"]
+    s, l1, maps = result["/map/s"], result["/map/l1"], result["/map/objective"]
+    across, along = s[-1] - s[0], l1[-1] - l1[0]
+    height = min(2.7, max(1.3, 5.5 * across / max(along, 1.0)))
+    fig = new_figure(2 * COLUMN, 0.8 + height * len(counts))
+    axes = fig.subplots(len(counts), 1, squeeze=False, sharex=True)[:, 0]
+    large = str(result.attributes["objective"]) in LARGE
+    for i, ax in enumerate(axes):
+        finite = maps[i][np.isfinite(maps[i])]
+        if finite.size:
+            shown = np.ma.masked_invalid(maps[i])
+            image = ax.pcolormesh(
+                -l1, s, shown, shading="nearest", cmap="viridis" if large else "viridis_r",
+                vmin=np.percentile(finite, 5 if large else 0), vmax=np.percentile(finite, 100 if large else 95),
+                rasterized=True,
+            )  # fmt: skip
+            fig.colorbar(image, ax=ax, label=label(result), extend="min" if large else "max")
+        x, y = -result["/optimum/l1"][i], result["/optimum/s"][i]
+        ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="pseudolites",
+                clip_on=False, zorder=5)  # fmt: skip
+        ends = [0.0, setting(result, "runway", "length_m")]
+        ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
+        computed, count = bool(result["/map/computed"][i]), int(counts[i])
+        ax.set_title(plan_title(result, i))
+        ax.set_ylabel("right of the axis, m")
+        ax.update_datalim([(-l1[-1], s[0]), (-l1[0], s[-1])])
+        if computed:
+            ax.set_facecolor("#dddddd")
+        else:
+            area = Rectangle((-l1[-1], s[0]), along, across, fill=False, ec="#777777", ls="--", lw=0.8)
+            ax.add_patch(area)
+            area.set_label("area of the search")
+        ax.grid(visible=not computed)
+        ax.margins(0.03)
+        ridge_lines(ax, shown_ridges(result), ax.get_xlim(), ax.get_ylim())
+        view_from_above(ax)
+        label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
+    mapped = np.isfinite(maps).any()
+    others = ", the others kept" if counts.max() > 1 else ""
+    stopped = str(result.attributes["stopped"])
+    unmapped = "maps not computed" + (f" (stopped: {stopped})" if stopped else "")
+    legend_above(fig, axes[0], 3, f"colours: PL1 moved{others}" if mapped else unmapped)
+    unmet = ", or requirements not met" if "/front/met" in result else ""
+    grey = f"; grey: not allowed{unmet}" if mapped else ""
+    axes[-1].set_xlabel(f"along the runway from the threshold, m{grey}")
+    return fig
+
+
+def front(result: Result) -> Figure:
+    """The objective against the number of pseudolites."""
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(COLUMN, 2.4)
+    ax = fig.subplots()
+    counts, values, met = front_points(result)
+    ax.plot(counts, values, "o-", color=COLOURS[0], ms=4)
+    unfinished = np.isin(counts, result["/pseudolites"][result["/front/finished"] == 0])
+    title = None
+    if unfinished.any():
+        hollow: dict[str, Any] = {"color": COLOURS[0], "mfc": "white", "ms": 5, "label": "search stopped"}
+        ax.plot(counts[unfinished], values[unfinished], "o", **hollow)
+    if met is not None:
+        ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
+        fewest = int(result["/front/fewest"])
+        title = f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none"
+    legend_above(fig, ax, 1, title)
+    ax.set_xticks(counts)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("pseudolites")
+    ax.set_ylabel(label(result))
+    return fig
+
+
+def utilisation(result: Result) -> Figure:
+    """How much of what is allowed each requirement takes that placements are judged by, against their number."""
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLUMN, marked, new_figure
+
+    counts, names, taken = used(result)
+    statements = names
+    fig = new_figure(1.3 * COLUMN, 2.6 + 0.17 * len(statements))
+    ax = fig.subplots()
+    for i, statement in enumerate(statements):
+        ax.plot(counts, taken[:, i], "-", **marked(i), ms=5, mfc="none",
+                label=statement)  # fmt: skip
+    ax.axhline(1.0, color="black", lw=0.9, ls="--", label="limit: met below")
+    ax.set_xticks(counts)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("pseudolites")
+    ax.set_ylabel("size kept as often as asked for,\nby the size asked for")
+    legend_above(fig, ax, 1)
+    return fig
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """The plan, the front, and what becomes of requirements."""
+    out = {"plan": plan(result), "front": front(result)}
+    return out | ({"requirements": utilisation(result)} if "/front/met" in result else {})
+
+
+def _verdicts(result: Result) -> list[Table | str]:
+    return [requirements(result)] if "/front/met" in result else []
+
+
+VIEW = View(
+    one_by_one(tables),
+    figures,
+    more=best_plain,
+    verdicts=one_by_one(_verdicts),
+    drawings="navsim.optimization.page:optima",
+)

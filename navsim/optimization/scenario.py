@@ -1,0 +1,201 @@
+"""`kind: optimize`: where pseudolites should stand, under constraints."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from navsim.scenario.base import (
+    Checksum,
+    Dotted,
+    ListOf,
+    NonNegative,
+    Pair,
+    Section,
+    Signed,
+    Size,
+    SourceName,
+    Version,
+    reject,
+)
+from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS
+
+DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_fix")
+"""Objectives from the geometry alone."""
+LEVEL_OBJECTIVES = LEVEL_OUTPUTS
+"""Objectives by the levels of watched fixes, which follow from the geometry too."""
+OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS, *LEVEL_OBJECTIVES)
+FILTER_DISTANCE = (100.0, 100_000.0)
+"""Default of `constraints.distance_m` if a filter error is the objective, m. With fix errors of 3 m, the third-order
+term of a range is then at most 3 % of the second-order term, and that 5 % of the range's sigma."""
+Number = Annotated[int, Field(ge=1, le=12)]
+"""Of pseudolites."""
+
+
+class Numbers(Section):
+    """Numbers of pseudolites one after the other, both ends included."""
+
+    first: Number
+    """smallest number of pseudolites"""
+    last: Number
+    """largest number of pseudolites"""
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        if self.last < self.first:
+            raise reject("must not lie below first", "last")
+        return self
+
+
+def _written(value: Any) -> str:
+    return "range" if isinstance(value, (dict, Numbers)) else "list"
+
+
+class Area(Section):
+    """Where pseudolites may stand, in runway axes."""
+
+    s_m: Pair
+    """from, to across the runway, positive to the right of landing"""
+    l1_m: Pair
+    """from, to along it, positive before the threshold"""
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        for key in ("s_m", "l1_m"):
+            low, high = getattr(self, key)
+            if low >= high:
+                raise reject("the lower end comes first", key)
+        return self
+
+
+class Strip(Section):
+    """The runway strip, kept clear (ICAO Annex 14, 3.4)."""
+
+    half_width_m: Size = 75.0
+    """from the axis of the runway to the edge of the strip"""
+    beyond_m: NonNegative = 60.0
+    """length of the strip before the threshold and past the end of the runway"""
+
+
+class Surfaces(Section):
+    """Obstacle limitation surfaces antennas stay under (ICAO Annex 14, table 4-1, precision approach, code 1 or 2)."""
+
+    inner_edge_m: Size = 150.0
+    """length of the inner edge of the approach surface, across the runway"""
+    from_threshold_m: NonNegative = 60.0
+    """distance of the inner edge from the threshold"""
+    divergence_percent: NonNegative = 15.0
+    """how much each side of the approach surface widens with distance"""
+    approach_slope_percent: Annotated[float, Field(ge=0.01, le=1000.0)] = 2.5
+    """slope of the approach surface"""
+    transitional_slope_percent: Annotated[float, Field(ge=0.01, le=1000.0)] = 14.3
+    """slope of the transitional surface, across the runway"""
+
+
+class SiteChoice(Section):
+    """A place where a pseudolite could be put up."""
+
+    name: SourceName | None = None
+    """name of the place; left out: its number in the list"""
+    s_m: Signed
+    """distance from the runway axis, positive to the right of landing"""
+    l1_m: Signed
+    """distance before the threshold"""
+
+
+class Constraints(Section):
+    """What a placement must keep; what is left out is no constraint."""
+
+    runway_strip: Strip | None = None
+    """keep out of the runway strip"""
+    surfaces: Surfaces | None = None
+    """stay under the obstacle limitation surfaces"""
+    keep_out: str | None = None
+    """GeoJSON file with polygons (longitude, latitude) to keep out of, relative to this file"""
+    keep_out_sha256: Checksum | None = None
+    """checksum of that file; when given, another file is refused"""
+    spacing_m: NonNegative = 0.0
+    """least distance between pseudolites"""
+    distance_m: Pair | None = None
+    """least and largest distance from the aircraft during the glide. Left out: 100 m to 100 km if the objective is an
+    error of the filter, because covariance analysis is unreliable for nearer passes, else no limits"""
+    near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
+    """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
+    requirements: bool = False
+    """whether placements have to meet those `requirements` of the base scenario that levels and covariance analysis
+    decide. If none does, navsim gives the placement that comes closest to its worst requirement, and fails"""
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        if self.keep_out_sha256 is not None and self.keep_out is None:
+            raise reject("there is no keep_out it could be of", "keep_out_sha256")
+        if self.distance_m is not None and not 0.0 <= self.distance_m[0] < self.distance_m[1]:
+            raise reject("expected a least distance, then a larger one", "distance_m")
+        return self
+
+
+class Period(Section):
+    """Start times of the approach over which the objective is taken."""
+
+    hours: Annotated[float, Field(ge=1e-3, le=1e5)]
+    """length of the period; GLONASS repeats its ground track after 7.99 days, 191.5 h"""
+    count: Annotated[int, Field(ge=2, le=10_000)]
+    """number of start times, evenly spread from the base scenario's epoch on"""
+
+
+class Optimize(Section):
+    """The best placement of pseudolites for a base scenario."""
+
+    kind: Literal["optimize"]
+    """kind of the file"""
+    version: Version
+    """version of the format"""
+    title: str = ""
+    """title of results, reports and exports; empty: they show the name of the file"""
+    base: str
+    """scenario file, relative to this one"""
+    set: dict[Dotted, Any] = Field(default_factory=dict)
+    """settings of the base: dotted keys and values"""
+    pseudolites: Annotated[
+        Annotated[ListOf[Number], Tag("list")] | Annotated[Numbers, Tag("range")],
+        Discriminator(_written),
+    ]
+    """numbers of pseudolites to place, a list or first and last; several give the front of accuracy against number"""
+    objective: Literal[OBJECTIVES]  # type: ignore[valid-type]
+    """quantity that navsim minimises: a mean or (…_max) worst DOP or SKO of the glide, an error of the filter, or a
+    protection level, if all of the glide has it. It maximises level_share, the share of epochs that have levels"""
+    area: Area | None = None
+    """where pseudolites may stand; give this or sites"""
+    sites: ListOf[SiteChoice] = ()
+    """instead of area: the places there are; the choice is then combinatorial"""
+    height_m: Signed = 0.0
+    """height of the antennas above the runway"""
+    constraints: Constraints = Constraints()
+    """what a placement must keep"""
+    period: Period | None = None
+    """start times over which a geometric objective is taken; left out: the base scenario's epoch alone"""
+    effort: Annotated[int, Field(ge=1, le=100)] = 3
+    """searches from independent starts, of which the best is kept; for an error of the filter, rounds of learning"""
+
+    @model_validator(mode="after")
+    def _check_consistent(self) -> Self:
+        if (self.area is None) == (not self.sites):
+            raise reject("give exactly one of area and sites", "area")
+        if not self.pseudolites:
+            raise reject("an empty list", "pseudolites")
+        if len({*self.counts}) < len(self.counts):
+            raise reject("a number stands twice", "pseudolites")
+        if self.sites and max(self.counts) > len(self.sites):
+            raise reject(f"there are only {len(self.sites)} sites", "pseudolites")
+        if self.period is not None and (self.objective not in DOP_OBJECTIVES or self.constraints.requirements):
+            raise reject(
+                "errors of the filter, levels and requirements are taken over one epoch; leave this out", "period"
+            )
+        return self
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """The numbers of pseudolites, the smallest first."""
+        given = self.pseudolites
+        return tuple(range(given.first, given.last + 1)) if isinstance(given, Numbers) else tuple(sorted(given))

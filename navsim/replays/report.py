@@ -1,0 +1,245 @@
+"""A replayed flight: its tables and figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from navsim.geodesy import earth
+from navsim.report.table import Table, cell, number, numbers
+from navsim.report.view import View, one_by_one
+from navsim.results.result import Result, scenario_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+REJECTED = 2
+"""Status of a fix or range that the gate rejected, in `/innovations`."""
+
+
+def tables(result: Result) -> list[Table | str]:
+    """Innovations, what was tuned, drift without fixes."""
+    seen = Table("Innovations, rms", ("fixes", "position N E D, m", "velocity N E D, m/s", "NIS per degree"))
+    for i, name in enumerate(result["/summary/fixes"]):
+        position = numbers(result["/summary/innovation_position"][i], 2, ("north", "east", "down"))
+        velocity = numbers(result["/summary/innovation_velocity"][i], 3, ("north", "east", "down"))
+        seen.add(str(name), position, velocity, number(result["/summary/nis"][i], 2))
+    tuned = Table("Noise and latency", ("what", "value", "unit", "from"))
+    for path, variable in sorted(result.variables.items()):
+        if path.startswith("/tuning/"):
+            value = cell("{:.4g}", float(np.asarray(variable.data)))
+            tuned.add(variable.long_name, value, variable.units, str(variable.attributes["origin"]))
+    alignment = result.attributes
+    sigma = np.asarray(alignment["alignment_sigma_deg"])
+    begin, until = float(alignment["alignment_time"]), float(alignment["alignment_until"])
+    counts = {n: int(result[f"/summary/count/{n}"]) for n in ("samples", "fixes", "rejected", "gaps")}
+    known = (scenario_of(result).get("alignment") or {}).get("known")
+    start = "aligned at {:.2f} s with data up to {:.2f} s" if known is None else "known at {:.2f} s"
+    said = (
+        f"{start.format(begin, until)}: tilt to {max(sigma[:2]):.1f}, heading to "
+        f"{sigma[2]:.1f} degrees (1 sigma); " + ", ".join(f"{count} {name}" for name, count in counts.items())
+    )
+    if "flown_s" in alignment:  # results of earlier versions lack it
+        spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
+        said += "; flown " + " of the recording's ".join(spans)
+    if unseen := str(alignment.get("not_judged", "")):
+        said += f"\nnot judged: {unseen}"
+    every: list[Table | str] = [seen, tuned, *_worthless(result)]
+    if not result["/outages/start"].size:
+        return [*every, said]
+    lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest"))
+    length = result["/outages/end"] - result["/outages/start"]
+    for i, duration in enumerate(result["/summary/duration"]):
+        known = np.isfinite(result["/outages/horizontal_error"][np.abs(length - duration) < 1e-6])
+        drift = [number(result[f"/summary/drift_{name}"][i], 1) for name in ("median", "max")]
+        lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift)
+    return [*every, lost, said]
+
+
+def _worthless(result: Result) -> list[Table]:
+    """The times at which the output is worthless, if there are any."""
+    if not lost_spans(result).size:
+        return []
+    out = Table("Worthless output", ("from, s", "to, s", "why"))
+    for begin, end, why in zip(*(result[f"/lost/{name}"] for name in ("start", "end", "cause")), strict=True):
+        out.add(number(begin, 1), number(end, 1), str(why))
+    return [out]
+
+
+def rejected(result: Result) -> np.ndarray:
+    """Which fixes (m,) the gate rejected, or ranges of their epochs."""
+    if "/innovations/range_status" in result:
+        return (result["/innovations/range_status"] == REJECTED).any(axis=1)
+    return result["/innovations/status"] == REJECTED
+
+
+def local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
+    """East and north of positions (n, 3) from an origin, m."""
+    ned = (earth.ecef_from_llh(llh) - earth.ecef_from_llh(origin)) @ earth.ned_matrix(origin).T
+    return ned[:, [1, 0]]
+
+
+def _track(result: Result) -> Figure:
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
+
+    fig = new_figure(2 * COLUMN, 3.6)
+    plan, profile = abreast(fig, 2, width_ratios=[3, 2])
+    llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
+    dots: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
+    plan.plot(*local(llh[0], fixes).T, **dots)
+    hole = after_hole(result, result["/filter/time"])[:, None]
+    plan.plot(*np.where(hole, np.nan, local(llh[0], llh)).T, color=COLOURS[0], label="estimate (IMU)")
+    away = rejected(result)
+    crosses: dict[str, Any] = {"ls": "", "marker": "x", "ms": 4, "color": COLOURS[3], "label": "rejected fixes"}
+    if away.any():
+        plan.plot(*local(llh[0], fixes[away]).T, **crosses)
+    plan.set_aspect("equal", adjustable="datalim")
+    plan.set_xlabel("east, m")
+    plan.set_ylabel("north, m")
+    legend_above(fig, plan, 3 if away.any() else 2)
+    if away.any():
+        profile.plot(result["/receiver/time"][away], fixes[away, 2], **crosses)
+    profile.plot(result["/receiver/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
+    profile.plot(result["/filter/time"], np.where(hole[:, 0], np.nan, llh[:, 2]), color=COLOURS[0])
+    _shade_lost(profile, result)
+    profile.set_xlabel("time, s")
+    profile.set_ylabel("height above the ellipsoid, m")
+    return fig
+
+
+def _innovations(result: Result) -> Figure:
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 4.4)
+    axes = fig.subplots(3, 2, sharex=True)
+    time = result["/innovations/time"]
+    for column, (name, unit) in enumerate((("position_ned", "m"), ("velocity_ned", "m/s"))):
+        for row, axis in enumerate(("north", "east", "down")):
+            ax = axes[row, column]
+            sigma = 3.0 * result[f"/innovations/{name}_sigma"][:, row]
+            ax.fill_between(time, -sigma, sigma, color=COLOURS[1], alpha=0.2, lw=0, label="±3σ")
+            ax.plot(time, result[f"/innovations/{name}"][:, row], color=COLOURS[0], lw=0.6, label="innovation")
+            ax.set_ylabel(f"{axis}, {unit}")
+            # a few wild fixes must not flatten the rest
+            seen = np.abs(result[f"/innovations/{name}"][:, row])
+            if np.isfinite(seen).any():
+                limit = max(float(np.nanpercentile(seen, 98)), float(np.nanmedian(sigma)))
+                ax.set_ylim(-1.3 * limit, 1.3 * limit)
+            # at the edge where they lie beyond it
+            away = rejected(result)
+            low, high = ax.get_ylim()
+            if away.any():
+                shown = np.clip(result[f"/innovations/{name}"][away, row], 0.95 * low, 0.95 * high)
+                ax.plot(time[away], shown, ls="", marker="x", ms=4, color=COLOURS[3], label="rejected")
+            _shade_lost(ax, result)
+    axes[0, 0].set_title("position")
+    axes[0, 1].set_title("velocity")
+    legend_above(fig, axes[2, 0], 2 + int(rejected(result).any()) + int(lost_spans(result).size > 0))
+    for ax in axes[-1]:
+        ax.set_xlabel("time, s")
+    fig.align_ylabels(axes)
+    return fig
+
+
+def lost_spans(result: Result) -> np.ndarray:
+    """Begin and end (k, 2), s, of the times at which the output is worthless."""
+    if "/lost/start" not in result:  # results of earlier versions lack it
+        return np.empty((0, 2))
+    return np.stack([result["/lost/start"], result["/lost/end"]], axis=1)
+
+
+def after_hole(result: Result, time: np.ndarray) -> np.ndarray:
+    """Which outputs at times (t,), s, are the first after a time without output: no line leads to them."""
+    out = np.full(time.size, False)
+    for begin, end in lost_spans(result):
+        k = int(np.searchsorted(time, end - 1e-6))
+        if 0 < k < time.size:
+            out[k] = time[k - 1] <= begin + 1e-6
+    return out
+
+
+def _shade_lost(ax: Axes, result: Result) -> None:
+    """Shade the times at which the output is worthless."""
+    for k, (begin, end) in enumerate(lost_spans(result)):
+        ax.axvspan(begin, end, color="0.85", lw=0, zorder=0, label="" if k else "output worthless")
+
+
+def _attitude(result: Result) -> Figure:
+    from navsim.report.figures import legend_over
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 4.6)
+    axes = fig.subplots(3, 2, sharex=True)
+    time, rpy = result["/filter/time"], np.degrees(result["/filter/attitude_rpy"])
+    jump = np.abs(np.diff(rpy, axis=0, prepend=rpy[:1])) > 180.0
+    hole = after_hole(result, time)[:, None]
+    rpy = np.where(jump | hole, np.nan, rpy)
+    sigma = np.where(hole, np.nan, np.degrees(result["/filter/sigma"][:, 6:9]))
+    for row, name in enumerate(("roll", "pitch", "yaw")):
+        axes[row, 0].plot(time, rpy[:, row], color=COLOURS[0])
+        axes[row, 0].set_ylabel(f"{name}, deg")
+    axes[0, 1].plot(time, sigma[:, :2].max(axis=1), color=COLOURS[0], label="tilt")
+    axes[0, 1].plot(time, sigma[:, 2], color=COLOURS[1], label="heading")
+    axes[0, 1].set_ylabel("1σ, deg")
+    axes[0, 1].set_yscale("log")
+    legend_over(axes[0, 1], 2)
+    gyro, accelerometer = (np.where(hole, np.nan, result[f"/filter/{of}_bias"]) for of in ("gyro", "accelerometer"))
+    for i, axis in enumerate("xyz"):
+        axes[1, 1].plot(time, np.degrees(gyro[:, i]), color=COLOURS[i], label=axis)
+        axes[2, 1].plot(time, accelerometer[:, i], color=COLOURS[i])
+    axes[1, 1].set_ylabel("gyro bias, deg/s")
+    legend_over(axes[1, 1], 3)
+    axes[2, 1].set_ylabel("accel. bias, m/s²")
+    for ax in axes.flat:
+        _shade_lost(ax, result)
+    for ax in axes[-1]:
+        ax.set_xlabel("time, s")
+    fig.align_ylabels(axes)
+    return fig
+
+
+def drifts(result: Result) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """For each length of outages, s: their horizontal drifts in order, m, and the share of outages each stands for."""
+    length = np.round(result["/outages/end"] - result["/outages/start"], 6)
+    out = []
+    for duration in map(float, result["/summary/duration"]):
+        drift = np.sort(result["/outages/horizontal_error"][length == np.round(duration, 6)])
+        drift = drift[np.isfinite(drift)]
+        out.append((duration, drift, (np.arange(drift.size) + 0.5) / max(drift.size, 1)))
+    return out
+
+
+def _outages(result: Result) -> Figure:
+    from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLUMN, new_figure, style
+
+    fig = new_figure(COLUMN, 2.8)
+    ax = fig.subplots()
+    for i, (duration, drift, share) in enumerate(drifts(result)):
+        ax.plot(drift, share, marker="o", ms=3, **style(i), label=f"{duration:g} s without fixes")
+    ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(ScalarFormatter())
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.set_xlabel("horizontal drift, m")
+    ax.set_ylabel("share of outages")
+    ax.set_ylim(0.0, 1.0)
+    legend_above(fig, ax, 2)
+    return fig
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """Track, innovations, attitude with its uncertainty and the biases, drift in outages."""
+    drawn = {"track": _track(result), "innovations": _innovations(result), "attitude": _attitude(result)}
+    if np.isfinite(result["/outages/horizontal_error"]).any():
+        drawn["outages"] = _outages(result)
+    return drawn
+
+
+VIEW = View(one_by_one(tables), figures, ("/summary", "/tuning", "/outages"), drawings="navsim.replays.page:replays")

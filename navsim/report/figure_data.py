@@ -1,0 +1,383 @@
+"""What figures show, as numbers: computed once here for those drawn by matplotlib and those of the page.
+
+Times are in s, lengths in m, as in the result.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.filter.states import display_name
+from navsim.formats.export import choose_run, true_antenna
+from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
+from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
+from navsim.report.summary_tables import runs_of, setting
+from navsim.results.result import Result, ResultError, Stream
+from navsim.statistics import chi_square
+
+START = 0.1
+"""Share of a time axis at its start that sets no limits: what settles there would dwarf the rest."""
+MOST_RUNS = 50
+"""So many runs of an ensemble are drawn one by one."""
+NO_FIX, ALARM = 0, 3
+"""`/integrity/status` without a fix, and with an alarm."""
+LEVELS = (("horizontal", "hpl", "hal"), ("vertical", "vpl", "val"))
+"""Axes, and the names of their protection levels and alert limits."""
+_BINS = 60
+_STATES: tuple[tuple[str, str, float], ...] = (
+    ("position", "m", 1.0),
+    ("velocity", "m/s", 1.0),
+    ("attitude", "deg", 180.0 / np.pi),
+    ("gyro bias", "deg/h", 180.0 / np.pi * 3600.0),
+    ("accel. bias", "mg", 1e3 / 9.80665),
+)
+"""Triads of the states, their units and scales."""
+
+
+def settled(time: np.ndarray) -> np.ndarray:
+    """Which times (t,) lie behind the start."""
+    return time >= time[0] + START * (time[-1] - time[0])
+
+
+def in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
+    """Positions (n, 3): along (positive beyond it) and right in the threshold's tangent plane, height above it, m."""
+    heading = np.radians(setting(result, "runway", "heading_deg"))
+    return about_threshold(llh, result["/truth/threshold_llh"], heading)
+
+
+def about_threshold(llh: np.ndarray, threshold: np.ndarray, heading: float) -> np.ndarray:
+    """Positions (n, 3), latitude, longitude, rad, height, m, relative to a threshold (3,) and its heading, rad.
+
+    Returns along and right in its tangent plane, and the difference of heights above the ellipsoid, m. The plane itself
+    is 31 m off in 20 km.
+    """
+    flat = in_heading_axes(ecef_from_llh(llh), threshold, heading)
+    return np.column_stack([flat[:, :2], llh[:, 2] - threshold[2]])
+
+
+def event_time(result: Result, name: str) -> float:
+    """When an event of the flight is, s; nan where there is none of the name."""
+    names = list(result["/truth/event"])
+    return float(result["/truth/event_time"][names.index(name)]) if name in names else np.nan
+
+
+def touchdown(result: Result) -> float:
+    """When the aircraft touches down, s; nan where it does not."""
+    return event_time(result, "touchdown")
+
+
+def whose(result: Result) -> str:
+    """Whose levels and errors `/integrity` has."""
+    return "filter" if setting(result, "integrity", "method") == "filter" else "fix"
+
+
+def true_for(result: Result) -> str:
+    """What a figure of the truth says of the runs it belongs to."""
+    runs = result["/run"].size
+    if "/summary/at/lateral_fte" in result:
+        return "the route, from which each run deviates"
+    return f"the truth, which all {runs} runs share" if runs > 1 else ""
+
+
+def fix_errors(result: Result) -> np.ndarray:
+    """Fixes minus the antenna's true positions, NED, m: (run, e, 3); nan without a fix."""
+    own = "/receiver/true_position_llh"
+    true = ecef_from_llh(result[own]) if own in result else true_antenna(result)
+    difference = ecef_from_llh(result["/receiver/position_llh"]) - true
+    here = np.stack([np.interp(result["/receiver/time"], result["/truth/time"], column)
+                     for column in unturned(result["/truth/position_llh"]).T], axis=1)  # fmt: skip
+    return np.einsum("eij,rej->rei", ned_matrix(here), difference)
+
+
+def some_fix_errors(result: Result, most: int) -> np.ndarray:
+    """About `most` of the horizontal errors of fixes, north and east, m (n, 2), of all runs alike."""
+    error = fix_errors(result).reshape(-1, 3)
+    error = error[np.isfinite(error[:, 0])]
+    # a step that has no divisor in common with the epochs of a run
+    step = max(1, len(error) // most)
+    while np.gcd(step, result["/receiver/time"].size) > 1:
+        step += 1
+    return error[::step, :2]
+
+
+SHARE_95 = 5.991
+"""Square of the radius, in sigmas, of the circle that holds 95 % of a Gaussian of two dimensions: -2 ln 0.05."""
+
+
+def ellipse(covariance: np.ndarray) -> np.ndarray:
+    """The ellipse (2, 181) that holds 95 % of a Gaussian with this covariance (2, 2)."""
+    angle = np.linspace(0, 2 * np.pi, 181)
+    circle = np.sqrt(SHARE_95) * np.stack([np.cos(angle), np.sin(angle)])
+    return np.linalg.cholesky(covariance) @ circle
+
+
+def blocks(result: Result, path: str) -> Iterator[np.ndarray]:
+    """A variable along its first axis block by block, as it is kept: an ensemble need not fit into memory."""
+    data = result.variables[path].data
+    yield from data.blocks() if isinstance(data, Stream) else [np.asarray(data)]
+
+
+def rms_over_runs(result: Result, path: str) -> np.ndarray:
+    """Root mean square over runs (t, n)."""
+    total = sum(np.sum(block**2, axis=0) for block in blocks(result, path))
+    return np.sqrt(total / result["/run"].size)
+
+
+def first_runs(result: Result, path: str, most: int = MOST_RUNS) -> np.ndarray:
+    """As many runs as are drawn one by one (r, t, n)."""
+    found: list[np.ndarray] = []
+    for block in blocks(result, path):
+        found.append(block[: most - sum(len(b) for b in found)])
+        if sum(len(b) for b in found) >= most:
+            break
+    return np.concatenate(found)
+
+
+def come_down(result: Result) -> float:
+    """When the aircraft touches down, or goes around, s; nan where it does neither."""
+    landed = touchdown(result)
+    return event_time(result, "go_around") if np.isnan(landed) else landed
+
+
+def heights(result: Result) -> np.ndarray:
+    """True heights above the threshold at the times of the filter (t,), m."""
+    up = in_runway_axes(result, result["/truth/position_llh"])[:, 2]
+    return np.interp(result["/filter/time"], result["/truth/time"], up)
+
+
+def descent(result: Result) -> np.ndarray:
+    """The filter's outputs from where the aircraft leaves its level to touchdown, to a go-around, or to the end; their
+    numbers."""
+    time, height, landed = result["/filter/time"], heights(result), come_down(result)
+    until = time <= landed if np.isfinite(landed) else np.full(time.size, True)
+    begin = int(np.flatnonzero(until & (height >= height[until].max() - 0.5))[-1])
+    return np.flatnonzero(until & (np.arange(time.size) >= begin))
+
+
+@dataclass(frozen=True)
+class RunwayErrors:
+    """Position errors, truth minus estimate, right of, along and above the runway axes, m."""
+
+    runs: np.ndarray
+    """(r, w, 3) of the first runs; empty for a covariance analysis."""
+    rms: np.ndarray | None
+    """(w, 3) over all runs, or true; None if unknown."""
+    sigma: np.ndarray | None
+    """(w, 3) filter sigma. None if the runway is oblique to the map's axes, along which the file has the sigmas."""
+
+
+def runway_errors(result: Result, at: np.ndarray, most: int) -> RunwayErrors:
+    """At some outputs (w,), their numbers; of as many runs as `most`. Raises KeyError for a result without history."""
+    heading = math.radians(setting(result, "runway", "heading_deg"))
+    s, c = math.sin(heading), math.cos(heading)
+    turn = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
+    axes = np.round(np.abs(turn))
+    straight = bool(np.isclose(np.abs(turn), axes, atol=1e-9).all())
+    sigma = rms_over_runs(result, "/filter/sigma")[at][:, :3] @ axes.T if straight else None
+    if "/filter/error" not in result:
+        true = result["/covariance/rms"][at][:, :3] @ axes.T if straight else None
+        return RunwayErrors(np.empty((0, at.size, 3)), true, sigma)
+    total, runs, room = np.zeros((at.size, 3)), list[np.ndarray](), most
+    for block in blocks(result, "/filter/error"):
+        here = block[:, at, :3] @ turn.T
+        total += np.sum(here**2, axis=0)
+        runs.append(here[:room])
+        room -= len(runs[-1])
+    return RunwayErrors(np.concatenate(runs), np.sqrt(total / result["/run"].size), sigma)
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A state of a filter as it is shown: what its row of three is called, its unit, the factor to it, and its axis."""
+
+    row: str
+    unit: str
+    scale: float
+    axis: str
+
+    @property
+    def label(self) -> str:
+        """The row with its unit, where it has one."""
+        return f"{self.row}, {self.unit}" if self.unit else self.row
+
+
+def followed(names: list[str]) -> list[Followed]:
+    """How states of a filter are shown, three a row; names: as the result has them."""
+    alone = [name for name in names if name.startswith(("barometric_", "clock_", RANGE_ERROR))]
+    rows = list(_STATES)
+    further = names[3 * len(_STATES) : len(names) - len(alone)]
+    for first in further[::3]:
+        # errors of fixes begin with a variance of 1
+        scale = ("prior σ", 1.0) if first.startswith(FIX_ERROR) else ("ppm", 1e6)
+        rows.append((display_name(first.rpartition("_")[0]).replace("accelerometer", "accel."), *scale))
+    axes = [*(3 * ("north", "east", "down")), *(2 * "xyz"), *(name.rpartition("_")[2] for name in further)]
+    out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]
+    units = ("m/s" if n == "clock_drift" else "prior σ" if n.startswith(RANGE_ERROR) else "m" for n in alone)
+    return out + [Followed(display_name(n), unit, 1.0, "") for n, unit in zip(alone, units, strict=True)]
+
+
+def shares(result: Result, states: list[int]) -> np.ndarray:
+    """Shares of the sources of errors in the mean square error of these states (source, t), %."""
+    share = (result["/budget/rms"] ** 2)[:, :, states].sum(axis=2)
+    return 100.0 * share / np.maximum(share.sum(axis=0), np.finfo(float).tiny)
+
+
+def limit(result: Result, name: str) -> float:
+    """An alert limit of a landing, m; inf for none."""
+    path = f"/summary/integrity/{name}"
+    return float(result[path]) if path in result else np.inf
+
+
+def largest_errors(result: Result, axis: str) -> np.ndarray:
+    """The largest error of the fixes of all runs (e,), nan where there is none."""
+    largest = np.full(result["/integrity/time"].size, -np.inf)
+    for block in blocks(result, f"/integrity/error_{axis}"):
+        largest = np.fmax(largest, np.fmax.reduce(block, axis=0))
+    return np.where(np.isfinite(largest), largest, np.nan)
+
+
+def alarms(result: Result, of: int = ALARM) -> np.ndarray:
+    """Epochs at which a run has an alarm, or another status, their numbers."""
+    return np.flatnonzero(sum((block == of).any(axis=0) for block in blocks(result, "/integrity/status")))
+
+
+@dataclass(frozen=True)
+class Stanford:
+    """How often errors of fixes met protection levels. edges: of both axes (b + 1,), m. counts: epochs (error, level).
+    limit: the alert limit, inf for none. top: the end of the axes."""
+
+    edges: np.ndarray
+    counts: np.ndarray
+    limit: float
+    top: float
+
+    def regions(self) -> list[tuple[float, float, str]]:
+        """Names of the regions and where they stand; none without a limit."""
+        most, top = self.limit, self.top
+        if not math.isfinite(most):
+            return []
+        return [
+            (0.25 * most, 0.75 * most, "nominal"),
+            (0.72 * most, 0.25 * most, "misleading"),
+            (0.5 * (most + top), 0.5 * most, "hazardous"),
+            (0.5 * most, 0.5 * (most + top), "unavailable"),
+        ]
+
+    def within(self, name: str, x: float, y: float) -> bool:
+        """Whether an error and a level belong to a region."""
+        most = self.limit
+        if name == "unavailable":
+            return y > 1.08 * most
+        if name == "hazardous":
+            return x > most and y < 0.94 * most
+        return y < 0.94 * most and (x < y if name == "nominal" else y < x < most)
+
+
+def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
+    """Of an axis of `LEVELS`, epochs of the glide, those with an alarm left out."""
+    time = result["/integrity/time"]
+    # as the summary counts them: a path without a start of a glide is on it from the beginning
+    flying = ~((time < event_time(result, "glide_start") - 1e-9) | (time > touchdown(result) + 1e-9))
+    values = result[f"/integrity/{level}"]
+    most = limit(result, name)
+    top = 1.5 * most if np.isfinite(most) else 1.2 * float(np.max(values, where=np.isfinite(values), initial=1.0))
+    edges = np.linspace(0.0, top, _BINS + 1)
+    counts = np.zeros((_BINS, _BINS))
+    own = f"/integrity/{level}_run"  # after exclusions
+    errors, codes = (blocks(result, f"/integrity/{path}") for path in (f"error_{axis}", "status"))
+    of_runs = blocks(result, own) if own in result else itertools.repeat(values)
+    for error, status, one in zip(errors, codes, of_runs, strict=False):
+        shown = np.isfinite(error) & np.isfinite(one) & (status != ALARM) & flying
+        of_shown = np.broadcast_to(one, error.shape)[shown]
+        # what is beyond the frame is counted at its edge
+        counts += np.histogram2d(np.minimum(error[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
+    return Stanford(edges, counts, most, top)
+
+
+def stanford_text(result: Result) -> str:
+    """What a Stanford diagram counts."""
+    return (
+        f"{runs_of(result)}; epochs {_span(result)} by error and level, without those with an alarm; values outside "
+        "the frame are at its edge"
+    )
+
+
+def _span(result: Result) -> str:
+    """Of which part of a flight a Stanford diagram is, in words."""
+    begun, landed = (np.isfinite(event_time(result, name)) for name in ("glide_start", "touchdown"))
+    if begun:
+        return f"of the glide alone, from its start to {'touchdown' if landed else 'the end of the flight'},"
+    return "until touchdown" if landed else "of the whole flight, which has no glide"
+
+
+@dataclass(frozen=True)
+class StateRatios:
+    """Ratios of errors to sigma as maps show them.
+
+    z: (n, m) of each state between edges (m + 1,) in time, s, the one furthest from 1. limit: of the colours, which
+    reach from 1 / limit to limit, of one run (alone) from 0.
+    """
+
+    names: list[str]
+    edges: np.ndarray
+    z: np.ndarray
+    limit: float
+    alone: bool
+
+    @property
+    def label(self) -> str:
+        """What is shown, in words."""
+        return "error / σ" if self.alone else "z, RMS of error / σ"
+
+
+def state_ratios(result: Result, most: int) -> StateRatios:
+    """The ratios of a result for a map of no more columns than `most`."""
+    z, time = result["/consistency/z"], result["/consistency/time"]
+    step = max(1, -(-time.size // most))
+    first = np.arange(0, time.size, step)
+    padded = np.pad(z, ((0, first.size * step - time.size), (0, 0)), constant_values=np.nan)
+    blocks = padded.reshape(first.size, step, z.shape[1])
+    alone = result["/run"].size == 1 and result.attributes["method"] != "covariance"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = blocks if alone else np.abs(np.log(blocks))
+    chosen = np.where(np.isnan(off), -1.0, off).argmax(axis=1)
+    shown = np.take_along_axis(blocks, chosen[:, None], axis=1)[:, 0]
+    known = shown[np.isfinite(shown) & (shown > 0.0)]
+    if alone:
+        limit = max(3.0, float(result.variables["/consistency/z"].attributes["band_high"]))
+    else:
+        limit = float(np.clip(np.exp(np.abs(np.log(known)).max(initial=0.0)), 1.25, 2.0))
+    edges = np.append(time[first], 2.0 * time[-1] - time[-2] if time.size > 1 else time[-1] + 1.0)
+    names = [display_name(str(name)) for name in result["/consistency/state"]]
+    return StateRatios(names, edges, shown.T, limit, alone)
+
+
+def one_run(result: Result, number: int) -> Result:
+    """The result of one run of an ensemble, with the squares of its own errors and innovations where those of all runs
+    together stand. Raises ResultError for a run it does not hold, or where its figures are of one flight."""
+    if "/run" not in result:
+        raise ResultError(f"--run {number}: a result of kind {result.attributes['kind']} has no runs")
+    if result.attributes.get("method") == "covariance":
+        raise ResultError(f"--run {number}: a covariance analysis has no runs")
+    chosen, _ = choose_run(result, number)
+    variables = dict(chosen.variables)
+    variables.pop("/consistency/z", None)  # of all runs together
+    for name, path in (("nees", "nees"), ("nees_position_velocity",) * 2, ("nis", "innovation_squared")):
+        mean, own = f"/summary/consistency/{name}", f"/filter/{path}"
+        if mean not in chosen or own not in chosen or (name == "nis" and "/filter/range_status" in chosen):
+            variables.pop(mean, None)
+            continue
+        degrees = int(variables[own].attributes["degrees_of_freedom"])
+        values = chosen[own][0] / degrees
+        if name == "nis":  # at fix epochs, of which none is at time 0
+            values = np.append(np.full(chosen["/summary/consistency/time"].size - values.size, np.nan), values)
+        band = {
+            f"band_{end}": chi_square.quantile(p, degrees) / degrees for end, p in (("low", 0.025), ("high", 0.975))
+        }
+        variables[mean] = replace(variables[mean], data=values, attributes=variables[mean].attributes | band)
+    return Result(chosen.attributes, variables)

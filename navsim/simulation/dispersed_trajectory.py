@@ -1,0 +1,205 @@
+"""Truth that differs from run to run: the ways of runs that deviate from the route, and what their sensors meet there.
+
+The route stays what satellites are picked, weights formed and errors told by; what is measured, and what the filter is
+judged by, is of the way that is flown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.compiler.lanes import in_lanes
+from navsim.geodesy import earth
+from navsim.gnss.pseudorange import Signals
+from navsim.gnss.signals import antenna_motion
+from navsim.simulation.dispersion_kernels import deviate, ranges_from
+from navsim.statistics.random_streams import generator
+from navsim.trajectory.air import Air
+from navsim.trajectory.dispersion import Departure, Disturbance, deviated
+from navsim.trajectory.guidance import Held
+from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
+
+
+@dataclass(frozen=True)
+class KeptRoute:
+    """What all runs deviate from, which is asked for the same times in each: what it was is kept."""
+
+    trajectory: Trajectory
+    kept: dict[bytes, Motion] = field(default_factory=dict)
+
+    def motion(self, t: np.ndarray) -> Motion:
+        """Everything at the times t (n,), s."""
+        key = t.tobytes()
+        if key not in self.kept:
+            self.kept[key] = self.trajectory.motion(t)
+        return self.kept[key]
+
+
+@dataclass(frozen=True)
+class FlownWay:
+    """The flight of one run, as sensors beside the receiver meet it (`aiding`)."""
+
+    route: KeptRoute
+    departure: Departure
+
+    @property
+    def frame(self) -> Frame:
+        """Axes of the path."""
+        return self.route.trajectory.frame
+
+    def motion(self, t: np.ndarray) -> Motion:
+        """Everything at the times t (n,), s."""
+        return deviated(self.route.motion(t), self.frame, *self.departure.at(t))
+
+    def llh(self, t: np.ndarray) -> np.ndarray:
+        """Places at the times t (n,), s: (n, 3) rad, rad, m."""
+        off = self.departure.place(t)[..., 0] @ self.frame.axes.T
+        return earth.llh_from_ecef(self.route.motion(t).position_ecef + off)
+
+
+class Flown(NamedTuple):
+    """True motion of runs (lanes) that deviate from the route."""
+
+    dtheta: np.ndarray
+    """(n, 3, W) exact angle increments, rad."""
+    dv: np.ndarray
+    """(n, 3, W) exact velocity increments, m/s."""
+    llh: np.ndarray
+    """(o, 3, W) at the filter's outputs."""
+    velocity: np.ndarray
+    """(o, 3, W)."""
+    quaternion: np.ndarray
+    """(o, 4, W)."""
+    rpy: np.ndarray
+    """(o, 3, W)."""
+    deviation: np.ndarray
+    """(o, 3, W) from the route along runway axes, m: lateral (right), along, vertical (up)."""
+    gust: np.ndarray
+    """(o, 3, W) see `Departure`."""
+    antenna: np.ndarray
+    """(e, 3, W) at fixes, ECEF."""
+    ranges: np.ndarray
+    """(e, s, W) at fixes."""
+    rates: np.ndarray
+    """(e, s, W) at fixes."""
+    departure: Departure
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Common data of the trajectories of all runs."""
+
+    trajectory: Trajectory
+    disturbance: Disturbance
+    half: Motion
+    """Route at IMU samples and halfway between them."""
+    axes_half: np.ndarray
+    """(2n + 1, 3, 3) its body axes in path axes."""
+    increments: tuple[np.ndarray, np.ndarray]
+    """(n, 3) its increments."""
+    at_filter: Motion
+    """Route at the filter's outputs."""
+    at_fixes: Motion
+    """Route at the fixes."""
+    signals: Signals
+    sources: np.ndarray
+    """(e, s, 3) true positions of the sources, ECEF."""
+    lever_arm: np.ndarray
+    route: KeptRoute
+    """Route at other times."""
+
+    @classmethod
+    def of(
+        cls,
+        air: Air,
+        trajectory: Trajectory,
+        imu_time: np.ndarray,
+        at_filter: Motion,
+        at_fixes: Motion,
+        signals: Signals,
+        sources: np.ndarray,
+        lever_arm: np.ndarray,
+    ) -> Ways:
+        """Those in some air around a trajectory."""
+        half = trajectory.motion(np.linspace(imu_time[0], imu_time[-1], 2 * imu_time.size - 1))
+        return cls(
+            trajectory, Disturbance.of(air, trajectory, imu_time), half, np.ascontiguousarray(trajectory.frame.axes.T @
+            half.c_eb), trajectory.increments(imu_time), at_filter, at_fixes, signals, sources, lever_arm,
+            KeptRoute(trajectory),
+        )  # fmt: skip
+
+    @property
+    def follows(self) -> bool:
+        """Whether aircraft are steered by their estimates."""
+        return self.disturbance.air.follow is not None
+
+    def known(self, error: np.ndarray) -> Held:
+        """What guidance knows of where it is, by errors of position (o, 3, W), truth - estimate in NED, m, at the
+        filter's outputs."""
+        samples = self.disturbance.time
+        since = np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
+        turn = self.trajectory.frame.axes.T @ earth.ned_matrix(self.at_filter.llh).swapaxes(1, 2)
+        return Held.of(since, np.einsum("oaj,ojw->oaw", turn, error))
+
+    def flown(self, seed: int, runs: Sequence[int], lanes: int, known: Held | None = None) -> Flown:
+        """The ways of runs, in the first of so many lanes; lanes that are left over fly that of the last one. known:
+        the errors by which they are steered, None before they are known."""
+        frame, others = self.trajectory.frame, lanes - len(runs)
+        rngs = {}
+        for number in self.disturbance.walks:
+            own = [generator(seed, run, "air", number) for run in runs]
+            rngs[number] = (*own, *(own[-1] for _ in range(others)))
+        departure = self.disturbance.drawn(rngs, len(runs), lanes, known)
+        for each in (departure.way, departure.turn, departure.gust):
+            each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
+        dtheta, dv = (np.empty((*m.shape, lanes)) for m in self.increments)
+        along, step = self.disturbance, float(self.disturbance.time[1] - self.disturbance.time[0])
+        deviate(
+            step, self.half.specific_force, self.half.angular_rate, self.axes_half, along.gradient,
+            frame.axes.T @ EARTH_RATE, in_lanes(departure.way), in_lanes(departure.turn), *self.increments,
+            in_lanes(dtheta), in_lanes(dv),
+        )  # fmt: skip
+        way, turn = departure.at(self.at_filter.time)
+        there = deviated(self.at_filter, frame, way, turn)
+        at_fixes = deviated(self.at_fixes, frame, *departure.at(self.at_fixes.time))
+        antenna, antenna_velocity = (_lanes(m, lanes) for m in antenna_motion(at_fixes, self.lever_arm))
+        ranges, rates = self._ranges(antenna, antenna_velocity)
+        return Flown(
+            dtheta,
+            dv,
+            llh=_lanes(there.llh, lanes),
+            velocity=_lanes(there.velocity_ned, lanes),
+            quaternion=_lanes(there.quaternion, lanes),
+            rpy=_lanes(there.rpy, lanes),
+            deviation=np.stack([way[:, 1], way[:, 0], -way[:, 2]], axis=1),
+            gust=departure.gust_at(self.at_filter.time),
+            antenna=antenna,
+            ranges=ranges,
+            rates=rates,
+            departure=departure,
+        )
+
+    def of_run(self, flown: Flown, lane: int) -> FlownWay:
+        """The flight of one run."""
+        of_all, one = flown.departure, slice(lane, lane + 1)
+        own = (part[..., one] for part in (of_all.way, of_all.turn, of_all.gust))
+        return FlownWay(self.route, Departure(of_all.time, *own))
+
+    def _ranges(self, antenna: np.ndarray, antenna_velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """True ranges and range rates (e, s, W): those of the route, and by how much the distances differ."""
+        signals = self.signals
+        e, s, lanes = *signals.range.shape, antenna.shape[2]
+        ranges, rates = np.empty((e, s, lanes)), np.empty((e, s, lanes))
+        ranges_from(self.sources, signals.velocity, *(in_lanes(m) for m in (antenna, antenna_velocity, ranges, rates)))
+        old, faster = np.empty((e, s)), np.empty((e, s))
+        ranges_from(self.sources, signals.velocity, signals.antenna, signals.antenna_velocity, old, faster)
+        return ranges + (signals.range - old)[..., None], rates + (signals.range_rate - faster)[..., None]
+
+
+def _lanes(values: np.ndarray, lanes: int) -> np.ndarray:
+    """Numbers of runs one after the other (W m, k) as lanes (m, k, W)."""
+    return np.ascontiguousarray(values.reshape(lanes, -1, *values.shape[1:]).transpose(1, 2, 0))

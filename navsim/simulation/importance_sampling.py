@@ -1,0 +1,160 @@
+"""Importance sampling of landings that end outside a box, by a shift of all random inputs.
+
+To first order the error at a height is a linear function of all inputs of a landing (`simulation.sensitivity`). Of all
+inputs that bring the error to a face of the box, the likeliest are the covariance of the inputs times the slopes of the
+error. The inputs of a run are drawn as usual and then shifted there. The ratio of the densities with and without the
+shift depends on that linear function alone, whatever the filter then does. Weighted by it, the runs give unbiased
+probabilities.
+
+Runs are drawn from a mixture of shifts: one for each face, some half as far, some none. A weight never exceeds one over
+the share of runs without a shift. Errors that no face represents thus cost accuracy but cause no bias.
+
+Equations: `docs/theory/covariance.md`, section 3.
+
+Sources:
+
+- [1] Owen & Zhou, Safe and effective importance sampling, JASA 95 (2000) (mixtures with a defensive component).
+- [2] Veach & Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH (1995) (the balance
+  heuristic).
+- [3] Bucklew, Introduction to Rare Event Simulation (2004) (shifts to the likeliest way into a rare set).
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.simulation.landing import Flight, Inputs
+from navsim.simulation.sensitivity import Slopes, carried, deviations
+from navsim.statistics.random_streams import generator
+
+_FULL, _HALF = 0.8, 0.1
+"""Shares of the runs pushed to a face and half the way; the rest is not pushed."""
+_EVENLY = 0.5
+"""Share of the pushes that goes to all faces alike; the rest goes by their probabilities to first order."""
+_MOST_EXPONENT = 700.0
+"""Of a number."""
+_STEPS = 1001
+"""Places between two faces at which weights are looked at."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Proposal density of the inputs: a mixture of shifts."""
+
+    covariance: np.ndarray
+    """(K, K) of the errors that a box bounds, to first order."""
+    pushes: np.ndarray
+    """(C, K) of the components: a push c shifts the means of the errors by covariance c."""
+    shares: np.ndarray
+    """(C,) of the components; the last does not shift."""
+
+    @property
+    def most_weight(self) -> float:
+        """No weight is above this."""
+        return float(1.0 / self.shares[-1])
+
+    def most_weight_between(self, low: np.ndarray, high: np.ndarray) -> float:
+        """No weight is above this where the errors to first order are from low to high (K,) off their means; where
+        either is not finite nothing is known of that error."""
+        density = float(self.shares[~self.pushes.any(axis=1)].sum())
+        for k in np.flatnonzero(np.isfinite(low) & np.isfinite(high)):
+            along = self.pushes[:, k] != 0.0  # a push is along one error
+            push = self.pushes[along, k, None]
+            exponents = push * np.linspace(low[k], high[k], _STEPS) - 0.5 * push**2 * self.covariance[k, k]
+            # far faces have pushes beyond any number at their own side, where the least is not
+            density += float((self.shares[along] @ np.exp(np.minimum(exponents, _MOST_EXPONENT))).min())
+        return 1.0 / density
+
+    def drawn(self, seed: int, run: int) -> int:
+        """The component of a run."""
+        ends = np.cumsum(self.shares)
+        return int(np.searchsorted(ends, generator(seed, run, "tilt").random() * ends[-1], side="right"))
+
+    def log_weights(self, errors: np.ndarray) -> np.ndarray:
+        """Logarithms (W,) of the density without pushes over that of the mixture, where the errors to first order are
+        (K, W) off their means."""
+        square = np.einsum("ci,ij,cj->c", self.pushes, self.covariance, self.pushes)
+        exponents = self.pushes @ errors - 0.5 * square[:, None]
+        most = exponents.max(axis=0)
+        return -(most + np.log(self.shares @ np.exp(exponents - most)))
+
+
+def proposal(mean: np.ndarray, covariance: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Proposal:
+    """The proposal for a box with least and largest errors (K,), infinite for none, that have this mean (K,) and
+    covariance (K, K) to first order. Raises ValueError for a limited error that does not vary."""
+    from scipy.special import ndtr
+
+    sigma = np.sqrt(np.diagonal(covariance))
+    faces = list(itertools.product(np.flatnonzero(np.isfinite(upper)).tolist(), (1.0, -1.0)))
+    if not all(sigma[k] > 0.0 for k, _ in faces):
+        raise ValueError("an error that the box bounds does not depend on anything that is drawn")
+    way = np.array([(upper if sign > 0.0 else lower)[k] - mean[k] for k, sign in faces])
+    inside = np.array([sign * w > 0.0 for w, (_, sign) in zip(way, faces, strict=True)])
+    to_face = np.zeros((len(faces), upper.size))
+    for row, (k, _) in enumerate(faces):
+        # a face that the mean error is beyond needs no push
+        to_face[row, k] = way[row] / covariance[k, k] if inside[row] else 0.0
+    sigmas = np.array([abs(w) / sigma[k] for w, (k, _) in zip(way, faces, strict=True)])
+    chance = np.where(inside, ndtr(-sigmas), 1.0)
+    # far faces may be beyond any number: their shares among themselves are even then
+    likely = chance / chance.sum() if chance.sum() > 0.0 else np.full(len(faces), 1.0 / len(faces))
+    share = _EVENLY / len(faces) + (1.0 - _EVENLY) * likely
+    return Proposal(
+        covariance,
+        np.concatenate([to_face, 0.5 * to_face, np.zeros((1, upper.size))]),
+        np.concatenate([_FULL * share, _HALF * share, [1.0 - _FULL - _HALF]]),
+    )
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Shifts of the inputs of a flight towards the faces of a box."""
+
+    slopes: Slopes
+    """Of the K errors that the box bounds."""
+    shifts: Slopes
+    """Covariance of the inputs times the slopes."""
+    mean: np.ndarray
+    """(K,) of the errors to first order."""
+    proposal: Proposal
+
+
+def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Tilt:
+    """The pushes for a box; slopes: of the K errors that it bounds; mean, lower, upper: see `proposal`, which raises
+    ValueError."""
+    shifts = carried(flight, slopes)
+    pairs = zip(slopes.members(), shifts.members(), strict=True)
+    parts = [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair)) for pair in pairs]
+    covariance = np.sum(parts, axis=0)
+    return Tilt(slopes, shifts, mean, proposal(mean, 0.5 * (covariance + covariance.T), lower, upper))
+
+
+def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) -> tuple[Inputs, np.ndarray]:
+    """Inputs of runs (lanes) pushed by the component of each, and by how much (K, W) their errors to first order are
+    off their means. Lanes beyond the components are pushed like the last one. The true values of sensor states stay
+    what they were."""
+    lanes = inputs.initial.shape[-1]
+    each = np.array([*components, *[components[-1]] * (lanes - len(components))])
+    pushes = tilt.proposal.pushes[each]
+
+    def moved(values: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        return values + np.ascontiguousarray(np.einsum("k...,wk->...w", shift, pushes))
+
+    shifts = tilt.shifts
+    phases = None
+    if inputs.phases is not None and shifts.phases is not None:
+        phases = moved(inputs.phases, shifts.phases)
+    out = replace(
+        inputs,
+        initial=moved(inputs.initial, shifts.initial),
+        dtheta=moved(inputs.dtheta, shifts.dtheta),
+        dv=moved(inputs.dv, shifts.dv),
+        ranges=moved(inputs.ranges, shifts.ranges),
+        rates=moved(inputs.rates, shifts.rates),
+        phases=phases,
+        aided=tuple(moved(a, s) for a, s in zip(inputs.aided, shifts.aided, strict=True)),
+    )
+    return out, tilt.slopes.times(deviations(flight, out))

@@ -1,0 +1,1 @@
+"""Probability and random numbers: distributions, sampled processes, noise, consistency sums."""

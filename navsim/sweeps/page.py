@@ -1,0 +1,170 @@
+"""Drawings of sweeps: a map, or curves, of each output; results one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.plotting import figure
+
+from navsim.report.page.plots import (
+    BROWN,
+    GREY,
+    ORANGE,
+    Drawing,
+    Key,
+    Named,
+    bar,
+    colour,
+    from_runway,
+    line,
+    plot,
+    shades,
+    source,
+    tell,
+    ticks,
+    view_from_above,
+)
+from navsim.report.page.terrain import ridge_lines
+from navsim.report.ridges import shown_ridges
+from navsim.report.summary_tables import setting
+from navsim.report.table import as_text
+from navsim.results.result import Result
+from navsim.sweeps import report
+
+_MOST_MAPS = 12
+"""Most outputs of a sweep that are drawn; the table has all."""
+_MOST_CURVES = 6
+RUNWAY = Key("runway", GREY)
+
+
+def sweeps(results: Sequence[Named]) -> list[Drawing]:
+    """A map, or curves, of each output of each report."""
+    out = []
+    for k, (name, result) in enumerate(results):
+        outputs = [
+            each for each in report.shown(result) if report.best(result[f"/sweep/{each}"], report.large(result, each))
+        ]
+        moved = report.plane(result)
+        for each in outputs[:_MOST_MAPS]:
+            made = _map(result, each, moved) if moved else _curves(result, each)
+            said = result.variables[f"/sweep/{each}"].long_name
+            title = f"{said[:1].upper()}{said[1:]}{f' ({name})' if len(results) > 1 else ''}"
+            panels, caption, keys = made
+            left = len(outputs) - _MOST_MAPS
+            caption += (
+                f" {left} further outputs are in the table alone."
+                if left > 0 and each == outputs[_MOST_MAPS - 1]
+                else ""
+            )
+            out.append(Drawing(f"{each}-{k}", title, panels, caption, keys, min(2, len(panels))))
+    return out
+
+
+def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure], str, list[Key]]:
+    better = report.large(result, name)
+    low, high = report.colours(result[f"/sweep/{name}"], better)
+    mapper = shades(low, high, reverse=not better)
+    panels, hollow = [], False
+    for panel in report.panels(result, name, moved):
+        on = plot(panel.title, "along the runway from the threshold, m", "right of the axis, m", 350)
+        marks: list[Any] = []
+        if not np.isfinite(panel.values).all():
+            hollow = True
+            for site in panel.sites:
+                shade_ground(on, *site)
+        for (along, right), corners in zip(panel.sites, panel.corners, strict=True):
+            marks.append(_cells(on, panel.values, along, right, corners, mapper))
+        bar(on, mapper, report.label(result, name))
+        if panel.best is not None:
+            star = source(x=panel.best[0], y=panel.best[1])
+            on.scatter("x", "y", source=star, marker="star", size=15, fill_color=ORANGE, line_color="white")
+        draw_runway(on, result, panel.sites)
+        unit = result.variables[f"/sweep/{name}"].units
+        tell(on, marks, ("along", "$x{0} m"), ("right", "$y{0} m"),
+             ("value", "@image{0.0000}" + ("" if unit == "1" else f" {unit}")))  # fmt: skip
+        panels.append(on)
+    text = f"Colours: {report.label(result, name)}, by where pseudolites stand; star: the best."
+    text += f" Not drawn: {unlike}." if (unlike := report.varied_terrain(result)) else ""
+    keys = [RUNWAY, Key("ground track", GREY, "dash"), Key("best", ORANGE, "star"), *terrain_key(result)]
+    return panels, text, [*keys, Key("no solution", GREY, "band")] if hollow else keys
+
+
+def shade_ground(on: figure, along: np.ndarray, right: np.ndarray) -> None:
+    """Shade what places span, before a map with holes is drawn over it."""
+    ends = [(float(np.nanmin(each)), float(np.nanmax(each))) for each in (along, right)]
+    on.quad(left=ends[0][0], right=ends[0][1], bottom=ends[1][0], top=ends[1][1], fill_color=GREY, fill_alpha=0.3,
+            line_color=None, level="image")  # fmt: skip
+
+
+def terrain_key(result: Result) -> list[Key]:
+    return [Key("terrain, height of its top above the threshold", BROWN)] if shown_ridges(result) else []
+
+
+def _cells(
+    on: figure, values: np.ndarray, along: np.ndarray, right: np.ndarray,
+    corners: tuple[np.ndarray, np.ndarray] | None, mapper: Any,
+) -> Any:  # fmt: skip
+    """The values (n, m) where pseudolites stand: as an image, where cells lie along the axes, else as squares."""
+    if corners is not None:
+        x, y = corners
+        for first, second, data in ((x, y, values.T), (x.T, y.T, values)):
+            # the first axis of the image goes along x, the second along y
+            even = all(np.allclose(np.diff(each), np.diff(each)[0], rtol=1e-3) for each in (first[:, 0], second[0]))
+            straight = np.ptp(first, axis=1).max() < 1e-3 * max(np.ptp(first), 1.0)
+            straight &= bool(np.ptp(second, axis=0).max() < 1e-3 * max(np.ptp(second), 1.0))
+            if even and straight:
+                data = data if first[-1, 0] > first[0, 0] else data[:, ::-1]
+                data = data if second[0, -1] > second[0, 0] else data[::-1]
+                ends = [(float(min(e[0], e[-1])), float(max(e[0], e[-1]))) for e in (first[:, 0], second[0])]
+                on.grid.visible = False
+                return on.image(
+                    image=[data.astype(np.float32)], x=ends[0][0], y=ends[1][0], dw=ends[0][1] - ends[0][0],
+                    dh=ends[1][1] - ends[1][0], color_mapper=mapper, level="image",
+                )  # fmt: skip
+    known = np.isfinite(along) & np.isfinite(values)
+    of = source(x=along[known], y=right[known], image=values[known])
+    fill = {"field": "image", "transform": mapper}
+    return on.scatter("x", "y", source=of, marker="square", size=7, fill_color=fill, line_color=None)
+
+
+def draw_runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+    """Runway and ground track by a map: the whole runway, where the map keeps half of the axes."""
+    along, right = (np.concatenate([site[i].ravel() for site in sites]) for i in (0, 1))
+    length = float(setting(result, "runway", "length_m"))
+    on.line([0.0, length], [0.0, 0.0], line_color=GREY, line_width=5)
+    if "/plan/track_along" in result:
+        of = source(x=result["/plan/track_along"], y=result["/plan/track_right"])
+        line(on, of, "y", GREY, line_dash="dashed")
+    shown: list[tuple[float, float]] = []
+    for each, more in ((along, (0.0, length)), (right, (0.0, 0.0))):
+        low, high = float(np.nanmin(each)), float(np.nanmax(each))
+        wide = min(low, *more), max(high, *more)
+        low, high = wide if wide[1] - wide[0] <= 2.0 * (high - low) else (low, high)
+        room = 0.06 * max(high - low, 1.0)
+        shown.append((low - room, high + room))
+    view_from_above(on, shown[0], shown[1])
+    ridge_lines(on, shown_ridges(result), shown[0], shown[1], over_map=True)
+    from_runway(on)
+
+
+def _curves(result: Result, name: str) -> tuple[list[figure], str, list[Key]]:
+    of = report.curves(result, name, _MOST_CURVES)
+    on = plot("", report.axis_label(result, of.axis), report.label(result, name), 320)
+    numeric = of.x.dtype.kind in "fiu"
+    at = of.x if numeric else np.arange(of.x.size)
+    said = [as_text(value) for value in of.x]
+    marks = []
+    for k, (row, which) in enumerate(zip(of.rows, of.names, strict=True)):
+        columns = source(x=at, y=row, said=said)
+        if not of.scattered:
+            line(on, columns, "y", colour(k))
+        marks.append(on.scatter("x", "y", source=columns, size=6, color=colour(k), name=which or name))
+    if not numeric:
+        ticks(on, on.xaxis[0], [float(each) for each in at], said)
+    unit = result.variables[f"/sweep/{name}"].units
+    across, value = report.axis_label(result, of.axis), "@y{0.0000}" + ("" if unit == "1" else f" {unit}")
+    tell(on, marks, ("", "$name"), (across, "@said"), ("value", value))
+    keys = [Key(which, colour(k)) for k, which in enumerate(of.names) if which]
+    return [on], f"{report.label(result, name)}.{f' Shown: {of.some}.' if of.some else ''}", keys
