@@ -138,7 +138,7 @@ class FilterModel(NamedTuple):
     kind: int
     """`filter.estimate.FILTER_KINDS`."""
     noise: np.ndarray
-    """(1, 2) or (n, 2) white noise densities of the sensors (`filter.covariance`), for all or each of the IMU intervals."""
+    """(1, 2) or (n, 2) white noise densities of the sensors (`filter.covariance`), for all or each IMU interval."""
     declared: np.ndarray
     """Sensor states, see `states.DECLARED`."""
     gate: np.ndarray
