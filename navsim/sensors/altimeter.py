@@ -50,17 +50,19 @@ class Ground:
 
 @dataclass(frozen=True)
 class Centreline:
-    """Where distances along an approach are counted from: threshold llh (3,) rad, rad, m; scale (2,) m a radian of
-    latitude and of longitude there; direction (2,) cosine and sine of the direction of landing, clockwise from
-    north."""
+    """Origin and direction of distances along an approach."""
 
     threshold: np.ndarray
+    """llh (3,) rad, rad, m."""
     scale: np.ndarray
+    """(2,) metres in a radian of latitude and of longitude there."""
     direction: np.ndarray
+    """(2,) cosine and sine of the direction of landing, clockwise from north."""
 
     @classmethod
     def of(cls, frame: Frame, aim_point: float, height: float) -> Centreline:
-        """That of a runway whose touchdown point, `aim_point` m beyond its threshold, is the origin of `frame`."""
+        """Centreline of a runway whose touchdown point, `aim_point` m beyond its threshold, is the origin of
+        `frame`."""
         llh = llh_from_ecef(frame.origin - aim_point * frame.axes[:, 0])
         lat, lon = llh[:2]
         north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
@@ -71,7 +73,7 @@ class Centreline:
         return cls(np.array([lat, lon, height]), scale, direction / np.linalg.norm(direction))
 
     def along(self, llh: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """Distance beyond the threshold (n,), m, of what is `arm` (n, 3), NED m, from places llh (n, 3)."""
+        """Distance beyond the threshold (n,), m, of points at `arm` (n, 3), NED m, from positions llh (n, 3)."""
         turn = llh[:, 1] - self.threshold[1]
         turn -= 2.0 * math.pi * np.floor(turn / (2.0 * math.pi) + 0.5)
         north = (llh[:, 0] - self.threshold[0]) * self.scale[0] + arm[:, 0]
@@ -80,8 +82,7 @@ class Centreline:
 
 @dataclass(frozen=True)
 class RadioBeliefs:
-    """What a filter takes a radio altimeter for: floor, share, ground, lever_arm, latency as of `RadioAltimeter`;
-    start: m beyond the threshold from which on it uses it."""
+    """Filter model of a `RadioAltimeter`, whose fields it shares."""
 
     floor: float
     share: float
@@ -89,6 +90,7 @@ class RadioBeliefs:
     lever_arm: np.ndarray
     latency: float
     start: float = -math.inf
+    """Distance beyond the threshold from which the filter uses it, m."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ class RadioAltimeter:
     """Filter model."""
 
     def exact(self, frame: Frame, motion: Motion) -> np.ndarray:
-        """What it measures without noise along a motion (m,), m; nan where it does not measure."""
+        """Noise-free measurements along a motion (m,), m; nan where it does not measure."""
         arm = motion.c_nb @ self.lever_arm
         ground = self.ground.at(Centreline.of(frame, self.aim_point, self.height).along(motion.llh, arm))
         above = motion.llh[:, 2] - arm[:, 2] - self.height - ground
@@ -134,7 +136,7 @@ class RadioAltimeter:
 
     @property
     def as_believed(self) -> bool:
-        """Whether the filter takes it for what it is."""
+        """Whether the filter model equals the altimeter."""
         mine, its = self, self.believed
         return (
             (mine.floor, mine.share, mine.latency) == (its.floor, its.share, its.latency)

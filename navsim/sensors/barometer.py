@@ -38,15 +38,15 @@ def pressure_altitude(pressure: np.ndarray | float) -> np.ndarray:
 SLOPE = HECTOPASCAL * GAS * TEMPERATURE / (GRAVITY * SEA_LEVEL)
 """Metres of height a hectopascal at sea level."""
 SETTING, DRIFT = 0, 1
-"""Errors of a barometric altimeter that last."""
+"""Time-correlated errors of a barometric altimeter."""
 
 
 @dataclass(frozen=True)
 class AirColumn:
-    """The air over an aerodrome, by how much it is off the standard atmosphere.
+    """Air above an aerodrome as a deviation from the standard atmosphere.
 
     elevation: of the aerodrome above sea level, m. warmer: K, at all heights. The pressure at the aerodrome is the
-    standard one: what a setting by the aerodrome's own pressure (QNH) makes of any other.
+    standard one; a correct QNH setting makes any other pressure equivalent.
     """
 
     elevation: float
@@ -66,7 +66,7 @@ class AirColumn:
         return standard_pressure(self.elevation) * ratio**_POWER
 
     def height(self, shown: np.ndarray) -> np.ndarray:
-        """Height above sea level, m, of what an altimeter shows that is set right."""
+        """Height above sea level, m, from the reading of a correctly set altimeter."""
         return self.elevation + (shown - self.elevation) / self.stretch
 
 
@@ -117,15 +117,17 @@ class BarometricAltimeter:
     """s."""
 
     def shown(self, time: np.ndarray, height: np.ndarray) -> np.ndarray:
-        """What it shows without noise (n,), m above sea level; height: (n,) m above the ellipsoid at times (n,), s,
-        close enough for the pressure to be straight in between."""
+        """Noise-free reading (n,), m above sea level.
+
+        height: (n,) m above the ellipsoid at times (n,), s, close enough for linear pressure in between.
+        """
         outside = self.air.pressure(height - self.undulation)
         set_to = SEA_LEVEL + HECTOPASCAL * self.wrong_setting
         return pressure_altitude(late(time, outside, self.lag)) - pressure_altitude(set_to)
 
     @property
     def lasting(self) -> LastingErrors:
-        """The errors that last, by what they add to what is shown, m, at one time."""
+        """Time-correlated errors of the reading, m, at one time."""
         set_to = 1.0 + HECTOPASCAL * self.wrong_setting / SEA_LEVEL
         setting = self.setting_sigma * SLOPE * set_to ** (1.0 / _POWER - 1.0)
         sigma = np.array([setting, self.drift])
@@ -137,8 +139,7 @@ class BarometricAltimeter:
         return np.array([-float(pressure_altitude(SEA_LEVEL + HECTOPASCAL * self.wrong_setting)), 0.0])
 
     def drawn(self, time: np.ndarray, draw: np.random.Generator) -> np.ndarray:
-        """What a run adds to what is shown (2, n), m, at ascending times (n,), s: its setting, and a stationary
-        drift."""
+        """Errors of the reading in a run (2, n), m, at ascending times (n,), s: its setting, and a stationary drift."""
         out = np.zeros((2, time.size))
         if self.setting_sigma > 0.0:
             set_to = SEA_LEVEL + HECTOPASCAL * self.wrong_setting
@@ -174,7 +175,7 @@ class BarometricAltimeter:
 
     @property
     def as_believed(self) -> bool:
-        """Whether the filter takes it for what it is."""
+        """Whether the filter model equals the altimeter."""
         its = self.believed
         mine = self.sigma, self.lag, self.air, self.undulation, self.setting_sigma * SLOPE, self.drift
         right = self.wrong_setting == 0.0 and (self.drift == 0.0 or self.drift_time == its.drift_time)
@@ -182,8 +183,8 @@ class BarometricAltimeter:
 
 
 def late(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
-    """What a lag of first order (s) makes of values (n,) at times (n,), straight between them; it begins in the state
-    that the slope at the start would have led to."""
+    """First-order lag (s) of values (n,) at times (n,), linear between them, from the steady state of the initial
+    slope."""
     if lag == 0.0:
         return value
     out = np.empty_like(value)

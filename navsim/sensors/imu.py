@@ -1,9 +1,8 @@
-"""Inertial sensor errors on top of exact increments: scale factor, constant bias, white noise, Gauss-Markov bias.
+"""Inertial sensor errors added to exact increments: scale factor, constant bias, white noise, Gauss-Markov bias.
 
 Measured rate = (1 + scale) true rate + bias + Markov process + white noise, for each axis alike; the same for specific
-force; what else there may be is in `imu_errors`. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their
-Allan variances).
-[2] Titterton & Weston (2004), section 12.5 (datasheet units).
+force. Further errors are in `imu_errors`. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their Allan
+variances). [2] Titterton & Weston (2004), section 12.5 (datasheet units).
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class Triad:
         return 2.0 * self.markov**2 / self.markov_time
 
     def initial_sigma(self) -> float:
-        """1 sigma of the whole bias at time 0; a fixed bias counts with its root mean square."""
+        """1 sigma of the total bias at time 0; a fixed bias counts with its root mean square."""
         constant = self.bias
         if self.fixed_bias is not None:
             constant = math.sqrt(sum(b * b for b in self.fixed_bias) / 3.0)
@@ -74,7 +73,7 @@ class Triad:
         return math.hypot(constant, self.markov) if shaken == 0.0 else math.hypot(constant, self.markov, shaken)
 
     def white(self) -> float:
-        """Density of the white noise, unit2 s, with what a vibration is taken for."""
+        """White noise density, unit2 s, including the white noise that represents vibration."""
         return self.noise_density**2 + self.further.shaken
 
 
@@ -110,8 +109,8 @@ class SensorErrors:
 def simulate(
     rng: np.random.Generator, dtheta: np.ndarray, dv: np.ndarray, dt: float, gyro: Triad, accel: Triad
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
-    """Measured increments dtheta, dv (n, 3) of one run, and the errors behind them at the start of every interval and
-    at the end (n + 1, 6)."""
+    """Measured increments dtheta, dv (n, 3) of one run, and its errors at the start of every interval and at the end (n
+    + 1, 6)."""
     every = np.arange(dtheta.shape[0] + 1)
     out_dtheta, out_dv, errors = simulate_lanes((rng,), 1, dtheta, dv, dt, gyro, accel, every)
     fields = {name: getattr(errors, name)[..., 0] for name in SensorErrors.__dataclass_fields__}
@@ -239,7 +238,7 @@ def _markov_variance(x: np.ndarray) -> np.ndarray:
 
 
 MARKOV_PEAK = 1.892618, 0.617364
-"""Where the Allan deviation of a Markov bias is largest, in correlation times, and how large, in its 1 sigma [1]."""
+"""Peak of the Allan deviation of a Markov bias: its time in correlation times, and its height in 1 sigma [1]."""
 
 
 def markov_of_lowest(lowest: float, density: float, time: float) -> float:

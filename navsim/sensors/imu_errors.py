@@ -1,9 +1,8 @@
-"""What inertial sensors do beside scale factor, constant bias, white noise and a Markov bias.
+"""Further errors of inertial sensors, besides scale factor, constant bias, white noise and a Markov bias.
 
-Of one sample, in this order: response (bandwidth); cross-axis gains, asymmetry, nonlinearity, g-sensitivity; what
-drifts; vibration, rectified or not; the quantum of the integral; the range. Everything acts on increments, and a step
-is one interval. Each kind of error has random numbers of its own, so that one switched on leaves the others what they
-were.
+They act on a sample in this order: response (bandwidth); cross-axis gains, asymmetry, nonlinearity, g-sensitivity;
+drifts; vibration, rectified or not; quantisation of the integral; range. Everything acts on increments, and a step is
+one interval. Each kind of error has its own random numbers, so switching one on does not change the others.
 
 Sources: [1] IEEE Std 952-1997, annexes B and C (terms, Allan variances). [2] `docs/theory/sensors.md`.
 """
@@ -27,10 +26,10 @@ from navsim.statistics.random_streams import branch
 """Branches of a run's stream of inertial sensors; the stream itself has bias, white noise, Markov bias and scale."""
 
 MEMORY = 10.0
-"""Over which a filter takes the random part of a vibration for white noise, s: much longer than between fixes, in which
-what vibrates goes to and fro."""
+"""Time over which the filter model treats the random part of a vibration as white noise, s: much longer than the
+interval between fixes, in which the vibration averages out."""
 _PARTS = 4
-"""Of a step of the spectrum of a vibration, at whose middles its density is taken."""
+"""Subdivisions of a step of a vibration's spectrum; its density is evaluated at their middles."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Vibration:
         return np.where((x >= f[0]) & (x <= f[-1]), np.exp(np.interp(x, f, s)), 0.0)
 
     def mean_square(self) -> float:
-        """Of the acceleration along an axis, (m/s2)2."""
+        """Mean square of the acceleration along an axis, (m/s2)2."""
         total = sum(0.5 * amplitude**2 for amplitude, _ in self.lines)
         for (f1, s1), (f2, s2) in zip(self.density[:-1], self.density[1:], strict=True):
             ratio, power = f2 / f1, 1.0 + math.log(s2 / s1) / math.log(f2 / f1)
@@ -78,12 +77,14 @@ class Vibration:
 
 @dataclass(frozen=True)
 class Warming:
-    """How much warmer than at the start the sensors are: by a ramp, K/s, and by warming up by so much, K, with a time
-    constant, s."""
+    """Rise of the sensors' temperature after the start."""
 
     ramp: float = 0.0
+    """K/s."""
     warm_up: float = 0.0
+    """Final rise of an exponential warm-up, K."""
     time: float = 1.0
+    """Its time constant, s."""
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """At times since the start, s, K."""
@@ -133,18 +134,18 @@ class ImuErrorModel:
 
     @property
     def there(self) -> bool:
-        """Whether measurements are other than without them, but for the bandwidth."""
+        """Whether these errors, apart from the bandwidth, change measurements."""
         nothing = ImuErrorModel(bandwidth=self.bandwidth, damping=self.damping)
         return self != nothing
 
     @property
     def drifts(self) -> bool:
-        """Whether the bias is other than without them, but for its random walk."""
+        """Whether these errors, apart from the random walk, change the bias."""
         return self.ramp > 0.0 or self.temperature > 0.0 or self.rectification > 0.0
 
 
 NOTHING = ImuErrorModel()
-"""Of sensors without any."""
+"""Model without further errors."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ class Gains:
 
     @classmethod
     def drawn(cls, what: ImuErrorModel, triad: int, rngs: Sequence[np.random.Generator]) -> Gains:
-        """Those of runs, each from the branches of its stream; triad: 0 gyros, 1 accelerometers."""
+        """Draw the gains of runs, each from the branches of its stream; triad: 0 gyros, 1 accelerometers."""
 
         def each(size: float, kind: int, *shape: int) -> np.ndarray:
             if size == 0.0:
@@ -185,8 +186,8 @@ class Gains:
         )  # fmt: skip
 
     def adds(self, felt: np.ndarray, force: np.ndarray, dt: float) -> np.ndarray:
-        """What they add to increments (n, 3, W), for such felt (n, 3, W or 1), and of velocity, force (n, 3, W or
-        1)."""
+        """Addition to increments (n, 3, W), from the input `felt` (n, 3, W or 1) and the velocity increments
+        `force`."""
         out = np.zeros((felt.shape[0], *self.uneven.shape))
         for axis in range(3):
             for other in range(3):
@@ -199,7 +200,7 @@ class Gains:
         return out
 
     def drift(self, what: ImuErrorModel, time: np.ndarray) -> np.ndarray:
-        """What they add to the bias at times (t,), s, since the start (t, 3, W)."""
+        """Addition to the bias at times (t,), s, since the start (t, 3, W)."""
         warmer = what.warming.at(time)
         return self.rectified + self.slope * time[:, None, None] + self.per_kelvin * warmer[:, None, None]
 
@@ -304,7 +305,7 @@ def periodic(what: ImuErrorModel, triad: int, rngs: Sequence[np.random.Generator
 
 
 def quantise(increments: np.ndarray, what: ImuErrorModel, triad: int, rngs: Sequence[np.random.Generator]) -> None:
-    """Make increments (n, 3, W) whole numbers of the quantum, in place: what is over is carried on."""
+    """Round increments (n, 3, W) to multiples of the quantum, in place; the remainder is carried over."""
     begun = np.stack([branch(rng, _QUANTUM, triad).random(3) for rng in rngs], axis=-1)
     counts = np.floor(begun + np.cumsum(increments, axis=0) / what.quantum)
     increments[0] = what.quantum * counts[0]

@@ -96,21 +96,21 @@ class Aid:
 
     @property
     def missing(self) -> int:
-        """How many times it measures nothing."""
+        """Number of times without a measurement."""
         return int(np.isnan(self.exact).all(axis=1).sum())
 
     @property
     def slope(self) -> float:
-        """Of the filter's innovation by a number that is measured."""
+        """Derivative of the filter's innovation by a measured number."""
         return self.sensor.slope(self.model)
 
     @property
     def as_believed(self) -> bool:
-        """Whether the filter takes it for what it is."""
+        """Whether the filter model equals the sensor."""
         return self.sensor.as_believed(self.model)
 
     def measured(self, seed: int, run: int, flight: Any = None) -> np.ndarray:
-        """What it measures in a run (m, k), on its own flight where it has one."""
+        """Measurements in a run (m, k), on its own trajectory if it has one."""
         exact, sigma = self.exact, self.sigma
         if flight is not None:
             exact = self.sensor.exact(self.model, flight, self.time)
@@ -123,11 +123,11 @@ class Aid:
 
     @property
     def followed(self) -> tuple[int, ...]:
-        """The errors that last for which the filter has a state."""
+        """Time-correlated errors that the filter estimates."""
         return () if self.sensor.lasting is None else self.sensor.lasting.followed(self.model)
 
     def errors(self, seed: int, run: int, at: np.ndarray) -> np.ndarray:
-        """What the filter's states of its errors that last really are in a run (o, j), at times (o,), s."""
+        """True values (o, j) of the filter's states for time-correlated errors in a run, at times (o,), s."""
         lasting, which = self.sensor.lasting, list(self.followed)
         if lasting is None or not which:
             return np.empty((at.size, 0))
@@ -152,7 +152,7 @@ def _of_ground(model: RadioAltimeter, frame: Frame, measured: np.ndarray) -> Gro
 
 
 def _pressure_states(model: BarometricAltimeter, step: float) -> tuple[tuple[Block, float], ...]:
-    """States of a barometric altimeter's errors, in m of the height that the filter makes of what it shows."""
+    """States for a barometric altimeter's errors, in m of the height that the filter computes from the reading."""
     its = model.believed
     names, times, sigmas = ("setting", "drift"), (np.inf, its.drift_time), (its.setting, its.drift)
     out = []
@@ -176,7 +176,7 @@ _STEP = 0.01
 
 
 def _shown(model: BarometricAltimeter, flight: Moving, time: np.ndarray) -> np.ndarray:
-    """What a barometric altimeter shows on a flight at times (m,), s, without noise (m,), m."""
+    """Reading of a barometric altimeter on a flight at times (m,), s, without noise (m,), m."""
     if model.lag == 0.0 or not time.size:
         return model.shown(time, flight.llh(time)[:, 2])
     fine = np.linspace(0.0, time[-1], int(np.ceil(time[-1] / _STEP)) + 1)
@@ -184,7 +184,7 @@ def _shown(model: BarometricAltimeter, flight: Moving, time: np.ndarray) -> np.n
 
 
 def _of_pressure(model: BarometricAltimeter, frame: Frame, measured: np.ndarray) -> PressureTable:
-    """Heights (m, 1) by pressure as the filter takes them: above the ellipsoid, by the air that it believes in."""
+    """Heights (m, 1) above the ellipsoid from pressure, with the air of the filter model."""
     its = model.believed
     height = its.air.height(measured[:, 0]) + its.undulation
     return PressureTable(height, np.full_like(height, (its.sigma / its.air.stretch) ** 2), its.lag)
@@ -240,19 +240,21 @@ _SENSORS: Mapping[type, Sensor] = {
 
 
 def followed_errors(models: Sequence[Any], step: float) -> tuple[tuple[Block, float], ...]:
-    """States that a filter has for errors of these models that last, and their 1 sigma; step: of the filter, s."""
+    """States of a filter for time-correlated errors of these models, and their 1 sigma; step: of the filter, s."""
     lasting = ((model, _SENSORS[type(model)].lasting) for model in models)
     return tuple(state for model, one in lasting if one is not None for state in one.states(model, step))
 
 
 def believed_latency(model: Any) -> float:
-    """How old a filter takes the measurements of a model for when they come, s."""
+    """Age of a model's measurements on arrival in the filter model, s."""
     return _SENSORS[type(model)].believed_latency(model)
 
 
 def times_of(model: Any, duration: float, imu_rate: float) -> np.ndarray:
-    """When a model measures on a flight of `duration` s (m,): 1 / rate, 2 / rate, ... s, as long as measurements come
-    up to the last sample of the IMU, whose rate is in Hz."""
+    """Times (m,) of a model's measurements on a flight of `duration` s: 1 / rate, 2 / rate, ... s.
+
+    Measurements end with the last sample of the IMU, whose rate is in Hz.
+    """
     last = np.floor(duration * imu_rate + 1e-9) / imu_rate - model.latency
     return np.arange(1, int(np.floor(last * model.rate + 1e-9)) + 1) / model.rate
 

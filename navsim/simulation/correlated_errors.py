@@ -28,7 +28,7 @@ from navsim.integrity.fixes import solved
 from navsim.simulation.range_curvature import Curvature, fix_forms
 
 STATES, INFLATED, IGNORED = "states", "inflate", "none"
-"""What a filter does about errors that last: follows them, takes what is measured for noisier, nothing."""
+"""Filter models of time-correlated errors: estimate them as states, inflate the measurement noise, ignore them."""
 _SPEEDS = "slow", "fast"
 """Names of the two groups of kinds: those that hardly change over the flight, and the others."""
 
@@ -36,7 +36,7 @@ _SPEEDS = "slow", "fast"
 def followed_errors(
     how: str, kinds: Sequence[LastingError], duration: float, interval: float
 ) -> LastingBelief:
-    """What a filter believes of these kinds of errors.
+    """Filter model of these kinds of errors.
 
     how: `STATES`, `INFLATED` or `IGNORED`. duration: of the flight, interval: between fixes, s.
     """
@@ -82,17 +82,18 @@ def as_noise(time: np.ndarray, duration: float, interval: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class FixErrors:
-    """Errors of the fixes of a flight, to first order along the truth: fixed (e,) bool, where there is a fix; by_range,
-    by_rate (e, MOST, s) as of `fix_slopes.slopes`."""
+    """Errors of the fixes of a flight, to first order along the truth."""
 
     signals: Signals
     fixed: np.ndarray
+    """(e,) bool, whether there is a fix."""
     by_range: np.ndarray
+    """(e, MOST, s) see `fix_slopes.slopes`, also for `by_rate`."""
     by_rate: np.ndarray
 
     @classmethod
     def of(cls, start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> FixErrors:
-        """Those of fixes from ranges and rates (e, s) without errors; start: (3,) ECEF, where the iteration begins."""
+        """Errors of fixes from error-free ranges and rates (e, s); start: (3,) ECEF, first point of the iteration."""
         fixes = solved(start, signals, *(np.repeat(m[..., None], WIDTH, axis=-1) for m in (ranges, rates)))
         llh, velocity, clocks = (m[..., 0] for m in fixes[:3])
         by_range, by_rate = slopes(signals, ranges, rates, (llh, velocity, clocks))
@@ -100,7 +101,7 @@ class FixErrors:
 
     @cached_property
     def noise(self) -> np.ndarray:
-        """Covariance of what is new in each fix (e, MOST, MOST)."""
+        """Covariance of the white part of each fix (e, MOST, MOST)."""
         s = self.signals
         return _spread(self.by_range, s.noise_sigma, s.used) + _spread(self.by_rate, s.fix_rate_sigma, s.used)
 
@@ -109,8 +110,10 @@ class FixErrors:
         return _spread(self.by_range, sigma, self.signals.used)
 
     def curvature(self, noise_sigma: np.ndarray, lasting_sigma: np.ndarray, numbers: int) -> Curvature:
-        """Second-order errors of fixes by white and by lasting errors of ranges (e, s), m; numbers: how many of a fix
-        count, 3 for position, 6 with velocity."""
+        """Second-order errors of fixes due to white and to time-correlated ranging errors (e, s), m.
+
+        numbers: components of a fix that are used, 3 for position, 6 with velocity.
+        """
         white, lasting = (self.of_ranges(sigma)[:, :3, :3] for sigma in (noise_sigma, lasting_sigma))
         noise = self.noise.copy()
         noise[:, numbers:] = noise[:, :, numbers:] = 0.0
@@ -119,23 +122,23 @@ class FixErrors:
         return Curvature.of(forms, white, lasting, noise)
 
     def of_kinds(self, factor: np.ndarray) -> np.ndarray:
-        """Covariance of fixes by all kinds of lasting errors (e, MOST, MOST), the variance of each times a factor
-        (k,)."""
+        """Covariance of fixes due to all kinds of time-correlated errors (e, MOST, MOST), the variance of each times a
+        factor (k,)."""
         assert self.signals.lasting is not None
         return self.of_ranges(np.sqrt(np.einsum("k,kes->es", factor, self.signals.lasting.sigma**2)))
 
     def roots(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
-        """What errors of 1 sigma one, `SUMS` of each of g groups of kinds, do to fixes (e, MOST, g SUMS); 0 where
-        there is no fix.
+        """Effect of errors of 1 sigma one, `SUMS` of each of g groups of kinds, on fixes (e, MOST, g SUMS); 0 without a
+        fix.
 
-        They are sums of the errors of the sources, each by a share that stays the same over the flight (`_shares`):
-        processes as those of the sources are, whatever the geometry does.
+        They are sums of the sources' errors with constant shares (`_shares`), so they have the same correlation in
+        time, whatever the geometry does.
         """
         out = [self._effect(members) @ self._shares(members) for members in groups]
         return np.concatenate([np.empty((self.fixed.size, MOST, 0)), *out], axis=2)
 
     def beside(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
-        """Covariance of fixes (e, MOST, MOST) by what errors of sources have beside those of `roots`."""
+        """Covariance of fixes (e, MOST, MOST) due to the part of the sources' errors that `roots` does not contain."""
         out = np.zeros((self.fixed.size, MOST, MOST))
         for members in groups:
             effect, shares = self._effect(members), self._shares(members)
@@ -144,7 +147,7 @@ class FixErrors:
         return out
 
     def projections(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
-        """What the errors of `roots` owe to the errors of each kind and source of variance one (e, g SUMS, k, s)."""
+        """Effect of errors of each kind and source of variance one on the errors of `roots` (e, g SUMS, k, s)."""
         lasting = self.signals.lasting
         assert lasting is not None
         k, e, s = lasting.sigma.shape
@@ -156,7 +159,7 @@ class FixErrors:
         return out
 
     def _effect(self, members: Sequence[int]) -> np.ndarray:
-        """What an error of a group of kinds of 1 sigma one of each source does to fixes (e, MOST, s)."""
+        """Effect of an error of a group of kinds, of 1 sigma one at each source, on fixes (e, MOST, s)."""
         return np.asarray(self.by_range * _size(self.signals, members)[:, None])
 
     def _shares(self, members: Sequence[int]) -> np.ndarray:
@@ -192,15 +195,15 @@ def _spread(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray) -> np.ndarra
 
 
 def _size(signals: Signals, members: Sequence[int]) -> np.ndarray:
-    """1 sigma of the errors of a group of kinds (e, s), m, 0 of what is not used."""
+    """1 sigma of the errors of a group of kinds (e, s), m, 0 for unused sources."""
     assert signals.lasting is not None
     total = np.sqrt(np.sum(signals.lasting.sigma[list(members)] ** 2, axis=0))
     return np.where(signals.used, total, 0.0)
 
 
 def _parts(signals: Signals, members: Sequence[int]) -> np.ndarray:
-    """By how much each kind is in an error of its group of 1 sigma one (k, e, s); of what is not used as it last was,
-    or first will be."""
+    """Share of each kind in an error of its group of 1 sigma one (k, e, s); unused sources keep the nearest value in
+    time."""
     assert signals.lasting is not None
     size = _size(signals, members)
     there = size > 0.0
@@ -227,7 +230,7 @@ class RangeErrors:
 
     @cached_property
     def size(self) -> np.ndarray:
-        """1 sigma of the errors of each group (e, s, g), m, 0 of what is not used."""
+        """1 sigma of the errors of each group (e, s, g), m, 0 for unused sources."""
         sizes = [_size(self.signals, members) for members in self.belief.groups]
         return np.stack(sizes, axis=2) if sizes else np.empty((*self.signals.used.shape, 0))
 
@@ -238,7 +241,7 @@ class RangeErrors:
         return group, source
 
     def blocks(self, step: float) -> tuple[Block, ...]:
-        """The states, each a block by itself; step: of the filter, s."""
+        """The states, each a separate block; step: of the filter, s."""
         lasting, names, speeds = self.signals.lasting, self.signals.names, self.belief.names
         assert lasting is not None
         out = []
@@ -262,7 +265,7 @@ class RangeErrors:
         return out
 
     def projections(self, epoch: int) -> np.ndarray:
-        """What the errors of the states owe to those of each kind and source of variance one (n, k, s), at an epoch."""
+        """Effect of errors of each kind and source of variance one on the states (n, k, s), at an epoch."""
         _, source = self.states
         k, s = self._shares.shape[0], self.signals.used.shape[1]
         out = np.zeros((source.size, k, s))

@@ -1,7 +1,7 @@
-"""Truth that differs from run to run: the ways of runs that deviate from the route, and what their sensors meet there.
+"""True trajectories that deviate from the route, one for each run, and the true measurements along them.
 
-The route stays what satellites are picked, weights formed and errors told by; what is measured, and what the filter is
-judged by, is of the way that is flown.
+The route still defines the choice of satellites, the weights and the axes of errors. Measurements and errors refer to
+the run's own trajectory.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 
 @dataclass(frozen=True)
 class KeptRoute:
-    """What all runs deviate from, which is asked for the same times in each: what it was is kept."""
+    """Route of all runs, with a cache, since every run needs the same times."""
 
     trajectory: Trajectory
     kept: dict[bytes, Motion] = field(default_factory=dict)
 
     def motion(self, t: np.ndarray) -> Motion:
-        """Everything at the times t (n,), s."""
+        """Motion at the times t (n,), s."""
         key = t.tobytes()
         if key not in self.kept:
             self.kept[key] = self.trajectory.motion(t)
@@ -41,7 +41,7 @@ class KeptRoute:
 
 @dataclass(frozen=True)
 class FlownWay:
-    """The flight of one run, as sensors beside the receiver meet it (`aiding`)."""
+    """Trajectory of one run for sensors beside the receiver (`aiding`)."""
 
     route: KeptRoute
     departure: Departure
@@ -52,11 +52,11 @@ class FlownWay:
         return self.route.trajectory.frame
 
     def motion(self, t: np.ndarray) -> Motion:
-        """Everything at the times t (n,), s."""
+        """Motion at the times t (n,), s."""
         return deviated(self.route.motion(t), self.frame, *self.departure.at(t))
 
     def llh(self, t: np.ndarray) -> np.ndarray:
-        """Places at the times t (n,), s: (n, 3) rad, rad, m."""
+        """Positions at the times t (n,), s: (n, 3) rad, rad, m."""
         off = self.departure.place(t)[..., 0] @ self.frame.axes.T
         return earth.llh_from_ecef(self.route.motion(t).position_ecef + off)
 
@@ -124,7 +124,7 @@ class Ways:
         sources: np.ndarray,
         lever_arm: np.ndarray,
     ) -> Ways:
-        """Those in some air around a trajectory."""
+        """Common data of trajectories in this air around a route."""
         half = trajectory.motion(np.linspace(imu_time[0], imu_time[-1], 2 * imu_time.size - 1))
         return cls(
             trajectory, Disturbance.of(air, trajectory, imu_time), half, np.ascontiguousarray(trajectory.frame.axes.T @
@@ -138,16 +138,18 @@ class Ways:
         return self.disturbance.air.follow is not None
 
     def known(self, error: np.ndarray) -> Held:
-        """What guidance knows of where it is, by errors of position (o, 3, W), truth - estimate in NED, m, at the
-        filter's outputs."""
+        """Position of the runs according to guidance, from position errors (o, 3, W), truth minus estimate, NED, m, at
+        the filter's outputs."""
         samples = self.disturbance.time
         since = np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
         turn = self.trajectory.frame.axes.T @ earth.ned_matrix(self.at_filter.llh).swapaxes(1, 2)
         return Held.of(since, np.einsum("oaj,ojw->oaw", turn, error))
 
     def flown(self, seed: int, runs: Sequence[int], lanes: int, known: Held | None = None) -> Flown:
-        """The ways of runs, in the first of so many lanes; lanes that are left over fly that of the last one. known:
-        the errors by which they are steered, None before they are known."""
+        """Trajectories of the runs, in the first of so many lanes; further lanes repeat the last run.
+
+        known: errors that guidance follows, None before they are known.
+        """
         frame, others = self.trajectory.frame, lanes - len(runs)
         rngs = {}
         for number in self.disturbance.walks:
@@ -184,7 +186,7 @@ class Ways:
         )
 
     def of_run(self, flown: Flown, lane: int) -> FlownWay:
-        """The flight of one run."""
+        """Trajectory of one run."""
         of_all, one = flown.departure, slice(lane, lane + 1)
         own = (part[..., one] for part in (of_all.way, of_all.turn, of_all.gust))
         return FlownWay(self.route, Departure(of_all.time, *own))

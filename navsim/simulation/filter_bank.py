@@ -1,8 +1,8 @@
-"""Solution separation of filters: what the filter would say without the sources of each fault, beside what it says.
+"""Solution separation of filters: the filter's solution compared with those without the sources of each fault.
 
-Filters that are given less see the same inertial sensors, so that how far they are from the one that flies is a matter
-of gains and innovations alone. Covariances and gains are those along the truth, the same in all runs; a run carries
-differences (`filter.sensitivity_propagation.carry_differences`).
+The other filters use the same inertial sensors, so the differences depend only on gains and innovations. Covariances
+and gains are those along the truth, the same in all runs. A run propagates the differences
+(`filter.sensitivity_propagation.carry_differences`).
 
 Source: `docs/theory/integrity.md`, section 10; Brenner, Integrated GPS/inertial fault detection availability,
 NAVIGATION 43(2) (1996); Young & McGraw, Fault detection and exclusion using normalized solution separation and residual
@@ -32,12 +32,12 @@ from navsim.simulation.landing import Flight
 from navsim.simulation.landing_covariance import AlongTruth, along_belief, excess, responses, route_of_filter
 
 _ROUNDING = 1e-5
-"""A variance of a difference below zero by so much of that without some sources is rounding."""
+"""A negative variance of a difference is rounding if it is above this fraction of that without some sources."""
 LEAST = 0.05
-"""Least sigma of a difference, of that without some sources: what gains along the truth leave out is some hundredths of
-it, and would be an alarm where a source hardly counts."""
+"""Smallest sigma of a difference, relative to that without some sources. Gains along the truth neglect some hundredths
+of it, which would cause an alarm for sources with hardly any weight."""
 _ENU = _NED = [1, 0, 2]
-"""Which of north, east, down are east, north, up, but for the sign of up, and the other way round."""
+"""Indices of east, north, up in north, east, down, except for the sign of up; and vice versa."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class FilterSolution:
 
     @classmethod
     def of(cls, flight: Flight, along: AlongTruth, nominal: np.ndarray) -> FilterSolution:
-        """That of a filter along the truth. nominal: (s,) bounds of biases, m."""
+        """Solution of a filter along the truth. nominal: (s,) bounds of biases, m."""
         covariance = along.lin.believed[1:, :3, :3][:, _ENU][:, :, _ENU]
         return cls(covariance, responses(flight, along)[1:, states.POS : states.POS + 3][:, _ENU] * nominal)
 
@@ -82,7 +82,7 @@ class FilterBank(SeparationWatch):
 
     @classmethod
     def of(cls, flight: Flight) -> FilterBank:
-        """That of a flight. Raises ValueError for one that no filters watch."""
+        """Filter bank of a flight. Raises ValueError for one that no filters monitor."""
         watching = flight.watching
         if watching is None or not isinstance(watching.test, Allocation):
             raise ValueError("solution separation needs the shares of its levels")
@@ -120,7 +120,7 @@ class FilterBank(SeparationWatch):
 
     @property
     def tested(self) -> np.ndarray:
-        """Where the filter is given something, and there is a fault that is monitored (e,)."""
+        """(e,) whether the filter has measurements and a fault is monitored."""
         return self.aided & super().tested
 
     @property
@@ -129,7 +129,7 @@ class FilterBank(SeparationWatch):
         return self.found.spread.sigma[:, _NED]
 
     def along(self, bearing: float) -> np.ndarray:
-        """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, m; nan where there are none."""
+        """Levels (e, 2) across and along a horizontal direction of a bearing, rad, m; nan without a level."""
         watching = self.flight.watching
         assert watching is not None
         assert isinstance(watching.test, Allocation)
@@ -146,7 +146,7 @@ class FilterBank(SeparationWatch):
 
     @property
     def size(self) -> int:
-        """What it takes of memory, about, bytes."""
+        """Approximate memory, bytes."""
         return int(self.gains.nbytes + self.route.phi.nbytes + self.route.h.nbytes + self.route.gain.nbytes)
 
     def statistic(

@@ -31,11 +31,11 @@ from navsim.simulation.sensitivity import Slopes, carried, deviations
 from navsim.statistics.random_streams import generator
 
 _FULL, _HALF = 0.8, 0.1
-"""Shares of the runs pushed to a face and half the way; the rest is not pushed."""
+"""Shares of the runs that are shifted to a face, and halfway; the rest is not shifted."""
 _EVENLY = 0.5
 """Share of the pushes that goes to all faces alike; the rest goes by their probabilities to first order."""
 _MOST_EXPONENT = 700.0
-"""Of a number."""
+"""Largest exponent of a number."""
 _STEPS = 1001
 """Places between two faces at which weights are looked at."""
 
@@ -133,9 +133,10 @@ def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, up
 
 
 def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) -> tuple[Inputs, np.ndarray]:
-    """Inputs of runs (lanes) pushed by the component of each, and by how much (K, W) their errors to first order are
-    off their means. Lanes beyond the components are pushed like the last one. The true values of sensor states stay
-    what they were."""
+    """Inputs of runs (lanes), each shifted by its component, and the shift (K, W) of their first-order errors.
+
+    Lanes beyond the components are shifted like the last one. The true values of sensor states do not change.
+    """
     lanes = inputs.initial.shape[-1]
     each = np.array([*components, *[components[-1]] * (lanes - len(components))])
     pushes = tilt.proposal.pushes[each]

@@ -1,7 +1,7 @@
-"""From models of inertial sensors to states: those that there really are, and those that a filter believes in.
+"""Convert models of inertial sensors to states: the true ones, and those of the filter model.
 
-The one converter between truth and belief. A further error of a sensor is a term in `sensors.imu`, a line in
-`true_states`, and one in `followed` and `true_values` where a filter can have it as states.
+This is the only converter between truth and filter model. A further error of a sensor needs a term in `sensors.imu`, a
+line in `true_states`, and one in `followed` and `true_values` if a filter can estimate it.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from navsim.filter.states import Block
 from navsim.sensors.imu import SensorErrors, Triad
 
 GAINS = (*states.SCALE_FACTORS, *states.MISALIGNMENTS)
-"""Errors of inertial sensors that a filter can follow beside biases."""
+"""Errors of inertial sensors, besides biases, that a filter can estimate."""
 _MATTERS = 0.3
-"""Least ratio of what a gain adds to what a filter cannot know at which it is followed by default: sigma without the
-state would be too small by sqrt(1 + 0.3^2) - 1, 4 %."""
+"""Smallest ratio, of the effect of a gain to the uncertainty of the filter, at which the filter estimates it by
+default. Without the state, sigma would be too small by sqrt(1 + 0.3^2) - 1, 4 %."""
 
 
 def _sigma(block: Block, triads: Sequence[Triad]) -> float:
@@ -83,18 +83,20 @@ def _decay_and_drive(triad: Triad) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class TrueState:
-    """Three like errors that a triad really has: the source of error that they are, their 1 sigma at time 0, or their
-    values (3,) where they are not drawn."""
+    """Three equal true errors of a triad."""
 
     source: str
+    """Source of error in the budget."""
     block: Block
     sigma: float
+    """1 sigma at time 0."""
     fixed: tuple[float, float, float] | None = None
+    """Values (3,) if they are not drawn."""
 
 
 def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
-    """The errors of these sensors: constant biases, then Markov biases, with flicker noise as of `Triad.merged`, then
-    what else there is."""
+    """True errors of these sensors: constant biases, Markov biases with flicker noise as of `Triad.merged`, further
+    errors."""
     triads = (("gyro", gyro.merged()), ("accelerometer", accel.merged()))
     gains = (
         *((block.name, block, t.scale) for block, (_, t) in zip(states.SCALE_FACTORS, triads, strict=True)),
@@ -115,8 +117,7 @@ def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
 
 
 def true_values(blocks: Sequence[Block], errors: SensorErrors) -> np.ndarray:
-    """What the states of inertial sensors that a filter follows really are (o, k, W): of errors with a bias (o, 6,
-    W)."""
+    """True values (o, k, W) of the filter's inertial sensor states, from errors with a bias (o, 6, W)."""
     columns = []
     for block in blocks:
         if block.triad not in (states.GYROS, states.ACCELEROMETERS):

@@ -1,10 +1,10 @@
-"""The landing run, block by block as in figure 1 of the landing paper.
+"""Simulation of a landing, block by block as in figure 1 of the landing paper.
 
     route -> signal simulator with pseudolites -> receiver -> fix ┐
     route -> inertial sensors -> SINS ────────────────────────────┴-> Kalman filter -> accuracy
 
-`World` is what all runs of a scenario share: the route, and the signals (`gnss.signals`). `fly` is one run. Where the
-air makes the way of each its own (`simulation.dispersed_trajectory`), the route is what they deviate from.
+`World` contains what all runs of a scenario share: the route, and the signals (`gnss.signals`). `fly` simulates one
+run. If the air moves each run off the route, `simulation.dispersed_trajectory` has its own trajectory.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class World:
 
     @cached_property
     def fix_errors(self) -> FixErrors:
-        """What errors of ranges do to fixes."""
+        """Effect of ranging errors on fixes."""
         return FixErrors.of(self.start, self.signals, *believed_measurements(self))
 
     @cached_property
@@ -163,8 +163,8 @@ def build_world(
 ) -> World:
     """Route and geometry of the signals.
 
-    utc: of time 0, s from 1970-01-01. duration: s. imu_rate: Hz. Fixes that would come after the end are left out.
-    aiding: models of sensors beside the receiver. air: what makes the way of each run its own, around a `Trajectory`.
+    utc: of time 0, s from 1970-01-01. duration: s. imu_rate: Hz. Fixes after the end are omitted. aiding: models of
+    sensors beside the receiver. air: disturbances that give each run its own trajectory around a `Trajectory`.
     """
     imu_time = np.arange(int(np.floor(duration * imu_rate + 1e-9)) + 1) / imu_rate
     dtheta, dv = trajectory.increments(imu_time)
@@ -205,7 +205,7 @@ class Wander:
 
     @classmethod
     def of(cls, world: World, seed: int, runs: Sequence[int], lanes: int) -> Wander | None:
-        """That of runs, in the first of so many lanes; None of a clock without noise."""
+        """Receiver clocks of runs, in the first of so many lanes; None without clock noise."""
         if not any(world.clock_density):
             return None
         fixed, answered = world.signals.time, world.filter_time
@@ -283,7 +283,7 @@ class Run:
     antenna: np.ndarray
     """(e, 3) true antenna position at fixes, ECEF, m, likewise."""
     gust: np.ndarray
-    """Wind beside the mean one (o, 3), m/s: right of the course, along it, up. Empty if all runs fly the route."""
+    """Wind minus the mean wind (o, 3), m/s: right of the course, along it, up. Empty if all runs fly the route."""
     delta_angle: np.ndarray
     """Angle increments measured by the gyros (n, 3), rad. Empty if measurements are not kept."""
     delta_velocity: np.ndarray
@@ -324,7 +324,7 @@ def initial_clock_errors(flight: Flight, seed: int, run: int) -> np.ndarray:
 
 
 def initial_estimate(flight: Flight, errors: np.ndarray, flown: Flown | None = None) -> np.ndarray:
-    """The navigation states at time 0 (NAV_N, W) of runs with these `initial_errors` (9, W), on their ways."""
+    """Navigation states at time 0 (NAV_N, W) of runs with these `initial_errors` (9, W), on their trajectories."""
     nav = in_all_lanes(exact_start(flight.world.at_filter))
     if flown is not None:
         nav[states.NAV_LLH : states.NAV_VEL] = flown.llh[0]
@@ -344,7 +344,7 @@ def with_clock(flight: Flight, nav: np.ndarray, clock: np.ndarray) -> np.ndarray
 
 
 def exact_clock(flight: Flight) -> np.ndarray:
-    """The states of the clock that a filter follows, as they are at its outputs without noise (o, c)."""
+    """True clock states of the filter at its outputs, without noise (o, c)."""
     now, scales = flight.world.clock_at_filter, list(flight.scales)
     if not scales:
         return np.empty((now.shape[0], 0))
@@ -361,7 +361,7 @@ def exact_start(truth: Motion) -> np.ndarray:
 
 
 def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pseudoranges (m) and range rates (m/s) of a run on the route (e, s), nan where there are none."""
+    """Pseudoranges (m) and range rates (m/s) of a run on the route (e, s), nan if missing."""
     ranges, rates, phases = _measure(
         world, seed, (run,), 1, Wander.of(world, seed, (run,), 1), lasting_errors(world, seed, (run,)), None
     )
@@ -377,7 +377,7 @@ def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.
 
 
 def lasting_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray | None:
-    """Errors of ranges that last, in terms of the sigma of their kinds (k, e, s, W), of as many runs; None without."""
+    """Time-correlated ranging errors of so many runs, in the sigma of their kinds (k, e, s, W); None without."""
     if world.signals.lasting is None:
         return None
     return world.signals.lasting.drawn(world.signals.time, [generator(seed, run, "lasting") for run in runs])
@@ -392,8 +392,10 @@ def _measure(
     lasting: np.ndarray | None,
     flown: Flown | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`; lasting:
-    `lasting_errors`."""
+    """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`.
+
+    lasting: from `lasting_errors`.
+    """
     signals = world.signals
     e, s = signals.range.shape
     # what is added below goes to idle lanes, too, where no noise does
@@ -446,7 +448,7 @@ def _measure(
 
 
 def _generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple[np.random.Generator, ...]:
-    """A stream of each run, and for lanes that are left over the last one again, which nobody draws from."""
+    """A random stream of each run; further lanes get that of the last run and draw nothing."""
     own = [generator(seed, run, stream) for run in runs]
     return (*own, *(own[-1] for _ in range(lanes - len(own))))
 
@@ -457,14 +459,14 @@ def carrier(world: World, delay: np.ndarray) -> np.ndarray:
 
 
 def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
-    """What `measured` gives where nothing is drawn: systematic errors only."""
+    """`measured` without random errors: systematic errors only."""
     ranges, rates, phases = expected_measurements(world)
     return smoothed(world, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
 
 
 def believed_measurements(world: World) -> tuple[np.ndarray, np.ndarray]:
-    """Pseudoranges and range rates (e, s) that agree with what the receiver believes of the sources: no errors at all,
-    of nature or by events."""
+    """Pseudoranges and range rates (e, s) without any error: they agree with the receiver's own positions of the
+    sources."""
     signals = world.signals
     offset = signals.position - signals.antenna[:, None]
     distance = np.linalg.norm(offset, axis=2)
@@ -518,17 +520,17 @@ class Flight:
 
     @cached_property
     def bank(self) -> monitoring.Bank | None:
-        """What watches the filter, if anything does."""
+        """Filters that monitor the filter, None without."""
         return None if self.watching is None or self.watching.bank is None else self.watching.bank(self)
 
     @cached_property
     def snapshot(self) -> monitoring.Snapshot | None:
-        """What watches the fixes, if anything does."""
+        """Monitor of the fixes, None without."""
         return None if self.watching is None or self.watching.bank else self.watching.over(self.world.signals)
 
     @property
     def monitor(self) -> monitoring.Watcher | None:
-        """What watches the landing, if anything does."""
+        """Monitor of the landing, None without."""
         return self.snapshot or self.bank
 
     @property
@@ -548,7 +550,7 @@ class Flight:
 
     @property
     def candidates(self) -> tuple[monitoring.ExpectedFault, ...]:
-        """What may be excluded after an alarm."""
+        """Candidates for exclusion after an alarm."""
         return () if self.watching is None else self.watching.candidates(self.world.signals)
 
     @property
@@ -558,7 +560,7 @@ class Flight:
 
     @cached_property
     def excluder(self) -> Excluder | None:
-        """What excludes it, if anything does."""
+        """Excludes candidates, None without exclusion."""
         if self.watching is None or self.watching.exclusion == monitoring.NO_EXCLUSION:
             return None
         return Excluder(self.watching, self.world.signals, self.world.start, self.world.antenna_enu)
@@ -571,8 +573,11 @@ class Flight:
 
     @cached_property
     def reflection_sigma(self) -> np.ndarray | None:
-        """1 sigma of the errors by reflections (e, s), m, beside their mean, that the filter takes for noise: with
-        their memory; None where there are none, or it knows nothing of them."""
+        """1 sigma of reflection errors (e, s), m, about their mean, as noise in the filter model; their correlation
+        enlarges it.
+
+        None without reflections, or if the filter model neglects them.
+        """
         reflections, time = self._reflections, self.world.signals.time
         if reflections is None or time.size < 2:
             return None
@@ -581,7 +586,7 @@ class Flight:
 
     @property
     def _reflections(self) -> ReflectionErrors | None:
-        """What the filter knows of errors by reflections."""
+        """Reflection errors in the filter model."""
         return self.world.signals.reflections if self.beliefs.reflections else None
 
     @cached_property
@@ -612,7 +617,7 @@ class Flight:
 
     @cached_property
     def lasting_roots(self) -> np.ndarray:
-        """What lasting errors that the filter follows do to fixes (e, MOST, k)."""
+        """Effect of estimated time-correlated errors on fixes (e, MOST, k)."""
         lasting = self.beliefs.lasting
         if lasting is None or not lasting.followed:
             return np.empty((0, MOST, 0))
@@ -620,7 +625,7 @@ class Flight:
 
     @cached_property
     def lasting_projections(self) -> np.ndarray:
-        """What those owe to the errors of each kind and source (e, k, kinds, s), where the filter follows them."""
+        """Effect of errors of each kind and source on those (e, k, kinds, s), if the filter estimates them."""
         assert self.beliefs.lasting is not None
         return self.world.fix_errors.projections(self.beliefs.lasting.groups) / self.beliefs.sigma_scale
 
@@ -640,7 +645,7 @@ class Flight:
 
     @cached_property
     def lasting_noise(self) -> np.ndarray:
-        """Covariance of what is new in each fix (e, MOST, MOST), m2, beside lasting errors that the filter follows."""
+        """Covariance of the white part of each fix (e, MOST, MOST), m2, beside estimated time-correlated errors."""
         assert self.beliefs.lasting is not None
         errors = self.world.fix_errors
         return errors.noise + errors.beside(self.beliefs.lasting.groups)
@@ -664,8 +669,10 @@ class Flight:
 
     @cached_property
     def _second_order(self) -> Curvature | None:
-        """Second-order errors of fixes; where the filter takes ranges, by those errors alone that last, the others
-        averaging out. None where they are negligible."""
+        """Second-order errors of fixes, None if negligible.
+
+        If the filter uses ranges, only those due to time-correlated errors; the others average out.
+        """
         signals = self.world.signals
         if not has_near_sources(signals):
             return None
@@ -680,21 +687,27 @@ class Flight:
 
     @property
     def _has_second_order(self) -> bool:
-        """Whether the filter knows of second-order errors that count. Not where the sources of a fix are not always
-        those of the route: filters that watch it have fewer, and exclusion takes some out of fixes."""
+        """Whether the filter model includes second-order errors.
+
+        It does not if the sources of a fix may differ from those of the route: monitoring filters have fewer, and
+        exclusion removes some.
+        """
         watching = self.watching
         other = watching is not None and (watching.bank or (self.excluder and not self.beliefs.tight))
         return self.second_order and not other and self._second_order is not None
 
     @property
     def curvature(self) -> Curvature | None:
-        """Second-order errors of fixes that a loosely coupled filter knows of; None where they are negligible."""
+        """Second-order errors of fixes in a loosely coupled filter model; None if negligible."""
         return self._second_order if self._has_second_order and not self.beliefs.tight else None
 
     @cached_property
     def range_curvature(self) -> Curvature | None:
-        """Second-order errors of the ranges (m, 2) of all epochs and sources that are received, which a tightly coupled
-        filter knows of; None where they are negligible. They follow from its own errors of position, to first order."""
+        """Second-order errors of the ranges (m, 2) of all epochs and sources in a tightly coupled filter model; None if
+        negligible.
+
+        They follow from the filter's own position errors, to first order.
+        """
         if not self._has_second_order or not self.beliefs.tight:
             return None
         from navsim.simulation.landing_covariance import curvature_of_ranges
@@ -715,7 +728,7 @@ class Flight:
 
     @property
     def range_sigma(self) -> np.ndarray:
-        """1 sigma of pseudoranges (e, s), m, that a tightly coupled filter takes for noise."""
+        """1 sigma of pseudoranges (e, s), m, as noise in a tightly coupled filter model."""
         signals, lasting = self.world.signals, self.beliefs.lasting
         sigma = signals.fix_sigma
         if lasting is not None and signals.lasting is not None:
@@ -725,12 +738,11 @@ class Flight:
 
     @cached_property
     def _without(self) -> dict[int, Flight]:
-        """What `without` has made."""
+        """Cache of `without`."""
         return {}
 
     def without(self, candidate: int) -> Flight:
-        """The same where the sources of one of `candidates` are not received, for what a filter knows of fixes made
-        without them."""
+        """The flight without the sources of one of `candidates`, for the filter model of fixes made without them."""
         if candidate not in self._without:
             signals = self.world.signals
             kept = ~np.isin(signals.names, self.candidates[candidate].sources)
@@ -739,7 +751,7 @@ class Flight:
         return self._without[candidate]
 
     def over(self, world: World) -> Flight:
-        """The same in another world."""
+        """Copy of this flight with another world."""
         return prepare(world, self.initial, self.gyro, self.accel, self.beliefs, self.start, self.watching)
 
 
@@ -790,8 +802,11 @@ def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, cova
 def table_of_all_fixes(
     flight: Flight, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray, epochs: slice = slice(None)
 ) -> FixTable:
-    """The fixes of a flight (e, 3), (e, 3), (e, 6, 6), of one run, or of lanes, with what the filter knows of errors
-    that last; epochs: those that they are of."""
+    """Table of the fixes (e, 3), (e, 3), (e, 6, 6) of one run, or of lanes, with time-correlated errors of the filter
+    model.
+
+    epochs: their epochs.
+    """
     lasting, bias, lanes = flight.beliefs.lasting, flight.fix_bias, covariance.ndim == 4
     noise = flight.noise_along_route
     if noise is not None:
@@ -813,7 +828,7 @@ def table_of_all_fixes(
 
 
 def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> RangeTable:
-    """Pseudoranges and range rates (e, s) of one run, or of lanes, as a tightly coupled filter takes them."""
+    """Table of the pseudoranges and range rates (e, s) of one run, or of lanes, for a tightly coupled filter."""
     signals, beliefs, heard = flight.world.signals, flight.beliefs, flight.world.signals.used
     bias = np.full(MAX_CLOCKS, -1)
     bias[list(flight.scales)] = np.arange(len(flight.scales))
@@ -903,8 +918,11 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = No
 
 
 def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
-    """What the lasting errors that the filter follows really are at its outputs (o, k, W), of `lasting_errors`: those
-    of the last fix, and at the start of the first."""
+    """True values (o, k, W) of the time-correlated errors that the filter estimates at its outputs, from
+    `lasting_errors`.
+
+    They are those of the last fix, and before it those of the first one.
+    """
     believed = flight.beliefs.lasting
     outputs = flight.world.filter_time.size
     if believed is None or not believed.followed:
@@ -926,7 +944,7 @@ def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
 
 
 def _aided_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray:
-    """What the errors of sensors beside the receiver that the filter follows really are at its outputs (o, k, W)."""
+    """True values (o, k, W) of the filter's states for errors of sensors beside the receiver, at its outputs."""
     out = np.empty((world.filter_time.size, sum(len(aid.followed) for aid in world.aids), WIDTH))
     for lane, run in enumerate(runs):
         own = [aid.errors(seed, run, world.filter_time) for aid in world.aids if aid.followed]
@@ -980,7 +998,7 @@ def _take_apart(lanes: np.ndarray, runs: np.ndarray) -> None:
 
 
 def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = False) -> Run:
-    """The landings with these inputs; the first `count` of them are kept, their measurements where they are wanted."""
+    """Run the filter on these inputs; returns the first `count` landings, with their measurements if requested."""
     world, beliefs = flight.world, flight.beliefs
     n = flight.covariance.shape[0]
     nav = with_clock(flight, initial_estimate(flight, inputs.initial, inputs.flown), inputs.clock)
@@ -1054,7 +1072,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
 
 
 def _truth(world: World, inputs: Inputs) -> Truth:
-    """What runs are judged by."""
+    """True values for the errors of runs."""
     route, flown = world.at_filter, inputs.flown
     if flown is not None:
         return Truth(flown.llh, flown.velocity, flown.quaternion, inputs.sensors)
@@ -1063,8 +1081,7 @@ def _truth(world: World, inputs: Inputs) -> Truth:
 
 
 def begun(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
-    """The state of a flight's filter before anything happened; nav (NAV,), covariance (n, n), of one run or of
-    lanes."""
+    """Initial state of a flight's filter; nav (NAV,), covariance (n, n), of one run or of lanes."""
     sources = len(flight.world.signals.names) if flight.beliefs.tight else 0
     return start(nav, covariance, flight.model.components, sources)
 
@@ -1088,7 +1105,7 @@ class Watched:
     def of_filter(
         cls, flight: Flight, account: Account, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
     ) -> Watched:
-        """Of a filter, by what it left, and the fixes that it was given of ranges and rates (e, s, W)."""
+        """Monitor output for a filter, from its history and its fixes from ranges and rates (e, s, W)."""
         bank, none = flight.bank, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         assert bank is not None
         statistic = bank.statistic(account.innovation, fixes, ranges, rates)
@@ -1104,7 +1121,7 @@ class Watched:
 
     @classmethod
     def of_fixes(cls, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, fixes: ReceiverFixes) -> Watched:
-        """Of fixes from ranges (e, s, W); antenna: (e, 3, W) where it truly is, ECEF, m."""
+        """Monitor output for fixes from ranges (e, s, W); antenna: (e, 3, W) true position, ECEF, m."""
         monitor, none = flight.snapshot, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         if monitor is None:
             return cls(none[0], *none, *none)
@@ -1129,8 +1146,7 @@ class Watched:
         return Watched(self.statistic, status, now.error, now.excluded, now.level)
 
     def trusted(self, flight: Flight, ranges: np.ndarray) -> np.ndarray:
-        """Of ranges (e, s, W) those that are not excluded, nor of an epoch with an alarm where the filter does without;
-        nan for the others."""
+        """Ranges (e, s, W) with nan for excluded ones, and for epochs with an alarm if the filter ignores them."""
         out = ranges
         if self.excluded.size:
             for number, candidate in enumerate(flight.candidates):
@@ -1144,8 +1160,10 @@ class Watched:
 def _of_events(
     flight: Flight, aided: Sequence[np.ndarray], squared: np.ndarray, degrees: np.ndarray, status: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What runs keep of their fixes and of the sensors beside the receiver; aided: (r, m, k) of each; squared, degrees,
-    status (r, k): of all events."""
+    """History of the fixes and of the sensors beside the receiver.
+
+    aided: (r, m, k) of each; squared, degrees, status (r, k): of all events.
+    """
     aids = np.concatenate([np.empty(0, np.int64), *(flight.events.rows(a.sensor.kind) for a in flight.world.aids)])
     measured = np.full((squared.shape[0], aids.size, MOST), np.nan)
     first = 0

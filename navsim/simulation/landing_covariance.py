@@ -77,8 +77,8 @@ SOURCES = (
     "pseudolite_range",
     "pseudolite_range_rate",
 )
-"""Independent random sources of error, in the order of the budget; further errors of the inertial sensors and noise of
-sensors beside the receiver come after them, systematic errors beside them as a mean."""
+"""Independent random sources of error, in the order of the budget. Further errors of inertial sensors and noise of
+sensors beside the receiver follow; systematic errors are a mean."""
 _EPHEMERIS = SOURCES.index("satellite_ephemeris")
 _RANGES = (SOURCES.index("satellite_range"), SOURCES.index("pseudolite_range"))
 _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range_rate"))
@@ -90,9 +90,9 @@ SURVEY, CALIBRATION = "pseudolite_survey", "pseudolite_clock"
 WANDERING = "pseudolite_clock_noise"
 """The source that the noise of pseudolites' clocks is."""
 LASTING = "satellite_lasting_"
-"""Begins the names of the sources that ranging errors of satellites are which last."""
+"""Prefix of the names of time-correlated ranging errors of satellites."""
 CURVATURE = "range_curvature"
-"""The source that second-order errors beside near sources are."""
+"""Source of error: second-order errors near sources."""
 CLOCK = "receiver_clock"
 """The source that the clock's noise, and not knowing it at the start, are to a tightly coupled filter."""
 _NOISES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_markov")
@@ -102,8 +102,8 @@ _MARKOV = 6
 """The first of six Markov biases among the states of `true_states`."""
 
 _EXPECTED_NIS = 0.01
-"""Largest deviation from 1 of the expected normalised innovation squared, per degree of freedom, of a filter that
-believes what is true."""
+"""Largest deviation from 1 of the expected normalised innovation squared, per degree of freedom, of a filter whose
+model equals the truth."""
 
 
 class AnalysisError(Defect):
@@ -142,25 +142,24 @@ class Analysis:
 
 
 class _SourceErrors(ABC):
-    """Errors of ranges that have a memory with what they have done to the state, (S + s)^2 for each of k kinds: one
-    state a source behind the state, or several.
+    """Time-correlated ranging errors together with their effect on the state: covariance (S + s)^2 for each of k kinds.
 
-    epoch: the one whose errors these are, -1 before the first.
+    Each source has one or more states after the S propagated ones. epoch: of the present errors, -1 before the first.
     """
 
     def __init__(self, kinds: int, size: int, sources: int):
-        """size: S of the state carried."""
+        """size: number S of propagated states."""
         self.size, self.epoch = size, -1
         self.cov = np.zeros((kinds, size + sources, size + sources))
 
     def copied(self) -> Self:
-        """The same, to go on by itself."""
+        """Independent copy."""
         out = copying.copy(self)
         out.cov = self.cov.copy()
         return out
 
     def carry(self, phi: np.ndarray) -> None:
-        """On by what changes the state by `phi` (S, S): an interval, or the weighing of another sensor."""
+        """Propagate by a change of the state `phi` (S, S): an interval, or the update with another sensor."""
         self.cov[:, : self.size] = phi @ self.cov[:, : self.size]
         self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ phi.T
 
@@ -178,22 +177,24 @@ class _SourceErrors(ABC):
 
     @abstractmethod
     def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Weigh numbers of a fix, or of a range, of epoch i by `gain` (S, m), `here` (m, S), slope (m, s) by the
-        errors; returns what it adds to E[z z'] (m, m)."""
+        """Propagate through the update of a fix, or a range, of epoch i; returns the addition to E[z z'] (m, m).
+
+        gain (S, m); here (m, S): measurement matrix; slope (m, s): derivative by the errors.
+        """
 
 
 class _Lasting(_SourceErrors):
-    """Errors of measurements that last, of each kind those of the sources of variance one.
+    """Time-correlated measurement errors, of each kind those of sources of variance one.
 
-    shown: gives for an epoch what the filter's states, its own lasting ones, are by them (n, k, s); moving: whether
-    these go on between epochs, or are as at the last one.
+    shown: returns their effect on the filter's states for such errors at an epoch (n, k, s). moving: whether they
+    change between epochs, or keep the last value.
     """
 
     def __init__(
         self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray,
         shown: Callable[[int], np.ndarray], moving: bool = False,
     ):  # fmt: skip
-        """size: S of the state carried; errors, used (e, s), time (e,) of `Signals`."""
+        """size: number S of propagated states; errors, used (e, s), time (e,) of `Signals`."""
         super().__init__(len(errors.names), size, used.shape[1])
         self.shown, self.time, self.decay, self.moving = shown, time, 1.0 / errors.time, moving
         self.sigma = np.where(used, errors.sigma, 0.0)
@@ -210,8 +211,7 @@ class _Lasting(_SourceErrors):
             self.cov[:, at, at] += self.new[self.epoch][:, None] ** 2
 
     def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Weigh numbers of a fix, or of a range, of epoch i by `gain` (S, m), `here` (m, S), slope (m, s) by the
-        ranges; returns what it adds to E[z z'] (m, m)."""
+        """See `_SourceErrors.fixed`; slope (m, s): derivative by the ranges."""
         out = np.zeros((slope.shape[0],) * 2)
         for cov, sigma in zip(self.cov, self.sigma[:, i], strict=True):
             seen = np.hstack([here, slope * sigma])
@@ -258,7 +258,7 @@ class _Smoothed(_SourceErrors):
         used: np.ndarray,
         of_pseudolites: np.ndarray,
     ):
-        """size: S of the state carried; counts, sigma, used: (e, s) of `Signals`; of_pseudolites: (s,) bool."""
+        """size: number S of propagated states; counts, sigma, used: (e, s) of `Signals`; of_pseudolites: (s,) bool."""
         super().__init__(2, size, of_pseudolites.size)
         self.n = np.maximum(counts, 1)
         self.decay = np.where(counts > 1, 1.0 - 1.0 / self.n, 0.0)
@@ -279,8 +279,7 @@ class _Smoothed(_SourceErrors):
             cov[at, at] += (code**2 + phase**2) / self.n[i] ** 2
 
     def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Weigh numbers of a fix, or of a range, of epoch i by `gain` (S, m), `here` (m, S), slope (m, s) by the
-        ranges; returns what it adds to E[z z'] (m, m)."""
+        """See `_SourceErrors.fixed`; slope (m, s): derivative by the ranges."""
         m = slope.shape[0]
         turn = np.eye(self.cov.shape[1])
         turn[: self.size, : self.size] -= gain @ here
@@ -302,10 +301,10 @@ class _Smoothed(_SourceErrors):
 
 
 class _Wandering(_SourceErrors):
-    """Clocks of pseudolites that wander, of one kind: the offsets of all, then their rates."""
+    """Clock noise of pseudolites, of one kind: the offsets of all, then their rates."""
 
     def __init__(self, size: int, clocks: WanderingClocks, used: np.ndarray, time: np.ndarray):
-        """size: S of the state carried; used (e, s), time (e,) of `Signals`."""
+        """size: number S of propagated states; used (e, s), time (e,) of `Signals`."""
         super().__init__(1, size, 2 * int(clocks.which.sum()))
         self.used = np.tile(used[:, clocks.which], 2)
         self.transition, self.new = clocks.steps(time)
@@ -335,15 +334,15 @@ class _Wandering(_SourceErrors):
 
 
 class _Augmented:
-    """The state carried and what happens to it: minus the filter's estimates, and the sensor states that there are.
+    """Propagated state: navigation errors, minus the filter's estimates of its sensor states, and the true sensor
+    states.
 
-    n: states of the filter; size: S of the state carried; to_error (n, S): the filter's errors from it; markov: places
-    of the Markov biases in it; decay (t,): of the true states, 1/s.
+    n: states of the filter; size: S, all states; to_error (n, S): matrix to the filter's errors; markov: indices of the
+    Markov biases; decay (t,): of the true states, 1/s.
     """
 
     def __init__(self, followed: Sequence[Block], true: Sequence[Block], scales: int):
-        """scales: how many time scales the filter has a bias of the clock for, whose states carried are the errors
-        themselves."""
+        """scales: number of time scales with a clock bias of the filter. Clock states are the errors themselves."""
         mine, truth = states.declared(followed), states.declared(true)
         self.clock = states.SENSORS + mine.size, scales
         self.n = states.SENSORS + mine.size + states.clock_states(scales)
@@ -357,7 +356,7 @@ class _Augmented:
         self.markov = self.n + _MARKOV + np.arange(states.N - states.SENSORS)
 
     def route(self, events: Events, steps: Steps, lin: Linearised) -> Route:
-        """What the events do to it."""
+        """Effect of the events on the state."""
         ends = steps.interval >= 0
         length = np.zeros(lin.transition.shape[0])
         length[steps.interval[ends]] = steps.length[ends]
@@ -397,14 +396,17 @@ class AlongTruth(NamedTuple):
 
 
 def _densities(flight: Flight) -> np.ndarray:
-    """Densities of the sensor noises (NOISES,) that there really are, with flicker noise as of `Triad.merged`."""
+    """True densities of the sensor noises (NOISES,), with flicker noise as of `Triad.merged`."""
     gyro, accel = flight.gyro.merged(), flight.accel.merged()
     return np.array([gyro.noise_density**2, accel.noise_density**2, gyro.drive(), accel.drive()])
 
 
 def along_belief(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongTruth:
-    """The same with measurements that have no error at all (`landing.believed_measurements`), of sensors without noise;
-    without: (s,) bool, sources of which nothing is given."""
+    """Linearise a filter along measurements without any error (`landing.believed_measurements`), with noise-free
+    sensors.
+
+    without: (s,) bool, sources that are missing.
+    """
     ranges, rates = believed_measurements(flight.world)
     return _along(flight, np.where(without, np.nan, ranges), rates, noisy=False)
 
@@ -415,7 +417,7 @@ def along_truth(flight: Flight) -> AlongTruth:
 
 
 def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = True) -> AlongTruth:
-    """With these measurements (e, s); noisy: whether what sensor noise adds is wanted."""
+    """Linearise along these measurements (e, s); noisy: whether to compute the added sensor noise."""
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     own: FixTable | RangeTable
     if beliefs.tight:
@@ -451,10 +453,10 @@ def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = 
 
 
 def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None = None) -> Analysis:
-    """The accuracy of a flight's filter.
+    """Accuracy of a flight's filter.
 
-    of_pseudolites: (s,) bool, which sources are pseudolites. along: where it is known already. Raises AnalysisError
-    where the result contradicts itself.
+    of_pseudolites: (s,) bool, which sources are pseudolites. along: if known already. Raises AnalysisError if the
+    result contradicts itself.
     """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     along = along or along_truth(flight)
@@ -581,8 +583,10 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
 
 
 def _true_curvature(flight: Flight) -> Curvature | None:
-    """Second-order errors of fixes as they are, where a filter knows of some: by all errors that last, also those of
-    messages, of which the receiver knows nothing."""
+    """True second-order errors of fixes, if the filter model includes any.
+
+    They are due to all time-correlated errors, also those of messages, which the receiver does not model.
+    """
     s = flight.world.signals
     if flight.curvature is None:
         return None
@@ -596,8 +600,10 @@ def _true_curvature(flight: Flight) -> Curvature | None:
 
 
 def curvature_of_ranges(flight: Flight) -> Curvature | None:
-    """Second-order errors of all ranges (m, 2) by the errors of position that the filter believes in, without regard to
-    them; None where they are negligible."""
+    """Second-order errors of all ranges (m, 2) due to the position errors of the filter model without second order.
+
+    None if negligible.
+    """
     epoch, source = np.nonzero(flight.world.signals.used)
     believed = along_truth(flight).lin.believed[1 + epoch, : states.VEL, : states.VEL]
     found = _curvature_of_ranges(flight, epoch, source, believed)
@@ -605,8 +611,8 @@ def curvature_of_ranges(flight: Flight) -> Curvature | None:
 
 
 def _curvature_of_ranges(flight: Flight, epoch: np.ndarray, source: np.ndarray, position: np.ndarray) -> Curvature:
-    """Second-order errors of ranges and range rates (m, 2) in the epochs of the sources (m,), by errors of position
-    (m, 3, 3) that last."""
+    """Second-order errors of ranges and range rates (m, 2) at the epochs of the sources (m,), for lasting position
+    errors (m, 3, 3)."""
     s = flight.world.signals
     of_range, of_rate, _ = range_forms(s)
     forms = -np.stack([of_range[epoch, source], of_rate[epoch, source]], axis=1)
@@ -621,8 +627,10 @@ def _curvature_of_ranges(flight: Flight, epoch: np.ndarray, source: np.ndarray, 
 def _add_range_curvature(
     flight: Flight, along: AlongTruth, route: Route, source: int, out: _Sums, errors: np.ndarray
 ) -> None:
-    """Add second-order errors of the ranges of near sources that a tightly coupled filter weighs: by its own errors of
-    position, to first order; nothing where they are negligible and the filter knows of none."""
+    """Add second-order errors of near ranges in a tightly coupled filter, from its first-order position errors.
+
+    Adds nothing if they are negligible and the filter model has none.
+    """
     weighed, row = _weighed(flight.events, route, RANGE)
     epoch = along.epoch[row]
     heard = np.argmax(along.by_range[row, 0], axis=1)
@@ -642,7 +650,7 @@ def _add_range_curvature(
 
 
 def _same(a: SensorBeliefs, b: SensorBeliefs) -> bool:
-    """Whether two beliefs give a filter the same process noise."""
+    """Whether two filter models have the same process noise."""
     mine, other = states.declared(a.blocks), states.declared(b.blocks)
     return mine.size == other.size and all(
         np.allclose(x, y, rtol=1e-12, atol=0.0)
@@ -651,8 +659,8 @@ def _same(a: SensorBeliefs, b: SensorBeliefs) -> bool:
 
 
 def _check(analysis: Analysis, matched: bool) -> None:
-    """Raise AnalysisError for undefined accuracies, and where a filter that believes what is true is not expected to
-    have innovations of the size it expects itself."""
+    """Raise AnalysisError for undefined accuracies, and for a filter whose model is true but whose innovations are not
+    as expected."""
     if not np.all(np.isfinite(analysis.variance)):
         raise AnalysisError("the accuracy is undefined (nan); please report this scenario")
     some = analysis.degrees > 0
@@ -676,7 +684,7 @@ def _messages(signals: Signals, by_range: np.ndarray, epoch: np.ndarray) -> np.n
 
 
 def _owners(sources: tuple[str, ...], of_pseudolites: np.ndarray) -> np.ndarray:
-    """The source of each error of places and clocks (4 s,); of what is not among the sources, -1."""
+    """Source of each position and clock error (4 s,); -1 for errors that are not among the sources."""
     mine = [sources.index(name) if name in sources else -1 for name in (SURVEY, SURVEY, SURVEY, CALIBRATION)]
     return np.where(of_pseudolites[:, None], mine, _EPHEMERIS).ravel()
 
@@ -692,7 +700,7 @@ def responses(flight: Flight, along: AlongTruth) -> np.ndarray:
 
 
 def route_of_filter(flight: Flight, along: AlongTruth) -> Route:
-    """What happens to the states of a filter alone, whatever the truth is."""
+    """History of the filter's own states, whatever the truth is."""
     carried, route = _route(flight, along)
     return route.of(np.arange(carried.n))
 
@@ -722,7 +730,7 @@ def excess(flight: Flight, route: Route, whole: AlongTruth, other: AlongTruth) -
 
 
 def _route(flight: Flight, along: AlongTruth) -> tuple[_Augmented, Route]:
-    """The state carried, and what happens to it."""
+    """The propagated state and its history."""
     carried = _Augmented(flight.beliefs.sensors.blocks, [state.block for state in along.true], len(flight.scales))
     return carried, carried.route(flight.events, along.steps, along.lin)
 
@@ -760,18 +768,20 @@ def _at_start(
 
 
 class _Sums(NamedTuple):
-    """What sources add to: variance (source, o, n) and covariance (o, n, n) of the errors at the outputs; second (w,
-    MOST, MOST) moments of the innovations."""
+    """Sums over sources."""
 
     variance: np.ndarray
+    """(source, o, n) of the errors at the outputs."""
     covariance: np.ndarray
+    """(o, n, n) of the errors at the outputs."""
     second: np.ndarray
+    """(w, MOST, MOST) moments of the innovations."""
 
 
 def _weighed(
     events: Events, route: Route, kind: int, chosen: np.ndarray | bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Measurements of a kind that the filter weighs, of chosen events: which of the route's, and their rows (m,)."""
+    """Measurements of a kind that the filter uses, of chosen events: indices in the route and rows (m,)."""
     at = np.flatnonzero((events.kind == kind) & (route.weighed >= 0) & chosen)
     return route.weighed[at], events.row[at]
 
@@ -779,8 +789,11 @@ def _weighed(
 def _carry_noises(
     route: Route, added: np.ndarray, some: list[int], density: np.ndarray, noise: list[np.ndarray | None], out: _Sums
 ) -> None:
-    """Add what at most WIDTH sources do that are new all the time. some: which; density: (source, NOISES + 2)
-    of the sensors and of the clock; noise: of measurements (w, MOST, MOST), if any."""
+    """Add the effect of at most WIDTH white noise sources.
+
+    some: the sources; density: (source, NOISES + 2) of the sensors and of the clock; noise: of measurements (w, MOST,
+    MOST), if any.
+    """
     n, size = route.to_error.shape
     density_of, noise_of = np.zeros((NOISES + 2, WIDTH)), np.zeros((*out.second.shape, WIDTH))
     density_of[:, : len(some)] = density.T
@@ -798,7 +811,7 @@ def _carry_noises(
 
 
 def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudolites: np.ndarray, out: _Sums) -> None:
-    """Add what the noise of smoothed ranges does."""
+    """Add the effect of smoothed range noise."""
     s = flight.world.signals
     assert s.smoothing is not None
     own = _Smoothed(along.lin.believed.shape[1], s.smoothing, s.sigma, s.used, of_pseudolites)
@@ -806,7 +819,7 @@ def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudoli
 
 
 def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[int], out: _Sums) -> None:
-    """Add what ranging errors that last do, each kind to the variance of its row."""
+    """Add the effect of time-correlated ranging errors, each kind to the variance of its row."""
     s = flight.world.signals
     assert s.lasting is not None
     n, kinds_and_sources = along.lin.believed.shape[1], s.lasting.sigma.shape[::2]
@@ -824,7 +837,7 @@ def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[i
 
 
 def _carry_wandering(flight: Flight, along: AlongTruth, route: Route, row: int, out: _Sums) -> None:
-    """Add what clocks of pseudolites that wander do."""
+    """Add the effect of clock noise of pseudolites."""
     s = flight.world.signals
     assert s.wandering is not None
     own = _Wandering(along.lin.believed.shape[1], s.wandering, s.used, s.time)
@@ -833,7 +846,7 @@ def _carry_wandering(flight: Flight, along: AlongTruth, route: Route, row: int, 
 
 
 def _lasting_of(aid: Aid) -> tuple[str, ...]:
-    """Names of the errors of a sensor that last, those that there are."""
+    """Names of a sensor's time-correlated errors that are simulated."""
     if aid.sensor.lasting is None:
         return ()
     errors = aid.sensor.lasting.errors(aid.model)
@@ -841,7 +854,7 @@ def _lasting_of(aid: Aid) -> tuple[str, ...]:
 
 
 def _states_of(flight: Flight, aid: Aid) -> np.ndarray:
-    """Places of the filter's states for the errors of a sensor that last."""
+    """Indices of the filter's states for a sensor's time-correlated errors."""
     behind = False
     first = flight.covariance.shape[0] - flight.model.clock_states
     for one in reversed(flight.world.aids):
@@ -851,7 +864,7 @@ def _states_of(flight: Flight, aid: Aid) -> np.ndarray:
 
 
 def _carry_aided(flight: Flight, along: AlongTruth, route: Route, aid: Aid, rows: list[int], out: _Sums) -> None:
-    """Add what the errors of a sensor beside the receiver do that last, each to the variance of its row."""
+    """Add the effect of time-correlated errors of a sensor beside the receiver, each to the variance of its row."""
     n, m = along.lin.believed.shape[1], aid.time.size
     assert aid.sensor.lasting is not None
     errors = aid.sensor.lasting.errors(aid.model)
@@ -870,7 +883,7 @@ def _carry_aided(flight: Flight, along: AlongTruth, route: Route, aid: Aid, rows
 
 
 def _own_kind(flight: Flight) -> int:
-    """Of the measurements that the receiver gives the filter."""
+    """Kind of the measurements from the receiver."""
     return RANGE if flight.beliefs.tight else FIX
 
 
@@ -913,9 +926,10 @@ def _carry_remembered(
 
 
 def _carry_columns(route: Route, start_: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Carry columns (S, c) from the start on, measurements being off by `off` (w, MOST, c).
+    """Propagate columns (S, c) from the start, with measurement errors `off` (w, MOST, c).
 
-    Returns errors at the outputs (o, n, c) and innovations (w, MOST, c)."""
+    Returns errors at the outputs (o, n, c) and innovations (w, MOST, c).
+    """
     count = start_.shape[1]
     groups = -(-count // WIDTH)
 

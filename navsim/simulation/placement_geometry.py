@@ -1,6 +1,6 @@
-"""The geometry of the glide for any placement of pseudolites: what `simulation.placement_dops` needs, and its results.
+"""Geometry of the glide for any placement of pseudolites: inputs of `simulation.placement_dops`, and its results.
 
-Satellites do not care where pseudolites stand, so a scenario is turned into this once, and a placement then costs
+The satellites' part does not depend on the pseudolites. It is computed once for a scenario, and a placement then costs
 nanoseconds an epoch.
 """
 
@@ -39,7 +39,7 @@ _LOWER = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
 _SHARE = 16384
 """Registers of placements, times epochs, that a thread takes at a time: half a millisecond."""
 _OVERHEAD = 1e5
-"""Height over touchdown at which the pseudolite stands that speaks for all, m: none of the flight comes near it."""
+"""Height over touchdown of the pseudolite that represents all placements, m: the flight never comes near it."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Geometry:
     """See `Environment`."""
 
     def find_lone_pseudolite(self, count: int) -> np.ndarray:
-        """At which epochs (e,) bool so many pseudolites are one that no satellite shares the time scale with, see
+        """Epochs (e,) bool at which a single pseudolite has no satellite on its time scale, see
         `signals.find_lone_pseudolite`."""
         heard = self.pseudolite_unit > 0.0
         return np.asarray(heard & (self.unit[:, SAT_WEIGHT] == 0.0) & (count == 1))
@@ -82,7 +82,7 @@ class Geometry:
         return bool(away + spread > self.reach.min() + horizon_distance(0.0))
 
     def at(self, epochs: np.ndarray) -> Geometry:
-        """The same at some of the epochs, (n,) int or (e,) bool."""
+        """The geometry at some of the epochs, (n,) int or (e,) bool."""
         return replace(self, **{name: getattr(self, name)[epochs] for name in _OF_EPOCHS})
 
     def dops(self, sites: np.ndarray, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -93,7 +93,7 @@ class Geometry:
         return self._statistics(self.unit, self.pseudolite_unit, sites, workers)
 
     def fix_sigmas(self, sites: np.ndarray, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        """The same of the weighted covariance: 1 sigma in space, horizontal, vertical, m ("SKO")."""
+        """1 sigma of fixes in space, horizontal, vertical, m ("SKO"), from the weighted covariance."""
         return self._statistics(self.weighted, self.pseudolite_weighted, sites, workers)
 
     def _statistics(
@@ -127,17 +127,18 @@ class Geometry:
 
 
 _OF_EPOCHS = tuple(f.name for f in fields(Geometry) if f.name not in ("ridges", "ground"))
-"""What a geometry has of each epoch."""
+"""Fields with one row for each epoch."""
 
 
 def glide_geometry(
     trajectory: Moving, environment: Environment, utc: np.ndarray, time: np.ndarray, counted: np.ndarray
 ) -> Geometry:
-    """The geometry at chosen fix epochs of the approach, for each start utc (n,), one after the other (n c).
+    """Geometry at chosen fix epochs of the approach, for each start utc (n,), one after the other (n c).
 
-    time: (e,) s, fix epochs from the first one on, so that what the receiver remembers is in it. counted: (e,) bool,
-    which of them placements are judged at. The signals are those of a landing; what of a pseudolite's does not depend
-    on where it stands is told by one that stands out of the way.
+    - `time` (e,): fix epochs from the first one on, s, so that the receiver's memory is included.
+    - `counted` (e,) bool: epochs at which placements are evaluated.
+
+    Signals are those of a landing. A distant pseudolite supplies the quantities that do not depend on the position.
     """
     motion = trajectory.motion(time)
     axes = enu_matrix(motion.llh)[counted]

@@ -45,7 +45,7 @@ class Curvature:
 
     @property
     def noise(self) -> np.ndarray:
-        """What the covariance of measurements grows by (m, k, k)."""
+        """Increase of the measurements' covariance (m, k, k)."""
         return self.white + self.bound
 
     @classmethod
@@ -84,8 +84,10 @@ def diagonal_bound(covariance: np.ndarray) -> np.ndarray:
 
 
 def _products(forms: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (m, k) of e' F e, e of a covariance (m, 3, 3), and the coefficients (m, k, 6) of what varies: those of the
-    products n_i n_j, each divided by its standard deviation."""
+    """Mean (m, k) of e' F e, e of a covariance (m, 3, 3), and coefficients (m, k, 6) of its random part.
+
+    The latter multiply the products n_i n_j, each divided by its standard deviation.
+    """
     size, axes = np.linalg.eigh(covariance)
     root = (axes * np.sqrt(np.maximum(size, 0.0))[:, None]) @ np.swapaxes(axes, 1, 2)
     turned = np.swapaxes(root, 1, 2)[:, None] @ forms @ root[:, None]
@@ -132,7 +134,7 @@ class NearPass:
 
 
 def near_passes(signals: Signals, covariance: np.ndarray, order: int) -> list[NearPass]:
-    """The near sources where they are passed; covariance: of position errors (e, 3, 3) or more, NED, m2."""
+    """Closest approaches to near sources; covariance: of position errors (e, 3, 3) or more, NED, m2."""
     distance = np.where(signals.used, signals.range, np.inf)
     *_, across = range_forms(signals)
     out = []
@@ -170,8 +172,10 @@ def range_forms(signals: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def fix_forms(signals: Signals, by_range: np.ndarray, by_rate: np.ndarray) -> np.ndarray:
-    """Second-order errors of fixes, quadratic forms (e, 6, 3, 3) of their first-order errors of position; by_range,
-    by_rate: as of `fix_slopes.slopes`. A longer range makes the fix shorter: it is where all of it is told."""
+    """Second-order errors of fixes, quadratic forms (e, 6, 3, 3) of their first-order position errors.
+
+    by_range, by_rate: as of `fix_slopes.slopes`. The sign follows from the fix: a longer range makes the fix shorter.
+    """
     of_range, of_rate, across = range_forms(signals)
     # what a position error does to the velocity fix, and so to the directions once more
     to_velocity = by_range[:, 3:] @ np.linalg.pinv(by_range[:, :3])

@@ -29,19 +29,25 @@ from navsim.simulation.landing_covariance import AlongTruth
 
 @dataclass(frozen=True)
 class Slopes:
-    """K numbers for each of what is drawn of a landing, laid out as `simulation.landing.Inputs` with K first: slopes of
-    K errors by them, or K directions in them.
+    """Slopes of K errors by all random inputs of a landing, or K directions in these inputs.
 
-    initial: (K, 9). dtheta, dv: (K, n, 3). ranges, rates, phases: (K, e, s). aided: (K, m, k) of each sensor.
+    Arrays are those of `simulation.landing.Inputs` with K first.
     """
 
     initial: np.ndarray
+    """(K, 9)."""
     dtheta: np.ndarray
+    """(K, n, 3)."""
     dv: np.ndarray
+    """(K, n, 3)."""
     ranges: np.ndarray
+    """(K, e, s)."""
     rates: np.ndarray
+    """(K, e, s)."""
     phases: np.ndarray | None
+    """(K, e, s)."""
     aided: tuple[np.ndarray, ...]
+    """(K, m, k) of each sensor."""
 
     def members(self) -> list[np.ndarray]:
         """Its arrays."""
@@ -174,7 +180,7 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
 
 
 def _of_aid(aid: Aid, slopes: np.ndarray) -> np.ndarray:
-    """The covariance of the errors of what a sensor measures times their slopes (K, m, k)."""
+    """Covariance of a sensor's errors times their slopes (K, m, k)."""
     out = slopes * aid.sigma**2
     if aid.sensor.lasting is not None:
         errors = aid.sensor.lasting.errors(aid.model)
@@ -184,7 +190,7 @@ def _of_aid(aid: Aid, slopes: np.ndarray) -> np.ndarray:
 
 
 def _of_lasting(lasting: LastingErrors, time: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """The covariance of errors that last, at epochs (e,), s, times their slopes (K, e, s)."""
+    """Covariance of time-correlated errors, at epochs (e,), s, times their slopes (K, e, s)."""
     kept, _ = lasting.steps(time)
     out = np.zeros_like(slopes)
     for k, sigma in enumerate(lasting.sigma):
@@ -200,7 +206,7 @@ def _of_lasting(lasting: LastingErrors, time: np.ndarray, slopes: np.ndarray) ->
 
 
 def _of_clocks(signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The covariance of what clocks of pseudolites do to ranges and range rates times slopes by these (K, e, s)."""
+    """Covariance of the effect of pseudolites' clocks on ranges and range rates, times slopes by these (K, e, s)."""
     clocks = signals.wandering
     assert clocks is not None
     transition, new = clocks.steps(signals.time)
@@ -229,7 +235,7 @@ def _of_triad(triad: Triad, slopes: np.ndarray, exact: np.ndarray, dt: float) ->
 
 
 def _of_markov(sigma: float, time: float, slopes: np.ndarray, dt: float) -> np.ndarray:
-    """That of a Markov bias alone: its covariance between samples i and j is sigma^2 decay^|i - j|."""
+    """Covariance of a Markov bias alone times slopes; between samples i and j it is sigma^2 decay^|i - j|."""
     decay = np.exp(-dt / time)
     later, out = np.zeros_like(slopes[:, 0]), np.empty_like(slopes)
     for t in range(slopes.shape[1] - 1, -1, -1):
@@ -243,7 +249,7 @@ def _of_markov(sigma: float, time: float, slopes: np.ndarray, dt: float) -> np.n
 
 
 def deviations(flight: Flight, inputs: Inputs) -> list[np.ndarray]:
-    """By how much drawn inputs are off those where nothing is drawn, laid out as `Slopes.members`, lanes last."""
+    """Deviation of drawn inputs from those without random errors, in the order of `Slopes.members`, lanes last."""
     world, dt = flight.world, flight.world.imu_time[1] - flight.world.imu_time[0]
     fixed = np.zeros(states.SENSORS) if flight.initial.fixed is None else flight.initial.fixed
     ranges, rates, phases = expected_measurements(world)

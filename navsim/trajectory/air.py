@@ -1,10 +1,12 @@
-"""The air that an aircraft flies in, and how well it keeps its way: mean wind, gusts, turbulence, flight-technical
-error.
+"""Air and flight-technical error: mean wind, gusts, turbulence, and the aircraft's deviation from its route.
 
-Winds say where the air goes, along path axes (x along the landing direction, y right, z down); heights are above the
-runway. Sources and equations: `docs/theory/air.md`. [1] MIL-F-8785C (1980), section 3.7 (wind shear, gust, Dryden
-spectra). [2] MIL-HDBK-1797 (1997), appendix (Dryden spectra, low altitude). [3] Yeager, NASA CR-206937 (1998) (both
-forms of the spectra). [4] Hsu, Meindl & Gilhousen, J. Applied Meteorology 33 (1994) (power law).
+Winds are given by the direction to which the air moves, along path axes (x along the landing direction, y right, z
+down); heights are above the runway. Sources and equations: `docs/theory/air.md`.
+
+- [1] MIL-F-8785C (1980), section 3.7 (wind shear, gust, Dryden spectra).
+- [2] MIL-HDBK-1797 (1997), appendix (Dryden spectra, low altitude).
+- [3] Yeager, NASA CR-206937 (1998) (both forms of the spectra).
+- [4] Hsu, Meindl & Gilhousen, J. Applied Meteorology 33 (1994) (power law).
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from navsim.trajectory.path import AnyPath
 FOOT = 0.3048
 KNOT = 1852.0 / 3600.0
 LOWEST = 3.0 * FOOT
-"""Height below which a profile stays what it is there, m [1]."""
+"""Height below which a profile is constant, m [1]."""
 HIGHEST = 1000.0 * FOOT
 """Height up to which the logarithmic profile and the low-altitude spectra hold, m [1, 2]."""
 REFERENCE = 20.0 * FOOT
@@ -31,7 +33,7 @@ REFERENCE = 20.0 * FOOT
 POWER_REFERENCE = 10.0
 """Height of the wind that the power law begins with, m."""
 TURBULENCE_LOWEST = 10.0 * FOOT
-"""Height below which turbulence stays what it is there, m."""
+"""Height below which turbulence is constant, m."""
 _ROUNDING = 1.0 * FOOT
 """Half the stretch, m, over which a corner of a profile is rounded: a nose cannot follow a corner."""
 AIR_DENSITY = 1.225
@@ -40,7 +42,7 @@ GRAVITY = 9.80665
 
 
 class AirError(ValueError):
-    """What cannot be flown in this air; key: the member of the section it is about."""
+    """The trajectory cannot be flown in this air; key: member of the section."""
 
     def __init__(self, key: str, text: str) -> None:
         super().__init__(text)
@@ -56,18 +58,20 @@ def towards(speed: np.ndarray, from_: np.ndarray, heading: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Profile:
-    """A mean wind by height: speed, m/s, and where it comes from, rad; both linear between `heights` (m, increasing,
-    of logarithmic and power profiles the one corner where they end), their corners rounded."""
+    """Mean wind by height. Corners between linear pieces are rounded."""
 
     kind: str
     heights: np.ndarray
+    """m, increasing; for logarithmic and power profiles, the height at which they end."""
     speed: np.ndarray
+    """m/s, linear between `heights`."""
     from_: np.ndarray
+    """Direction from which it comes, rad, linear between `heights`."""
     parameter: float = math.nan
     """Roughness length, m, of a logarithmic profile; exponent of a power law."""
 
     def _shape(self, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of a logarithmic or power profile its share of the reference speed above `LOWEST`, and its slope, 1/m."""
+        """Fraction of the reference speed above `LOWEST`, and its slope, 1/m, of a logarithmic or power profile."""
         if self.kind == "log":
             scale = 1.0 / math.log(REFERENCE / self.parameter)
             return scale * np.log(h / self.parameter), scale / h
@@ -118,7 +122,7 @@ class Profile:
 
 
 def _rounded(h: np.ndarray, corner: float, change: float, half: float) -> tuple[np.ndarray, np.ndarray]:
-    """What a parabola over `corner` +- `half` adds to a function whose slope changes there, and to its slope."""
+    """Correction of a function, and of its slope, by a parabola over `corner` +- `half`, where its slope changes."""
     away = np.abs(h - corner)
     inside = np.maximum(half - away, 0.0)
     return change * inside**2 / (4.0 * half), -np.sign(h - corner) * change * inside / (2.0 * half)
@@ -189,7 +193,7 @@ class WindAlong:
     rise: float = 0.0
 
     def mean(self, t: np.ndarray) -> np.ndarray:
-        """The wind (n, 3), m/s, whatever the nose does."""
+        """Wind (n, 3), m/s, independent of the attitude."""
         return self.mean_wind.at(over_runway(self.path, t, self.path.jet(t), self.rise)[0])[0]
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -227,7 +231,7 @@ class Triangle:
 
 
 def triangle(velocity: np.ndarray, wind: np.ndarray) -> Triangle:
-    """Of flight over ground at velocity (n, 3) in a wind (n, 3), m/s along path axes."""
+    """Wind triangle of a flight at ground velocity (n, 3) in a wind (n, 3), m/s along path axes."""
     through = velocity - wind
     along, right = level_axes(velocity)
     crab = np.arctan2(np.sum(through * right, axis=1), np.sum(through * along, axis=1))
@@ -235,7 +239,7 @@ def triangle(velocity: np.ndarray, wind: np.ndarray) -> Triangle:
 
 
 def triangle_along(trajectory: Trajectory, t: np.ndarray) -> Triangle:
-    """Of a trajectory in its mean wind at times (n,), s."""
+    """Wind triangle of a trajectory in its mean wind at times (n,), s."""
     return triangle(trajectory.path.jet(t)[:, 1], trajectory.wind.mean(t))
 
 
@@ -276,7 +280,7 @@ class Gust:
     by_way: bool = False
 
     def rise_time(self, airspeed: float) -> float:
-        """How long it rises, s, at an airspeed, m/s."""
+        """Duration of the rise, s, at an airspeed, m/s."""
         return self.ramp / airspeed if self.by_way else self.ramp
 
     def at(self, t: np.ndarray, airspeed: float) -> np.ndarray:
@@ -370,8 +374,7 @@ class Turbulence:
 
 
 def through(process: Process, row: np.ndarray, system: Process) -> Process:
-    """A process, and what a linear system makes of it that is driven, in place of noise, by a row (n,) of its
-    states."""
+    """A process, followed by a linear system that a row (n,) of its states drives instead of noise."""
     n, more = process.a.shape[0], system.a.shape[0]
     a, b = np.zeros((n + more, n + more)), np.zeros(n + more)
     a[:n, :n], b[:n] = process.a, process.b
@@ -380,7 +383,7 @@ def through(process: Process, row: np.ndarray, system: Process) -> Process:
 
 
 def two_lags(lag: float) -> Process:
-    """Two first-order lags of `lag` s each, one behind the other: what comes out, and its rate."""
+    """Two first-order lags of `lag` s each in series: output and its rate."""
     return Process(np.array([[0.0, 1.0], [-1.0 / lag**2, -2.0 / lag]]), np.array([0.0, 1.0 / lag**2]))
 
 
@@ -455,11 +458,11 @@ class Deviation:
 
     @property
     def beta(self) -> float:
-        """Of the triple pole, 1/s."""
+        """Triple pole, 1/s."""
         return 8.0 / (3.0 * self.time)
 
     def process(self) -> Process:
-        """Of unit variance: error, rate, acceleration."""
+        """Process of unit variance: error, rate, acceleration."""
         return third_order(self.beta)
 
     def scale(self, height: np.ndarray) -> np.ndarray:

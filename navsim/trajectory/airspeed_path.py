@@ -16,16 +16,18 @@ from navsim.trajectory.air import AirError, MeanWind, crossings, ground_speed, o
 from navsim.trajectory.path import AnyPath, hermite
 
 _STEP = 0.1
-"""Of the path's own time between the knots of s(t), s: the airspeed is held to 1e-4 m/s between them."""
+"""Interval of the path's own time between the knots of s(t), s; airspeed errors between them are below 1e-4 m/s."""
 _SMALL = 1e-4
-"""Of the difference that slopes are made of, s."""
+"""Step of the difference quotients for slopes, s."""
 SLOWEST = 2.0
 """Speed over ground that is needed, m/s: an attitude follows from it."""
 
 
 def held_airspeed(path: AnyPath, wind: MeanWind, duration: float, rise: float = 0.0) -> Retimed:
-    """A path whose speeds are meant through the air, for so many seconds, over a runway that rises so, m a m. Raises
-    AirError where the wind does not let it be flown."""
+    """The path with its speeds as airspeeds, for so many seconds, over a runway with this rise, m a m.
+
+    Raises AirError if the wind makes it impossible.
+    """
     points, shares = np.polynomial.legendre.leggauss(4)
     end = 1.2 * duration + 2.0
     while True:
@@ -96,7 +98,7 @@ class Retimed:
 
     @property
     def knots(self) -> np.ndarray:
-        """Times (s) where one polynomial gives way to the next."""
+        """Times (s) at which polynomials join."""
         return self.time[1:-1]
 
     def jet(self, t: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ from navsim.trajectory.path import DEGREE, AnySegment, Arc, Path, Segment, blend
 
 GLIDE_START, FLARE, TOUCHDOWN = "glide_start", "flare", "touchdown"
 ROLL_OUT, TAXI, STAND = "roll_out", "taxi", "stand"
-"""Events of a roll-out that is slowed: the gear has settled and the path is the runway's x axis; the speed of taxiing
-is reached; the aircraft stands."""
+"""Events of a roll-out: the gear has settled and the path is the runway's x axis; taxi speed is reached; the aircraft
+stops."""
 _X, _Z = 0, 2
 
 
@@ -217,10 +217,11 @@ def smooth_profile(
 
 
 def sloped(path: Path, slope: float) -> Path:
-    """A landing on a runway that rises by `slope`, m a m, in the direction of landing: from touchdown on the way is up
-    that slope, which the blend there leads to. Of a path that does not touch down, itself.
+    """A landing on a runway that rises by `slope`, m a m, in the direction of landing.
 
-    What comes after the blend is along the x axis, as of the profiles here."""
+    After touchdown the path follows that slope, after a blend. A path without a touchdown does not change. After the
+    blend the path is along the x axis, as in the profiles here.
+    """
     touchdown = path.events.get(TOUCHDOWN)
     if slope == 0.0 or touchdown is None:
         return path
@@ -237,7 +238,7 @@ def sloped(path: Path, slope: float) -> Path:
 
 
 def _slowed(path: Path, deceleration: float, taxi: Taxi) -> Path:
-    """A path whose last segment brakes along the x axis, which comes to taxiing instead. Raises ValueError."""
+    """A path whose last segment brakes along the x axis, with taxiing instead. Raises ValueError."""
     rollout = path.segments[-1]
     fast = float(ended(rollout, rollout.start)[1, _X])
     if fast <= taxi.speed:

@@ -1,9 +1,7 @@
-"""How flown ways deviate from a reference, each run in its own way: flight-technical error, turbulence, gusts,
-estimates that are steered by.
+"""Deviations of runs from a reference: flight-technical error, turbulence, gusts, and guidance by wrong estimates.
 
-`Air` says what there is (`navsim.trajectory.air`); along a trajectory it becomes `Disturbance`, which draws a
-`Departure` for each run; `deviated` is the motion of an aircraft on it. Equations: `docs/theory/air.md`, sections 3 to
-5.
+`Air` describes the causes (`navsim.trajectory.air`). Along a trajectory it becomes a `Disturbance`, which draws a
+`Departure` for each run; `deviated` is the resulting motion. Equations: `docs/theory/air.md`, sections 3 to 5.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ from navsim.trajectory.track_frame import ALONG, LATERAL, VERTICAL, Course, Walk
 _GRADIENT_STEP = 100.0
 """Baseline of the differences of gravity, m."""
 _TURBULENCE = 3
-"""What is added to the number of an axis for the random stream of turbulence along it."""
+"""Offset from the number of an axis to the random stream of its turbulence."""
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -57,7 +55,7 @@ class Departure:
         return np.concatenate([place, velocity, acceleration], axis=1), np.concatenate([turn, rate], axis=1)
 
     def place(self, time: np.ndarray) -> np.ndarray:
-        """Of `way` the place (m, 3, W) at times (m,)."""
+        """Position (m, 3, W) at times (m,)."""
         first, s, h = self._since(time)
         p0, v0, a0, c3, c4, c5 = self._quintic(first, h)
         return np.asarray(p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))))
@@ -103,7 +101,7 @@ class Disturbance:
 
     @classmethod
     def of(cls, air: Air, trajectory: Trajectory, time: np.ndarray) -> Disturbance:
-        """That of some air around a trajectory."""
+        """Disturbances in this air along a trajectory."""
         course, step = Course.of(trajectory, time), float(time[1] - time[0])
         same = np.zeros(time.size - 1, np.int64)
         walks = {}
@@ -124,8 +122,11 @@ class Disturbance:
     def drawn(
         self, rngs: dict[int, tuple[np.random.Generator, ...]], count: int, lanes: int, known: Held | None = None
     ) -> Departure:
-        """Departures of the first `count` of so many runs, W; rngs: W generators for each of the walks; known: the
-        errors of estimates that aircraft are steered by, None where nobody steers by them."""
+        """Departures of the first `count` of so many runs, W.
+
+        rngs: W generators for each of the walks. known: estimation errors that guidance follows, None without such
+        guidance.
+        """
         way, turn = np.zeros((self.time.size, 9, lanes)), np.zeros((self.time.size, 6, lanes))
         course, air = self.course, self.air
         states = {number: walk.drawn(rngs[number], count) for number, walk in self.walks.items()}
@@ -151,7 +152,7 @@ class Disturbance:
         return Departure(self.time, way, turn, gust)
 
     def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:
-        """Adds a deviation across the course: the nose follows the way, the bank its acceleration."""
+        """Add a deviation across the course: the nose follows the trajectory, the bank its acceleration."""
         scale = deviation.scale(self.course.height)[..., None]
         of_states = states.transpose(1, 0, 2)
         right = _product(scale, of_states[:3])
@@ -182,7 +183,7 @@ class Disturbance:
             self._bank(turn, met.guided(moved), met.guided(moved[1:]))
 
     def _steered(self, known: Held, way: np.ndarray, turn: np.ndarray) -> None:
-        """Adds what guidance by estimates makes; nose and bank as of a flight-technical error."""
+        """Add the effect of guidance by estimates; nose and bank as for a flight-technical error."""
         loop, lag = self.air.follow, self.air.response.bank_lag
         assert loop is not None
         step, row = float(self.time[1] - self.time[0]), acceleration(lag)
@@ -207,8 +208,8 @@ class Disturbance:
             self._turn(turn, 1, up[1], up[2])
 
     def _bank(self, turn: np.ndarray, acceleration: np.ndarray, rate: np.ndarray) -> None:
-        """Adds the bank for an acceleration to the right (k, W), m/s2, and its rate, m/s3, as far as the aircraft
-        flies."""
+        """Add the bank for an acceleration to the right (k, W), m/s2, and its rate, m/s3, while the aircraft is
+        airborne."""
         airborne = self.course.airborne[..., None]
         turn[:, 0] += airborne[0] * acceleration * (0.5 / GRAVITY)
         turn[:, 3] += (airborne[1] * acceleration + airborne[0] * rate) * (0.5 / GRAVITY)

@@ -44,7 +44,7 @@ class PullUp:
 
 
 def time_at(path: Path, height: float) -> float:
-    """When a path last comes down through a height, m, on its glide, s. Raises NoSuchPath."""
+    """Last time at which a path descends through a height, m, on its glide, s. Raises NoSuchPath."""
     first, last = path.events[GLIDE_START], path.events[TOUCHDOWN]
     t = np.append(np.arange(first, last, _LOOK), last)
     above = np.flatnonzero(-path.jet(t)[:, 0, 2] >= height)

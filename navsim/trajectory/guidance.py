@@ -1,7 +1,7 @@
-"""An aircraft that is steered by its estimate: what its navigation errors make of the way that it flies.
+"""Guidance by the estimate: effect of navigation errors on the trajectory.
 
-Guidance sees how far the estimate is off the route, not the truth; so the truth goes where the error of the estimate
-is, late by guidance's loop. Equations: `docs/theory/air.md`, section 6.
+Guidance corrects the estimated deviation from the route, not the true one. The aircraft therefore follows the error of
+the estimate, with the lag of the guidance loop. Equations: `docs/theory/air.md`, section 6.
 """
 
 from __future__ import annotations
@@ -51,8 +51,11 @@ class Held:
         return cls(first[of_samples], np.where(last[:, None] >= 0, kept, 0.0)[of_samples])
 
     def drives(self, process: Process, amount: np.ndarray, samples: int, step: float) -> np.ndarray:
-        """States (samples, n, W) of a process from rest that amounts (m, W) of these errors drive, at samples so many s
-        apart: exact."""
+        """States (samples, n, W) of a process from rest, driven by amounts (m, W) of these errors, at samples so many s
+        apart.
+
+        Exact.
+        """
         n, lengths = process.a.shape[0], np.diff(np.append(self.first, samples - 1))
         # powers of the transition and of what a held error adds, as one matrix
         both = np.zeros((n + 1, n + 1))

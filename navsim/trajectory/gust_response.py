@@ -1,8 +1,8 @@
-"""How gusts and turbulence move an aircraft about its route, along one axis of its course at a time.
+"""Response of an aircraft to gusts and turbulence about its route, along one axis of its course at a time.
 
-The air carries an aircraft along, late by the time that its force needs, and guidance brings it back (`air.carried`).
-Scales and lags are those of the height and the airspeed of the moment, of the route; on the ground they stay what they
-were at touchdown, while the ground takes the air's hold. Equations: `docs/theory/air.md`, section 4.
+The air accelerates the aircraft with the lag of its force, and guidance corrects the deviation (`air.carried`). Scales
+and lags follow the height and airspeed of the route. On the ground they keep their values of touchdown, while the
+ground removes the effect of the air. Equations: `docs/theory/air.md`, section 4.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ STRETCHES = 64
 _ALONG_FLIGHT = (1, 0, 2)
 """Which of u, v, w is across the course, along it, up."""
 _NODES = 3
-"""Of the Gauss-Legendre rule for a gust in a step."""
+"""Nodes of the Gauss-Legendre rule for a gust in a step."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Buffeting:
         return np.stack([place, speed, acceleration]), nose.transpose(1, 0, 2)
 
     def blowing(self, states: np.ndarray | None) -> np.ndarray:
-        """Gusts and turbulence (k, W), m/s, beside the mean wind; states (k, n, W) of the walk."""
+        """Gusts and turbulence (k, W), m/s, without the mean wind; states (k, n, W) of the walk."""
         gust = self.gust[:, None]
         if states is None:
             return gust
@@ -72,7 +72,7 @@ class Buffeting:
 
 
 def buffeting(air: Air, trajectory: Trajectory, time: np.ndarray, course: Course) -> dict[int, Buffeting]:
-    """That of each axis of the course along which there is any, at times (k,), s, equally spaced."""
+    """Effect of gusts along each axis of the course that has any, at equally spaced times (k,), s."""
     if air.turbulence is None and not air.gusts:
         return {}
     which, middle = _stretches(course)
@@ -118,8 +118,10 @@ def _stretches(course: Course) -> tuple[np.ndarray, np.ndarray]:
 def gust_components(
     gusts: tuple[Gust, ...], trajectory: Trajectory, t: np.ndarray, course: Course, time: np.ndarray
 ) -> np.ndarray:
-    """Discrete gusts across the course, along it and up (n, 3), m/s, at times (n,), as far as the ground lets them;
-    course: at other times (k,)."""
+    """Discrete gusts across the course, along it and up (n, 3), m/s, at times (n,), reduced on the ground.
+
+    course: at other times (k,).
+    """
     out = np.zeros((t.size, 3))
     if not gusts:
         return out

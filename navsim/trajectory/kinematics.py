@@ -1,11 +1,11 @@
-"""From a path over the Earth to everything an inertial sensor feels, by analytic differentiation.
+"""Kinematics of a path over the Earth: inputs of the inertial sensors by analytic differentiation.
 
-The path lies in the tangent plane of the touchdown point, so position, velocity, acceleration and jerk are
-exact in ECEF. The attitude follows from it: the aircraft flies coordinated (no side force) with a constant
-angle of attack, its longitudinal plane through the velocity relative to the air.
+The path is given in the tangent plane of the touchdown point, so position, velocity, acceleration and jerk are exact in
+ECEF. Flight is coordinated (no side force) with a constant angle of attack, and the longitudinal plane contains the
+velocity relative to the air. This determines the attitude.
 
-Sources: [1] Groves (2013), eqs. 2.147-2.149 (specific force in rotating axes), 5.3 (ECEF).
-[2] Etkin, Dynamics of Atmospheric Flight (1972), section 4.2 (wind axes).
+Sources: [1] Groves (2013), eqs. 2.147-2.149 (specific force in rotating axes), 5.3 (ECEF). [2] Etkin, Dynamics of
+Atmospheric Flight (1972), section 4.2 (wind axes).
 """
 
 from __future__ import annotations
@@ -41,19 +41,22 @@ def tangent_frame(llh: np.ndarray, heading: float) -> Frame:
 
 @dataclass(frozen=True)
 class Motion:
-    """What a trajectory is at given times (n,); angles rad, SI units.
-
-    position_ecef, velocity_ecef, llh: (n, 3); c_eb: (n, 3, 3), body axes in ECEF;
-    specific_force, angular_rate: (n, 3) in body axes, against inertial space.
-    """
+    """Motion of the vehicle at given times; SI units, rad."""
 
     time: np.ndarray
+    """(n,)."""
     position_ecef: np.ndarray
+    """(n, 3)."""
     velocity_ecef: np.ndarray
+    """(n, 3)."""
     llh: np.ndarray
+    """(n, 3)."""
     c_eb: np.ndarray
+    """(n, 3, 3) body axes in ECEF."""
     specific_force: np.ndarray
+    """(n, 3) body axes."""
     angular_rate: np.ndarray
+    """(n, 3) relative to inertial space, body axes."""
 
     @cached_property
     def _c_ne(self) -> np.ndarray:
@@ -98,11 +101,11 @@ class Moving(Protocol):
         """Places at the times t (n,), s: (n, 3) rad, rad, m."""
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `integrate`."""
+        """See `integrate`."""
 
 
 def faded(t: np.ndarray, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """What goes smoothly from 1 at one time to 0 at another, s, at times t (n,), and its rate, 1/s."""
+    """Smooth transition from 1 at one time to 0 at another, s, at times t (n,), and its rate, 1/s."""
     length = end - begin
     u = np.clip((t - begin) / length, 0.0, 1.0)
     return 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0)), -30.0 * u**2 * (1.0 - u) ** 2 / length
@@ -119,13 +122,16 @@ class Blowing(Protocol):
         """The wind the attitude answers to, and its rate of change: (n, 3) m/s, m/s2."""
 
     def mean(self, t: np.ndarray) -> np.ndarray:
-        """The mean wind (n, 3), m/s, whatever the nose does."""
+        """Mean wind (n, 3), m/s, independent of the attitude."""
 
 
 @dataclass(frozen=True)
 class Wind:
-    """Steady wind in path axes (3,), m/s, towards; flown with a crab angle until `decrab_start`, which is
-    taken out smoothly up to `decrab_end` (s); both None where the crab is kept."""
+    """Steady wind in path axes (3,), m/s, towards.
+
+    The aircraft flies with a crab angle until `decrab_start`, and removes it smoothly until `decrab_end` (s); None
+    keeps it.
+    """
 
     velocity: np.ndarray
     decrab_start: float | None = None
@@ -139,7 +145,7 @@ class Wind:
         return keep[:, None] * self.velocity, rate[:, None] * self.velocity
 
     def mean(self, t: np.ndarray) -> np.ndarray:
-        """The wind (n, 3), m/s, whatever the nose does."""
+        """Wind (n, 3), m/s, independent of the attitude."""
         return np.tile(self.velocity, (t.size, 1))
 
     @property
@@ -158,7 +164,7 @@ class Trajectory:
     wind: Blowing
     angle_of_attack: float
     pitch_follows_path: bool = True
-    """False: the nose keeps `angle_of_attack` above the horizon, whatever the slope."""
+    """False: the nose is `angle_of_attack` above the horizon on any slope."""
     grounded: float = np.inf
     """Time, s, from which the path is up the runway, where the nose stays, however slow the aircraft."""
     runway_slope: float = 0.0
@@ -216,7 +222,7 @@ class Trajectory:
         return self.motion(t).llh
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `integrate`."""
+        """See `integrate`."""
         return integrate(self.motion, np.concatenate([self.path.knots, self.wind.knots]), t)
 
 
@@ -228,8 +234,11 @@ def assembled(
     c_eb: np.ndarray,
     rate: np.ndarray,
 ) -> Motion:
-    """A motion from what it is in ECEF: position (and the same as llh), velocity, specific force (n, 3), attitude C_eb
-    (n, 3, 3), and the angular rate against the Earth in body axes (n, 3)."""
+    """Motion from its quantities in ECEF and body axes.
+
+    position (and the same as llh), velocity, specific force (n, 3), attitude C_eb (n, 3, 3), and the angular rate
+    relative to the Earth in body axes (n, 3).
+    """
     return Motion(
         time=t,
         position_ecef=position[0],

@@ -137,7 +137,7 @@ AnySegment = Segment | Arc | Steered
 
 
 class NoSuchPath(ValueError):
-    """A path that cannot be flown; waypoint: the number, from 0, of the one that it fails at, where there is one."""
+    """A path that cannot be flown; waypoint: number, from 0, of the waypoint at which it fails, if any."""
 
     def __init__(self, message: str, waypoint: int | None = None) -> None:
         super().__init__(message)
@@ -146,10 +146,10 @@ class NoSuchPath(ValueError):
 
 @dataclass(frozen=True)
 class Path:
-    """Segments in order of time; the first and the last reach to infinity.
+    """Segments in order of time; the first and the last extend to infinity.
 
-    Axes: x along the landing direction, y to the right, z down; origin at the touchdown point, in its
-    tangent plane. events: named times, s.
+    Axes: x along the landing direction, y to the right, z down; origin at the touchdown point, in its tangent plane.
+    events: named times, s.
     """
 
     segments: tuple[AnySegment, ...]
@@ -157,7 +157,7 @@ class Path:
 
     @property
     def knots(self) -> np.ndarray:
-        """Times (s) where one segment gives way to the next."""
+        """Times (s) at which segments join."""
         return np.array([s.start for s in self.segments[1:]])
 
     def jet(self, t: np.ndarray) -> np.ndarray:
@@ -193,7 +193,7 @@ def blend(start: float, end: float, before: np.ndarray, after: np.ndarray) -> Se
 
 
 class AnyPath(Protocol):
-    """What a trajectory needs of a path, as of `Path`."""
+    """Interface of a path for trajectories; see `Path`."""
 
     @property
     def events(self) -> dict[str, float]:
@@ -210,8 +210,8 @@ class AnyPath(Protocol):
 def hermite(before: np.ndarray, after: np.ndarray, s: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Values and three derivatives (n, 4, ...) of the quintics that join states at times s (n,) since the first.
 
-    before, after: (n, 3, ...) value, first and second derivative, `step` (n,) apart. Of a process driven by a white
-    third derivative it is the mean of what lies between.
+    before, after: (n, 3, ...) value, first and second derivative, `step` (n,) apart. For a process driven by a white
+    third derivative this is the conditional mean.
     """
     shape = (-1, *[1] * (before.ndim - 2))
     s, h = s.reshape(shape), step.reshape(shape)
@@ -281,6 +281,6 @@ def straight(
 
 
 def shifted(path: Path, by: float) -> Path:
-    """The same path later, s."""
+    """The same path, later by so many s."""
     segments = tuple(replace(each, start=each.start + by) for each in path.segments)
     return Path(segments, {name: t + by for name, t in path.events.items()})

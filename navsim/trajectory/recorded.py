@@ -138,7 +138,8 @@ def track_trajectory(path: RecordedPath, time: np.ndarray, llh: np.ndarray, c_nb
 
 @dataclass(frozen=True)
 class Largest:
-    """Of a motion: specific force, m/s2, and rate against inertial space, rad/s, and when each is, s."""
+    """Largest specific force, m/s2, and largest rate relative to inertial space, rad/s, of a motion, and their times,
+    s."""
 
     force: float
     force_time: float
@@ -147,7 +148,7 @@ class Largest:
 
 
 def largest(moving: Moving, duration: float) -> Largest:
-    """Of a motion from time 0 on, every hundredth of a second."""
+    """Largest values of a motion from time 0 on, every hundredth of a second."""
     time = np.arange(0.0, duration + 0.5 * _LOOK, _LOOK)
     pieces = (moving.motion(piece) for piece in np.array_split(time, -(-time.size // _AT_ONCE)))
     force, rate = (

@@ -1,4 +1,4 @@
-"""A route as deviations from it are told: its course, how much of them the ground leaves, and random walks along it.
+"""Course of a route as the frame for deviations, their reduction on the ground, and random walks along it.
 
 Equations: `docs/theory/air.md`, sections 3 to 5.
 """
@@ -39,7 +39,7 @@ class Course:
 
     @classmethod
     def of(cls, trajectory: Trajectory, time: np.ndarray) -> Course:
-        """That of a trajectory, which moves over ground everywhere."""
+        """Course of a trajectory that moves over ground everywhere."""
         jet = trajectory.path.jet(time)
         (vx, vy), (ax, ay), (jx, jy) = (jet[:, order, :2].T for order in (1, 2, 3))
         square = vx**2 + vy**2
@@ -60,8 +60,10 @@ class Course:
         )
 
     def free(self) -> np.ndarray:
-        """How much of the way up and down that gusts make is left, with its first two derivatives (3, k): all from
-        `FREE` on, none at the runway's height; twice differentiable."""
+        """Remaining fraction of vertical deviations by gusts, with two derivatives (3, k).
+
+        It is one above `FREE`, zero at the runway's height, and twice differentiable.
+        """
         height, rate, acceleration = self.height / FREE
         u = np.clip(height, -1.0, 1.0)
         below = 1.0 - u**2
@@ -69,7 +71,7 @@ class Course:
         return np.stack([1.0 - below**3, slope * rate, bend * rate**2 + slope * acceleration])
 
     def of_air(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Heights, m, and airspeeds, m/s, at some of the times, that after touchdown stay what they were there."""
+        """Heights, m, and airspeeds, m/s, at some of the times; after touchdown they keep their values of touchdown."""
         last = max(0, int(np.count_nonzero(self.airborne[0] == 1.0)) - 1)
         held = np.minimum(which, last)
         return self.height[0, held], 1.0 / self.slowness[0, held]
@@ -99,7 +101,7 @@ class Walk:
 
     @classmethod
     def of(cls, processes: list[Process], which: np.ndarray, step: float) -> Walk:
-        """That of processes with the same states, by the one of each step of so many s."""
+        """Random walk from processes with the same states, one for each step of so many s."""
         parts = [discretised(p.a, p.b, step) for p in processes]
         transition, root = (np.stack(m) for m in zip(*parts, strict=True))
         return cls(transition, root, which, np.linalg.cholesky(processes[which[0]].covariance))

@@ -35,7 +35,7 @@ HARDEST = 5.0
 _NEAREST = 1.0
 """Waypoints lie at least so far apart, m."""
 _BESIDE = 0.5
-"""The last waypoint of a landing lies within this of the extended centre line, m."""
+"""Largest distance of the last waypoint of a landing from the extended centre line, m."""
 _STRAIGHT, _BACK = 1e-9, math.radians(175.0)
 """Corners of less are none, rad; of more, no turn can be flown by."""
 _POINTS, _SHARES = np.polynomial.legendre.leggauss(60)
@@ -81,7 +81,7 @@ class Turn:
 
     @property
     def duration(self) -> float:
-        """Of all of it, s."""
+        """Total duration, s."""
         return 2.0 * self.roll + self.steady
 
     def flown(self, start: float, position: np.ndarray, track: float) -> list[AnySegment]:
@@ -106,7 +106,8 @@ class Turn:
         return out
 
     def lead(self) -> float:
-        """How far before the corner it begins, and behind it ends, m; R tan(angle / 2) where rolling takes no time."""
+        """Distance before the corner at which it begins, and after it at which it ends, m; R tan(angle / 2) for instant
+        rolling."""
         end = ended(self.flown(0.0, np.zeros(3), 0.0)[-1], self.duration)[0]
         return float(0.5 * math.hypot(end[0], end[1]) / math.cos(0.5 * self.angle))
 
@@ -130,9 +131,9 @@ def turn(speed: float, angle: float, bank: float, roll: float) -> Turn:
 
 
 def legs(points: Sequence[Waypoint], bank: float, roll: float, final: bool) -> tuple[list[AnySegment], float]:
-    """Segments through waypoints from time 0 over the first, and when and where they end: the time, s.
+    """Segments through waypoints from time 0 over the first, and the time, s, and position of their end.
 
-    final: whether the last waypoint is turned at, too, onto the x axis; otherwise the flight goes straight on over it.
+    final: whether to turn at the last waypoint, too, onto the x axis; otherwise the flight continues straight over it.
     Raises NoSuchPath.
     """
     tracks, lengths = [], []
@@ -197,8 +198,10 @@ def _check_leg(i: int, a: Waypoint, b: Waypoint, taken: float) -> None:
 def landing(
     points: Sequence[Waypoint], bank: float, roll: float, profile: Callable[[float], Path]
 ) -> Path:
-    """Legs through waypoints, the last on the extended centre line, and down from there as `profile` does after so many
-    seconds of level flight at the last one's speed. Raises NoSuchPath."""
+    """Legs through waypoints, the last on the extended centre line, and the descent from there.
+
+    `profile` gives the descent after so many seconds of level flight at the last waypoint's speed. Raises NoSuchPath.
+    """
     last = points[-1]
     if abs(last.y) > _BESIDE:
         text = f"waypoint {len(points)}, the last, lies {abs(last.y):.1f} m off the extended centre line"
@@ -214,7 +217,7 @@ def landing(
 
 
 def cruise(points: Sequence[Waypoint], bank: float, roll: float) -> Path:
-    """Legs through waypoints, and straight on over the last. Raises NoSuchPath."""
+    """Legs through waypoints, and straight over the last. Raises NoSuchPath."""
     segments, end = legs(points, bank, roll, final=False)
     jet = ended(segments[-1], end)
     return Path((*segments, uniform(end, jet[0], jet[1], np.zeros(3))), {})
