@@ -1,1 +1,1 @@
-"""Satellites, pseudolites, their signals and what the receiver makes of them."""
+"""Satellites, pseudolites, their signals and the receiver."""

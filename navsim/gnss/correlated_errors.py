@@ -1,10 +1,14 @@
-"""Ranging errors that last: of each satellite a Gauss-Markov process, or several, drawn for each run.
+"""Time-correlated ranging errors: one or several Gauss-Markov processes for each satellite, drawn for each run.
 
     e(t + d) = a e(t) + sigma sqrt(1 - a^2) n,  a = exp(-d / tau),  n white
 
-Sources: [1] Brown & Hwang, Introduction to random signals and applied Kalman filtering, 4th ed. (2012), section 4.2
-(the process, and its exact steps). [2] Groves (2013), section 9.3, eqs. 9.79 and 9.80 (how the ionosphere's and the
-troposphere's errors grow towards the horizon). [3] `docs/theory/lasting-errors.md`.
+Sources:
+
+- [1] Brown & Hwang, Introduction to random signals and applied Kalman filtering, 4th ed. (2012), section 4.2 (the
+  process, and its exact steps).
+- [2] Groves (2013), section 9.3, eqs. 9.79 and 9.80 (increase of ionospheric and tropospheric errors towards the
+  horizon).
+- [3] `docs/theory/lasting-errors.md`.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ SUMS = 6
 """Number of sums over the sources that model fix errors of similar correlation time. Three are enough while satellites
 keep their shares in a fix. A lost satellite or a near pseudolite changes the shares."""
 Mapping = Literal["none", "ionosphere", "troposphere", "multipath"]
-"""How an error grows towards the horizon, see `mapped`."""
+"""Increase of an error towards the horizon, see `mapped`."""
 LOWEST = np.radians(2.0)
 """Elevation below which errors grow no more, rad, as those of `pseudorange.sigma_of_elevation`."""
 
@@ -58,12 +62,14 @@ class LastingErrors:
         return LastingErrors(self.names, self.time, self.sigma[:, epochs])
 
     def select(self, kept: np.ndarray) -> LastingErrors:
-        """Of the sources that are marked in `kept` (s,) bool."""
+        """Errors of the sources marked in `kept` (s,) bool."""
         return LastingErrors(self.names, self.time, self.sigma[:, :, kept])
 
     def steps(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of each kind from epoch to epoch (e,), s: what is left of it, and 1 sigma of what is new for a variance of
-        one (e, k); all is new at the first."""
+        """Decay of each kind from epoch to epoch (e,), s, and 1 sigma of the noise for a variance of one (e, k).
+
+        At the first epoch everything is noise.
+        """
         ages = np.diff(time)[:, None] / self.time
         kept, new = np.zeros((time.size, self.time.size)), np.ones((time.size, self.time.size))
         kept[1:], new[1:] = np.exp(-ages), np.sqrt(-np.expm1(-2.0 * ages))
@@ -83,7 +89,7 @@ class LastingErrors:
 
 
 def mapped(mapping: Mapping, elevation: np.ndarray) -> np.ndarray:
-    """How many times its size at the zenith an error has at elevations, rad, of `LOWEST` at least.
+    """Factor on an error's size at the zenith at elevations, rad, of at least `LOWEST`.
 
     ionosphere, troposphere: [2]. multipath: 1 + 1.31 exp(-el / 13 deg), the law of aircraft at L1 [3].
     """

@@ -48,10 +48,9 @@ def antenna_gain(elevation: np.ndarray, horizon_db: float) -> np.ndarray:
 
 
 Polarisation = Literal["circular", "vertical", "horizontal"]
-"""Of a wave that the ground reflects."""
+"""Polarisation of a wave that the ground reflects."""
 DEEPEST = -40.0
-"""Of a fade, dB. Beside a direct wave that the reflected one takes away there is one along the ground, which is left
-out."""
+"""Largest depth of a fade, dB. If reflection cancels the direct wave, a ground wave remains, which the model omits."""
 
 
 _PHASES = 16
@@ -71,7 +70,7 @@ class GroundReflection:
     horizon_db: float
     """Gain of the receiving antenna at its horizon, see `antenna_gain`."""
     polarisation: Polarisation = "circular"
-    """Of transmitter and receiver."""
+    """Polarisation of transmitter and receiver."""
 
 
 def fresnel(
@@ -89,7 +88,7 @@ def fresnel(
 def reflection(
     ground: GroundReflection, frequency: float, above: np.ndarray, transmitter_above: float, across: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The ray by way of the ground beside the direct one: its amplitude relative to it, excess length m, phase rad.
+    """Ground-reflected ray relative to the direct one: amplitude ratio, excess length m, phase rad.
 
     frequency: Hz. above: heights of the receiver over the ground, transmitter_above: of the transmitter, across: their
     horizontal distance, m. Flat ground. With circular polarisation the part of the reflected wave of the same sense is
@@ -159,7 +158,7 @@ class ReflectionErrors:
         return ReflectionErrors(self.mean[epochs], self.sigma[epochs], self.time[epochs])
 
     def select(self, kept: np.ndarray) -> ReflectionErrors:
-        """Of the sources that are marked in `kept` (s,) bool."""
+        """Errors of the sources marked in `kept` (s,) bool."""
         return ReflectionErrors(self.mean[:, kept], self.sigma[:, kept], self.time[:, kept])
 
 
@@ -180,9 +179,10 @@ def _triangle(x: np.ndarray) -> np.ndarray:
 def smoothed_variance(variance: np.ndarray, used: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
     """Variance (e, s) of carrier-smoothed pseudoranges, m2, and the weight count (e, s) of each epoch's own code.
 
-    variance: (e, s) of a single pseudorange. used: (e, s) bool; smoothing starts anew after a break, and where it is
-    false the variance is nan, the count 0. most: longest memory, epochs. Hatch's filter
-    y = P / n + (1 - 1 / n) (y before + change of the carrier).
+    Hatch's filter is y = P / n + (1 - 1 / n) (y before + change of the carrier).
+
+    variance: (e, s) of a single pseudorange. used: (e, s) bool; smoothing restarts after a gap, in which the variance
+    is nan and the count 0. most: longest memory, epochs.
     """
     count = np.zeros(used.shape, dtype=int)
     out = np.zeros(used.shape)
@@ -198,7 +198,7 @@ def smoothed_variance(variance: np.ndarray, used: np.ndarray, most: int) -> tupl
 
 
 def smooth(code: np.ndarray, carrier: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Carrier-smoothed pseudoranges (e, s), m, with the counts of `smoothed_variance`; nan where there is no code."""
+    """Carrier-smoothed pseudoranges (e, s), m, with the counts of `smoothed_variance`; nan without code."""
     out = np.empty_like(code)
     previous = np.zeros(code.shape[1])
     for e in range(code.shape[0]):
@@ -210,8 +210,8 @@ def smooth(code: np.ndarray, carrier: np.ndarray, count: np.ndarray) -> np.ndarr
 
 
 def smoothing_slopes(slopes: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes (..., e, s) of a number by codes and by carriers, from its slopes by what `smooth` makes of both: `smooth`
-    transposed, 0 where there is no code."""
+    """Slopes (..., e, s) by codes and by carriers, from slopes by the output of `smooth`: its transpose, 0 without
+    code."""
     by_code, by_carrier = np.zeros_like(slopes), np.zeros_like(slopes)
     later = np.zeros_like(slopes[..., 0, :])
     for e in range(count.shape[0] - 1, -1, -1):

@@ -1,4 +1,4 @@
-"""What happens to signals on the way of a landing: silence, faults, spoofers.
+"""Events that affect signals during a landing: outages, faults, spoofing.
 
 Source: `docs/theory/integrity.md`, section 8.
 """
@@ -12,31 +12,37 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 PSEUDOLITES = "pseudolites"
-"""What the pseudolites are called together, as a system of satellites is by its name."""
+"""Name of all pseudolites, like that of a satellite system."""
 EVERY = "all"
-"""What all sources are called."""
+"""Name of all sources."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Signals as they are without events.
-
-    time: (e,) s. names, systems: of the sources. position, velocity: (e, s, 3) of the sources, antenna,
-    antenna_velocity: (e, 3), ECEF, m, m/s. ned: (e, 3, 3) rows north, east, down at the receiver.
-    """
+    """Signals without events."""
 
     time: np.ndarray
+    """(e,) s."""
     names: tuple[str, ...]
+    """Names of the sources."""
     systems: tuple[str, ...]
+    """Systems of the sources."""
     position: np.ndarray
+    """(e, s, 3) of the sources, ECEF, m."""
     velocity: np.ndarray
+    """(e, s, 3) of the sources, m/s."""
     antenna: np.ndarray
+    """(e, 3) ECEF, m."""
     antenna_velocity: np.ndarray
+    """(e, 3) m/s."""
     ned: np.ndarray
+    """(e, 3, 3) rows north, east, down at the receiver."""
 
     def range(self, shift: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How much longer ranges and range rates (e, s) are with sources shifted against the receiver by (e, 3) m, and
-        moving with (e, 3) m/s, ECEF."""
+        """Changes of ranges and range rates (e, s) for sources shifted relative to the receiver by (e, 3) m, ECEF.
+
+        moving: rate of the shift (e, 3), m/s.
+        """
         away = self.position - self.antenna[:, None]
         closing = self.velocity - self.antenna_velocity[:, None]
         there = away + shift[:, None]
@@ -46,11 +52,13 @@ class Scene:
 
 
 class Happening(Protocol):
-    """What an event does to the ranges of its sources while it lasts."""
+    """Effect of an event on the ranges of its sources."""
 
     def on_ranges(self, scene: Scene, since: np.ndarray, ned: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """What it adds to ranges, m, and range rates, m/s (e, s), since (e,) s ago; None where it silences. ned: (3, 3)
-        rows north, east, down at the receiver when it begins, ECEF."""
+        """Additions to ranges, m, and range rates, m/s (e, s), after the event has lasted (e,) s; None for an outage.
+
+        ned: (3, 3) rows north, east, down at the receiver when it begins, ECEF.
+        """
 
 
 @dataclass(frozen=True)
@@ -92,7 +100,7 @@ class RangeFault:
 
 @dataclass(frozen=True)
 class Displaced:
-    """Sources that are not where they are believed to be, but off by (3,) m, in the NED of the receiver."""
+    """Sources whose true position differs from the assumed one by (3,) m, in the receiver's NED."""
 
     by: np.ndarray
 
@@ -119,8 +127,11 @@ class Spoofed:
 
 @dataclass(frozen=True)
 class Meaconed:
-    """Signals received at a place (3,), ECEF, m, and sent again, with a delay, m: of every source the range to there,
-    and all the same way on. Sources are taken where they are for the receiver: some centimetres off."""
+    """Signals received at a position (3,), ECEF, m, and retransmitted with a delay, m.
+
+    The range of every source is that to there, plus the common distance to the receiver. Positions of the sources are
+    those for the receiver, which is off by some centimetres.
+    """
 
     place: np.ndarray
     delay: float
@@ -133,17 +144,20 @@ class Meaconed:
 
 
 class Happened(NamedTuple):
-    """What events come to, (e, s): ranges longer by, m, range rates greater by, m/s, how much of `longer` carriers do
-    not have, m, and which signals are silent, bool."""
+    """Total effect of events on ranges (e, s)."""
 
     longer: np.ndarray
+    """Addition to ranges, m."""
     faster: np.ndarray
+    """Addition to range rates, m/s."""
     apart: np.ndarray
+    """Part of `longer` that carriers do not have, m."""
     silent: np.ndarray
+    """bool, no signal."""
 
 
 def happened(events: tuple[Event, ...], scene: Scene) -> Happened:
-    """What events come to, all together."""
+    """Total effect of the events."""
     shape = scene.time.size, len(scene.names)
     longer, faster, apart, silent = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape, bool)
     for event in events:

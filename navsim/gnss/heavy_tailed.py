@@ -21,13 +21,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class HeavyTailedNoise:
-    """Noise of two Gaussians. core, tail: 1 sigma of each by the believed one; share: of the ranges, those from the
-    tail. How often it is beyond a size: (13a) of [3]."""
+    """Noise from two Gaussians; equation (13a) of [3] gives the probability of a size."""
 
     core: float
+    """1 sigma of the core relative to the assumed sigma."""
     tail: float
+    """1 sigma of the tail, likewise."""
     share: float
+    """Fraction of the ranges in the tail."""
 
     def scales(self, rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-        """1 sigma of each of some ranges by the believed one, drawn."""
+        """Random 1 sigma of each range, relative to the assumed one."""
         return np.where(rng.random(shape) < self.share, self.tail, self.core)

@@ -1,4 +1,4 @@
-"""Where pseudolites stand: the paper's Table 1 frame, the runway frame, geodetic coordinates.
+"""Positions of pseudolites: the paper's Table 1 frame, the runway frame, geodetic coordinates.
 
 Source: `docs/theory/landing.md`, section 1.
 """
@@ -17,18 +17,18 @@ from navsim.trajectory.kinematics import tangent_frame
 NEAREST = 10.0
 """Distance a pseudolite keeps from the aircraft at all times, m."""
 TRACK_STEP = 2.0
-"""Most distance between points of a `Track`, m: it judges that to 5 cm."""
+"""Largest distance between points of a `Track`, m, which makes its distances accurate to 5 cm."""
 
 TABLE1_SPHERE = 6371.0e3
 """Radius of the sphere behind the coordinates of Table 1, m."""
 
 
 def table1_position(start: np.ndarray, slant: float, s: float, l1: float) -> np.ndarray:
-    """Latitude and longitude (rad) of a pseudolite as the paper's Table 1 has them.
+    """Latitude and longitude (rad) of a pseudolite as defined in the paper's Table 1.
 
-    start: (2,) latitude and longitude of the start of the approach, rad. slant: length of the glide path, m.
-    s, l1: m. The paper puts the touchdown point the slant length due north of the start, S along the
-    meridian and L1 eastwards, on a sphere, whatever the heading. The longitude is within -pi ... pi.
+    start: (2,) latitude and longitude of the start of the approach, rad. slant: length of the glide path, m. s, l1: m.
+    The paper puts the touchdown point the slant length due north of the start, S along the meridian and L1 eastwards,
+    on a sphere, whatever the heading. The longitude is within -pi ... pi.
     """
     latitude = start[0] + (slant + s) / TABLE1_SPHERE
     longitude = start[1] + l1 / (TABLE1_SPHERE * np.cos(start[0]))
@@ -55,12 +55,13 @@ def runway_positions(threshold: np.ndarray, heading: float, places: np.ndarray, 
 
 @dataclass(frozen=True)
 class Track:
-    """Where the aircraft is: points (n, 3), ECEF m, no more than `TRACK_STEP` from one to the next."""
+    """Trajectory of the aircraft: points (n, 3), ECEF m, at most `TRACK_STEP` apart."""
 
     points: np.ndarray
 
     def too_near(self, sites: np.ndarray) -> np.ndarray:
-        """By how much sites (..., 3), ECEF m, come nearer than `NEAREST`, zero or less where they do not, m (...)."""
+        """Violation of the least distance `NEAREST` by sites (..., 3), ECEF m; zero or negative without one, m
+        (...)."""
         return NEAREST - self.clearance(sites)
 
     def clearance(self, sites: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ class WanderingClocks:
     which: np.ndarray
 
     def select(self, kept: np.ndarray) -> WanderingClocks:
-        """Of the sources that are marked in `kept` (s,) bool."""
+        """Clocks of the sources marked in `kept` (s,) bool."""
         return replace(self, which=self.which[kept])
 
     def sigmas(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -36,8 +36,8 @@ class WanderingClocks:
         return ranges, rates
 
     def drawn(self, time: np.ndarray, rngs: Sequence[np.random.Generator]) -> np.ndarray:
-        """What is added to ranges, m, and range rates, m/s, at times (e,), s, of all sources in as many runs as there
-        are generators (2, e, s, W)."""
+        """Additions to ranges, m, and range rates, m/s, at times (e,), s, of all sources (2, e, s, W); a run for each
+        generator."""
         out = np.zeros((2, time.size, self.which.size, len(rngs)))
         for lane, rng in enumerate(rngs):
             for i in np.flatnonzero(self.which):
@@ -45,8 +45,10 @@ class WanderingClocks:
         return out
 
     def steps(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """From epoch to epoch (e,), s, of offset and rate: the transition and the covariance of what is new, (e, 2, 2)
-        each; the first step is from when they were set."""
+        """Transition and noise covariance of offset and rate from epoch to epoch (e,), s, (e, 2, 2) each.
+
+        The first step begins when the clocks were set.
+        """
         dt = np.diff(time + self.age, prepend=0.0)
         bias, both, drift = step_covariance(np.array(self.density), dt)
         transition = np.broadcast_to(np.eye(2), (dt.size, 2, 2)).copy()

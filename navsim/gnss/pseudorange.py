@@ -2,9 +2,9 @@
 
     pseudorange = range + receiver clock - source clock + ionosphere + troposphere + multipath + noise
 
-`Signals.delay` is where the terms that do not change from run to run are added up: clocks of the pseudolites, what
-the receiver's corrections leave of the atmosphere, multipath. Sources: [1] Groves (2013), sections 8.5, 9.2.
-[2] `docs/theory/signals.md`, sections 1, 4, 5.
+`Signals.delay` is the sum of the terms that do not change from run to run: clocks of the pseudolites, residual
+atmospheric delays, multipath. Sources: [1] Groves (2013), sections 8.5, 9.2. [2] `docs/theory/signals.md`, sections 1,
+4, 5.
 """
 
 from __future__ import annotations
@@ -93,19 +93,19 @@ class Signals:
 
     @property
     def noise_sigma(self) -> np.ndarray:
-        """1 sigma of what is drawn anew each time in the pseudoranges that fixes are made from (e, s), m."""
+        """1 sigma of the white noise in the pseudoranges of fixes (e, s), m."""
         if self.lasting is None:
             return self.fix_sigma
         return np.asarray(np.sqrt(np.maximum(self.fix_sigma**2 - self.lasting.total**2, 0.0)))
 
     def with_noise(self, share: float) -> np.ndarray:
-        """`fix_sigma` where `noise_sigma` is `share` of what it is (e, s), m."""
+        """`fix_sigma` with `noise_sigma` multiplied by `share` (e, s), m."""
         if self.lasting is None:
             return share * self.fix_sigma
         return np.hypot(share * self.noise_sigma, self.lasting.total)
 
     def unfinished(self) -> list[tuple[str, str]]:
-        """What breaks the promise of finite numbers: names of source and field."""
+        """Names of source and field of numbers that are not finite although they should be."""
         out = []
         for field in ("position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "cn0",
                       "divergence", "space", "fix_sigma", "fix_rate_sigma"):  # fmt: skip
@@ -116,7 +116,7 @@ class Signals:
         return out
 
     def at(self, epochs: np.ndarray) -> Signals:
-        """Of the epochs, those with these numbers (m,) int."""
+        """Signals at the epochs with these numbers (m,) int."""
         each = {
             name: getattr(self, name)[epochs]
             for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "space", "smoothing")
@@ -127,7 +127,7 @@ class Signals:
         return replace(self, js=self.js[:, epochs], lasting=lasting, reflections=reflections, **each)
 
     def select(self, kept: np.ndarray) -> Signals:
-        """Of the sources, those marked in `kept` (s,) bool."""
+        """Signals of the sources marked in `kept` (s,) bool."""
         each = {name: getattr(self, name)[:, kept] for name in _BY_SOURCE}
         return replace(
             self,

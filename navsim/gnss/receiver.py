@@ -23,7 +23,7 @@ class Receiver:
     """Rate, latency and clock of a receiver."""
 
     rate: float
-    """Of fixes, Hz."""
+    """Rate of fixes, Hz."""
     latency: float
     """From the validity of a fix to its output, s."""
     clock_offset: float
@@ -34,7 +34,7 @@ class Receiver:
     """Noise densities of the clock's phase, m2/s, and frequency, m2/s3."""
 
     def epochs(self, duration: float, imu_rate: float) -> np.ndarray:
-        """Times of the fixes that come before the last sample of an IMU of this rate (Hz), s (e,)."""
+        """Times of the fixes before the last sample of an IMU of this rate (Hz), s (e,)."""
         last = np.floor(duration * imu_rate + 1e-9) / imu_rate
         time = epochs(duration, self.rate)
         return time[time + self.latency <= last + 1e-9]
@@ -46,8 +46,10 @@ class Receiver:
 
 
 def wander(density: tuple[float, float], time: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """What noises of these densities do to offset, m, and drift, m/s, of a clock at times (t,), s, increasing, from
-    nothing at time 0 on: (t, 2)."""
+    """Offset, m, and drift, m/s, of a clock (t, 2) due to noises of these densities, from zero at time 0.
+
+    time: (t,) increasing, s.
+    """
     bias, both, drift = step_covariance(np.array(density), np.diff(time, prepend=0.0))
     white = random.standard_normal((2, time.size))
     root = np.sqrt(drift)

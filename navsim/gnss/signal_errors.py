@@ -1,7 +1,7 @@
-"""What happens to signals between a satellite and a receiver, and what is taken off again.
+"""Effects on signals between a satellite and a receiver, and the receiver's corrections.
 
-Delays here are what is left in the pseudorange after the receiver's own corrections, m. Those common to all runs go
-to `Signals.delay`; orbits and clocks of satellites are drawn for each run, so their effect is kept as sensitivities.
+Delays here are those that remain in the pseudorange after the receiver's corrections, m. Delays common to all runs go
+to `Signals.delay`. Orbits and clocks of satellites are drawn for each run, so their effect is kept as sensitivities.
 
 Sources: [1] IS-GPS-200 (Klobuchar). [2] Kaplan & Hegarty (2017), chapter 10 (errors and their sizes), 12 (differential
 corrections). [3] `docs/theory/signals.md`, sections 2, 4.
@@ -38,10 +38,12 @@ class Ionosphere:
 
 @dataclass(frozen=True)
 class Troposphere:
-    """truth: how many times the climatology of DO-229 the real delay is; correction: what the receiver takes off."""
+    """True delay and correction of the troposphere."""
 
     truth: float
+    """Factor of the true delay on the climatology of DO-229."""
     correction: Literal["none", "saastamoinen", "mops"]
+    """Model of the receiver."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,9 @@ class Effects:
     cn0_reference: float | None = None
     """Distance from a pseudolite of its stated C/N0, m; C/N0 then falls with distance. None: constant."""
     noise_figure: float = 0.0
-    """Of the receiver, dB."""
+    """Noise figure of the receiver, dB."""
     thermal_pseudolites: bool = False
-    """As `thermal`, for pseudolites."""
+    """`thermal` for pseudolites."""
     offsets: tuple[float, ...] = (0.0,) * len(CLOCKS)
     """Offset of each time scale from the first, m, by clock number."""
     offset_sigma: float = 0.0
@@ -111,10 +113,10 @@ NO_EFFECTS = Effects()
 def propagation(
     effects: Effects, gpst: np.ndarray, llh: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray, ratio2: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What ionosphere and troposphere leave in the pseudoranges, and the ionosphere's part of it, (e, s) m.
+    """Residual delay of ionosphere and troposphere in the pseudoranges, and the ionosphere's part of it, (e, s) m.
 
-    gpst: (e,) GPS s. llh: (e, 3). azimuth, elevation: (e, s) rad. ratio2: (s,) (L1 / f)^2. Where there is an
-    atmosphere, nan for satellites without a direction; with a troposphere, for those at or below the horizon, too.
+    gpst: (e,) GPS s. llh: (e, 3). azimuth, elevation: (e, s) rad. ratio2: (s,) (L1 / f)^2. With an atmosphere, nan for
+    satellites without a direction; with a troposphere, also for those at or below the horizon.
     """
     ionosphere, troposphere = np.zeros_like(elevation), np.zeros_like(elevation)
     if effects.ionosphere is not None:

@@ -1,4 +1,4 @@
-"""The simulator of satellite and pseudolite signals: what there is to receive along a motion, and in what state.
+"""Simulator of satellite and pseudolite signals: sources and signal quality along a motion.
 
 Source: `docs/theory/signals.md`; the effects are those of `gnss.signal_errors`.
 """
@@ -31,7 +31,7 @@ from navsim.trajectory.kinematics import Motion
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
 _ROUNDING = 1e-6
-"""Of a number of epochs; the times of more or fewer epochs must not decide what half an epoch is rounded to."""
+"""Tolerance of a number of epochs, so that the times of further epochs do not change the rounding of half an epoch."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,12 @@ def time_scales(satellites: Sequence[Satellites], listed: Listed | None) -> set[
 
 @dataclass(frozen=True)
 class Radiated:
-    """How strong pseudolites send: eirp, dBW, and where to, evenly without a pattern."""
+    """Transmitted power of pseudolites."""
 
     eirp: float
+    """dBW."""
     pattern: GroundPattern | None
+    """None: isotropic."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +85,9 @@ class Pseudolites:
     delay: float
     """Effect of their clock offset on the pseudorange, m."""
     sigma: float
-    """Of pseudoranges, m."""
+    """1 sigma of pseudoranges, m."""
     rate_sigma: float
-    """Of range rates, m/s."""
+    """1 sigma of range rates, m/s."""
     cn0: float
     """dB-Hz."""
     carrier: float
@@ -102,7 +104,7 @@ class Pseudolites:
 
     @property
     def calibration_sigma(self) -> float:
-        """1 sigma of a range by what is drawn of place and clock, m."""
+        """1 sigma of a range due to drawn position and clock errors, m."""
         return math.hypot(self.survey_sigma, self.clock_sigma)
 
 
@@ -132,7 +134,7 @@ class Environment:
     events: tuple[Event, ...] = ()
     jamming: Jamming | None = None
     antenna: AircraftAntenna | None = None
-    """Of the aircraft, if a table gives one."""
+    """Antenna of the aircraft, if a table gives one."""
     terrain: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
     """(w, 2, 3) tops of ridges that hide sources, ECEF, m, see `horizon.behind`."""
     ground: float = 0.0
@@ -140,18 +142,18 @@ class Environment:
 
     @property
     def placed(self) -> bool:
-        """Whether what else is heard, or how well a pseudolite is where it is seen, depends on where pseudolites
-        stand."""
+        """Whether other signals, or the quality of a visible pseudolite's signal, depend on the positions of
+        pseudolites."""
         return self.effects.placed or self.strength_placed or self.smoothing_placed
 
     @property
     def sight_placed(self) -> bool:
-        """Whether it depends on where a pseudolite stands when it is seen."""
+        """Whether the quality of a visible pseudolite's signal depends on its position."""
         return len(self.terrain) > 0
 
     @property
     def smoothing_placed(self) -> bool:
-        """Whether that goes on into how well its ranges are smoothed."""
+        """Whether the carrier smoothing of its ranges depends on its position."""
         return self.sight_placed and self.effects.smoothing > 0.0
 
     @property
@@ -165,7 +167,7 @@ class Environment:
 
     @property
     def by_directions(self) -> Environment:
-        """The same where it does not matter where pseudolites stand but for the directions to them."""
+        """The environment with all dependence on pseudolite positions removed, except for directions."""
         effects = replace(self.effects, thermal_pseudolites=False)
         return replace(self, jamming=None, antenna=None, effects=effects)
 
@@ -191,8 +193,10 @@ class Environment:
         return behind(self.terrain, np.repeat(there, len(antenna), axis=0), antenna)
 
     def shadowed(self, signals: pseudorange.Signals, c_eb: np.ndarray) -> np.ndarray:
-        """Which sources (e, s) bool the aircraft is in the way of: satellites that are used and that the mask lets
-        pass, pseudolites. c_eb: (e, 3, 3) body axes in ECEF."""
+        """Sources (e, s) bool that the aircraft hides: used satellites above the mask, and pseudolites.
+
+        c_eb: (e, 3, 3) body axes in ECEF.
+        """
         if self.antenna is None:
             return np.zeros(signals.used.shape, bool)
         away = signals.position - signals.antenna[:, None]
@@ -213,15 +217,14 @@ class Environment:
 
     @property
     def systems(self) -> tuple[str, ...]:
-        """What each source belongs to (s,), by name: its satellite system, in listed directions the clock it keeps, or
-        `PSEUDOLITES`."""
+        """System of each source (s,) by name: satellite system, clock of a listed direction, or `PSEUDOLITES`."""
         of_satellites = [group.constellation.system.name for group in self.satellites for _ in group.names]
         of_listed = [] if self.listed is None else [CLOCKS[clock] for clock in self.listed.clock]
         return (*of_satellites, *of_listed, *(PSEUDOLITES for _ in self.pseudolites.names))
 
     @property
     def chips(self) -> np.ndarray:
-        """Length of a chip of each source (s,), m; what is no satellite has those of GPS."""
+        """Chip length of each source (s,), m; sources that are not satellites have GPS chips."""
         of_satellites = [dll.chip_length(g.constellation.system) for g in self.satellites for _ in g.names]
         out = np.full(len(self.systems), dll.chip_length(GPS))
         out[: len(of_satellites)] = of_satellites
@@ -243,8 +246,10 @@ class Environment:
 
     @property
     def scale_offsets(self) -> np.ndarray:
-        """What each time scale adds to the pseudoranges of its sources (MAX_CLOCKS,), m; nothing where the receiver
-        takes all for one, and each source's part is an error."""
+        """Offset of each time scale in the pseudoranges of its sources (MAX_CLOCKS,), m.
+
+        Zero if the receiver treats all as one: each source's offset is then an error.
+        """
         if self.effects.one_clock:
             return np.zeros(len(CLOCKS))
         own = self.pseudolites.delay if CLOCKS[self.pseudolites.clock] == OWN else 0.0
@@ -269,13 +274,13 @@ def find_lone_pseudolite(signals: pseudorange.Signals, pseudolites: int) -> np.n
 
 
 def antenna_ecef(motion: Motion, lever_arm: np.ndarray) -> np.ndarray:
-    """Where the antenna is along a motion, m (n, 3); lever_arm (3,) IMU to antenna, body, m."""
+    """Position of the antenna along a motion, m (n, 3); lever_arm (3,) IMU to antenna, body, m."""
     arm = np.einsum("nij,j->ni", motion.c_nb, lever_arm)
     return motion.position_ecef + np.einsum("nji,nj->ni", ned_matrix(motion.llh), arm)
 
 
 def antenna_motion(motion: Motion, lever_arm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the antenna is along a motion, and its velocity, ECEF (n, 3), m, m/s; lever_arm as of `antenna_ecef`."""
+    """Position and velocity of the antenna along a motion, ECEF (n, 3), m, m/s; lever_arm as of `antenna_ecef`."""
     c_ne = ned_matrix(motion.llh)
     # the antenna swings around the IMU as the body turns against the Earth
     earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
@@ -284,7 +289,7 @@ def antenna_motion(motion: Motion, lever_arm: np.ndarray) -> tuple[np.ndarray, n
 
 
 def true_positions(environment: Environment, position: np.ndarray) -> np.ndarray:
-    """Where sources really are (e, s, 3), ECEF, m, that a receiver believes at these positions, pseudolites last."""
+    """True positions of sources (e, s, 3), ECEF, m, from those in the receiver's data, pseudolites last."""
     out, pseudolites = position.copy(), environment.pseudolites
     for i, llh in enumerate(pseudolites.llh):
         out[:, position.shape[1] - len(pseudolites.names) + i] += ned_matrix(llh).T @ pseudolites.survey_error
@@ -542,7 +547,7 @@ def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:
 
 
 def _drawn_offsets(environment: Environment, clock: np.ndarray) -> np.ndarray | None:
-    """`Signals.offset` of sources by their time scales (s,): those of the sky's systems but for the first."""
+    """`Signals.offset` of sources by their time scales (s,), for all systems of the sky except the first."""
     sky = {CLOCKS.index(name) for name in environment.systems if name not in (PSEUDOLITES, OWN)}
     drawn = sorted(sky)[1:]
     if environment.effects.offset_sigma == 0.0 or not drawn:

@@ -1,4 +1,4 @@
-"""What of the sky a receiver can use: elevation mask, horizon, jammed sectors, directions to and from ECEF."""
+"""Visible part of the sky: elevation mask, horizon, jammed sectors, directions to and from ECEF."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ class Sector:
 
 @dataclass(frozen=True)
 class Horizon:
-    """Elevations (n,) of the horizon at azimuths (n,), growing, rad; between them it is straight over the azimuth, from
-    the last one on to the first."""
+    """Elevations (n,) of the horizon at increasing azimuths (n,), rad; linear in azimuth between them, and around."""
 
     azimuth: np.ndarray
     elevation: np.ndarray

@@ -24,7 +24,7 @@ WEEK = 7.0 * DAY
 GPS_EPOCH = 315964800.0
 """1980-01-06 00:00 UTC, s from 1970-01-01."""
 BEHIND_GPS = {"GPS": 0.0, "GAL": 0.0, "QZS": 0.0, "IRN": 0.0, "BDT": 14.0, "TAI": -19.0}
-"""How far time systems of files are behind GPS time, s, by their names in RINEX and SP3."""
+"""Delay of the time systems of files behind GPS time, s, by their names in RINEX and SP3."""
 LEAPING = ("UTC", "GLO")
 """Time systems of files that have UTC's leap seconds; GLONASS time in files is UTC."""
 NAMES = (*BEHIND_GPS, *LEAPING)
@@ -40,7 +40,7 @@ _LEAPS_GPS = _LEAPS - GPS_EPOCH + np.arange(1, _LEAPS.size + 1)
 
 
 def posix(year: int, month: int, day: int, hour: int = 0, minute: int = 0, second: float = 0.0) -> float:
-    """Seconds from 1970-01-01 of a calendar date and time. Raises ValueError where there is no such date.
+    """Seconds from 1970-01-01 of a calendar date and time. Raises ValueError for a date that does not exist.
 
     Seconds of 60 and more (a leap second, or a receiver's rounding) run into the next minute.
     """
@@ -80,7 +80,7 @@ def utc_calendar(gpst: float) -> tuple[datetime.date, int, int, float]:
 
 
 _ANNOUNCED = 182.0 * DAY
-"""How long before a leap second Bulletin C announces it, s [2]."""
+"""Time from Bulletin C to the leap second that it announces, s [2]."""
 
 
 def announced_leap_second(gpst: float) -> tuple[int, tuple[int, int, int]]:

@@ -1,4 +1,5 @@
-"""Protection levels by solution separation: what each fault could do before the fix without its sources tells.
+"""Protection levels by solution separation: largest effect of each fault that the test against the fix without it
+misses.
 
 Source: `docs/theory/integrity.md`, section 3; Blanch et al., IEEE Transactions on Aerospace and Electronic Systems 51
 (2015); WG-C ARAIM Technical Subgroup, Reference Airborne Algorithm Description Document v3.0 (2017).
@@ -37,7 +38,7 @@ class Fault:
 
 
 MOST_PAIRS = 60
-"""So many coincidences of two faults are monitored at most."""
+"""Largest number of monitored coincidences of two faults."""
 
 
 def coincidences(priors: Sequence[float], tolerated: float) -> list[tuple[int, int]]:
@@ -61,10 +62,10 @@ class Allocation:
     """Probabilities that levels and tests share; defaults of LPV-200."""
 
     p_hmi_vertical: float = 9.8e-8
-    """Of hazardous misleading information, vertical; `p_hmi_horizontal` likewise."""
+    """Probability of hazardous misleading information, vertical; `p_hmi_horizontal` likewise."""
     p_hmi_horizontal: float = 2e-9
     p_fa_vertical: float = 3.9e-6
-    """Of an alarm without a fault, vertical; `p_fa_horizontal` likewise."""
+    """Probability of an alarm without a fault, vertical; `p_fa_horizontal` likewise."""
     p_fa_horizontal: float = 9e-8
     p_unmonitored: float = 8e-8
     """Tolerated probability of unmonitored faults."""
@@ -75,12 +76,12 @@ class Allocation:
 
     @property
     def p_hmi(self) -> np.ndarray:
-        """Of misleading information at a sample (3,), east, north, up."""
+        """Probability of misleading information at a sample (3,), east, north, up."""
         return np.array([*[0.5 * self.p_hmi_horizontal] * 2, self.p_hmi_vertical]) / self.samples
 
     @property
     def total(self) -> float:
-        """Of any at a sample."""
+        """Probability of any misleading information at a sample."""
         return (self.p_hmi_horizontal + self.p_hmi_vertical) / self.samples
 
 
@@ -139,11 +140,12 @@ class Levels:
 
 @dataclass(frozen=True)
 class FixLevels(Levels):
-    """Those of fixes. separator: (k, e, 3, s) the differences of the fixes by errors of ranges. accuracy: (e, 3) 1
-    sigma of what the fix is without a fault, m."""
+    """Protection levels of fixes."""
 
     separator: np.ndarray
+    """(k, e, 3, s) from ranging errors to differences of the fixes."""
     accuracy: np.ndarray
+    """(e, 3) 1 sigma of a fault-free fix, m."""
 
 
 def levels(
@@ -243,9 +245,9 @@ def along(
     allocation: Allocation,
     bearing: float,
 ) -> np.ndarray:
-    """Levels (e, 2) of fixes across a horizontal direction and along it, of a bearing, rad.
+    """Levels (e, 2) of fixes across and along a horizontal direction of a bearing, rad.
 
-    found: levels east and north. whole: the fixes. nominal, priors, allocation: those that `levels` was given.
+    found: levels east and north. whole: the fixes. nominal, priors, allocation: those of `levels`.
     """
     own = turned(whole.estimator, bearing)
 
@@ -297,14 +299,14 @@ def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> 
 
 
 def _dearest_first(spread: SolutionSpread, priors: np.ndarray, idle: np.ndarray) -> np.ndarray:
-    """Of each epoch the faults (k, e) in the order in which they are left out; see `allocated_risk`."""
+    """Faults (k, e) of each epoch in the order of their omission; see `allocated_risk`."""
     sigma = np.where(idle, spread.separate_sigma.max(axis=2), 1.0)
     return np.lexsort((np.broadcast_to(priors[:, None], sigma.shape), -np.round(np.log2(sigma))), axis=0)
 
 
 def _several_at_once(priors: np.ndarray, there: np.ndarray, but: Sequence[tuple[int, ...]]) -> np.ndarray:
-    """Probability (e,) that more than one of independent faults (k,) that are there (k, e) is, but for coincidences of
-    these of them alone."""
+    """Probability (e,) of more than one of the independent faults (k,) that exist (k, e), except coincidences of `but`
+    alone."""
     each = np.where(there, priors[:, None], 0.0)
     odds = each / (1.0 - each)
     listed = odds.sum(axis=0)
@@ -320,13 +322,13 @@ def _sigma(solution: MonitoredFix) -> np.ndarray:
 
 
 def _reach(solution: MonitoredFix, nominal: np.ndarray) -> np.ndarray:
-    """How far biases of ranges (e, s) can move the position (e, 3); nan without a fix."""
+    """Largest effect of biases of ranges (e, s) on the position (e, 3); nan without a fix."""
     reach = (np.abs(solution.estimator) * nominal[:, None]).sum(axis=2)
     return np.where(solution.solved[:, None], reach, np.nan)
 
 
 def _factors(allocation: Allocation, monitored: np.ndarray) -> np.ndarray:
-    """How many sigmas (e, 3) a difference of fixes may be, by the number of faults that are monitored (e,)."""
+    """Largest accepted difference of fixes in sigmas (e, 3), by the number of monitored faults (e,)."""
     from scipy.special import ndtri
 
     count = np.maximum(monitored, 1)[:, None] * np.array([4.0, 4.0, 2.0])
@@ -337,7 +339,7 @@ def _factors(allocation: Allocation, monitored: np.ndarray) -> np.ndarray:
 def _level(
     budget: np.ndarray, bias: np.ndarray, sigma: np.ndarray, priors: np.ndarray, reach: np.ndarray, spread: np.ndarray
 ) -> np.ndarray:
-    """Where 2 Q((x - bias)/sigma) + sum of priors Q((x - reach)/spread) is the budget (e,).
+    """Solution x of 2 Q((x - bias)/sigma) + sum of priors Q((x - reach)/spread) = budget (e,).
 
     bias, sigma: (e,). priors, reach, spread: (k, e); faults of prior 0 do not count.
     """
@@ -348,7 +350,7 @@ def _level(
     reach, spread = np.where(counts, reach, 0.0), np.where(counts, spread, 1.0)
 
     def alone(share: np.ndarray) -> np.ndarray:
-        """Where every term is below this share of the budget, and the largest of them is it."""
+        """Value at which every term is below this share of the budget, and the largest of them equals it."""
         own = bias - sigma * ndtri(0.5 * budget * share)
         with np.errstate(divide="ignore"):
             chance = np.where(counts, budget * share / priors, 1.0)
@@ -374,7 +376,7 @@ def _level(
 
 @kernel
 def _farthest(separator: np.ndarray, residual: Any, out: Any) -> None:
-    """The largest size (e,) of what separators (k, e, 3, s) make of residuals (e, s) of one run, or of lanes."""
+    """Largest size (e,) of separators (k, e, 3, s) times residuals (e, s) of one run, or of lanes."""
     residual, out = registers(residual), registers(out)
     faults, epochs, axes, sources = separator.shape
     for e in range(epochs):
@@ -390,23 +392,23 @@ def _farthest(separator: np.ndarray, residual: Any, out: Any) -> None:
 
 
 class SeparationWatch:
-    """The test whether solutions without the sources of a fault are too far from the whole ones; found: the levels."""
+    """Test of the distance of solutions without the sources of a fault from the full one; found: the levels."""
 
     found: Levels
 
     @property
     def levels(self) -> np.ndarray:
-        """Protection levels (e, 2), m, horizontal and vertical; nan where there are none."""
+        """Protection levels (e, 2), m, horizontal and vertical; nan without."""
         return np.stack([self.found.horizontal, self.found.vertical], axis=1)
 
     @property
     def tested(self) -> np.ndarray:
-        """Where there is a fault that is monitored (e,)."""
+        """(e,) whether a fault is monitored."""
         return np.asarray(self.found.monitored.any(axis=0))
 
     @property
     def threshold(self) -> np.ndarray:
-        """What `statistic` may be without an alarm (e,)."""
+        """(e,) largest `statistic` without an alarm."""
         return np.ones(self.tested.size)
 
 
@@ -424,7 +426,7 @@ class SeparationMonitor(SeparationWatch):
 
     @property
     def size(self) -> int:
-        """What it takes of memory, about, bytes."""
+        """Approximate memory, bytes."""
         return 3 * self._separator.nbytes
 
     def statistic(self, residuals: np.ndarray) -> np.ndarray:

@@ -10,21 +10,21 @@ import numpy as np
 NOTHING = -1
 """In place of the number of a candidate: none is excluded."""
 LEAST_LEFT = 5
-"""So many ranges have to be left for a choice by their RMS, as RTKLIB has it."""
+"""Ranges that must remain for a choice by RMS, as in RTKLIB."""
 
 
 def contained(candidates: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Whether what a candidate takes away another one takes away, too (c, c, e). candidates: (c, s) bool, used:
-    (e, s) bool."""
+    """Whether the sources of a candidate are a subset of another one's (c, c, e). candidates: (c, s) bool, used: (e, s)
+    bool."""
     taken = candidates[:, None] & used
     return ~(taken[:, None] & ~taken[None]).any(axis=3)
 
 
 def alone(passes: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """The candidate (e, W) without which what is left passes its own test, where no other one does, but for those that
-    take away still more; `NOTHING` where there is none.
+    """The only candidate (e, W) without which the rest passes its own test; `NOTHING` if there is none or more than
+    one.
 
-    passes: (c, e, W) bool. inside: (c, c, e), see `contained`.
+    Candidates that contain it do not count. passes: (c, e, W) bool. inside: (c, c, e), see `contained`.
     """
     if not len(passes):
         return np.full(passes.shape[1:], NOTHING)
@@ -33,10 +33,9 @@ def alone(passes: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 
 def least_rms(passes: np.ndarray, rms: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """The candidate (e, W) with the smallest RMS of residuals of those without which what is left passes its own test;
-    `NOTHING` where there is none.
+    """Candidate (e, W) with the smallest RMS of residuals of those without which the rest passes its own test.
 
-    passes: (c, e, W) bool. rms: (c, e, W) m. left: (c, e) how many ranges are left.
+    `NOTHING` if there is none. passes: (c, e, W) bool. rms: (c, e, W) m. left: (c, e) number of remaining ranges.
     """
     able = passes & (left >= LEAST_LEFT)[..., None]
     if not len(passes):

@@ -1,7 +1,7 @@
-"""Fixes with an alarm, solved anew without what is likely at fault.
+"""Exclusion: solve fixes with an alarm again without the sources that are probably faulty.
 
-Source: `docs/theory/integrity.md`, section 7. Fixes are tried by stretches of the flight that are the same for all
-runs, each begun anew: a run's fix does not depend on when its neighbours have alarms.
+Source: `docs/theory/integrity.md`, section 7. Fixes are solved in stretches of the flight that are the same for all
+runs, each with a new start of the iteration. A run's fix thus does not depend on the alarms of other runs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from navsim.integrity.monitoring import RMS, Monitoring, Snapshot, tested_levels
 STRETCH = 256
 """Epochs that are tried together."""
 MOST_KEPT = 2**28
-"""What monitors of what is left may take of memory, bytes; others are made anew for each use."""
+"""Memory limit for cached monitors, bytes; others are computed again for each use."""
 
 
 @dataclass(frozen=True)
@@ -37,16 +37,16 @@ class SettledFixes:
 
 @dataclass(frozen=True)
 class Excluder:
-    """What is done about fixes with an alarm.
-
-    watching: how fixes are watched, with a rule of exclusion. signals: that they are made of. start: (3,) ECEF, where
-    their iteration begins. axes: (e, 3, 3) rows east, north, up at the antenna.
-    """
+    """Exclusion for fixes with an alarm."""
 
     watching: Monitoring
+    """Monitor with a rule of exclusion."""
     signals: Signals
+    """Signals of the fixes."""
     start: np.ndarray
+    """(3,) ECEF, first point of their iteration."""
     axes: np.ndarray
+    """(e, 3, 3) rows east, north, up at the antenna."""
     _kept: dict[tuple[int, int], Snapshot] = field(default_factory=dict)
 
     @cached_property
@@ -56,7 +56,7 @@ class Excluder:
 
     @cached_property
     def _candidates(self) -> np.ndarray:
-        """What each candidate takes away of those (c, s) bool."""
+        """Sources that each candidate removes (c, s) bool."""
         names = np.array(self.signals.names)[self._heard]
         taken = [np.isin(names, one.sources) for one in self.watching.candidates(self.signals)]
         return np.array(taken, bool).reshape(-1, names.size)
@@ -64,8 +64,8 @@ class Excluder:
     def settle(
         self, alarm: np.ndarray, ranges: np.ndarray, rates: np.ndarray, antenna: np.ndarray, settled: SettledFixes
     ) -> None:
-        """Puts fixes made without a candidate where there is an alarm (e, W) and one is excluded; measurements
-        (e, s, W), antenna (e, 3, W)."""
+        """Replace fixes with an alarm (e, W) by those without the excluded candidate; measurements (e, s, W), antenna
+        (e, 3, W)."""
         for number, first in enumerate(range(0, alarm.shape[0], STRETCH)):
             part = slice(first, first + STRETCH)
             if alarm[part].any():
@@ -105,7 +105,7 @@ class Excluder:
             settled.excluded[part][mine] = tried[i]
 
     def _monitor(self, number: int, candidate: int, signals: Signals) -> Snapshot:
-        """What watches a stretch of the flight without a candidate."""
+        """Monitor of a stretch of the flight without a candidate."""
         if (number, candidate) in self._kept:
             return self._kept[number, candidate]
         without = self.watching.without(self.signals, signals, candidate)

@@ -1,4 +1,4 @@
-"""How a receiver's fixes follow from each pseudorange and each range rate, to first order.
+"""Derivatives of a receiver's fixes by pseudoranges and range rates.
 
 Source: Groves (2013), section 9.4.1 (the least-squares solution that is differentiated).
 """
@@ -18,9 +18,10 @@ def slopes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of position and velocity fixes (e, 6) by each pseudorange and each range rate, (e, 6, s) each.
 
-    ranges, rates: (e, s). fixes: llh, velocity and clocks of the receiver from them. A fix is where H' W r = 0, r
-    being the residuals, and stays there. Unit vectors in H turn with the place, which counts where residuals are not
-    small beside the way to a source. Zero for what is not used, and where there is no fix.
+    ranges, rates: (e, s). fixes: llh, velocity and clocks of the receiver from them.
+
+    A fix satisfies H' W r = 0 with the residuals r. Unit vectors in H rotate with the position, which matters if
+    residuals are not small compared with the distance to a source. Zero for unused sources, and without a fix.
     """
     s = signals
     llh, velocity, clocks = fixes
@@ -63,8 +64,7 @@ def slopes(
 
 
 def _normal(h: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """H' W H (e, k, k), with a 1 for an unknown of which no source says anything, and H' W (e, k, s); h: (e, s, k),
-    weight: (e, s)."""
+    """H' W H (e, k, k), with a 1 for an unknown without a source, and H' W (e, k, s); h: (e, s, k), weight: (e, s)."""
     weighed = np.swapaxes(h, 1, 2) * weight[:, None, :]
     normal = weighed @ h
     unknown = np.arange(normal.shape[1])

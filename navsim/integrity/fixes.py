@@ -1,4 +1,4 @@
-"""The receiver's fixes of lanes, and what they leave of their ranges.
+"""Fixes of the receiver in lanes, and their residuals.
 
 The solution itself is `navsim.gnss.position_fix`.
 """
@@ -16,13 +16,16 @@ from navsim.gnss.pseudorange import Signals
 
 
 class ReceiverFixes(NamedTuple):
-    """llh, velocity NED (e, 3, W), clocks (e, MAX_CLOCKS, W), covariance of position and velocity (e, 6, 6, W); of one
-    run without the last axis. nan without a fix."""
+    """Fixes; nan without a fix. Those of one run have no last axis."""
 
     llh: np.ndarray
+    """(e, 3, W)."""
     velocity: np.ndarray
+    """(e, 3, W) NED."""
     clocks: np.ndarray
+    """(e, MAX_CLOCKS, W)."""
     covariance: np.ndarray
+    """(e, 6, 6, W) of position and velocity."""
 
 
 def solved(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:

@@ -1,6 +1,6 @@
-"""Innovations of a filter against what it expects of them, added up over a window of time.
+"""Innovation monitor: sum of normalised innovations squared over a window of time.
 
-A fault that grows slowly is followed by the filter: each innovation alone is small, all together they are not chance.
+The filter follows a slowly growing fault: each innovation alone is small, but their sum is improbable.
 
 Source: `docs/theory/integrity.md`, section 9; Tanil, Khanafseh, Joerger & Pervan, An INS monitor to detect GNSS
 spoofers capable of tracking vehicle position, IEEE TAES 54(1) (2018).
@@ -25,11 +25,12 @@ class InnovationTest:
     p_fa: float
 
     def ratio(self, time: np.ndarray, squared: np.ndarray, degrees: np.ndarray) -> np.ndarray:
-        """Sums over the window that ends with each epoch, it at least, by their threshold (r, e); above 1 they are an
-        alarm, nan where nothing was weighed in the window.
+        """Sums over the window that ends with each epoch, of at least one epoch, relative to their threshold (r, e).
 
-        time: (e,) s, increasing. squared: (r, e) normalised innovations squared, nan where nothing was weighed.
-        degrees: (r, e) int of them.
+        Above 1 they are an alarm; nan without a measurement in the window.
+
+        time: (e,) s, increasing. squared: (r, e) normalised innovations squared, nan without a measurement. degrees:
+        (r, e) int, their degrees of freedom.
         """
         first = np.minimum(np.searchsorted(time, time - self.window + 1e-9), np.arange(time.size))
         sums, counts = (
@@ -54,16 +55,18 @@ class SteadyWalk:
 
     @classmethod
     def of(cls, q: float, r: float) -> SteadyWalk:
-        """That of a walk with the variance q a step, measured with the variance r."""
+        """Steady state for a random walk with variance q a step, measured with variance r."""
         p = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
         return cls(p, p / (p + r), p + r)
 
     def noncentrality(self, slope: float) -> float:
-        """Of one normalised innovation squared, long after the measurements began to run away by `slope` a step: the
-        filter follows, late by slope / gain."""
+        """Noncentrality of one normalised innovation squared, long after measurements began to drift by `slope` a step.
+
+        The filter follows with the lag slope / gain.
+        """
         return (slope / self.gain) ** 2 / self.s
 
 
 def detection(degrees: int, noncentrality: float, p_fa: float) -> float:
-    """The probability that a sum of so many degrees and this noncentrality is an alarm."""
+    """Probability of an alarm for a sum with so many degrees of freedom and this noncentrality."""
     return 1.0 - chi_square.probability_below(chi_square.exceeded(p_fa, degrees), degrees, noncentrality)

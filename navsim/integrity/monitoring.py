@@ -1,4 +1,4 @@
-"""What a snapshot monitor says along a landing: levels from the geometry, alarms from what fixes leave of their ranges.
+"""Snapshot monitor along a landing: protection levels from the geometry, alarms from the residuals of fixes.
 
 Source: `docs/theory/integrity.md`, section 7.
 """
@@ -20,40 +20,39 @@ from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
 
 NO_FIX, UNTESTED, QUIET, ALARM, EXCLUDED = range(5)
-"""What a monitor says of an epoch: there is no fix, or nothing is received; nothing to test it by, nothing wrong,
-something wrong; something was, and is excluded."""
+"""Status of an epoch: no fix or no signal; no redundancy; no alarm; alarm; alarm with exclusion."""
 DOUBTED = 1.5
-"""By how much more than its levels are of a filter may be uncertain, in 1 sigma, before that is an alarm: its gate
-rejects what they count on."""
+"""Factor on 1 sigma of a filter relative to that in its levels, above which an alarm is raised: the gate has rejected
+measurements that the levels assume."""
 NO_EXCLUSION, RESIDUAL, RMS = "none", "residual", "rms"
 """Rules by which something is excluded after an alarm."""
 
 
 class Watcher(Protocol):
-    """What watches a landing, whichever way."""
+    """Monitor of a landing, of any type."""
 
     @property
     def levels(self) -> np.ndarray:
-        """Protection levels (e, 2), m, horizontal and vertical; inf or nan where there are none."""
+        """Protection levels (e, 2), m, horizontal and vertical; inf or nan without."""
 
     @property
     def threshold(self) -> np.ndarray:
-        """What `statistic` may be without an alarm (e,)."""
+        """(e,) largest `statistic` without an alarm."""
 
     @property
     def tested(self) -> np.ndarray:
-        """Where there is a test (e,)."""
+        """(e,) whether there is a test."""
 
     @property
     def size(self) -> int:
-        """What it takes of memory, about, bytes."""
+        """Approximate memory, bytes."""
 
 
 class Snapshot(Watcher, Protocol):
-    """A monitor of the fixes of epochs, each by itself."""
+    """Monitor of fixes, each epoch separately."""
 
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
-        """What tells a fault (e, W), of residuals (e, s, W) of fixes, m."""
+        """Test statistic (e, W) from residuals (e, s, W) of fixes, m."""
 
 
 class Bank(Watcher, Protocol):
@@ -61,20 +60,20 @@ class Bank(Watcher, Protocol):
 
     @property
     def aided(self) -> np.ndarray:
-        """Where the filter is given a fix, or, tightly coupled, a range (e,)."""
+        """(e,) whether the filter has a fix or, tightly coupled, a range."""
 
     @property
     def sigma(self) -> np.ndarray:
         """1 sigma of the filter that levels are of (e, 3), north, east, down, m."""
 
     def along(self, bearing: float) -> np.ndarray:
-        """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, m; nan where there are none."""
+        """Levels (e, 2) across and along a horizontal direction of a bearing, rad, m; nan without."""
 
     def statistic(
         self, innovation: np.ndarray, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
     ) -> np.ndarray:
-        """What tells a fault (e, W), of innovations (k, MOST, W) that the filter used, nan for others, and of fixes
-        from measurements (e, s, W)."""
+        """Test statistic (e, W) from used innovations (k, MOST, W), nan for others, and from fixes from measurements
+        (e, s, W)."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +108,8 @@ class Monitoring:
     """Creates the filter bank of a flight if it monitors the filter instead of the fixes."""
 
     def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
-        """The faults of sources that are used at all, then those two at once that have to be monitored with them, where
-        a share of what is tolerated is."""
+        """Faults of all used sources, and pairs of them that must be monitored with a share of the tolerated
+        probability."""
         if isinstance(self.test, ChiSquareTest):
             return ()
         alone = [fault for fault in self.faults if signals.used[:, list(_indices(signals.names, fault.sources))].any()]
@@ -125,8 +124,7 @@ class Monitoring:
         )
 
     def candidates(self, signals: Signals) -> tuple[ExpectedFault, ...]:
-        """What may be excluded: each source that is used at all, or each fault that separation expects, but for
-        coincidences."""
+        """Candidates for exclusion: each used source, or each fault of solution separation except coincidences."""
         if self.exclusion == NO_EXCLUSION:
             return ()
         if self.exclusion == RESIDUAL and isinstance(self.test, Allocation):
@@ -135,8 +133,10 @@ class Monitoring:
         return tuple(ExpectedFault(signals.names[i], (signals.names[i],), 0.0) for i in heard)
 
     def without(self, flight: Signals, signals: Signals, candidate: int) -> Snapshot:
-        """The monitor of fixes from these signals, of some epochs of a flight, without a candidate of it. What its
-        levels are allowed to miss is shared by all candidates, and by the fix with all that is used."""
+        """Monitor of fixes from these signals, of some epochs of a flight, without one of its candidates.
+
+        All candidates and the fix with all sources share the integrity risk.
+        """
         candidates = self.candidates(flight)
         out = candidates[candidate].sources
         share = 1.0 / (1.0 + len(candidates))
@@ -187,13 +187,13 @@ def fix_of(signals: Signals) -> MonitoredFix:
 
 
 def _geometry(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (e, s, u), and 1 sigma of ranges (e, s), m; what is not used has neither, and any serve."""
+    """Rows (e, s, u), and 1 sigma of ranges (e, s), m; values of unused sources are arbitrary."""
     los = np.where(signals.used[..., None], signals.los, 0.0)
     return rows_of(los, signals.clock), np.where(signals.used, signals.fix_sigma, 1.0)
 
 
 def _but(signals: Signals, names: Sequence[str]) -> Signals:
-    """Signals of which some are not used."""
+    """Signals without some of the sources."""
     return replace(signals, used=signals.used & ~np.isin(signals.names, names))
 
 
@@ -203,18 +203,17 @@ def faults_of(names: Sequence[str], expected: Sequence[ExpectedFault]) -> list[a
 
 
 def alerted(status: np.ndarray) -> np.ndarray:
-    """Where the user is told not to trust the position: an alarm, or no fix at all, or nothing received any more."""
+    """Whether the user is alerted: an alarm, no fix, or no signal."""
     return (status == ALARM) | (status == NO_FIX)
 
 
 def tested_levels(monitor: Watcher) -> np.ndarray:
-    """Protection levels (e, 2), m, nan where there is no test."""
+    """Protection levels (e, 2), m, nan without a test."""
     return np.where(monitor.tested[:, None], monitor.levels, np.nan)
 
 
 def vertical_sigma(watching: Monitoring, monitor: Watcher) -> np.ndarray:
-    """1 sigma (e,), m, of the vertical error that is watched, of fixes or of the filter, without a fault; nan where
-    there is none."""
+    """1 sigma (e,), m, of the monitored fault-free vertical error, of fixes or of the filter; nan without."""
     if isinstance(monitor, Monitor):
         return watching.accuracy * np.sqrt(monitor.solution.covariance[:, UP, UP])
     if isinstance(monitor, SeparationMonitor):
@@ -232,7 +231,6 @@ def _indices(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, ...]:
 
 
 def status(tested: np.ndarray, threshold: np.ndarray, statistic: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """What a monitor says of epochs (e, r): tested, threshold (e,) of it, statistic (e, r), fixed (e, r) where there is
-    a fix."""
+    """Status of epochs (e, r): tested, threshold (e,), statistic (e, r), fixed (e, r) whether there is a fix."""
     said = np.where(statistic > threshold[:, None], ALARM, QUIET)
     return np.where(fixed, np.where(tested[:, None], said, UNTESTED), NO_FIX)

@@ -1,4 +1,4 @@
-"""What a number of sources makes possible at all, whatever their geometry: the paper's claim, by ranks.
+"""Capabilities of a number of sources in any geometry: the paper's claim, from ranks.
 
 Source: `docs/theory/integrity.md`, section 6.
 """
@@ -16,13 +16,16 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class Observability:
-    """What sources make possible: a fix; that any single fault is detected, and excluded; that single faults are
-    detected and the loss of all pseudolites at once leaves a fix."""
+    """Capabilities of a set of sources."""
 
     fix: bool
+    """There is a fix."""
     detection: bool
+    """Any single fault can be detected."""
     exclusion: bool
+    """Any single fault can be excluded."""
     ground_loss: bool
+    """Single faults can be detected, and there is a fix without all pseudolites."""
 
     def __str__(self) -> str:
         flags = (self.fix, self.detection, self.exclusion, self.ground_loss)
@@ -30,7 +33,7 @@ class Observability:
 
 
 def possible(satellite_clocks: tuple[int, ...], pseudolite_clocks: tuple[int, ...]) -> Observability:
-    """What satellites and pseudolites, by the clocks that their ranges have, make possible."""
+    """Capabilities of satellites and pseudolites with these clocks."""
     clock = np.array([*satellite_clocks, *pseudolite_clocks], int)
     direction = np.random.default_rng(_SEED).standard_normal((clock.size, 3))
     rows = np.concatenate(
@@ -39,7 +42,7 @@ def possible(satellite_clocks: tuple[int, ...], pseudolite_clocks: tuple[int, ..
     everything = frozenset(range(clock.size))
 
     def survives(lost: int) -> bool:
-        """Whether there is a fix however so many ranges are left out."""
+        """Whether there is a fix without any choice of so many ranges."""
         return clock.size > lost and all(
             _fix(rows, everything - set(out)) for out in itertools.combinations(everything, lost)
         )
@@ -50,6 +53,6 @@ def possible(satellite_clocks: tuple[int, ...], pseudolite_clocks: tuple[int, ..
 
 
 def _fix(rows: np.ndarray, used: frozenset[int]) -> bool:
-    """Whether the position can be told from these ranges: no change of clocks looks like one of it."""
+    """Whether these ranges determine the position: no change of clocks has the same effect as a change of position."""
     own = rows[sorted(used)]
     return bool(own.size and np.linalg.matrix_rank(own) - np.linalg.matrix_rank(own[:, 3:]) == 3)

@@ -15,8 +15,8 @@ from navsim.integrity.solution import MonitoredFix, turned
 from navsim.statistics import chi_square, normal
 
 BLIND = 1e-9
-"""A range of less redundancy than this is not checked by the others; one that moves the position by less than this of
-its error, but for rounding, does not move it."""
+"""Smallest redundancy of a range that the others check, and smallest effect of its error on the position beyond
+rounding."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ChiSquareTest:
     p_md: float
 
     def threshold(self, degrees: np.ndarray) -> np.ndarray:
-        """What the sum of squares may be (e,); inf without redundancy."""
+        """(e,) largest sum of squares without an alarm; inf without redundancy."""
         return _by_degrees(degrees, lambda n: chi_square.exceeded(self.p_fa, n), np.inf)
 
     def bias(self, degrees: np.ndarray) -> np.ndarray:
@@ -49,7 +49,7 @@ def _by_degrees(degrees: np.ndarray, value: Callable[[int], float], without: flo
 
 @dataclass(frozen=True)
 class Monitor:
-    """The test of the residuals of solutions, and what it protects."""
+    """Residual test of solutions, and its protection levels."""
 
     solution: MonitoredFix
     test: ChiSquareTest
@@ -64,7 +64,7 @@ class Monitor:
         return self._by_residuals(np.hypot(of_fault[:, 0], of_fault[:, 1]), of_fault[:, 2])
 
     def _by_residuals(self, *moved: np.ndarray) -> np.ndarray:
-        """Slopes (e, s, m) of what errors of ranges do, m of (e, s)."""
+        """Slopes (e, s, m) of m directions of ranging errors (e, s)."""
         size = np.abs(np.stack(moved, axis=2))
         seen = (self.solution.redundancy > BLIND)[..., None]
         shown = np.sqrt(np.where(seen, self.solution.visibility[..., None], 1.0))
@@ -72,8 +72,10 @@ class Monitor:
 
     @property
     def minimal_bias(self) -> np.ndarray:
-        """The smallest bias of each range (e, s), m, that is missed with no more than p_md; inf where none is seen, nan
-        for what is not used."""
+        """Smallest bias of each range (e, s), m, that is missed with at most p_md.
+
+        inf if the test cannot detect it, nan for unused ranges.
+        """
         seen = self.solution.redundancy > BLIND
         shown = np.sqrt(np.where(seen, self.solution.visibility, 1.0))
         bias = self.test.bias(self.solution.degrees)[:, None]
@@ -86,7 +88,7 @@ class Monitor:
         return self._reached(self.slopes)
 
     def along(self, bearing: float) -> np.ndarray:
-        """The same (e, 2) across a horizontal direction and along it, of a bearing, rad."""
+        """Levels (e, 2) across and along a horizontal direction of a bearing, rad."""
         return self._reached(self._by_residuals(*turned(self.solution.estimator, bearing).swapaxes(0, 1)))
 
     def _reached(self, slopes: np.ndarray) -> np.ndarray:
@@ -106,17 +108,17 @@ class Monitor:
 
     @property
     def threshold(self) -> np.ndarray:
-        """What `statistic` may be without an alarm (e,)."""
+        """(e,) largest `statistic` without an alarm."""
         return self.test.threshold(self.solution.degrees)
 
     @property
     def tested(self) -> np.ndarray:
-        """Where there are residuals to test (e,)."""
+        """(e,) whether there are residuals to test."""
         return self.solution.degrees > 0
 
     @property
     def size(self) -> int:
-        """What it takes of memory, about, bytes."""
+        """Approximate memory, bytes."""
         return 3 * self.solution.rows.nbytes
 
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
@@ -124,8 +126,11 @@ class Monitor:
         return np.asarray((self.solution.whitened(residuals) ** 2).sum(axis=1))
 
     def each(self, errors: np.ndarray) -> np.ndarray:
-        """What speaks for a fault of each range (e, s, m), standard normal without one, of range errors (e, s, m); nan
-        where nothing can."""
+        """Test statistic for a fault of each range (e, s, m), standard normal without one, from ranging errors (e, s,
+        m).
+
+        nan without redundancy.
+        """
         seen = self.solution.redundancy > BLIND
         size = np.sqrt(np.where(seen, self.solution.visibility, np.nan))
         return np.asarray(self.solution.shown.swapaxes(1, 2) @ self.solution.residuals(errors) / size[..., None])

@@ -1,4 +1,4 @@
-"""The risk that a monitor leaves: the position is off by more than a limit, and nothing is said.
+"""Integrity risk of a monitor: probability that the position error exceeds a limit without an alarm.
 
 Source: `docs/theory/integrity.md`, section 4. The estimate of a least-squares fix and its residuals are independent, so
 the risk of one biased range under the chi-square test is a product.
@@ -26,9 +26,10 @@ def silent(monitor: Monitor, epoch: int, source: int, bias: float, limit: float)
 def undetected_by_separation(
     main: MonitoredFix, separation: np.ndarray, epoch: int, source: int, bias: float, limits: tuple[float, float]
 ) -> float:
-    """The same under the test that the fix without the source is no further than a threshold from the whole one.
+    """Integrity risk of one biased range under solution separation: the distance of the fix without the source is
+    tested.
 
-    limits: of the error, and of that difference, m. separation: (3, s) what makes the difference of range errors.
+    limits: of the error, and of that distance, m. separation: (3, s) from range errors to that distance.
     """
     limit, threshold = limits
     moved = main.estimator[epoch, 2, source] * bias

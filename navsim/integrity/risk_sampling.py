@@ -1,9 +1,8 @@
-"""How often a position is off by more than a limit and nothing is said, by importance sampling, where it is too rare to
-be counted.
+"""Integrity risk by importance sampling: a position error beyond a limit without an alarm, too rare to count.
 
-Source: `docs/theory/integrity.md`, section 4. Errors of ranges are drawn whitened, z ~ N(0, I), and moved to where it
-happens: the estimate to its limit, and back from what the tests see to where they do not. Weights undo that; a part of
-the draws is not moved, so that no weight is large.
+Source: `docs/theory/integrity.md`, section 4. Whitened ranging errors z ~ N(0, I) are drawn and shifted to the event:
+the estimate to its limit, and the residuals back to where the tests miss them. Weights correct for the shift. Some
+samples are not shifted, so that no weight is large.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ class FixTest(Protocol):
     """A test of the whitened errors of ranges."""
 
     def silent(self, errors: np.ndarray) -> np.ndarray:
-        """Where errors (n, m) give no alarm (m,) bool."""
+        """(m,) bool, whether errors (n, m) cause no alarm."""
 
     def reach(self, direction: np.ndarray) -> float:
-        """How far errors along a direction (n,) of size 1 may go without an alarm."""
+        """Largest size of errors along a direction (n,) of size 1 without an alarm."""
 
     def unseen(self, size: float, direction: np.ndarray) -> float:
         """The chance of no alarm, or more, with a bias of this size along a direction of the residuals (n,)."""
@@ -52,15 +51,15 @@ class SquareTest:
     degrees: int
 
     def silent(self, errors: np.ndarray) -> np.ndarray:
-        """As of `FixTest`."""
+        """See `FixTest`."""
         return np.asarray(((self.residual @ errors) ** 2).sum(axis=0) <= self.threshold)
 
     def reach(self, direction: np.ndarray) -> float:
-        """As of `FixTest`."""
+        """See `FixTest`."""
         return math.sqrt(self.threshold)
 
     def unseen(self, size: float, direction: np.ndarray) -> float:
-        """As of `FixTest`; exact."""
+        """See `FixTest`; exact."""
         return chi_square.probability_below(self.threshold, self.degrees, size * size)
 
 
@@ -72,15 +71,15 @@ class SeparationTest:
     separators: np.ndarray
 
     def silent(self, errors: np.ndarray) -> np.ndarray:
-        """As of `FixTest`."""
+        """See `FixTest`."""
         return np.asarray((np.abs(self.separators @ errors) <= 1.0).all(axis=0))
 
     def reach(self, direction: np.ndarray) -> float:
-        """As of `FixTest`."""
+        """See `FixTest`."""
         return 1.0 / max(float(np.abs(self.separators @ direction).max(initial=0.0)), 1e-12)
 
     def unseen(self, size: float, direction: np.ndarray) -> float:
-        """As of `FixTest`; of the difference that shows the bias best alone."""
+        """See `FixTest`; only for the difference that shows the bias best."""
         steepest = self.separators[np.argmax(np.abs(self.separators @ direction))]
         spread = float(np.linalg.norm(steepest))
         moved = float(np.abs(steepest @ direction)) * size
@@ -98,7 +97,7 @@ class TailCase:
     unwhitened: np.ndarray
     """(n,) their 1 sigma, m."""
     test: FixTest
-    """Of the fix."""
+    """Test of the fix."""
     used: np.ndarray
     """(n,) numbers of the ranges."""
 
@@ -112,8 +111,11 @@ class TailCase:
         return np.asarray(of_ranges[self.used] / self.unwhitened)
 
     def least_seen(self, sources: np.ndarray) -> np.ndarray:
-        """Biases of ranges (s,) bool, whitened and of size 1 (n,): those that move the position along the axis most
-        for what the residuals show of them. 0 where they move nothing."""
+        """Bias of ranges (s,) bool, whitened and of size 1 (n,), with the largest position effect relative to the
+        residuals.
+
+        0 if they do not affect the position.
+        """
         among = sources[self.used]
         shown = self.residual[:, among]
         # what is not shown at all would be without limit: the least of the eigenvalues stands for it
@@ -142,8 +144,10 @@ def under_separations(fix: MonitoredFix, found: FixLevels, epoch: int, axis: int
 
 
 def _whitened(fix: MonitoredFix, epoch: int, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """What errors of the ranges of an epoch do and leave, their 1 sigma, their numbers. Raises ValueError for ranges
-    that are not independent."""
+    """Effects of the range errors of an epoch, their 1 sigma, and numbers of the ranges.
+
+    Raises ValueError for correlated ranges.
+    """
     if not isinstance(fix.noise, Independent):
         raise ValueError("tails are sampled of independent ranges alone")
     used = np.flatnonzero(fix.used[epoch])
@@ -161,7 +165,7 @@ class TailDraws:
 
     @property
     def probability(self) -> float:
-        """How often that is."""
+        """Probability of the event."""
         return float(np.exp(self.log_weights) @ self.hits) / self.hits.size
 
     @property
@@ -172,7 +176,7 @@ class TailDraws:
 
     @property
     def effective(self) -> float:
-        """How many hits of one weight would tell as much."""
+        """Effective number of hits of equal weight."""
         weights = np.exp(self.log_weights[self.hits])
         return float(weights.sum() ** 2 / (weights @ weights)) if weights.size else 0.0
 
@@ -217,8 +221,10 @@ def sampled(case: TailCase, bias: np.ndarray, limit: float, count: int, rng: np.
 
 
 def worst_size(case: TailCase, direction: np.ndarray, nominal: np.ndarray, limit: float) -> float:
-    """The size of a bias along a direction (n,), beside nominal ones (n,), that is most often beyond the limit and
-    silent: by `FixTest.unseen`, which is a bound where several tests are made at once."""
+    """Size of a bias along a direction (n,), beside nominal ones (n,), with the largest integrity risk.
+
+    From `FixTest.unseen`, which is a bound for several simultaneous tests.
+    """
     moved, shown = float(case.estimate @ direction), float(np.linalg.norm(case.residual @ direction))
     if moved == 0.0 or shown < 1e-9:
         return 0.0

@@ -25,13 +25,15 @@ def sbas(solution: MonitoredFix) -> np.ndarray:
 
 
 def gbas_factors(receivers: int) -> tuple[float, float]:
-    """K_ffmd and K_md of a ground station with so many reference receivers; the standard has three decimals of them."""
+    """K_ffmd and K_md of a ground station with so many reference receivers; the standard has them to three decimals."""
     return -normal.quantile(2.5e-8 / (receivers + 1) / 2.0), -normal.quantile(2.5e-3 * receivers / (receivers + 1))
 
 
 def gbas_projection(solution: MonitoredFix, course: float, glide: float) -> np.ndarray:
-    """What range errors do across the track (right) and to height over the glide path (e, 2, s), of an approach on a
-    course, rad from north, down a glide path, rad."""
+    """Effect of range errors across the track (right) and on the height above the glide path (e, 2, s).
+
+    course: of the approach, rad from north; glide: glide path angle, rad.
+    """
     east, north, up = (solution.estimator[:, i] for i in range(3))
     along, across = (
         east * math.sin(course) + north * math.cos(course),

@@ -1,8 +1,7 @@
-"""Least-squares fixes as their monitors see them: what an error of each range does to the position, and what it leaves
-in the residuals.
+"""Least-squares fixes for monitors: effect of an error of each range on the position and on the residuals.
 
-Source: `docs/theory/integrity.md`, section 1. The receiver's own fixes are made by `gnss.least_squares`; their normal
-matrix is that of `gnss.dop` where range errors are independent.
+Source: `docs/theory/integrity.md`, section 1. `gnss.least_squares` computes the receiver's own fixes; their normal
+matrix is that of `gnss.dop` for independent range errors.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from navsim.compiler.jit import kernel
 from navsim.gnss.dop import invert_normal
 
 POSITION = 3
-"""Unknowns of position, which stand first."""
+"""Number of position unknowns, which come first."""
 
 
 @kernel
@@ -56,7 +55,7 @@ def _cofactors(rows: np.ndarray, used: np.ndarray, out: np.ndarray, degrees: np.
 
 
 class Independent:
-    """Errors of ranges that are independent: sigma (e, s) m, of what is not used anything that is not 0."""
+    """Independent ranging errors: sigma (e, s) m; for unused ranges any value except 0."""
 
     def __init__(self, sigma: np.ndarray) -> None:
         self.sigma = sigma
@@ -66,11 +65,11 @@ class Independent:
         return np.asarray(values / self.sigma[..., None])
 
     def unwhiten(self, estimator: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """What is to be multiplied with whitened values, (e, m, s), as what is with values."""
+        """Estimator (e, m, s) for whitened values, equivalent to `estimator` for values."""
         return np.asarray(estimator / self.sigma[:, None])
 
     def variance(self, estimator: np.ndarray) -> np.ndarray:
-        """Variance (e, m) of what is estimated with (e, m, s)."""
+        """Variance (e, m) of estimates with (e, m, s)."""
         return np.asarray(((estimator * self.sigma[:, None]) ** 2).sum(axis=2))
 
 
@@ -81,20 +80,20 @@ class Correlated:
         self.covariance = covariance
 
     def _root(self, used: np.ndarray) -> np.ndarray:
-        """The lower factor of the covariance of what is used, 1 at the rest."""
+        """Lower factor of the covariance of used ranges, 1 for others."""
         both = used[:, :, None] & used[:, None, :]
         return np.linalg.cholesky(np.where(both, self.covariance, np.eye(used.shape[1])))
 
     def whiten(self, values: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """As of `Independent`."""
+        """See `Independent`."""
         return np.linalg.solve(self._root(used), values)
 
     def unwhiten(self, estimator: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """As of `Independent`."""
+        """See `Independent`."""
         return np.linalg.solve(self._root(used).swapaxes(1, 2), estimator.swapaxes(1, 2)).swapaxes(1, 2)
 
     def variance(self, estimator: np.ndarray) -> np.ndarray:
-        """As of `Independent`."""
+        """See `Independent`."""
         return np.einsum("emi,eij,emj->em", estimator, self.covariance, estimator)
 
 
@@ -108,7 +107,7 @@ class MonitoredFix:
     used: np.ndarray
     """(e, s)."""
     noise: Noise
-    """Of the ranges."""
+    """Noise of the ranges."""
     rows: np.ndarray
     """(e, s, u) whitened, 0 where not used."""
     cofactor: np.ndarray
@@ -118,12 +117,12 @@ class MonitoredFix:
 
     @property
     def solved(self) -> np.ndarray:
-        """Where there is a fix (e,)."""
+        """(e,) whether there is a fix."""
         return self.degrees >= 0
 
     @cached_property
     def estimator(self) -> np.ndarray:
-        """What an error of 1 m of a range does to the position (e, 3, s), m, ENU; 0 for what is not used."""
+        """Effect of a range error of 1 m on the position (e, 3, s), m, ENU; 0 for unused ranges."""
         gain = self.cofactor[:, :POSITION] @ self.rows.swapaxes(1, 2)
         return np.where(self.used[:, None], self.noise.unwhiten(gain, self.used), 0.0)
 
@@ -144,8 +143,10 @@ class MonitoredFix:
 
     @property
     def redundancy(self) -> np.ndarray:
-        """The part of a bias on each range that the residuals show (e, s), of its whitened square: 0 where the others
-        do not check it; nan for what is not used."""
+        """Fraction of the squared whitened bias of each range that the residuals show (e, s).
+
+        0 if the other ranges do not check it; nan for unused ranges.
+        """
         alone = self.whitened(self._biases)
         with np.errstate(invalid="ignore"):
             part = self.visibility / (alone**2).sum(axis=1)
@@ -157,12 +158,12 @@ class MonitoredFix:
         return np.broadcast_to(np.eye(self.used.shape[1]), (*self.used.shape, self.used.shape[1]))
 
     def whitened(self, errors: np.ndarray) -> np.ndarray:
-        """Errors, or residuals, of ranges (e, s, m), m, whitened; 0 for what is not used."""
+        """Whitened errors, or residuals, of ranges (e, s, m), m; 0 for unused ranges."""
         there = self.used[..., None]
         return np.where(there, self.noise.whiten(np.where(there, errors, 0.0), self.used), 0.0)
 
     def residuals(self, errors: np.ndarray) -> np.ndarray:
-        """Whitened residuals (e, s, m) of range errors (e, s, m), m; 0 for what is not used."""
+        """Whitened residuals (e, s, m) of range errors (e, s, m), m; 0 for unused ranges."""
         whitened = self.whitened(errors)
         estimated = self.cofactor @ (self.rows.swapaxes(1, 2) @ whitened)
         return np.asarray(whitened - self.rows @ estimated)

@@ -1,4 +1,4 @@
-"""What every kind of constellation answers, whatever its satellites fly by."""
+"""Interface of all constellations, independent of the data of their orbits."""
 
 from __future__ import annotations
 
@@ -24,35 +24,38 @@ class Constellation(Protocol):
 
     @property
     def channels(self) -> Mapping[str, int]:
-        """Frequency channels by name; of satellites that are not in it nothing tells them."""
+        """Frequency channels by name, of satellites whose data contain them."""
 
     @property
     def usable(self) -> np.ndarray:
-        """(n,) bool, False for satellites that are marked as unhealthy as a whole; where each message has its mark,
-        those without a healthy one have no state."""
+        """(n,) bool, False for satellites that are marked as unhealthy as a whole.
+
+        If each message has a health flag, satellites without a healthy message have no state.
+        """
 
     def age(self, gpst: float) -> float:
-        """How far a GPS time lies from what the constellation was made from, s."""
+        """Distance of a GPS time from the data of the constellation, s."""
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ECEF positions and velocities (m, n, 3), m, m/s; nan where nothing tells them."""
+        """ECEF positions and velocities (m, n, 3), m, m/s; nan without data."""
 
     def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Satellite clocks less the system's time for a user of L1 alone, s, and their rates (m, n); nan where nothing
-        tells them."""
+        """Satellite clocks minus system time for an L1 user, s, and their rates (m, n); nan without data."""
 
     def accuracy(self, gpst: np.ndarray) -> np.ndarray:
-        """What satellites tell of the accuracy of their orbits and clocks, 1 sigma, m (m, n); nan without."""
+        """Broadcast accuracy of orbits and clocks, 1 sigma, m (m, n); nan without."""
 
     def using_unhealthy(self) -> Constellation:
-        """The same with the satellites and messages that are marked as unhealthy."""
+        """Copy that also uses unhealthy satellites and messages."""
 
     def broadcast(self, first: float, last: float) -> Constellation:
-        """The constellation by the messages it would send from `first` to `last` (UTC, POSIX s); what flies by
-        messages, or has none, as it is."""
+        """Constellation of the messages that it would send from `first` to `last` (UTC, POSIX s).
+
+        Itself if it already consists of messages, or has none.
+        """
 
     def messages(self, gpst: np.ndarray) -> Messages | None:
-        """The messages its satellites fly by at GPS times (m,), or would have sent; None where there are none."""
+        """Messages of its satellites at GPS times (m,), real or simulated; None without messages."""
 
 
 def carriers(constellation: Constellation) -> np.ndarray:
@@ -74,7 +77,7 @@ class Remembering:
         self.using_unhealthy, self.broadcast = constellation.using_unhealthy, constellation.broadcast
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As the constellation's own."""
+        """See the constellation's own method."""
         key = gpst.shape, gpst.tobytes()
         if key not in self._known:
             self._known[key] = self._constellation.state(gpst)

@@ -145,11 +145,11 @@ class GlonassAlmanac:
         return unknown, unknown.copy()
 
     def accuracy(self, gpst: np.ndarray) -> np.ndarray:
-        """Unknown (m, n): almanacs do not tell it."""
+        """Unknown (m, n): almanacs do not contain it."""
         return np.full(for_each(gpst, self.slot.size).shape, np.nan)
 
     def using_unhealthy(self) -> GlonassAlmanac:
-        """The same with satellites that are not healthy."""
+        """Copy that also uses unhealthy satellites."""
         return replace(self, use_unhealthy=True)
 
     def broadcast(self, first: float, last: float) -> StateVectorEphemerides:
@@ -157,7 +157,7 @@ class GlonassAlmanac:
         return sent_by(self, first, last)
 
     def messages(self, gpst: np.ndarray) -> Messages | None:
-        """What they would have sent for GPS times (m,), with perfect clocks."""
+        """Simulated messages for GPS times (m,), with perfect clocks."""
         return would_send(self, gpst)
 
 
@@ -229,7 +229,7 @@ class Glonass24Slots:
         return sent_by(self, first, last)
 
     def messages(self, gpst: np.ndarray) -> Messages | None:
-        """What they would have sent for GPS times (m,), with perfect clocks."""
+        """Simulated messages for GPS times (m,), with perfect clocks."""
         return would_send(self, gpst)
 
 

@@ -138,15 +138,15 @@ class StateVectorEphemerides:
         return np.where(lost, np.nan, offset), np.where(lost, np.nan, gamma)
 
     def accuracy(self, gpst: np.ndarray) -> np.ndarray:
-        """Unknown (m, n): what messages tell of it is not read."""
+        """Unknown (m, n): the reader ignores the accuracy in messages."""
         return np.full(for_each(gpst, self.slot.size).shape, np.nan)
 
     def using_unhealthy(self) -> StateVectorEphemerides:
-        """The same with records marked as unhealthy."""
+        """Copy that also uses records marked as unhealthy."""
         return replace(self, use_unhealthy=True)
 
     def broadcast(self, first: float, last: float) -> StateVectorEphemerides:
-        """Itself: it flies by what is sent."""
+        """Itself: it consists of broadcast messages."""
         return self
 
     def messages(self, gpst: np.ndarray) -> Messages:
@@ -177,8 +177,10 @@ class Slotted(Protocol):
 
 
 def sent_by(satellites: Slotted, first: float, last: float, spacing: float = 1800.0) -> StateVectorEphemerides:
-    """What satellites would broadcast: their states at all multiples of `spacing` (s of the day, UTC) that they are
-    needed at from `first` to `last` (UTC, POSIX s), with lunisolar accelerations and perfect clocks."""
+    """Simulated broadcast of satellites: states, lunisolar accelerations, and perfect clocks.
+
+    Of all multiples of `spacing` (s of the day, UTC) that are needed from `first` to `last` (UTC, POSIX s).
+    """
     times = np.arange(round(first / spacing), round(last / spacing) + 1) * spacing
     position, velocity = satellites.state(timescales.gps_from_utc(times))
     count, n = position.shape[:2]
@@ -201,7 +203,7 @@ def sent_by(satellites: Slotted, first: float, last: float, spacing: float = 180
 
 
 def would_send(satellites: Slotted, gpst: np.ndarray) -> Messages | None:
-    """What satellites that fly by something else would have sent for GPS times (m,); None for no times."""
+    """Simulated messages, for GPS times (m,), of satellites with other orbit data; None for no times."""
     if not gpst.size:
         return None
     sent = sent_by(satellites, *timescales.utc_from_gps(gpst[[0, -1]]))

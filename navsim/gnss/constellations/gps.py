@@ -27,8 +27,8 @@ WINDOWS = {
     GALILEO: (14400.0 + 1e-3, 0.0),
     BEIDOU: (7200.0 + 1e-3, 3600.0 + 1e-3),
 }
-"""How long after its reference time, and before it, a message of a system is used, s. Those of Galileo speak of the
-past and serve for four hours; those of BeiDou come each hour."""
+"""Validity of a system's message after and before its reference time, s. Galileo messages refer to the past and are
+valid for four hours; BeiDou messages come each hour."""
 TILT = np.radians(-5.0)
 """Turn about the first axis from the axes of elements of geostationary BeiDou satellites to the Earth's [4]."""
 
@@ -88,8 +88,10 @@ class Elements:
         return Elements(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
     def referred_to(self, toe: np.ndarray, system: System) -> Elements:
-        """The same orbits and clocks with other reference times (n,), GPS s: what a later message would say. Not of
-        satellites of the system's tilted axes, which are those of the reference time."""
+        """The same orbits and clocks with other reference times (n,), GPS s, as in a later message.
+
+        Not for satellites with tilted axes, which are those of the reference time.
+        """
         dt = toe - self.toe
         sow, new_sow = second_of_week(self.toe, system), second_of_week(toe, system)
         n = self._mean_motion(system)
@@ -254,8 +256,10 @@ class KeplerianEphemerides:
         return position, velocity
 
     def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Satellite clocks less GPS time for a user of L1 alone, s, and their rates (m, n); nan without a record. A
-        group delay that is not known counts as none, as with RTKLIB; readers report it."""
+        """Satellite clocks minus GPS time for an L1 user, s, and their rates (m, n); nan without a record.
+
+        An unknown group delay counts as zero, as in RTKLIB; readers report it.
+        """
         gpst, index = self._select(gpst)
         records = self.records.take(index)
         offset, rate = records.clock(gpst, self.system)
@@ -264,16 +268,16 @@ class KeplerianEphemerides:
         return np.where(lost, np.nan, offset - delay), np.where(lost, np.nan, rate)
 
     def accuracy(self, gpst: np.ndarray) -> np.ndarray:
-        """User range accuracies of the messages, m (m, n); nan without a record, and where a record tells none."""
+        """User range accuracies of the messages, m (m, n); nan without a record or an accuracy."""
         ura = self.records.ura[(index := self._select(gpst)[1])]
         return np.where((index < 0) | (ura <= 0.0), np.nan, ura)
 
     def using_unhealthy(self) -> KeplerianEphemerides:
-        """The same with records marked as unhealthy."""
+        """Copy that also uses records marked as unhealthy."""
         return replace(self, use_unhealthy=True)
 
     def broadcast(self, first: float, last: float) -> KeplerianEphemerides:
-        """Itself: it flies by what would be sent."""
+        """Itself: it consists of messages."""
         return self
 
     def messages(self, gpst: np.ndarray) -> Messages:

@@ -1,4 +1,4 @@
-"""Messages of satellites: which one a satellite is used by at a time, and what a result keeps of them."""
+"""Messages of satellites: choice of the message for a time, and its copy in a result."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Messages:
-    """What satellites sent, or would have sent: fields by name (k,) or (k, 3) of k messages, `healthy` among them;
-    exact: whether the satellites flew by these very messages."""
+    """Real or simulated messages of satellites."""
 
     fields: Mapping[str, np.ndarray]
+    """By name (k,) or (k, 3) of k messages, including `healthy`."""
     exact: bool
+    """Whether these very messages determine the simulated orbits."""
 
 
 def nearest(

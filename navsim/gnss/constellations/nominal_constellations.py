@@ -31,14 +31,15 @@ GALILEO_PHASE = (41.4, 25.8)
 """Right ascension of the node and argument of latitude of the first satellite, degrees, at `_PHASE_TIME`."""
 BEIDOU_RADIUS, BEIDOU_INCLINATION = 27906.1e3, np.radians(55.0)
 BEIDOU_PHASE = (16.0, 35.9)
-"""As `GALILEO_PHASE`."""
+"""See `GALILEO_PHASE`."""
 _BEIDOU_MEDIUM = (*range(19, 31), *range(32, 38), *range(41, 47))
 """Numbers that satellites in medium orbits have."""
 _BEIDOU_INCLINED, _BEIDOU_STATIONARY = (38, 39, 40), (59, 60, 61)
 _MERIDIANS = np.radians([80.0, 110.5, 140.0])
 """Longitudes of the geostationary satellites of BeiDou [2]."""
 _INCLINED_MERIDIAN, _INCLINED_PHASE = np.radians(118.0), 31.0
-"""Where the inclined ones of BeiDou cross the equator, and the argument of latitude of the first, degrees."""
+"""Meridians at which the inclined BeiDou satellites cross the equator, and the argument of latitude of the first,
+degrees."""
 # number, inclination, eccentricity, perigee, longitude of the node at `_PHASE_TIME`, mean anomaly; degrees [3]
 _QZSS_ORBITS = (
     (1, 41.6, 0.0759, 270.9, 49.4, 179.4),
@@ -96,8 +97,11 @@ def _synchronous(
     system: System, numbers: tuple[int, ...], utc: float, *, inclination: np.ndarray, node: np.ndarray,
     anomaly: np.ndarray, **shape: np.ndarray,
 ) -> Elements:  # fmt: skip
-    """Elements (n,) of satellites that go around with the Earth; node: its longitude, rad, and anomaly: the mean one,
-    rad, at `_PHASE_TIME`; shape: eccentricity and perigee of what are no circles."""
+    """Elements (n,) of geosynchronous satellites.
+
+    node: longitude of the node, rad; anomaly: mean anomaly, rad, at `_PHASE_TIME`; shape: eccentricity and perigee of
+    elliptic orbits.
+    """
     toe = _floor_second(utc)
     turned = system.earth_rate * (toe - float(timescales.gps_from_utc(_PHASE_TIME)))
     return _with_the_earth(

@@ -22,10 +22,10 @@ _POINTS = 10
 _LARGEST_ERROR = 0.1
 """Largest error of interpolation of positions that are given, m."""
 _RADIUS, _ANGULAR_RATE = 2.7e7, 1.56e-4
-"""Size, m, and rate, rad/s, of a circle for that error where no epoch more tells it: about those of the fastest
-satellites, GLONASS."""
+"""Radius, m, and rate, rad/s, of a circular orbit for the error estimate if further epochs are missing: about those of
+the fastest satellites, GLONASS."""
 _MOST_LINES, _MOST_NAMES, _MOST_SPANS = 8, 12, 3
-"""Lines, satellites and spans of time in each, that tell what is missing of a table."""
+"""Largest number of lines, of satellites and of intervals in each, in messages about gaps in a table."""
 _NEAREST = 0.3
 """Steps from an epoch within which the error is that at this distance: also an epoch's own place may be a blunder."""
 _UNEVEN = 1e-3
@@ -103,7 +103,7 @@ class PreciseOrbits:
 
     @property
     def channels(self) -> Mapping[str, int]:
-        """None: tables do not tell them."""
+        """None: tables do not contain them."""
         return {}
 
     @property
@@ -112,7 +112,7 @@ class PreciseOrbits:
         return np.ones(len(self.names), dtype=bool)
 
     def age(self, gpst: float) -> float:
-        """How far a GPS time lies outside the table, s."""
+        """Distance of a GPS time from the table, s."""
         return float(max(self.time[0] - gpst, gpst - self.time[-1], 0.0))
 
     def _first(self, gpst: np.ndarray) -> np.ndarray:
@@ -229,16 +229,16 @@ class PreciseOrbits:
         return self
 
     def broadcast(self, first: float, last: float) -> PreciseOrbits:
-        """Itself: messages are not made of tables."""
+        """Itself: no messages are made from tables."""
         return self
 
     def messages(self, gpst: np.ndarray) -> Messages | None:
-        """None: messages are not made of tables."""
+        """None: no messages are made from tables."""
         return None
 
 
 def _runs(marks: np.ndarray) -> list[tuple[int, int]]:
-    """Where runs of marks (k,) begin, and where the next mark after each would stand."""
+    """Runs of marks (k,): index of the first and of the one after the last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], marks, [False]])))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
@@ -260,7 +260,7 @@ def _moment(gpst: float) -> str:
 
 
 def _counted(marks: np.ndarray) -> np.ndarray:
-    """How many marks (t, n) there are before each epoch, and in all (t + 1, n)."""
+    """Number of marks (t, n) before each epoch, and in total (t + 1, n)."""
     return np.concatenate([np.zeros((1, marks.shape[1]), dtype=int), np.cumsum(marks, axis=0)])
 
 

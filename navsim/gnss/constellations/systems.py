@@ -33,17 +33,17 @@ class System:
     title: str
     """Name in headers of files and in messages."""
     letter: str
-    """Of its satellites in files."""
+    """Letter of its satellites in files."""
     slots: int
     """Number of slots if satellites are numbered by slots, else 0."""
     highest: int
     """Largest satellite number in files."""
     carrier: float
-    """Of frequency channel 0, Hz."""
+    """Carrier frequency of channel 0, Hz."""
     channel_step: float
     """Hz from channel to channel, 0 if satellites share the carrier."""
     chip_rate: float
-    """Of the ranging code, 1/s."""
+    """Chip rate of the ranging code, 1/s."""
     signals: tuple[str, ...]
     """RINEX 3 observation codes, the best first; the simulation uses the first."""
     old_codes: tuple[str, ...]
@@ -55,7 +55,7 @@ class System:
     time_system: str
     """RINEX name of the time system in its files."""
     talker: str
-    """Of NMEA sentences."""
+    """Talker ID of NMEA sentences."""
     gm: float
     """Gravitational constant for its messages, m3/s2; of GLONASS for almanacs (that for state vectors is in
     `gnss.constellations.glonass_integration`)."""
@@ -66,7 +66,7 @@ class System:
     numbered: str
     """Pattern of titles with a satellite number."""
     other_messages: tuple[str, ...] = ()
-    """Its other messages, which are kept apart."""
+    """Its other messages, which are stored separately."""
     tilted: tuple[int, ...] = ()
     """Numbers of satellites whose elements refer to axes tilted by 5 degrees [7]."""
 
@@ -75,8 +75,10 @@ class System:
         return f"{self.letter}{number:02d}"
 
     def has(self, name: str) -> bool:
-        """Whether a satellite may be named so: by its number in files, or, where that is the slot's, by three digits of
-        its own (two-line elements have those)."""
+        """Whether a satellite may have this name: by its number in files.
+
+        If that is its slot, also by its own three-digit number, as in two-line elements.
+        """
         number = name[1:]
         if name[:1] != self.letter or not number.isdecimal():
             return False
@@ -85,8 +87,10 @@ class System:
         return len(number) == 3 or (len(number) == 2 and 1 <= int(number) <= self.slots)
 
     def name_in(self, title: str, alone: bool = False) -> str:
-        """The name that a satellite has in files, such as G07, where a title has it, else ""; alone: at its beginning,
-        as of a satellite that nothing else tells the system of."""
+        """Name of a satellite in files, such as G07, if a title contains it, else "".
+
+        alone: only at the beginning, as for a satellite whose system is unknown otherwise.
+        """
         begins = r"^(?:PRN\s*)?" if alone else r"\b"
         for number in re.findall(rf"{begins}{self.letter}\s?(\d{{1,2}})(?![\w.])", title.upper()):
             if 1 <= int(number) <= self.highest:
@@ -102,7 +106,7 @@ class System:
 
     @property
     def by_channel(self) -> bool:
-        """Whether each satellite has a carrier of its own, by its frequency channel."""
+        """Whether the carrier frequency of a satellite depends on its frequency channel."""
         return self.channel_step != 0.0
 
     def frequency(self, channel: int) -> float:
@@ -155,18 +159,18 @@ QZSS = System(
 SYSTEMS = (GLONASS, GPS, GALILEO, BEIDOU, QZSS)
 """The systems that navsim models."""
 USUAL = (GLONASS, GPS)
-"""Those that are used where none is named."""
+"""Default systems."""
 NAMES = tuple(system.name for system in SYSTEMS)
 OWN = "own"
 CLOCKS = (*(system.name for system in USUAL), OWN, *(system.name for system in SYSTEMS if system not in USUAL))
-"""Time scales that a source may keep, each system's and one of its own; each used one costs a fix one unknown. Their
-order numbers them."""
+"""Time scales of sources, one for each system and one other, in the order of their numbers. Each one in use costs a fix
+one unknown."""
 BY_LETTER = {system.letter: system for system in sorted(SYSTEMS, key=lambda system: system.letter)}
 """The systems in the order of their letters, which is that of files."""
 
 
 def first_time_scale(scales: Collection[str]) -> str:
-    """The first of time scales that sources keep, in the order of `SYSTEMS`; one of their own where none is kept."""
+    """First of the sources' time scales in the order of `SYSTEMS`; their own if there is none."""
     return next((name for name in NAMES if name in scales), OWN)
 
 
@@ -180,13 +184,15 @@ TITLES = (
     "GPS BIIR-2 (PRN 13)", "COSMOS 2456 (730)", "GSAT0210 (PRN E01)", "BEIDOU-3 M1 (C19)", "QZS-2",
     "G13, R07, E01, C19, J02",
 )  # fmt: skip
-"""Titles of two-line elements that tell the system, as examples: those of CelesTrak [5], then names as in files."""
+"""Examples of titles of two-line elements that identify the system: those of CelesTrak [5], then names as in files."""
 UNTITLED, UNKNOWN = "", "unknown"
 
 
 def system_of(title: str) -> str:
-    """Whose satellite a title of two-line elements tells: the name of a system of `SYSTEMS`, that of another one,
-    `UNKNOWN`, or `UNTITLED` where there is no title [5]."""
+    """System of a satellite from its title in two-line elements [5].
+
+    A name of `SYSTEMS`, that of another system, `UNKNOWN`, or `UNTITLED` without a title.
+    """
     if not title:
         return UNTITLED
     called = {system.name: f"{system.called}|{system.numbered}" for system in SYSTEMS} | _STRANGERS

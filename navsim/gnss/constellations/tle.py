@@ -31,10 +31,9 @@ _MOST_TITLES = 10
 
 
 def short_name(title: str, first: str) -> str:
-    """G13 for `GPS BIIR-2  (PRN 13)` and for `G13`, R730 for `COSMOS 2456 (730)`, T28874 by catalogue number otherwise.
+    """G13 for `GPS BIIR-2 (PRN 13)` and for `G13`, R730 for `COSMOS 2456 (730)`, T28874 by catalogue number otherwise.
 
-    The number of a GLONASS satellite in brackets is its own, of three digits, not the slot it stands in; slots are
-    R01 to R24.
+    The number of a GLONASS satellite in brackets is its own, of three digits, not its slot; slots are R01 to R24.
     """
     told = system_of(title)
     for system in SYSTEMS:
@@ -48,23 +47,27 @@ def short_name(title: str, first: str) -> str:
 
 @dataclass(frozen=True)
 class TwoLineSets:
-    """Two-line elements of any systems, as they stand in a file.
-
-    names, titles, lines (n,): short names, what the file calls them, and the lines on which they begin. systems (n,):
-    as of `system_of`. epochs (n,): UTC, POSIX s. satellites (n,): of the `sgp4` package.
-    """
+    """Two-line elements of any systems from a file."""
 
     names: tuple[str, ...]
+    """(n,) short names."""
     titles: tuple[str, ...]
+    """(n,) titles in the file."""
     lines: tuple[int, ...]
+    """(n,) first line of each."""
     systems: tuple[str, ...]
+    """(n,) see `system_of`."""
     epochs: np.ndarray
+    """(n,) UTC, POSIX s."""
     satellites: tuple[Satrec, ...]
+    """(n,) objects of the `sgp4` package."""
 
     @classmethod
     def of_lines(cls, titles: list[str], first: list[str], second: list[str], lines: list[int]) -> TwoLineSets:
-        """From titles ("" where there is none), the lines of the elements, and the numbers of lines. Raises ValueError
-        for elements that SGP4 cannot use."""
+        """From titles ("" if missing), the lines of the elements, and the line numbers.
+
+        Raises ValueError for elements that SGP4 cannot use.
+        """
         from sgp4.api import Satrec
 
         names = tuple(short_name(title, line) for title, line in zip(titles, first, strict=True))
@@ -76,7 +79,7 @@ class TwoLineSets:
         return cls(names, tuple(titles), tuple(lines), tuple(system_of(title) for title in titles), epochs, satellites)
 
     def of(self, system: System, untitled: bool = False) -> TwoLineElements:
-        """The satellites of a system; untitled: those whose system nothing tells are of it, too."""
+        """Satellites of a system; untitled: including those whose system is unknown."""
         wanted = (system.name, UNTITLED) if untitled else (system.name,)
         keep = [i for i, told in enumerate(self.systems) if told in wanted]
         return TwoLineElements(
@@ -112,7 +115,7 @@ class TwoLineElements:
 
     @property
     def channels(self) -> Mapping[str, int]:
-        """None: elements do not tell them."""
+        """None: elements do not contain them."""
         return {}
 
     @property
@@ -163,9 +166,9 @@ class TwoLineElements:
         return self
 
     def broadcast(self, first: float, last: float) -> TwoLineElements:
-        """Itself: messages are not made of two-line elements."""
+        """Itself: no messages are made from two-line elements."""
         return self
 
     def messages(self, gpst: np.ndarray) -> Messages | None:
-        """None: messages are not made of two-line elements."""
+        """None: no messages are made from two-line elements."""
         return None

@@ -1,4 +1,4 @@
-"""What stands between a transmitter and an aircraft: the Earth, and ridges, each a straight knife edge.
+"""Obstacles between a transmitter and an aircraft: the Earth, and ridges, each a straight knife edge.
 
 Page: `docs/theory/interference.md`, section 3.
 
@@ -54,10 +54,10 @@ def skyline(eye: np.ndarray, azimuths: tuple[float, float], elevation: float, di
 
 
 def ridge_loss(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray, wavelength: float) -> np.ndarray:
-    """Loss (e,), dB, that the worst of ridges makes of a transmitter at a place (3,) for antennas (e, 3), ECEF, m, by
-    itself [1]; 0 where none lies between them.
+    """Diffraction loss (e,), dB, of the worst ridge alone between a transmitter (3,) and antennas (e, 3), ECEF, m [1].
 
-    tops: (w, 2, 3) ends of the ridges' tops, ECEF, m; they reach down to the ground. wavelength: m.
+    0 without a ridge between them. tops: (w, 2, 3) ends of the ridges' tops, ECEF, m; ridges reach down to the ground.
+    wavelength: m.
     """
     c = crossings(tops, place, antenna)
     distance = np.linalg.norm(c.way, axis=2)

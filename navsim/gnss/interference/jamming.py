@@ -1,4 +1,4 @@
-"""Jammers beside a flight: what the receiver has left of each signal, and which it holds; pseudolites among them.
+"""Effect of jammers and pseudolites on a flight: remaining C/N0 of each signal, and tracked signals.
 
 Source: `docs/theory/interference.md`, section 7; the physics are those of `gnss.interference.propagation`,
 `spectral_separation`, `horizon` and `tracking_threshold`.
@@ -31,7 +31,7 @@ from navsim.gnss.interference.tracking_threshold import FrequencyLoop, LockRule
 from navsim.gnss.sky import enu_matrix
 
 TEMPERATURE = 290.0
-"""Of a receiver, K: what its carrier to noise density ratios tell the power of signals by."""
+"""Noise temperature of a receiver, K, which relates its carrier to noise density ratios to signal power."""
 ISOLATION = -cross_correlation(10)
 """By how much a signal exceeds the highest line, dB, that codes of GPS, of ten stages, and pseudolites have of each
 other."""
@@ -65,27 +65,32 @@ class Received:
 
 @dataclass(frozen=True)
 class Jammer:
-    """place: (3,) ECEF, m. height: over the ground, m. eirp: dBW. frequency: that its way is told by, Hz. shadow: what
-    hides it, dB. on: from, to, s; always where there are none."""
+    """A jammer."""
 
     name: str
     place: np.ndarray
+    """(3,) ECEF, m."""
     height: float
+    """Above the ground, m."""
     eirp: float
+    """dBW."""
     waveform: Waveform | SweptTone
     frequency: float
+    """Frequency for its propagation, Hz."""
     shadow: float
+    """Additional shadowing, dB."""
     on: tuple[tuple[float, float], ...]
+    """Times from, to, s; empty: always."""
 
     def power(self, time: np.ndarray) -> np.ndarray:
-        """What it sends at times (e,), dBW; -inf while it is off."""
+        """Transmitted power at times (e,), dBW; -inf while it is off."""
         sending = np.zeros(time.shape, bool)
         for first, last in self.on or ((-np.inf, np.inf),):
             sending |= (time >= first) & (time < last)
         return np.where(sending, self.eirp, -np.inf)
 
     def sent(self, time: np.ndarray) -> Waveform:
-        """What it sends, as a receiver feels it at times (e,), s."""
+        """Waveform at times (e,), s, over the memory of a receiver."""
         return self.waveform.at(time) if isinstance(self.waveform, SweptTone) else self.waveform
 
 
@@ -101,7 +106,7 @@ class Pulses:
     """The receiver correlates with a pseudolite only during its pulses."""
 
     def loss(self, sending: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """What signals lose by them, (e, s) dB, beside noise; sending: (e, p) bool; ground: (s,) bool."""
+        """Loss of signals, (e, s) dB, in addition to noise; sending: (e, p) bool; ground: (s,) bool."""
         own = gated_loss(self.duty) if self.gated else ungated_loss(self.duty)
         deaf = blanked_loss(self.duty * sending) if self.blanking else np.zeros(len(sending))
         return np.where(ground, own, deaf[:, None])
@@ -122,7 +127,7 @@ class NearFar:
     those; None: unlimited."""
 
     def js(self, received: Received) -> np.ndarray:
-        """Power of pseudolites, of their pulses where they pulse, by that of signals (p, e, s), dB."""
+        """Power ratio of pseudolites, or of their pulses, to signals (p, e, s), dB."""
         sent = np.where(received.used, received.cn0, -np.inf)[:, received.ground].T
         out = sent[..., None] - received.cn0
         p = np.arange(len(sent))
@@ -135,7 +140,7 @@ class NearFar:
         return np.ones(received.ground.shape) if self.pulses is None else self.pulses.heard(received.ground)
 
     def loss(self, received: Received) -> np.ndarray:
-        """What signals lose beside noise (e, s), dB."""
+        """Loss of signals in addition to noise (e, s), dB."""
         if self.pulses is None:
             return np.zeros(received.cn0.shape)
         return self.pulses.loss(received.used[:, received.ground], received.ground)
@@ -163,19 +168,21 @@ class Jamming:
     horizon_db: float
     """Gain of the receiving antenna at the horizon, see `code_loop.antenna_gain`."""
     antenna: AircraftAntenna | None
-    """Of the receiver, if a table gives one."""
+    """Antenna of the receiver, if a table gives one."""
     noise_figure: float
-    """Of the receiver, dB."""
+    """Noise figure of the receiver, dB."""
     pseudolites: NearFar | None
     """Interference by pseudolites; None without."""
     tops: np.ndarray
     """(w, 2, 3) tops of ridges that hide jammers, ECEF, m, see `horizon.ridge_loss`."""
     bands: tuple[Band, ...]
-    """Of the front end, one for each carrier; empty: everything passes."""
+    """Pass bands of the front end, one for each carrier; empty: everything passes."""
 
     def js(self, received: Received) -> np.ndarray:
-        """Power of the jammers, then of pseudolites where they jam, by that of signals (j, e, s), dB; -inf where
-        nothing is received of the one, nan of the other."""
+        """Jammer to signal power ratio (j, e, s), dB, of jammers, then of pseudolites if they jam.
+
+        -inf if nothing of the jammer is received, nan if nothing of the signal.
+        """
         parts = [self._of_jammers(received)]
         if self.pseudolites is not None:
             parts.append(self.pseudolites.js(received))
@@ -213,8 +220,10 @@ class Jamming:
         return np.any(inside, axis=0) if inside else np.ones(carrier.shape, bool)
 
     def kappas(self, received: Received) -> np.ndarray:
-        """Spectral separations, 1/Hz, of sources from what `js` has the power of, (j, e, s), or (j, 1, s) where they do
-        not change; 0 of sources that the front end does not pass."""
+        """Spectral separation coefficients, 1/Hz, for the powers of `js`, (j, e, s), or (j, 1, s) if constant.
+
+        0 for sources that the front end does not pass.
+        """
         carrier, rate = received.carrier, SPEED_OF_LIGHT / received.chip
         sent = [jammer.sent(received.time) for jammer in self.jammers]
         own = None
@@ -247,7 +256,7 @@ class Jamming:
         return effective, self.lock.held(received.time, tracked) & self.passed(received.carrier)
 
     def noise(self, received: Received, effective: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the loops have more of noise, as variances (e, s) of ranges, m2, and range rates, (m/s)2."""
+        """Additional loop noise as variances (e, s) of ranges, m2, and range rates, (m/s)2."""
         cn0, wavelength = received.cn0, SPEED_OF_LIGHT / received.carrier
         return (
             self.code.sigma(effective, received.chip) ** 2 - self.code.sigma(cn0, received.chip) ** 2,

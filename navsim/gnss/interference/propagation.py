@@ -94,7 +94,8 @@ def edge_loss(nu: np.ndarray) -> np.ndarray:
 
 
 def radio_horizon(one: np.ndarray | float, other: np.ndarray | float) -> np.ndarray:
-    """How far apart antennas at heights over the ground, m, see each other, m [2]; one below it is taken as on it."""
+    """Largest distance of antennas at heights over the ground, m, in line of sight, m [2]; heights below it count as
+    zero."""
     return _HORIZON * (np.sqrt(np.maximum(one, 0.0)) + np.sqrt(np.maximum(other, 0.0)))
 
 
@@ -105,19 +106,23 @@ def horizon_loss(distance: np.ndarray, one: np.ndarray | float, other: np.ndarra
 
 
 def blanked_loss(duties: np.ndarray) -> np.ndarray:
-    """What satellites lose, dB (...), by a receiver that is deaf while pseudolites (..., p) pulse, by the shares of the
-    time in which each does [4]; pulses do not overlap, the shares add up to less than 1."""
+    """Loss of satellite signals, dB (...), in a receiver that blanks the pulses of pseudolites (..., p) [4].
+
+    duties: fraction of the time of each; pulses do not overlap, and the fractions add up to less than 1.
+    """
     return -10.0 * np.log10(1.0 - np.sum(duties, axis=-1))
 
 
 def gated_loss(duty: float) -> float:
-    """What a pulsed pseudolite loses, dB, against one that always sends with the power of the pulses, where the
-    receiver correlates during the pulses alone [4]; duty above 0, to 1."""
+    """Loss of a pulsed pseudolite, dB, relative to continuous transmission at the pulse power [4].
+
+    The receiver correlates only during the pulses. duty: above 0, to 1.
+    """
     return float(-10.0 * np.log10(duty))
 
 
 def ungated_loss(duty: float) -> float:
-    """The same where it correlates all the time, noise between the pulses included [4]."""
+    """`gated_loss` for a receiver that correlates all the time, including noise between the pulses [4]."""
     return 2.0 * gated_loss(duty)
 
 

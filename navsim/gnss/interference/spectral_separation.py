@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 _NODES = 12
-"""Of Gauss and Legendre in a panel over which the phase of the fastest term turns by 2 pi: 1e-13 of the integral."""
+"""Gauss-Legendre nodes in a panel over which the phase of the fastest term changes by 2 pi: 1e-13 of the integral."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +83,14 @@ def _bow(x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Band:
-    """What a receiver's front end passes, low to high, Hz."""
+    """Pass band of a receiver's front end, low to high, Hz."""
 
     low: float
     high: float
 
 
 class Waveform(Protocol):
-    """What a jammer sends, as power by frequency."""
+    """Power spectrum of a jammer."""
 
     def kappa(self, signal: Spectrum, carrier: np.ndarray, band: Band | None) -> np.ndarray:
         """Spectral separation, 1/Hz (s,), from signals of one spectrum on carriers (s,), Hz, in the band of the front
@@ -124,8 +124,7 @@ class Flat:
 
 
 def _between(signal: Spectrum, carrier: np.ndarray, band: Band | None, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Share of the power of signals on carriers (s,) from low to high, Hz, of what the band passes, of their shapes
-    broadcast."""
+    """Fraction of the power of signals on carriers (s,) from low to high, Hz, within the band; shapes are broadcast."""
     if band is not None:
         low, high = np.clip(low, band.low, band.high), np.clip(high, band.low, band.high)
     return signal.below(high - carrier) - signal.below(low - carrier)
@@ -143,7 +142,7 @@ class SweptTone:
     """Time over which a receiver averages the noise, s."""
 
     def at(self, time: np.ndarray) -> Waveform:
-        """What it sends in the memory before times (e,), s."""
+        """Spectrum over the memory before times (e,), s."""
         return _Passage(self, time)
 
 
@@ -158,7 +157,7 @@ class _Passage:
         low, width = self.sweep.centre - 0.5 * self.sweep.width, self.sweep.width
 
         def passed(time: np.ndarray) -> np.ndarray:
-            """Up to a time, in periods (e,), by the shares that whole sweeps and the last one's part have."""
+            """Integral up to a time, in periods (e,): whole sweeps and part of the last one."""
             whole = np.floor(time)[:, None]
             upper = low + width * (time[:, None] - whole)
             bottom, top = np.array(low), np.array(low + width)

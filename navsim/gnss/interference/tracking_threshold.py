@@ -1,4 +1,4 @@
-"""How a receiver holds a weak signal: noise of its frequency loop, thresholds of its loops, loss and return of lock.
+"""Tracking of weak signals: frequency loop noise, loop thresholds, loss and reacquisition of lock.
 
 Pages: `docs/theory/interference.md`, sections 4, 5.
 
@@ -19,7 +19,7 @@ _PHASE = np.radians(15.0)
 _SHARE = 1.0 / 6.0
 """1 sigma of the delay above which a code loop loses the code, of the spacing of its early and late replicas [1]."""
 _ROUNDING = 1e-9
-"""s; which epoch is the last of a wait must not depend on how their times are rounded."""
+"""Tolerance of times, s, so that rounding does not decide which epoch ends a wait."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,10 @@ class LockRule:
     regain_s: float = 2.0
 
     def held(self, time: np.ndarray, cn0: np.ndarray) -> np.ndarray:
-        """Which signals are held, bool (e, s), at times (e,) that increase, s, by their carrier to noise density
-        (e, s), dB-Hz, which is nan where there is no signal, and that is below everything.
+        """Tracked signals, bool (e, s), at increasing times (e,), s, from their carrier to noise density (e, s), dB-Hz.
 
-        Waits are from the first epoch below `lose`, or above `regain`, to the epoch itself. At the first epoch all
-        that are not below `lose` are held.
+        nan means no signal, which is below any threshold. A wait lasts from the first epoch below `lose`, or above
+        `regain`. At the first epoch all signals not below `lose` are tracked.
         """
         weak, strong = ~(cn0 >= self.lose), cn0 > self.regain
         out = np.empty(cn0.shape, bool)
