@@ -220,7 +220,7 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
 def run(chart, imu, measurements, events, state, way, model, account):
     """Process the events; arguments are those of `filter.records`, or those of lanes.
 
-    chart: of `charts.CHARTS`. state, way: overwritten by those after the last event that was not ahead. account: it, or
+    chart: of `error_parametrisation.CHARTS`. state, way: overwritten by those after the last event that was not ahead. account: it, or
     a history, is filled in.
     """
     declared = model.declared

@@ -163,7 +163,7 @@ def _describe(errors, clock, length, transition, inputs):
     """Write transition (n, n) and inputs (9, t) of an interval of this length, s, from the errors (9 + k, 9 + k) at its
     end.
 
-    clock: `clock.ReceiverClock`.
+    clock: `receiver_clock.ReceiverClock`.
     """
     size, scales = transition.shape[0], clock.scales.shape[0]
     # the states of navigation and of its sensors, before those of the clock

@@ -154,7 +154,7 @@ class RangeTable(NamedTuple):
     source: np.ndarray
     """(m,) int, number of the source."""
     bias: np.ndarray
-    """(m,) int, clock bias in the pseudorange (`clock.ReceiverClock`)."""
+    """(m,) int, clock bias in the pseudorange (`receiver_clock.ReceiverClock`)."""
     pseudorange: np.ndarray
     """(m,) m, nan if missing."""
     range_rate: np.ndarray

@@ -47,7 +47,7 @@ class RangeEpoch(NamedTuple):
     kept: np.ndarray
     """(c,) ranges used of each time scale."""
     jumped: np.ndarray
-    """(c + 1,) see `clock.has_jumped`."""
+    """(c + 1,) see `receiver_clock.has_jumped`."""
     now: np.ndarray
     """(M,) 1 if the present range is curved. Work space, as are all that follow."""
     z: np.ndarray
@@ -190,7 +190,7 @@ def _weigh_all(rows, measurements, declared, nav, p, x, increments, interval, ep
 def move_estimate(chart, there, rows, measurements, declared, nav, p, increments, interval, epoch, j, space, gauge):
     """Correct estimate j, nav (NAV,) and p (n, n), with the ranges of these rows, where it is `there`.
 
-    The prior is transformed to the new estimate, and all ranges are processed there, as in `weighing.update`.
+    The prior is transformed to the new estimate, and all ranges are processed there, as in `update.update`.
     """
     x = epoch.x[j]
     some = there & no(there)

@@ -109,7 +109,7 @@ class State(NamedTuple):
     covariance: np.ndarray
     """(n, n)."""
     rejected: np.ndarray
-    """(slots,) consecutive rejections by the gate, for each slot (`observations.slot`)."""
+    """(slots,) consecutive rejections by the gate, for each slot (`measurement_models.slot`)."""
     steady: np.ndarray
     """(STEADY_N,) line through the velocities that detects steady flight (`steady_force`)."""
     shift: np.ndarray

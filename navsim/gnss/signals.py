@@ -99,7 +99,7 @@ class Pseudolites:
     clock_sigma: float = 0.0
     """1 sigma of clock errors, drawn for each run, m."""
     clock_density: tuple[float, float] = (0.0, 0.0)
-    """See `transmitter.WanderingClocks`, also for `clock_age`."""
+    """See `pseudolite_clock.WanderingClocks`, also for `clock_age`."""
     clock_age: float = 0.0
 
     @property
