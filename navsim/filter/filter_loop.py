@@ -8,7 +8,7 @@ A flight may be processed in pieces: `State` and `Way` hold the filter between t
 masks hold the differences between runs.
 
 All kinds predict and update with the plain errors d = (dr, dv, theta, sensor states) and their covariance. They differ
-in the chart (`charts`) of the correction. `answers` writes the output.
+in the chart (`error_parametrisation`) of the correction. `history` writes the output.
 
 Source: `docs/theory/filter.md`, sections 3 to 7.
 """
@@ -51,7 +51,7 @@ _NO_NOISE = 1e-30
 
 class Workshop(NamedTuple):
     """Work space: sums, mid (MID_N,), phi (9, 9 + k), a (n, 9), c_nb (3, 3) of `advance`, of k sensor states; diagonal,
-    column (5, 3, 3), turned (n, 15), columns (n, 3) of `correct`; straight: as of `charts`."""
+    column (5, 3, 3), turned (n, 15), columns (n, 3) of `correct`; straight: as of `error_parametrisation`."""
 
     sums: StepSums
     mid: np.ndarray
@@ -220,8 +220,8 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
 def run(chart, imu, measurements, events, state, way, model, account):
     """Process the events; arguments are those of `filter.records`, or those of lanes.
 
-    chart: of `error_parametrisation.CHARTS`. state, way: overwritten by those after the last event that was not ahead. account: it, or
-    a history, is filled in.
+    chart: of `error_parametrisation.CHARTS`. state, way: overwritten by those after the last event that was not ahead.
+    account: it, or a history, is filled in.
     """
     declared = model.declared
     state_nav, state_p, state_rejected = (

@@ -3,8 +3,8 @@
 An output consists of the navigation state and the covariance. A history stores both. An account evaluates them at once,
 while they are in the processor's cache: the errors, and whether the filter's sigmas agree with them.
 
-NEES uses the coordinates in which the filter is Gaussian (`error_parametrisation.own_error`). Source: Bar-Shalom, Li & Kirubarajan,
-Estimation with Applications to Tracking and Navigation (2001), section 5.4.2.
+NEES uses the coordinates in which the filter is Gaussian (`error_parametrisation.own_error`). Source: Bar-Shalom, Li &
+Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), section 5.4.2.
 """
 
 from __future__ import annotations

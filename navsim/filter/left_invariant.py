@@ -30,7 +30,7 @@ def blocks_of_motion(x, diagonal, column, straight):
     """Blocks of the reset matrix for position, velocity and attitude, common to both group filters.
 
     x: (n,) the estimate. diagonal, column: (5, 3, 3) out. Blocks of sensor states are the identity; also those of
-    position and velocity as far as the chart is `straight` (`charts`).
+    position and velocity as far as the chart is `straight` (`error_parametrisation`).
     """
     a, b, c = x[A_N], x[A_E], x[A_D]
     for block in range(diagonal.shape[0]):

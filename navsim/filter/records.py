@@ -28,7 +28,8 @@ TIME_TOLERANCE = 1e-9
 """Times closer than this are equal, s: far below any sample interval, far above rounding."""
 
 PASS, OUTPUT = 0, 1
-"""Kinds of events without a measurement (`observations`): a time to propagate to, and an output of the history."""
+"""Kinds of events without a measurement (`measurement_models`): a time to propagate to, and an output of the
+history."""
 
 ESKF, FIRST_ESTIMATES, OBSERVABILITY_CONSTRAINED, LEFT_INVARIANT, TFG, GAUSSIAN_SUM = range(6)
 RTS, MAP = GAUSSIAN_SUM + 1, GAUSSIAN_SUM + 2
