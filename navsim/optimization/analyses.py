@@ -1,6 +1,7 @@
-"""What is found of a placement of pseudolites: its flight is analysed, and the monitor of its fixes asked for levels.
+"""Analysis of a placement of pseudolites: covariance analysis of the flight, and protection levels of its fixes.
 
-Satellites do not care where pseudolites stand, so a case without any is made ready once, and is given some then.
+The satellites' part does not depend on the pseudolites. A case without pseudolites is prepared once, and placements are
+added to it.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Prepared:
     watched: np.ndarray | None = None
     """(m,) fix epochs that remain if only levels count, of more; else None."""
     names: tuple[str, ...] | None = None
-    """Of the pseudolites; None for PL1, PL2, ..."""
+    """Names of the pseudolites; None for PL1, PL2, ..."""
 
     @property
     def axes(self) -> np.ndarray:
@@ -87,8 +88,11 @@ class Prepared:
 
 
 class FidelityEvaluator:
-    """What is found of placements at one fidelity. flown: for the filter; watched: for levels; each None where nobody
-    asks. The last placement is remembered, since objective and requirements ask for the same."""
+    """Evaluation of placements at one fidelity.
+
+    flown: for the filter; watched: for levels; None if not needed. The last placement is cached, since objective and
+    requirements need the same.
+    """
 
     def __init__(self, kept: Rules, flown: Prepared | None, watched: Prepared | None) -> None:
         self._kept, self._flown, self._watched = kept, flown, watched
@@ -105,8 +109,11 @@ class FidelityEvaluator:
         return self._last[1]
 
     def judge(self, name: str) -> ObjectiveFunction:
-        """The judge of placements by an error of the filter, or by levels: large for a small share of epochs that have
-        them, inf for one of the others where not all have."""
+        """Evaluator of placements by an error of the filter, or by levels.
+
+        With levels: large for a small fraction of epochs that have them; for other statistics inf unless all epochs
+        have them.
+        """
 
         def one(places: np.ndarray) -> float:
             found = self._of(places)
@@ -120,21 +127,21 @@ class FidelityEvaluator:
         return lambda places: np.array([one(p) for p in places])
 
     def fulfilments(self, places: np.ndarray) -> list[Fulfilment]:
-        """What is known of the base scenario's requirements with a placement (k, 2)."""
+        """Values of the base scenario's requirements for a placement (k, 2)."""
         return self._of(places).fulfilments
 
     def findings(self, places: np.ndarray) -> list[Finding]:
-        """What the covariance analysis of a placement (k, 2) finds."""
+        """Findings of the covariance analysis of a placement (k, 2)."""
         found = self._of(places)
         assert found.flown is not None
         return covariance_findings(found.flown, found.analysis)
 
 
 class LevelScreen:
-    """Levels of many placements at once, at some epochs of the glide: objectives and loads that rank them. What is
-    heard of a pseudolite must not depend on where it stands, nor on which it is.
+    """Levels of many placements at once, at some epochs of the glide: objectives and loads for ranking.
 
-    decided: which requirements of the scenario count (q,) bool, None for none.
+    The signal of a pseudolite must not depend on its position, nor on its number. decided: requirements of the scenario
+    that count (q,) bool, None for none.
     """
 
     def __init__(self, plane: RunwayPlane, flight: Prepared, name: str, decided: np.ndarray | None) -> None:
@@ -143,7 +150,7 @@ class LevelScreen:
         self._asked = [] if decided is None else [one for (_, one), use in zip(asked, decided, strict=True) if use]
 
     def __call__(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Objectives, where they are levels, and loads (n,) of placements (n, k, 2)."""
+        """Objectives, if they are levels, and loads (n,) of placements (n, k, 2)."""
         step = max(_AT_ONCE // SCREENED, 1)
         parts = [self._of(places[i : i + step]) for i in range(0, len(places), step)]
         objective, load = (np.concatenate(columns) for columns in zip(*parts, strict=True))
@@ -176,7 +183,7 @@ class LevelScreen:
         return self._objective(levels), load
 
     def _objective(self, levels: np.ndarray) -> np.ndarray:
-        """Of levels (n, e, 2), the smallest first."""
+        """Objective from levels (n, e, 2), the smallest first."""
         if self._name in LARGE:
             share = np.isfinite(levels).all(axis=2).mean(axis=1)
             return np.divide(1.0, share, out=np.full(share.shape, np.inf), where=share > 0.0)
@@ -198,13 +205,13 @@ class LevelScreen:
 
 
 def _kept_by(share: float, epochs: int) -> int:
-    """Which of ordered values at so many epochs is not passed at this share of them."""
+    """Index of the ordered value at so many epochs that this fraction of them does not exceed."""
     return int(np.searchsorted(np.arange(1, epochs + 1) / epochs, share))
 
 
 @dataclass(frozen=True)
 class _Found:
-    """A placement, as it is flown and as it is watched."""
+    """A placement's flight and monitor."""
 
     flown: Case | None
     watched: Case | None
@@ -246,12 +253,12 @@ def flown(case: Case, end: float, coarse: bool) -> Prepared:
 
 
 def watched(case: Case, most: int | None = None) -> Prepared:
-    """The flight whose fixes are watched, on the glide; at so many epochs at most."""
+    """The flight with monitored fixes, on the glide, at so many epochs at most."""
     return _watched(case, lambda glide: glide if most is None else spread_over(glide, most))
 
 
 def screened(case: Case) -> Prepared:
-    """The same at the middles of some stretches of the glide: how code smoothing begins is not what levels are like."""
+    """`watched` at the middles of some stretches of the glide, where code smoothing has settled."""
     return _watched(case, lambda glide: glide[np.unique((2 * np.arange(SCREENED) + 1) * glide.size // (2 * SCREENED))])
 
 

@@ -25,12 +25,14 @@ from navsim.scenario.load import base_of
 from navsim.scenario.source import Document
 
 _JUDGED_MEMORY = 70
-"""A site of a placement at an epoch while rules are judged, bytes."""
+"""Memory for a site of a placement at an epoch while rules are checked, bytes."""
 
 
 class OptimizeJob:
-    """Placements, their neighbourhoods, maps. The time limit counts from the preparation; an interrupt ends the work
-    with what was found."""
+    """Job of an optimisation: placements, their neighbourhoods, maps.
+
+    The time limit counts from the preparation; an interrupt ends the work with the results so far.
+    """
 
     kernels, suffix, unit, extent, work = "optimize", "", "placements", 0, "analyses"
     pieces, even = 2, False  # it ends where it has converged
@@ -55,7 +57,7 @@ class OptimizeJob:
         self._runs = RUNS if self.options.runs is None else self.options.runs
 
     def estimate(self, scenario: Landing, sources: Environment) -> Budget:
-        """What a search for placements takes."""
+        """Estimated memory and disk of a search for placements."""
         study = self.section
         here = extent(scenario, sources)
         starts = 1 if study.period is None else study.period.count
@@ -105,8 +107,11 @@ def _unmet(result: Result) -> bool:
 
 
 def progress_text(progress: SearchProgress, unit: str, large: bool = False, quick: bool = False) -> str:
-    """Where a search stands in words; unit: of the objective, large: it is the reciprocal of what is made small; quick:
-    levels are all that is analysed."""
+    """Progress of a search as text.
+
+    unit: of the objective; large: the objective is the reciprocal of the minimised value; quick: only levels are
+    analysed.
+    """
     analysed = sum(progress.tried.get(fidelity, 0) for fidelity in (COARSE, FULL))
     tried = f"{sum(progress.tried.values())} placements tried"
     if analysed:
@@ -123,5 +128,5 @@ def progress_text(progress: SearchProgress, unit: str, large: bool = False, quic
 
 
 def check(section: Optimize, document: Document) -> list[str]:
-    """Warnings of a search: its base scenario is checked with what the study sets. Raises InputError."""
+    """Warnings about a search; its base scenario is checked with the values that the study sets. Raises InputError."""
     return problem(section, document, base_of(section, document)).warnings

@@ -1,4 +1,4 @@
-"""What a placement of pseudolites must keep, as distances by which it fails to; places are s and l1 in runway axes.
+"""Constraints on a placement of pseudolites, as distances by which it violates them; s and l1 are in runway axes.
 
 Source: [1] ICAO Annex 14, vol. I, 3.4 (runway strip) and table 4-1 (approach and transitional surfaces).
 """
@@ -36,7 +36,7 @@ class RunwayPlane:
         return out
 
     def ecef(self, places: np.ndarray) -> np.ndarray:
-        """The same, ECEF (..., 3), m."""
+        """Positions in ECEF (..., 3), m."""
         return ecef_from_llh(self.llh(places))
 
     def places(self, llh: np.ndarray) -> np.ndarray:
@@ -47,10 +47,10 @@ class RunwayPlane:
 
 @dataclass(frozen=True)
 class Rules:
-    """The constraints of a study over one approach.
+    """Constraints of a study over one approach.
 
-    receiver: (e, 3) the antenna during the glide, ECEF m. track: the aircraft during the whole simulation.
-    keep_out: a shapely geometry in (s, l1), or None.
+    receiver: (e, 3) the antenna during the glide, ECEF m. track: the aircraft during the whole simulation. keep_out: a
+    shapely geometry in (s, l1), or None.
     """
 
     given: Constraints
@@ -61,16 +61,21 @@ class Rules:
     keep_out: Any
 
     def violation(self, places: np.ndarray) -> np.ndarray:
-        """By how much placements (n, k, 2) break the tightest rule (n,); zero or less where all are kept, -inf without
-        rules. Metres, but for near_far_db, which counts in dB."""
+        """Violation of the tightest rule by placements (n, k, 2), (n,); zero or less without one, -inf without rules.
+
+        Metres, but for near_far_db, which counts in dB.
+        """
         worst = np.full(places.shape[0], -np.inf)
         for excess in self.excesses(places).values():
             np.maximum(worst, excess, out=worst)
         return worst
 
     def excesses(self, places: np.ndarray) -> dict[str, np.ndarray]:
-        """By how much placements (n, k, 2) break each rule (n,), by its key below `constraints`, `aircraft` for the
-        distance that pseudolites keep from it; zero or less where it is kept. Metres, but for near_far_db: dB."""
+        """Violation of each rule by placements (n, k, 2), (n,), by its key below `constraints`; zero or less without
+        one.
+
+        `aircraft` is the distance of pseudolites from it. Metres, but for near_far_db: dB.
+        """
         s, l1 = places[..., 0], places[..., 1]
         found: dict[str, np.ndarray] = {}
 
@@ -107,7 +112,7 @@ class Rules:
 
 
 def _into_strip(strip: Strip, length: float, s: np.ndarray, l1: np.ndarray) -> np.ndarray:
-    """How deep places stand in the runway strip, negative outside, m."""
+    """Depth of positions in the runway strip, negative outside, m."""
     across = strip.half_width_m - np.abs(s)
     before = strip.beyond_m - l1
     past = l1 + length + strip.beyond_m
@@ -115,7 +120,7 @@ def _into_strip(strip: Strip, length: float, s: np.ndarray, l1: np.ndarray) -> n
 
 
 def surface_height(surfaces: Surfaces, length: float, s: np.ndarray, l1: np.ndarray) -> np.ndarray:
-    """Height above the runway that the approach and transitional surfaces leave to obstacles, m [1].
+    """Height above the runway of the approach and transitional surfaces, which limit obstacles, m [1].
 
     The approach surface rises from `from_threshold_m` before the threshold; beside it and beside the strip the
     transitional surface rises outwards. The same holds at the far end, for landings from there.
@@ -184,11 +189,11 @@ def _polygons(content: bytes, plane: RunwayPlane, height: float) -> Any:
 
 
 _MOST_BYTES = 10_000_000
-"""Of a keep-out file."""
+"""Largest size of a keep-out file."""
 _STEP_DEG = 5e-4
 """Edges are straight in longitude and latitude (RFC 7946): pieces as short as this keep them so to 0.1 mm."""
 _MOST_POINTS = 500_000
-"""Of all outlines in a file: some 25 000 km of them."""
+"""Largest number of points of all outlines in a file: some 25 000 km of them."""
 
 
 def _geometry(kind: str, coordinates: Any) -> Any:

@@ -1,7 +1,7 @@
-"""Analyses of many placements at a time by workers elsewhere, before a search asks for them one by one.
+"""Parallel analysis of placements by remote workers, before a search evaluates them one by one.
 
-A search goes on by what it found, so it stays here and is the same to the bit; what it is about to ask is analysed
-elsewhere, kept in its journal, and found there.
+Each step of a search depends on the one before, so the search itself stays here and is the same to the bit. The
+placements that it will need next are analysed remotely and kept in its journal, where it finds them.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from navsim.optimization.search_log import SearchLog
 from navsim.runner.executor import RemoteExecutor
 
 WORTH_S = 0.5
-"""How long a task lasts at least where there are placements enough, s."""
+"""Least duration of a task if there are enough placements, s."""
 _LOOK_S = 0.5
-"""How often the search is told on while it waits, s."""
+"""Interval of progress reports while the search waits, s."""
 ObjectiveFunctions = dict[str, dict[str, ObjectiveFunction]]
-"""The judges of each fidelity, by the names they have in the journal."""
+"""Evaluators of each fidelity, by their names in the journal."""
 
 
 def _analysed(judges: ObjectiveFunctions, fidelity: str, places: np.ndarray) -> tuple[float, dict[str, np.ndarray]]:
-    """What a worker does: the values of placements one by one, as the search would, and seconds a placement."""
+    """Work of a remote worker: values of placements one by one, as the search computes them, and seconds a
+    placement."""
     began = time.perf_counter()
     found = {
         name: np.concatenate([np.asarray(judge(places[i : i + 1]), np.float64) for i in range(len(places))])
@@ -52,7 +53,8 @@ class Prefetcher:
         self._seconds: dict[str, float] = {}
 
     def __call__(self, places: np.ndarray, fidelity: str) -> None:
-        """Raises what the work raises, executor.WorkerLost, CheckpointError where the journal cannot be kept."""
+        """Analyse placements. Raises errors of the work, executor.WorkerLost, CheckpointError if the journal cannot be
+        written."""
         names = tuple(self._judges[fidelity])
         kept = self._rules.violation(places) <= 0.0  # others are not analysed at all
         todo = [

@@ -1,17 +1,18 @@
-"""What a search for placements makes small, an objective of the geometry, a protection level, or an error of the
-filter; and what placements have to meet.
+"""Optimisation problem of placements: an objective and requirements.
 
-An error of the filter is a linear covariance analysis of every placement, a level the monitor of its fixes. What does
-not depend on it is done once: the flight (cut where the objective no longer looks), the orbits, the sources that are
-ever heard. It is to be had in three ways, each much dearer as the one before and closer to the truth [1]:
+The objective is a quantity of the geometry, a protection level, or an error of the filter. For a filter error, every
+placement needs a linear covariance analysis; for a level, the monitor of its fixes. What does not depend on the
+placement is computed once: the flight (until the objective is evaluated), the orbits, the sources that are ever
+tracked. There are three fidelities, each much more expensive than the one before and closer to the truth [1]:
 
-    screens     accuracy of fixes by the geometry kernel: over the last seconds before the objective is read, the glide
-    coarse      covariance analysis with a fix a second of the same information, inertial samples at 10 Hz; levels at
-                some epochs of the glide
-    objective   covariance analysis, and levels, as a landing by itself has them
+- screens: accuracy of fixes from the geometry kernel, over the last seconds before the objective is evaluated and over
+  the glide.
+- coarse: covariance analysis with one fix a second of the same information, inertial samples at 10 Hz; levels at some
+  epochs of the glide.
+- objective: covariance analysis, and levels, as for a single landing.
 
-Requirements are judged as those of landings are (`landing.requirements`). The load of a placement is the largest
-utilisation among them; one of a load above 1 ranks behind all that meet them, by its load [2].
+Requirements are evaluated as those of landings (`landing.requirements`). The load of a placement is the largest
+utilisation among them. One with a load above 1 ranks behind all that meet them, by its load [2].
 
 Source: [1] Peherstorfer, Willcox & Gunzburger, Survey of multifidelity methods in uncertainty propagation, inference,
 and optimization, SIAM Review 60 (2018). [2] Deb, An efficient constraint handling method for genetic algorithms,
@@ -66,16 +67,19 @@ _TRACK, _TRACK_MARGIN = 12.0, 0.3
 """Spacing of the points of the approach that rough rules ask, m, and their margin: 60 m from the aircraft, the nearest
 point is by no more than that nearer than the nearest of those asked."""
 _STRETCHES = (30.0, 15.0, 5.0)
-"""Where the glide is divided to describe its geometry, s before the objective is read."""
+"""Limits of the stretches of the glide that describe its geometry, s before the objective is evaluated."""
 _ALIKE = 5
-"""So many of them where levels alone are analysed."""
+"""Number of stretches if only levels are analysed."""
 _NO_FIX = 1e4
-"""What an epoch without a fix counts as in ranking placements by their geometry, m."""
+"""Value of an epoch without a fix in rankings of placements by geometry, m."""
 
 
 class Evaluated(NamedTuple):
-    """Of placements (n,): value, what a search makes small; objective, nan where a rule is broken; load of the
-    requirements, 0 where there are none, nan where a rule is broken."""
+    """Evaluation of placements (n,).
+
+    value: minimised by a search; objective: nan if a rule is violated; load of the requirements: 0 without any, nan if
+    a rule is violated.
+    """
 
     value: np.ndarray
     objective: np.ndarray
@@ -83,7 +87,8 @@ class Evaluated(NamedTuple):
 
 
 def penalised(objective: np.ndarray, load: np.ndarray, most: float = 1.0) -> np.ndarray:
-    """What a search makes small, of objectives and loads of placements that keep the rules; a load may be `most`."""
+    """Value that a search minimises, from objectives and loads of placements that keep the rules; a load may be
+    `most`."""
     solved = np.isfinite(objective)
     unmet = PENALTY_REQUIREMENT * (2.0 - most / np.maximum(load, most))
     return np.where(solved, np.where(load > most, unmet, objective), PENALTY_UNSOLVED)
@@ -146,7 +151,7 @@ class PlacementProblem:
     """Only levels are analysed."""
     requirements: Requirements | None = None
     load: ObjectiveFunction | None = None
-    """Of the requirements, as `coarse_load`."""
+    """Load of the requirements, as `coarse_load`."""
     coarse_load: ObjectiveFunction | None = None
     level_screen: LevelScreen | None = None
     """Screen of placements if only levels are analysed."""
@@ -158,7 +163,7 @@ class PlacementProblem:
 
     @property
     def flies(self) -> bool:
-        """Whether covariance analyses of the filter judge placements."""
+        """Whether covariance analyses of the filter evaluate placements."""
         return self.found is not None
 
     @property
@@ -167,8 +172,10 @@ class PlacementProblem:
         return self.coarse is not None
 
     def judged(self, places: np.ndarray, coarse: bool = False) -> Evaluated:
-        """What the objective, or its quick judge, and the requirements say of placements. Values below UNMET keep all
-        rules, have a solution and meet the requirements."""
+        """Evaluation of placements by the objective, or its fast version, and the requirements.
+
+        Values below UNMET keep all rules, have a solution and meet the requirements.
+        """
         broken = self.rules.violation(places)
         judge, load = (self.coarse or self.objective, self.coarse_load) if coarse else (self.objective, self.load)
         found = Evaluated(_of_broken(broken), np.full(len(places), np.nan), np.full(len(places), np.nan))
@@ -179,13 +186,15 @@ class PlacementProblem:
         return found
 
     def value(self, places: np.ndarray) -> np.ndarray:
-        """What a search makes small (n,): the objective, where rules are kept and requirements met, else how badly they
-        are not."""
+        """Value that a search minimises (n,): the objective, or a penalty for violated rules and missed
+        requirements."""
         return self.judged(places).value
 
     def rough_value(self, places: np.ndarray, judge: ObjectiveFunction) -> np.ndarray:
-        """The same by a judge that stands in for the objective, and by rules that ask fewer points of the approach,
-        with a margin that makes up for it."""
+        """`value` with a replacement of the objective.
+
+        Rules use fewer points of the approach, with a margin that compensates for it.
+        """
         rough, margin = self._rough_rules
         broken = rough.violation(places) + margin
         out = _of_broken(broken)
@@ -203,7 +212,7 @@ class PlacementProblem:
         return penalised(objective, load)
 
     def shown(self, value: np.ndarray) -> np.ndarray:
-        """The objective as people have it, of what is made small."""
+        """Objective in the unit of tables, from the minimised value."""
         return np.asarray(1.0 / value if self.study.objective in LARGE else value)
 
     @cached_property
@@ -214,7 +223,7 @@ class PlacementProblem:
         return replace(self.rules, receiver=track[::step]), _TRACK_MARGIN if step > 1 else 0.0
 
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """The corners of the area, or of what the sites cover, (2,) least and largest s and l1."""
+        """Corners of the area, or of the sites, (2,) least and largest s and l1."""
         if self.study.area is not None:
             low, high = np.array([self.study.area.s_m, self.study.area.l1_m]).T
             return low, high
@@ -227,13 +236,15 @@ class PlacementProblem:
 
 
 def _of_broken(broken: np.ndarray) -> np.ndarray:
-    """Values of placements that break a rule by so much (n,)."""
+    """Values of placements that violate a rule by so much (n,)."""
     return np.where(broken > 0.0, PENALTY_CONSTRAINT * (1.0 + np.maximum(broken, 0.0)), np.nan)
 
 
 def problem(study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None) -> PlacementProblem:
-    """The base scenario, the rules and the objective of a study, once `ask` has let it pass. Raises InputError, and
-    what `ask` raises."""
+    """The base scenario, the rules and the objective of a study, after `ask` has checked it.
+
+    Raises InputError, and errors of `ask`.
+    """
     bare = base.copy()
     for key in ("count", "s_m", "l1_m", "sites"):
         if isinstance(bare.data.get("pseudolites"), dict):
@@ -337,8 +348,7 @@ def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing, bool]:
-    """The base scenario, and whether its filter is analysed. Raises InputError where it has not what the study asks
-    for."""
+    """The base scenario, and whether its filter is analysed. Raises InputError if it lacks what the study needs."""
     of_filter = study.objective not in (*DOP_OBJECTIVES, *LEVEL_OBJECTIVES)
     if of_filter:
         set_value(bare, "method", "covariance", document.place(("objective",)), document.folder)
@@ -367,7 +377,7 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
 def _fly(
     study: Optimize, bare: Document, document: Document, places: np.ndarray, seed: int, first: int, runs: int
 ) -> OfRuns:
-    """What runs say of the base scenario with pseudolites at `places` (k, 2)."""
+    """Results of runs of the base scenario with pseudolites at `places` (k, 2)."""
     own = bare.copy()
     own.data["pseudolites"].pop("count")
     sites = [{"s_m": float(s), "l1_m": float(l1), "height_m": study.height_m} for s, l1 in places]
@@ -384,7 +394,8 @@ def _refused(document: Document, key: KeyPath, text: str) -> InputError:
 def _with_requirements(
     here: PlacementProblem, full: FidelityEvaluator, coarse: FidelityEvaluator, document: Document
 ) -> PlacementProblem:
-    """The same with the base scenario's requirements; without pseudolites it shows which of them are decided."""
+    """The problem with the base scenario's requirements. A case without pseudolites shows which of them can be
+    decided."""
     found = full.fulfilments(np.empty((0, 2)))
     decided = np.array([not math.isnan(one.utilisation) for one in found])
     left = [one.text for one, known in zip(found, decided, strict=True) if not known]
@@ -445,8 +456,8 @@ def _read_at(name: str, case: Case) -> float:
 
 
 def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> tuple[ObjectiveFunction, ...]:
-    """Judges by the SKO of fixes: of the objective's axis, and in space, over the seconds before it is read; of the
-    axis over the glide up to then. Epochs without a fix count first."""
+    """Screens by the SKO of fixes: along the objective's axis, and in space, over the seconds before it is evaluated;
+    along the axis over the glide until then. The number of epochs without a fix counts first."""
     before = time <= end
     late = before & (time > end - RMS_WINDOW)
     row = 2 if name.startswith(("v", "fix_vertical")) else 1
@@ -460,9 +471,12 @@ def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: 
 
 
 def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, flies: bool) -> ObjectiveFunction:
-    """Logarithms of the mean SKO of fixes in space, horizontal, vertical, and epochs without a fix, over stretches of
-    the glide before `end`: the filter forgets the earlier ones, by how much differs. Levels are of each epoch by
-    itself: the stretches are alike then."""
+    """Geometry features of stretches of the glide before `end`.
+
+    They are logarithms of the mean SKO of fixes in space, horizontal, vertical, and the number of epochs without a fix.
+    The filter forgets earlier stretches, to a varying degree. Levels depend on each epoch separately, so the stretches
+    are equal then.
+    """
     if flies:
         edges = [-math.inf, *(end - before for before in _STRETCHES), end]
     else:
@@ -481,5 +495,5 @@ def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, fli
 
 
 def _some(geometry: Geometry, epochs: np.ndarray) -> Geometry:
-    """Of these epochs (e,) bool every fifth, which says enough."""
+    """Every fifth of these epochs (e,) bool, which is enough."""
     return geometry.at(np.flatnonzero(epochs)[::5])

@@ -1,4 +1,4 @@
-"""Watching a search: what it has tried, the best so far, the time it took and may still take, and when to stop."""
+"""Progress of a search: placements tried, the best so far, time used and remaining, and the time limit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class TimeUp(Exception):
 
 @dataclass(frozen=True)
 class Step:
-    """A part of the work to come: its name, and how many placements it judges at most, by the way of judging."""
+    """A part of the remaining work: its name, and the largest number of placements, by type of evaluation."""
 
     name: str
     most: dict[str, int]
@@ -42,9 +42,9 @@ class SearchProgress:
 
 
 class SearchMonitor:
-    """Counts what a search tries and tells it on; raises TimeUp once `time_limit` seconds have passed.
+    """Counts and reports placements; raises TimeUp once `time_limit` seconds have passed.
 
-    The time counts from the making of the watch. clock: seconds, monotonic.
+    The time counts from its creation. clock: seconds, monotonic.
     """
 
     def __init__(
@@ -85,11 +85,11 @@ class SearchMonitor:
         self._before = dict(self.tried)
 
     def tried_since(self) -> dict[str, int]:
-        """Placements judged since the number of pseudolites in work was begun, by the way of judging."""
+        """Placements evaluated for the present number of pseudolites, by type of evaluation."""
         return {fidelity: count - self._before.get(fidelity, 0) for fidelity, count in self.tried.items()}
 
     def judge_anew(self) -> None:
-        """The best so far is only that until the next is offered: another, stricter judge begins."""
+        """Forget the best value at the next offer, since a stricter evaluation begins."""
         self._anew = True
 
     def offer(self, places: np.ndarray, value: float) -> None:
@@ -99,7 +99,7 @@ class SearchMonitor:
 
     @contextmanager
     def trying(self, fidelity: str, count: int) -> Iterator[None]:
-        """The judging of `count` placements in one of the ways."""
+        """Count `count` placements of a type of evaluation."""
         self.look()
         begun = self._clock()
         yield
@@ -111,7 +111,7 @@ class SearchMonitor:
         self.look()
 
     def look(self) -> None:
-        """Tell where the search stands. Raises TimeUp."""
+        """Report progress. Raises TimeUp."""
         used = self._clock() - self._started
         self.tell(SearchProgress(self._now.name, dict(self.tried), self.best, self.places, used, self._remaining(used)))
         if self._limit is not None and used >= self._limit:

@@ -57,26 +57,26 @@ ALL_CHOICES = 2_000_000
 ALL_WATCHED."""
 ALL_ANALYSED, ALL_WATCHED = 50, 200
 GEOMETRY, LEVELS, COARSE, FULL = "geometry", "levels", "coarse", "full"
-"""Ways of judging a placement: by the geometry kernel, by levels at some epochs, by coarse and by full analysis."""
+"""Types of evaluation of a placement: geometry kernel, levels at some epochs, coarse and full analysis."""
 CHUNK = 65_536
-"""Choices of sites judged at a time."""
+"""Choices of sites evaluated at a time."""
 _POPULATION, _GENERATIONS = 30, 400
-"""Of differential evolution by an objective of geometry: members a coordinate, generations at most."""
+"""Differential evolution with an objective of geometry: members a coordinate, largest number of generations."""
 _FINISHING = (100.0, 10.0, 1.0)
 """Sizes of the simplices of Nelder-Mead, m, and evaluations a coordinate with each."""
 _FINISHING_TRIES = 200
 _MORE = 4000
-"""Places tried for one more beside the pseudolites found before."""
+"""Positions tried for one more pseudolite beside those found before."""
 _SINGLES, _POOL = 4096, 3000
 """Places for one pseudolite, and placements put together of them, that the search for a filter begins with."""
 _SCREEN_GENERATIONS = 25
 _LEVEL_GENERATIONS, _LEVEL_MORE, _LEVEL_STARTS = 60, 400, 2
-"""The same where levels at some epochs judge, which is next to the coarse analysis; places tried for one more; starts
-beside those of the study's effort, lest what can be met is missed."""
+"""Settings for levels at some epochs, which the coarse analysis follows: generations; positions tried for one more;
+starts in addition to those of the study's effort, so that feasible placements are not missed."""
 _INITIAL_SAMPLES = 40
 """Placements the surrogate learns from at least."""
 _EXPLORATION = 0.0, 1.0
-"""How far a round hopes for what is not known: standard deviations, by turns."""
+"""Optimism of a round about unknown values: standard deviations, in turn."""
 _REGION = 4.0
 """Every second round stays around the best: how far, in distances that new placements keep from the old."""
 
@@ -84,13 +84,15 @@ _REGION = 4.0
 _DIGITS = 2
 """Digits behind the point, of metres, that places have in tables and files."""
 _ASIDE = (0.01, 0.02, 0.05, 0.1, 0.2)
-"""How far places are moved where rounding makes them break what they kept, m."""
+"""Shift of positions if rounding makes them violate a rule, m."""
 
 
 @dataclass(frozen=True)
 class _SearchBudget:
-    """How much is analysed coarsely. first: times 16, and 8 a pseudolite, to begin with. learning: a round of the
-    surrogate. finished: best placements that are finished. sizes: of their simplices, m. tries: a coordinate in each.
+    """Amount of coarse analysis.
+
+    first: times 16, and 8 a pseudolite, at the start. learning: in a round of the surrogate. finished: best placements
+    that are refined. sizes: of their simplices, m. tries: a coordinate in each.
     """
 
     first: int
@@ -105,9 +107,9 @@ class _SearchBudget:
 
 
 _FLOWN, _WATCHED = _SearchBudget(1, 3, 1, (20.0,), 6), _SearchBudget(3, 10, 3, (100.0, 20.0, 4.0), 15)
-"""Of covariance analyses, and where levels are all that is analysed, which costs less."""
+"""Budgets for covariance analyses, and for levels alone, which cost less."""
 _AGAIN = 4
-"""How often at most the best are judged again, by requirements that the coarse analysis makes stricter."""
+"""Largest number of times that the best are evaluated again, with stricter requirements in the coarse analysis."""
 _HEAVY = 30.0
 """Loads beyond are taken for this: how far beyond does not lead on."""
 
@@ -131,18 +133,18 @@ class Found:
     finished: bool
     """The search is complete."""
     load: float = 0.0
-    """Of the requirements. Above 1 no placement was found that meets them, and this one misses the worst of them by
-    least."""
+    """Load of the requirements. Above 1 no placement was found that meets them, and this one misses the worst of them
+    by least."""
     others: tuple[np.ndarray, ...] = ()
     """Next best analysed placements (k, 2), the best first, in case runs contradict this one."""
 
     @property
     def met(self) -> bool:
-        """Whether it meets all requirements that placements are judged by."""
+        """Whether it meets all decidable requirements."""
         return self.load <= 1.0
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """As arrays, of which `of` makes the same again."""
+        """The object as arrays, for `of`."""
         return {
             "places": self.places, "value": np.array(self.value), "every": np.array(self.every),
             "finished": np.array(self.finished), "way": np.array(list(self.tried)),
@@ -152,7 +154,7 @@ class Found:
 
     @staticmethod
     def of(arrays: dict[str, np.ndarray]) -> Found:
-        """What `arrays` was made of."""
+        """The object from `arrays`."""
         tried = dict(zip(arrays["way"].tolist(), arrays["tried"].tolist(), strict=True))
         every, finished = bool(arrays["every"]), bool(arrays["finished"])
         others = tuple(arrays["others"])
@@ -169,7 +171,7 @@ class _Best(NamedTuple):
 
 
 def steps(here: PlacementProblem, count: int, earlier: bool) -> list[Step]:
-    """What a search for `count` pseudolites will do, at most. earlier: there is a placement of fewer."""
+    """Steps of a search for `count` pseudolites, at most. earlier: there is a placement of fewer."""
     effort, pace = here.study.effort, _pace(here)
     rounds = _rounds(count) * effort
     if here.study.sites:
@@ -211,7 +213,7 @@ def _pace(here: PlacementProblem) -> _SearchBudget:
 
 
 def _decisions(here: PlacementProblem) -> int:
-    """Full analyses at the end, the last of the placement at whole centimetres."""
+    """Number of full analyses at the end; the last is that of the placement at whole centimetres."""
     return (here.study.effort + 1) * (1 if here.requirements is None else 1 + _AGAIN) + 1
 
 
@@ -250,14 +252,14 @@ def _first(here: PlacementProblem, count: int) -> int:
 
 
 class Evaluator:
-    """Judges placements under the eyes of a watch, as `PlacementProblem` does. searching: the best are offered to the
-    watch."""
+    """Evaluates placements as `PlacementProblem` does, and reports to a monitor. searching: report the best ones,
+    too."""
 
     def __init__(self, here: PlacementProblem, watch: SearchMonitor, searching: bool) -> None:
         self._here, self._watch, self._searching = here, watch, searching
 
     def at_once(self, places: np.ndarray, judge: ObjectiveFunction | None = None, way: str = GEOMETRY) -> np.ndarray:
-        """Values (n,) of placements (n, k, 2) by the objective of geometry or by a judge that stands in for one."""
+        """Values (n,) of placements (n, k, 2) by the objective of geometry or a replacement."""
         with self._watch.trying(way, len(places)):
             values = self._here.value(places) if judge is None else self._here.rough_value(places, judge)
         if judge is None:
@@ -265,7 +267,7 @@ class Evaluator:
         return values
 
     def by(self, judge: ObjectiveFunction, way: str = GEOMETRY) -> ObjectiveFunction:
-        """A judge that stands in for the objective, as used here."""
+        """Function that evaluates placements with a replacement of the objective."""
         return lambda places: self.at_once(places, judge, way)
 
     def coarse(self, places: np.ndarray) -> Evaluated:
@@ -273,7 +275,7 @@ class Evaluator:
         return self._one_by_one(places, COARSE)
 
     def full(self, places: np.ndarray) -> Evaluated:
-        """The same by full analysis."""
+        """Values by full analysis."""
         return self._one_by_one(places, FULL)
 
     def _one_by_one(self, places: np.ndarray, fidelity: str) -> Evaluated:
@@ -483,7 +485,7 @@ def _exchanged(
     the best first."""
 
     def fill(others: list[int]) -> tuple[list[int], float]:
-        """The best site beside the others, and the value with it."""
+        """Best site in addition to the others, and its value."""
         free = [i for i in range(len(usable)) if i not in others]
         values = judge(usable[np.array([[*others, i] for i in free])])
         i = int(np.argmin(values))
@@ -511,14 +513,16 @@ def _exchanged(
 
 
 class Surrogate:
-    """What coarse analyses have taught of an error of the filter: its logarithm as a linear function of features with
-    a Gaussian process for the rest [3]."""
+    """Surrogate of a filter error from coarse analyses.
+
+    Its logarithm is a linear function of features, with a Gaussian process for the rest [3].
+    """
 
     _RIDGE = 0.01
     _LENGTH = 4.0
     """Distance over which the rest is alike, in standard deviations of the features."""
     _NUGGET = 1e-2
-    """Variance of what the features do not tell, as a share of that of the rest."""
+    """Variance that the features do not explain, as a fraction of that of the rest."""
 
     def __init__(self, features: np.ndarray, values: np.ndarray) -> None:
         self._middle, spread = features.mean(axis=0), features.std(axis=0)
@@ -536,8 +540,8 @@ class Surrogate:
         self._weights = self._inverse @ rest
 
     def __call__(self, features: np.ndarray, hope: float) -> np.ndarray:
-        """Errors expected (n,) of placements with features (n, f), less `hope` standard deviations of what is not known
-        about them."""
+        """Expected errors (n,) of placements with features (n, f), minus `hope` standard deviations of their
+        uncertainty."""
         x = (features - self._middle) / self._spread
         alike = self._alike(x)
         unknown = np.maximum(1.0 - np.einsum("ij,ij->i", alike @ self._inverse, alike), 0.0)
@@ -556,7 +560,7 @@ class _SurrogateFit:
         self.places: list[np.ndarray] = []
         self._found: list[Evaluated] = []
         self.most = 1.0
-        """What a load may be here, so that the full analysis finds it to be no more than 1."""
+        """Largest coarse load, such that the full analysis finds a load of at most 1."""
 
     def analyse(self, places: Iterable[np.ndarray]) -> None:
         """Coarse analyses of placements (k, 2)."""
@@ -570,19 +574,19 @@ class _SurrogateFit:
 
     @property
     def loads(self) -> np.ndarray:
-        """Of the placements (n,)."""
+        """Loads of the placements (n,)."""
         return self._column("load")
 
     @property
     def values(self) -> np.ndarray:
-        """What is made small (n,), with `most`."""
+        """Minimised values (n,), with `most`."""
         values = self._column("value")
         return np.where(
             values < PENALTY_CONSTRAINT, penalised(self._column("objective"), self.loads, self.most), values
         )
 
     def surrogate(self, hope: float, around: np.ndarray | None = None) -> ObjectiveFunction:
-        """The judge made of the better half of what solved and kept the rules, or of what is nearest to a placement."""
+        """Surrogate from the better half of the feasible placements, or from those nearest to a placement."""
         features, values = self._here.features, self.values
         assert features is not None
         order = np.argsort(values, kind="stable")
@@ -638,7 +642,7 @@ class _SurrogateFit:
 
 
 def largest_shift(a: np.ndarray, b: np.ndarray) -> float:
-    """How far the farthest of a placement's pseudolites (k, 2) has to go to make another, whichever goes where, m."""
+    """Largest distance that a pseudolite moves between two placements (k, 2), with the best assignment, m."""
     from scipy.optimize import linear_sum_assignment
 
     gap = np.linalg.norm(a[:, None] - b[None], axis=2)
@@ -725,8 +729,10 @@ def _by_levels(
     earlier: np.ndarray | None,
     trials: Evaluator,
 ) -> list[Iterable[np.ndarray]]:
-    """Lists of placements, the best of each first, by levels at some epochs; they begin with what is best by screens,
-    and with chance."""
+    """Lists of placements, the best of each first, by levels at some epochs.
+
+    They start from the best by screens, and from random ones.
+    """
     judge, bounds, size = trials.by(here.screened, LEVELS), _bounds(here, count), _members(count)
     promising = np.array(list(itertools.islice(_in_turn(screened), size // 2)))
     pool = _pool(here, count, rng)
@@ -749,8 +755,11 @@ def _decided(
     watch: SearchMonitor,
     refine: Callable[[], None] = lambda: None,
 ) -> _Best:
-    """The best by the full analysis of the best by the coarse one, 10 m apart. Where none of them meets requirements
-    that the coarse one holds for met, it is made as much stricter, and what is refined by it is judged again."""
+    """Best placement by full analysis of the best by the coarse one, 10 m apart.
+
+    If none of them meets requirements that the coarse analysis finds met, the coarse limit is tightened accordingly,
+    and the refined placements are evaluated again.
+    """
     best, lowest = np.empty((0, 2)), math.inf
     with watch.step(_deciding(count)):
         watch.judge_anew()
@@ -771,7 +780,7 @@ def _decided(
 
 
 def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Placements (n, k, 2) all over the area, of places that keep the rules by themselves where there are any."""
+    """Placements (n, k, 2) all over the area, with positions that keep the rules alone, if there are any."""
     from scipy.stats.qmc import Sobol
 
     low, high = here.limits()
@@ -812,7 +821,7 @@ def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Eval
 
 
 def _screened_choices(usable: np.ndarray, count: int, seed: int, effort: int, judge: ObjectiveFunction) -> np.ndarray:
-    """The best choices by a judge as indices (n, count), the best first: of all where that can be, else exchanged."""
+    """Best choices as indices (n, count), the best first: of all choices if feasible, otherwise by exchanges."""
     if math.comb(len(usable), count) > ALL_CHOICES:
         return np.array([chosen for _, chosen in _exchanged(usable, count, seed, effort, judge)])
     best, values = np.empty((0, count), np.int64), np.empty(0)

@@ -36,7 +36,7 @@ class SearchLog:
             raise CheckpointError(f"{path}: cannot be kept: {error.strerror or error}") from None
 
     def _read(self, content: bytes) -> int:
-        """Take the lines that are whole, up to the first that is not; returns where they end."""
+        """Read complete lines up to the first incomplete one; returns their end."""
         assert self._store is not None
         end = 0
         for line in content.splitlines(keepends=True):
@@ -56,9 +56,9 @@ class SearchLog:
     def remembering(
         self, fidelity: str, judge: Callable[[np.ndarray], np.ndarray]
     ) -> Callable[[np.ndarray], np.ndarray]:
-        """A judge of placements (n, k, 2) that asks the journal first, one placement at a time.
+        """Evaluator of placements (n, k, 2) that looks into the journal first, one placement at a time.
 
-        The judge must be the same for one placement as among many. Raises CheckpointError where the disk is full.
+        Its value of a placement must not depend on the others. Raises CheckpointError if the disk is full.
         """
         if self._store is None:
             return judge
@@ -70,7 +70,7 @@ class SearchLog:
 
     @property
     def keeps(self) -> bool:
-        """Whether what it is told is there when it is asked."""
+        """Whether it can return what it has recorded."""
         return self._store is not None
 
     def knows(self, fidelity: str, place: np.ndarray) -> bool:
@@ -104,7 +104,7 @@ class SearchLog:
             raise CheckpointError(f"{path}: cannot be written: {error.strerror or error}") from None
 
     def step(self, name: str, work: Callable[[], Arrays]) -> Arrays:
-        """The arrays of a finished step: as kept, or worked out and kept. Raises CheckpointError."""
+        """Arrays of a finished step, from the journal, or computed and recorded. Raises CheckpointError."""
         kept = self._store.read(name) if self._store is not None else None
         if kept is not None:
             return kept

@@ -1,5 +1,6 @@
-"""`kind: optimize`: the best placements, how flat the optimum is, accuracy against number; what is found is kept
-wherever the work is stopped. How placements are judged: `optimization.problem`; how they are searched:
+"""`kind: optimize`: best placements, sensitivity of the optimum, accuracy as a function of number.
+
+Results are kept whenever the work is stopped. Evaluation of placements: `optimization.problem`; search:
 `optimization.search`.
 """
 
@@ -48,7 +49,7 @@ _REACH = np.geomspace(1.0, 3000.0, 160)
 """Distances tried in the neighbourhood, m; where placements are analysed every doubling, and between by its curve."""
 _ANALYSED_REACH = 32.0 * 2.0 ** np.arange(-5, 7)
 _ANALYSED_FIRST = 5
-"""Where among them the search outwards or inwards begins."""
+"""Index of the first distance of the search outwards or inwards."""
 
 TIME_LIMIT, INTERRUPTED = "time limit", "interrupted"
 
@@ -70,7 +71,7 @@ class SearchOutcome:
     """TIME_LIMIT or INTERRUPTED if the work ended early, else empty."""
 
     def undone(self, counts: tuple[int, ...]) -> list[str]:
-        """What was left of the work on these numbers of pseudolites."""
+        """Remaining work on these numbers of pseudolites."""
         out = []
         for what, done in (
             ("the search", {count for count, found in self.found.items() if found.finished}),
@@ -91,7 +92,7 @@ def search(here: PlacementProblem, seed: int, watch: SearchMonitor | None = None
 
 
 def planned(here: PlacementProblem) -> list[Step]:
-    """All steps of the work, each with the most placements it may judge."""
+    """All steps of the work, each with the largest number of placements."""
     return [*_search_steps(here), *(Step(_flying(count), {}) for count in here.study.counts), *_later_steps(here)]
 
 
@@ -116,7 +117,7 @@ def _search_arrays(
 
 
 def partial_key(here: PlacementProblem, seed: int) -> dict[str, object]:
-    """What partial work must agree in to be resumed."""
+    """Data that partial work must match to be resumed."""
     text = resolved_yaml(here.study) + resolved_yaml(here.scenario)
     return {"study_sha256": hashlib.sha256(text.encode()).hexdigest(), "seed": seed, **code_key()}
 
@@ -203,7 +204,7 @@ def solve(
 def _fly_best(
     here: PlacementProblem, outcome: SearchOutcome, count: int, seed: int, runs: int, journal: SearchLog
 ) -> None:
-    """Fly the best placement of a number of pseudolites; the next best takes its place where runs speak against it."""
+    """Run the best placement of a number of pseudolites; the next best replaces it if runs contradict it."""
     best = outcome.found[count]
 
     def work() -> Arrays:
@@ -228,7 +229,7 @@ def _analysed(here: PlacementProblem, places: np.ndarray) -> tuple[np.ndarray, f
 
 
 def _judges(here: PlacementProblem) -> ObjectiveFunctions:
-    """The judges of a problem that is analysed, as `solve` names them in the journal."""
+    """Evaluators of an analysed problem, by their names in the journal."""
     out: ObjectiveFunctions = {}
     for fidelity, judge, load in ((FULL, here.objective, here.load), (COARSE, here.coarse, here.coarse_load)):
         assert judge is not None
@@ -272,8 +273,10 @@ def _later_steps(here: PlacementProblem) -> list[Step]:
 
 
 def _judged(here: PlacementProblem, best: Found, trials: Evaluator) -> ObjectiveFunction:
-    """The objective; where placements are analysed the coarse analysis, in proportion so that it is right at the best;
-    inf where there is no solution or requirements are not met."""
+    """Evaluator for neighbourhoods: the objective, or the coarse analysis scaled to be right at the best.
+
+    inf without a solution or if requirements are not met.
+    """
     if here.coarse is None:
         return trials.at_once
     there = trials.coarse(best.places[None])
@@ -325,10 +328,10 @@ def neighbourhood(here: PlacementProblem, best: Found, trials: Evaluator) -> np.
 
 
 def _reached(judge: ObjectiveFunction, moved: np.ndarray, reach: np.ndarray, value: float) -> np.ndarray:
-    """Distances (2,) at which LOSSES are reached on the way out through `moved` (n, k, 2), nan where they are not.
+    """Distances (2,) at which LOSSES are reached outwards through `moved` (n, k, 2), nan if they are not.
 
-    From the middle outwards until the larger loss is passed, inwards until the smaller is not; between two distances
-    the loss is taken for a power of the distance, as it is about an optimum.
+    From the middle outwards until the larger loss is exceeded, inwards until the smaller is not. Between two distances
+    the loss is taken as a power of the distance, as near an optimum.
     """
     losses: dict[int, float] = {}
 
@@ -455,7 +458,7 @@ def _at(places: np.ndarray) -> str:
 
 
 def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: str) -> None:
-    """What runs say of the best placements, and of those that they spoke against."""
+    """Write results of runs of the best placements, and of those that runs contradicted."""
     counts = sorted(outcome.found)
     errors, runs = np.full((len(counts), 3, 3), np.nan), np.zeros(len(counts), np.int64)
     known = {count: outcome.confirmed[count] for count in counts if count in outcome.confirmed}
@@ -483,8 +486,10 @@ def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: st
 
 
 def _requirements(draft: ResultBuilder, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
-    """What becomes of the requirements with each number of pseudolites and without any, and what of them no placement
-    meets; nothing where there are none."""
+    """Write verdicts for each number of pseudolites and for none, and requirements that no placement meets.
+
+    Writes nothing without requirements.
+    """
     asked = here.requirements
     if asked is None:
         return []
@@ -521,7 +526,7 @@ def _requirements(draft: ResultBuilder, here: PlacementProblem, outcome: SearchO
 
 
 def _missed(one: Fulfilment) -> str:
-    """A figure that is not what is asked for, in words."""
+    """A missed requirement in words."""
     figure = f"{one.value[0]:.4g} of {one.limit:g}"
     if not np.isfinite(one.utilisation):
         return f"{figure}, no size would do"
@@ -529,7 +534,7 @@ def _missed(one: Fulfilment) -> str:
 
 
 def _findings(here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
-    """What the full analysis finds in the best placements; nothing in those judged by geometry."""
+    """Findings of the full analysis of the best placements; none for those evaluated by geometry."""
     if here.found is None:
         return []
     counts = sorted(outcome.found)

@@ -21,38 +21,50 @@ from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm, wahba
 
 @dataclass(frozen=True)
 class Standstill:
-    """A time without motion: begin, end s; mean rate and specific force (3,), and 1 sigma of a sample (3,); since: the
-    body stands from then on, s, of which begin .. end is the last part."""
+    """A time without motion."""
 
     since: float
+    """Start of the standstill, s; begin .. end is its last part."""
     begin: float
+    """s."""
     end: float
+    """s."""
     rate: np.ndarray
+    """(3,) mean."""
     force: np.ndarray
+    """(3,) mean specific force."""
     rate_sigma: np.ndarray
+    """(3,) 1 sigma of a sample."""
     force_sigma: np.ndarray
+    """(3,) 1 sigma of a sample."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Where the navigation starts: time s, quaternion (4,) b -> n, covariance (3, 3) of the attitude error in NED,
-    rad2, gyro bias (3,) rad/s and its 1 sigma (3,), from when and until when (s) data were used."""
+    """Initial attitude and gyro bias."""
 
     time: float
+    """s."""
     quaternion: np.ndarray
+    """(4,) body to NED."""
     covariance: np.ndarray
+    """(3, 3) of the attitude error in NED, rad2."""
     gyro_bias: np.ndarray
+    """(3,) rad/s."""
     gyro_sigma: np.ndarray
+    """(3,) 1 sigma of the bias."""
     since: float
+    """First time of the data used, s."""
     until: float
+    """Last time of the data used, s."""
 
 
 WINDOW = 1.0
-"""Length of the pieces judged for standstill, s."""
+"""Length of the pieces that are tested for standstill, s."""
 STILL_RATE, STILL_FORCE, STILL_SPEED = 0.05, 0.5, 0.5
 """Largest scatter (1 sigma) of rate, rad/s, and specific force, m/s2, and largest speed, m/s, of a standstill."""
 STILL_WAY = 10.0
-"""Distance that fixes of a body at rest may be apart beside `STILL_SPEED` times their interval, m."""
+"""Largest distance of fixes of a body at rest, m, in addition to `STILL_SPEED` times their interval."""
 AT_REST = 3.0
 """Mean rate and specific force of a body at rest are those of the Earth within this many sigmas of the biases."""
 TURNED, TILTED = 0.01, 0.1
@@ -63,13 +75,13 @@ SHORTEST, LONGEST = 3.0, 30.0
 STEP = 10.0
 """Time from one attempt at an alignment to the next, s."""
 BRIDGED = 1.0
-"""Longest interval without samples that an alignment is carried across, s."""
+"""Longest gap between samples across which an alignment is propagated, s."""
 _PIECE = 1.0
 """Length of the pieces that velocities are compared over, s."""
 _USUAL = 5.0
 """Pieces longer than this many usual ones, and sample intervals likewise, have something missing in them."""
 _CAUTION = 4.0
-"""Factor on the formal covariance: residuals of neighbouring pieces hang together."""
+"""Factor on the formal covariance, since residuals of neighbouring pieces are correlated."""
 _G, _GRAVITY_VARIES = 9.8, 0.05
 """Gravity, and by how much it differs from place to place, m/s2."""
 
@@ -297,7 +309,7 @@ def _integrated_force(
 
 
 def _gained(since: np.ndarray, velocity: np.ndarray, llh: np.ndarray) -> np.ndarray:
-    """The same integral from the fixes: velocity less gravity and the turning of the axes, in NED of time 0 [1]."""
+    """`_carried` from the fixes: velocity minus gravity and the rotation of the axes, in NED of time 0 [1]."""
     from scipy.spatial.transform import Rotation
 
     gravity: np.ndarray = np.linalg.norm(earth.gravity_ecef(earth.ecef_from_llh(llh)), axis=1)

@@ -48,7 +48,7 @@ RAREST = 5.0
 PLAUSIBLE = (0.6, 1.8)
 """Mean specific force of a flight over gravity: circuits and turns have 1 to 1.5."""
 NEAR = (0.8, 1.3)
-"""The same when a unit is to explain it."""
+"""`FITS` for the explanation by a unit."""
 STEADY = 0.4
 """Spread of specific force over its mean that a flight has at most; rates of rotation spread more."""
 WINDOW = 10.0
@@ -57,15 +57,16 @@ SHORTEST_WAYS, SHORTEST_CLIMBS = (15.0, 4.0), (8.0, 3.0)
 """Pieces of a shorter way or climb, m, do not count: positions wander. The second is for flights that have too few
 longer ones: of these only a correction that explains them is a mistake."""
 FITS, MISFITS = 0.35, 0.5
-"""Difference of two ways over their mean, median of all pieces: a fit up to the one, none from the other on."""
+"""Difference of two displacements over their mean, median of all pieces: a fit up to the first, none from the second
+on."""
 ACCEPTED = 0.15
-"""What a correction must reach."""
+"""Fit that a correction must reach."""
 LEAST_SCATTER = 0.02
 """Scatter of a way about its velocities' over its length that is always allowed for: accelerations between fixes."""
 MOST_SECONDS = 600.0
 """Longest part of a flight, from its first motion on, that sensors are compared over."""
 STEP = 0.1
-"""Steps that attitudes are carried over, s."""
+"""Steps of the attitude integration, s."""
 PIECE, PIECES = 1.0, 15
 """Length of a piece, s, and pieces in a window with one rotation."""
 OFFSETS = 40.0
@@ -82,8 +83,8 @@ LIKELY = 9.0
 APART = 2.0
 """Offsets of the clocks farther apart than this, s, are different ones."""
 WORSE, CERTAIN = 1.25, 20.0
-"""A fit is worse than the best when its residual is that many times larger and its chi-square, reduced by a factor of
-four for residuals that hang together, that much."""
+"""A fit is worse than the best if its residual is larger by the first factor and its chi-square by the second number.
+The chi-square is divided by four for correlated residuals."""
 MOVING, HEADING_SIGMA = 3.0, 0.2
 """Speed, m/s, from which on, and 1 sigma of the heading, rad, up to which a course shows where the nose points."""
 ALONG = 0.75
@@ -95,17 +96,20 @@ _NUDGE = 1e-6
 SHORT_LIST = 40
 """Hypotheses that are fitted with biases, the best without."""
 LEAST_RESIDUAL = 0.05
-"""1 sigma of what no hypothesis explains, m/s: differences below it decide nothing."""
+"""1 sigma that no hypothesis explains, m/s: smaller differences decide nothing."""
 LEAST_WEIGHT = 0.1
-"""Least weight of the vertical velocity beside the horizontal one."""
+"""Least weight of the vertical velocity relative to the horizontal one."""
 VELOCITY_SIGMA = 0.3
-"""1 sigma of a piece's change of velocity against which the biases' is weighed, m/s."""
+"""1 sigma of a piece's velocity change, relative to that of the biases, m/s."""
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """A probable mistake: evidence in numbers; what seems to be the case; remedies, any one of which would explain it,
-    each the keys of the log and their values. It is reported at the file of the first key, or `without_remedy`."""
+    """A probable mistake in how a recording is written.
+
+    It has the evidence in numbers, a statement of what seems wrong, and remedies. Any one remedy would explain it; each
+    is a set of keys of the log with values. It is reported at the file of the first key, or `without_remedy`.
+    """
 
     evidence: str
     seems: str
@@ -142,7 +146,7 @@ class Log:
     imu: ImuConvention = conventions.IMU_AS_DUE
     gnss: GnssConvention = conventions.GNSS_AS_DUE
     latency: float | None = None
-    """Of the fixes, s; None: to be tuned."""
+    """Latency of the fixes, s; None: to be tuned."""
     first: float = -np.inf
     """First time for the checks of the sensors, s; `last` likewise."""
     last: float = np.inf
@@ -152,20 +156,20 @@ class Log:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Mistakes in the order in which they are to be cured; what the motion does not show, so that a mistake in it would
-    pass."""
+    """Mistakes in the order of their correction, and quantities that the motion does not show, in which a mistake would
+    remain."""
 
     mistakes: list[Mistake]
     not_judged: list[str]
 
 
 def diagnose(log: Log) -> list[Mistake]:
-    """All mistakes that can be told from a recording, in the order in which they are to be cured."""
+    """All detectable mistakes of a recording, in the order of their correction."""
     return examine(log).mistakes
 
 
 def examine(log: Log) -> Diagnosis:
-    """The mistakes of a recording, and what of it cannot be judged."""
+    """Mistakes of a recording, and quantities that cannot be checked."""
     unseen: list[str] = [NEVER_JUDGED]
     found, log = times(replace(log, fixes=log.fixes.take(plausible(log.fixes))))
     more, log = scales(log)
@@ -314,8 +318,10 @@ def scales(log: Log) -> tuple[list[Mistake], Log]:
 
 
 def _strength(samples: Samples, values: np.ndarray) -> tuple[float, float]:
-    """Median of the norms of means over about a second, and half the spread of their middle four fifths over it: in
-    means vibration is gone, gravity is not."""
+    """Median of the norms of means over about a second, and half the spread of their middle four fifths over it.
+
+    Means remove vibration but not gravity.
+    """
     count = max(1, round(1.0 / float(np.median(np.diff(samples.time)))))
     starts = np.arange(0, values.shape[0], count)
     sizes = np.diff(np.append(starts, values.shape[0]))
@@ -328,9 +334,10 @@ def _strength(samples: Samples, values: np.ndarray) -> tuple[float, float]:
 
 
 def ways(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
-    """Angles, heights, speeds, axes of the velocity: what positions change by must be what the velocity adds up to.
+    """Check angles, heights, speeds and axes of the velocity: position changes must equal the integrated velocity.
 
-    unseen: is told what cannot be judged."""
+    unseen: receives messages about quantities that cannot be checked.
+    """
     found: list[Mistake] = []
     if not log.sentences:  # their positions are on Earth, or they are corrupt
         found, log = _angles(log)
@@ -380,7 +387,7 @@ def _angles(log: Log) -> tuple[list[Mistake], Log]:
 
 
 def _climbs(log: Log) -> bool:
-    """Whether enough pieces climb or descend to judge the vertical velocity."""
+    """Whether enough pieces climb or descend to check the vertical velocity."""
     way, summed = _moved(log.fixes)
     return bool(np.isfinite(_relative_residual(way[:, 2:], summed[:, 2:], SHORTEST_CLIMBS)[0]))
 
@@ -406,8 +413,11 @@ def _exchanged(log: Log) -> tuple[Log, dict[str, Any]]:
 
 
 def _moved(fixes: Fixes) -> tuple[np.ndarray, np.ndarray]:
-    """Changes of position and integrals of velocity (w, 3), NED m, over pieces of `WINDOW` seconds without holes, of
-    the fixes that have a horizontal velocity; the vertical ones nan where it is not known throughout."""
+    """Position changes and integrated velocity (w, 3), NED m, over pieces of `WINDOW` seconds without holes.
+
+    For fixes with a horizontal velocity. The vertical components are nan unless the vertical velocity is known
+    throughout.
+    """
     usual = float(np.median(np.diff(fixes.time)))
     fixes = fixes.take(np.isfinite(fixes.velocity[:, :2]).all(axis=1))
     time = fixes.time
@@ -444,7 +454,7 @@ def _relative_residual(way: np.ndarray, summed: np.ndarray, shortest: tuple[floa
 
 
 _LEVEL = [m for m in (axes_matrix(name, LEVEL_AXES) for name in conventions.all_axes(LEVEL_AXES)) if m[2, 2] == 1.0]
-"""The eight ways to point two columns north and east, the third down."""
+"""The eight ways to assign two columns to north and east, the third down."""
 
 
 def _level(log: Log) -> tuple[list[Mistake], Log]:
@@ -507,8 +517,8 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
 
 
 def _speed(log: Log, way: np.ndarray, summed: np.ndarray) -> tuple[list[Mistake], Log]:
-    """Units of the speed that are near the one written, as miles an hour are to knots, of velocities that point along
-    their ways (w, 2)."""
+    """Speed units similar to the one written, such as miles an hour and knots, for velocities along the displacements
+    (w, 2)."""
     slope = _Slope.of(way, summed)
     if slope is None or slope.misfit(1.0) <= CERTAIN:
         return [], log
@@ -537,7 +547,8 @@ def _ratio(value: float) -> str:
 
 
 def _simplest(options: list[tuple[int, float]], as_written: float) -> list[int]:
-    """Which of (changes, residual) explain the ways: those of the fewest changes that fit well and nearly best."""
+    """Options (changes, residual) that explain the displacements: those with the fewest changes and nearly the best
+    fit."""
     fits = [i for i, (_, m) in enumerate(options) if m <= ACCEPTED or (m <= FITS and m <= 0.25 * as_written)]
     if not fits:
         return []
@@ -549,15 +560,18 @@ def _simplest(options: list[tuple[int, float]], as_written: float) -> list[int]:
 
 @dataclass(frozen=True)
 class _Slope:
-    """Changes of position over what the velocities add up to, by one factor. Either side may have all the noise, so it
-    is between a regression and the inverse of the other's: both slopes, and 1 sigma of each."""
+    """Ratio of position changes to integrated velocities.
+
+    Either side may have all the noise, so the ratio is between a regression and the inverse of the reverse regression.
+    Both slopes are kept, with 1 sigma of each.
+    """
 
     slope: tuple[float, float]
     sigma: tuple[float, float]
 
     @classmethod
     def of(cls, way: np.ndarray, summed: np.ndarray) -> _Slope | None:
-        """The slope of ways (w, d) against velocities' (w, d); None where they scatter too much to have one."""
+        """Slope of displacements (w, d) over integrated velocities (w, d); None if they scatter too much."""
         slope, sigma = zip(_regressed(way, summed), _regressed(summed, way), strict=True)
         certain = all(abs(value) > CERTAIN**0.5 * error for value, error in zip(slope, sigma, strict=True))
         return cls(slope, sigma) if certain and slope[0] * slope[1] > 0.0 else None
@@ -579,7 +593,7 @@ class _Slope:
 
 
 def _regressed(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
-    """Slope of y (w, d) over x (w, d) through nought and its 1 sigma, each piece having a scatter of its own [3]."""
+    """Slope of y (w, d) over x (w, d) through zero and its 1 sigma, with an individual scatter of each piece [3]."""
     xx = np.sum(x * x, axis=1)
     pieces = float(xx.sum()) ** 2 / max(float(np.sum(xx**2)), 1e-12)
     if pieces <= 1.5:
@@ -590,7 +604,10 @@ def _regressed(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
 
 
 def _vertical(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
-    """Sign and unit of the vertical velocity, unit of the height. unseen: is told what cannot be judged."""
+    """Check sign and unit of the vertical velocity, and unit of the height.
+
+    unseen: receives messages about quantities that cannot be checked.
+    """
     way, summed = _moved(log.fixes)
     down, added = way[:, 2:], summed[:, 2:]
     if np.isnan(_relative_residual(down, added, SHORTEST_CLIMBS)[0]):
@@ -697,7 +714,7 @@ class _Hypothesis:
     accel_sign: float = 1.0
     """Sign of the accelerometers."""
     offset: float = 0.0
-    """Of the fixes' times, s."""
+    """Offset of the fixes' times, s."""
     reading: int = 0
     """Another interpretation of the fixes, with its keys."""
 
@@ -798,9 +815,9 @@ def gained(fixes: Fixes, scale: np.ndarray, piece: float = PIECE, pieces: int = 
 
 
 def fitted(flight: _Carried, target: _Gained, windows: np.ndarray, hypothesis: _Hypothesis, bias: np.ndarray) -> _Fit:
-    """The hypothesis against the velocities, with one free rotation for each window and biases common to all.
+    """Fit of a hypothesis to the velocities, with one free rotation for each window and common biases.
 
-    windows: (w, k) of pieces within the samples. bias: what `carried` has taken off.
+    windows: (w, k) of pieces within the samples. bias: removed by `carried`.
     """
     turn = _PROPER[hypothesis.turn]
     edges = target.edges + hypothesis.offset
@@ -849,8 +866,11 @@ def _pointing(
     rotation: np.ndarray,
     scatter: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where down, and the velocity, point on the average in the axes of a hypothesis: both (3,), of length 1 where they
-    never differ. Velocities count where the window shows the heading and where they are faster than `MOVING`."""
+    """Mean directions of down and of the velocity in the axes of a hypothesis, (3,) each, of length 1 if they never
+    differ.
+
+    Velocities count if the window shows the heading and they are faster than `MOVING`.
+    """
     turn = _PROPER[hypothesis.turn]
     attitude = np.einsum("xa,nab,yb->nxy", turn, flight.at(flight.attitude, target.edges + hypothesis.offset), turn)
     middle = attitude[windows]
@@ -879,7 +899,7 @@ def _crosses(vectors: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Interpretation:
-    """The fixes under one reading, with all velocities, and what it takes to read them so."""
+    """The fixes under one interpretation, with all velocities, and the keys for it."""
 
     fixes: Fixes
     log: Log
@@ -889,7 +909,7 @@ class _Interpretation:
 
 
 def _readings(log: Log) -> list[_Interpretation]:
-    """As written first; others where no velocity tells whether positions are read rightly."""
+    """Interpretations of the fixes: as written first; others only if no velocity confirms the positions."""
     same = np.ones(3)
     logs: list[tuple[Log, Mapping[str, Any], str, np.ndarray]] = [(log, {}, "", same)]
     known = np.isfinite(log.fixes.velocity)
@@ -918,7 +938,7 @@ def _readings(log: Log) -> list[_Interpretation]:
 
 
 def _usual_offset(log: Log) -> tuple[float, tuple[float, float]]:
-    """What the times of samples less those of fixes usually are, s, and between which bounds it is no mistake."""
+    """Usual times of samples minus times of fixes, s, and the bounds within which it is no mistake."""
     if log.latency is not None:
         return -log.latency, (-log.latency - 0.5, -log.latency + 0.5)
     return -0.1, USUAL_OFFSET
@@ -942,8 +962,8 @@ def _compared(log: Log) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Explanation:
-    """What a fit says of the log: keys to write, what they mean, how many things change, whether it is a usual mistake,
-    its mean square, and the log corrected."""
+    """Interpretation of a fit: keys to write, their meaning, number of changes, whether it is a usual mistake, its mean
+    square, and the corrected log."""
 
     remedy: Mapping[str, Any]
     seems: str
@@ -1001,9 +1021,11 @@ class _Judge:
     def clocks(
         self, flight: _Carried, offsets: np.ndarray, tolerated: tuple[float, float]
     ) -> tuple[float, list[float], float] | None:
-        """The best offset of those tolerated; the best of all others that can be judged, with those that are as good;
-        and the smallest one that cannot be judged, s. All else is as written, and no biases are looked for. None
-        where no offset that is tolerated can be judged."""
+        """Best tolerated clock offset; best other offset with equally good ones; smallest offset that cannot be
+        checked, s.
+
+        All else is as written, without biases. None if no tolerated offset can be checked.
+        """
         target = self.targets[0]
         squares = np.full((offsets.size, self.windows.shape[0]), np.nan)
         for row, offset in enumerate(offsets):
@@ -1047,7 +1069,7 @@ class _Judge:
         return replace(found, square=square)
 
     def fits(self, flight: _Carried, hypotheses: list[_Hypothesis], bias: np.ndarray) -> list[_Fit]:
-        """Those of the hypotheses that can be judged."""
+        """Fits of the hypotheses that can be checked."""
         return [fit for fit in (self.fit(flight, h, bias) for h in hypotheses) if fit is not None]
 
 
@@ -1170,7 +1192,7 @@ _OF_TIMES = {"gnss.time_offset_s", "gnss.latency_s"}
 
 
 def _without_seem(words: str) -> str:
-    """What seems to be the case, as a noun."""
+    """The statement of a mistake as a noun phrase."""
     for seem, is_so in ((" seem to have ", " with "), (" seem to be ", " "), (" seem to ", " "), (" seems ", " ")):
         words = words.replace(seem, is_so)
     return words
@@ -1182,7 +1204,7 @@ def _turns_forward(explanation: _Explanation) -> bool:
 
 
 def _always(hypothesis: _Hypothesis, offset: float) -> bool:
-    """Whether a hypothesis is a usual mistake of one triad, or a unit of the gyros, at the offset as it is."""
+    """Whether a hypothesis is a usual mistake of one triad, or a unit of the gyros, at the offset as written."""
     if hypothesis.offset != offset or hypothesis.reading:
         return False
     apart = hypothesis.accel @ hypothesis.gyro
@@ -1214,8 +1236,8 @@ def _evidence(home: _Fit, as_written: float, best: _Explanation) -> str:
 def _explained(
     log: Log, readings: list[_Interpretation], fit: _Fit, square: float, tolerated: tuple[float, float]
 ) -> list[_Explanation]:
-    """What a fit says of the log, for each cure of its times and each way of pointing its axes that gravity and the
-    velocity allow."""
+    """Interpretations of a fit, for each correction of its times and each orientation allowed by gravity and
+    velocity."""
     hypothesis = fit.hypothesis
     reading = readings[hypothesis.reading]
     remedy, seems, changes = dict(reading.remedy), [reading.seems] if reading.seems else [], int(bool(reading.seems))
@@ -1239,8 +1261,11 @@ def _explained(
 
 
 def _of_times(log: Log, offset: float) -> list[tuple[str, float, str]]:
-    """What cures an offset of the times of samples less those of fixes, s: key, value, and what is the case. If a
-    latency is given, it or the clocks may be wrong: the motion shows only their sum. The more usual comes first."""
+    """Corrections of an offset of the sample times minus the fix times, s: key, value, and statement.
+
+    If a latency is given, it or the clocks may be wrong: the motion shows only their sum. The more usual one comes
+    first.
+    """
     apart = offset + (log.latency or 0.0)
     whole = round(apart)
     shift = float(whole) if abs(apart - whole) < 0.35 else round(apart, 1)
@@ -1304,7 +1329,7 @@ def _in_words(letters: str) -> str:
 
 
 def _change_in_words(name: str, change: np.ndarray) -> tuple[str, bool]:
-    """What a correction (3, 3) of one triad means, and whether it is a usual mistake."""
+    """Meaning of a correction (3, 3) of one triad, and whether it is a usual mistake."""
     axes = np.array(["x", "y", "z"])
     if np.array_equal(change, -np.eye(3)):
         gravity = " (a log of gravity instead of specific force)" if name == "accelerometer" else ""

@@ -1,12 +1,12 @@
-"""A recorded flight through the filter: increments from samples, fixes as they came, nothing simulated.
+"""A recorded flight through the filter: increments from samples, fixes as they arrived, nothing simulated.
 
-A fix that arrived late is used for the time it was valid, and the answer at each output time is what could be known
-then: see `filter.filter_loop`. Where samples are missing, the flight goes on with interpolated motion and a process
-noise that knows it; smoothing carries across.
+A late fix is used at its time of validity, and the output at each time uses what was known then: see
+`filter.filter_loop`. Across missing samples, the motion is interpolated with a corresponding process noise; the
+smoother runs across them.
 
-A flight has several parts where the filter cannot go on: samples are missing for longer than the attitude survives, or
-the filter contradicts its fixes for so long that it is lost. Each part starts anew, and is filtered or smoothed by
-itself.
+A flight has several parts if the filter cannot continue: samples are missing for longer than the attitude survives, or
+the filter contradicts its fixes for so long that it is lost. Each part starts anew, and is filtered or smoothed
+separately.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from navsim.gnss.dop import geometry_covariance
 from navsim.replays.alignment import Alignment
 
 _ACCELERATION = 5.0
-"""1 sigma of what an aircraft may accelerate between a fix and the alignment, m/s2."""
+"""1 sigma of an aircraft's acceleration between a fix and the alignment, m/s2."""
 _STALE = 3.0
 """A start is taken from the fix after the alignment where the one before it is older by this, s."""
 SURVIVED = np.radians(15.0)
-"""1 sigma of attitude after missing samples up to which a filter goes on, rad."""
+"""Largest 1 sigma of attitude after missing samples with which a filter continues, rad."""
 CONTRADICTED, LEAST_REJECTED = 0.75, 3
 """Share of the fixes, and their number, that a filter rejects which contradicts them."""
 RETURNED = 0.5
@@ -45,14 +45,18 @@ GAP, CONTRADICTION = "no samples", "the filter contradicted its fixes"
 
 @dataclass(frozen=True)
 class Sensed:
-    """What the sensors measured: imu_time (n + 1,) s; dtheta, dv (n, 3) increments; gaps: (first sample, length s) of
-    missing samples; rate_scatter, force_scatter: (3,) 1 sigma of the samples."""
+    """Inertial measurements."""
 
     imu_time: np.ndarray
+    """(n + 1,) s."""
     dtheta: np.ndarray
+    """(n, 3) increments."""
     dv: np.ndarray
+    """(n, 3) increments."""
     gaps: tuple[tuple[int, float], ...]
+    """First sample and length, s, of missing samples."""
     rate_scatter: np.ndarray
+    """(3,) 1 sigma of the samples, as `force_scatter`."""
     force_scatter: np.ndarray
 
 
@@ -67,8 +71,7 @@ class KnownStart:
 
     @property
     def alignment(self) -> Alignment:
-        """The attitude and gyro biases as of an alignment that is finished at once; nothing is said of how good the
-        biases are: a filter knows it."""
+        """Attitude and gyro biases as an instantaneous alignment. It has no bias sigma, which a filter knows."""
         attitude = self.navigation[states.NAV_QUAT : states.NAV_HELD]
         covariance = np.diag(self.sigma[states.ATT : states.SENSORS] ** 2)
         gyro_bias = self.navigation[states.NAV_GYRO : states.NAV_ACCEL]
@@ -119,7 +122,7 @@ class RecordedFlight(Sensed):
     course: np.ndarray
     """(m,) rad, likewise."""
     start: PartStart
-    """Of the first part."""
+    """Start of the first part."""
     restart: Callable[[float], PartStart | None]
     """Start of the next part at or after a time; None without one."""
     patience: float
@@ -199,11 +202,11 @@ class Replayed:
         return roll_pitch_yaw(dcm_from_quaternion(self.navigation[:, states.NAV_QUAT : states.NAV_HELD]))
 
     def surprise(self, counted: np.ndarray, of_rejected: np.ndarray) -> float:
-        """Minus the logarithm of the likelihood of the counted fixes' innovations, up to a constant.
+        """Negative log-likelihood of the counted fixes' innovations, up to a constant.
 
-        The determinant of an innovation covariance is taken as the product of its diagonal: the noise of the fixes is
-        uncorrelated, and what the filter's own uncertainty adds is small beside it. A rejected measurement counts
-        `of_rejected`, () of all or (m,) of each fix, however far off it is: as one of another, wide distribution.
+        The determinant of an innovation covariance is approximated by the product of its diagonal: the noise of the
+        fixes is uncorrelated, and the filter's own uncertainty is small beside it. A rejected measurement counts
+        `of_rejected`, () of all or (m,) of each fix, whatever its size, as if from another, wide distribution.
         """
         seen = counted & (self.degrees > 0) & (self.status != REJECTED)
         told = 0.5 * np.sum(self.innovation_squared[seen]) + np.sum(self.log_sigma[seen])
@@ -211,10 +214,10 @@ class Replayed:
 
 
 def increments(samples: Samples, begin: float, longest_gap: float, averaged: bool) -> Sensed:
-    """What the sensors measured from `begin` (s) on.
+    """Inertial measurements from `begin` (s) on.
 
-    longest_gap: s between samples from which on they count as missing. averaged: a sample is the mean since the one
-    before; otherwise increments are the trapezoid of the samples at both ends.
+    longest_gap: interval from which samples count as missing, s. averaged: a sample is the mean since the one before;
+    otherwise increments are the trapezoid of the samples at both ends.
     """
     keep = samples.time >= begin
     imu_time = np.concatenate([[begin], samples.time[keep]])
@@ -305,8 +308,8 @@ def prepare(
 def _start_at(
     alignment: Alignment, fixes: Fixes, filled: Fixes, over: np.ndarray, latency: float, last: float
 ) -> PartStart:
-    """The start at an alignment by the fix nearest to it; filled, over: as of `Fixes.with_velocity`; last: the end of
-    the flight, s."""
+    """Start at an alignment from the nearest fix; filled, over: as of `Fixes.with_velocity`; last: the end of the
+    flight, s."""
     begin, valid = alignment.time, fixes.time - latency
     known = np.isfinite(filled.velocity).all(axis=1)
     before = np.flatnonzero(known & (valid <= begin + 1e-9))
@@ -334,7 +337,7 @@ def _among(values: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _FlightInputs:
-    """What all parts of a flight are flown with, as `fly` takes it."""
+    """Common inputs of all parts of a flight, see `fly`."""
 
     flight: RecordedFlight
     beliefs: Beliefs
@@ -351,8 +354,7 @@ class _FlightInputs:
 
 @dataclass(frozen=True)
 class _Part:
-    """A part of a flight: numbers (k,) of the fixes in it and when they came, s; what the filter made of them, and its
-    covariance (t, n, n)."""
+    """A part of a flight: numbers (k,) and arrivals, s, of its fixes; filter output with covariance (t, n, n)."""
 
     rows: np.ndarray
     arrival: np.ndarray
@@ -437,14 +439,14 @@ def _taken_after(given: _FlightInputs, begin: PartStart, end: float, gap: tuple[
 
 
 def _lost(begin: PartStart | None, first: float, last: float, why: str, jump: np.ndarray, until: float) -> LostSpan:
-    """What was lost from `first` to the next start, or to the end of the flight."""
+    """Lost span from `first` to the next start, or to the end of the flight."""
     end = until if begin is None else max(last, begin.alignment.time)
     return LostSpan(first, min(end, until), why, jump, ended=begin is None)
 
 
 def _contradiction(part: _Part, patience: float) -> tuple[int, int] | None:
-    """The first fixes of a part, of its rows, that the filter rejects, nearly all of them, for `patience` seconds:
-    first and last of them."""
+    """First streak of fixes in a part, `patience` seconds long, of which the filter rejects nearly all: first and last
+    row."""
     seen = part.seen
     weighed = seen.degrees > 0 if not seen.range_status.size else (seen.range_status != NOT_USED).any(axis=1)
     of_ranges = 2 * (seen.range_status == REJECTED).sum(axis=1) > (seen.range_status != NOT_USED).sum(axis=1)
@@ -464,11 +466,10 @@ def _contradiction(part: _Part, patience: float) -> tuple[int, int] | None:
 def _after_contradiction(
     given: _FlightInputs, part: _Part, streak: tuple[int, int], lost: list[LostSpan], jump: np.ndarray
 ) -> PartStart | None:
-    """The start after fixes that the filter contradicted, at the last of them; lost: so far.
+    """Start after fixes that the filter contradicted, at the last of them; lost: spans so far.
 
-    Where the fixes have moved as the inertial sensors say, either they or the position are off by a constant, and
-    attitude and biases are kept. Otherwise, and where a filter was lost the same way shortly before, the attitude is
-    searched anew.
+    If the fixes have moved as the inertial sensors did, either they or the position has a constant error; attitude and
+    biases are kept. Otherwise, or if a filter was lost in the same way shortly before, the attitude is aligned anew.
     """
     flight, seen = given.flight, part.seen
     first, last = streak
@@ -504,7 +505,7 @@ def _cancel(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def _joined(given: _FlightInputs, parts: list[_Part], lost: tuple[LostSpan, ...], count: int) -> Replayed:
-    """The parts of a flight as one, with its first `count` fixes; what no part has of them is not used."""
+    """The parts of a flight as one, with its first `count` fixes; fixes outside of all parts count as unused."""
     last = -np.inf
     kept = []
     for part in parts:
@@ -529,7 +530,7 @@ def _joined(given: _FlightInputs, parts: list[_Part], lost: tuple[LostSpan, ...]
 
 
 def _merged(lost: tuple[LostSpan, ...]) -> tuple[LostSpan, ...]:
-    """The same where fixes that left for a while and came back are one time: those in between were off."""
+    """Merge lost spans if fixes jumped away and came back: those in between were wrong."""
     out: list[LostSpan] = []
     for one in lost:
         if out and out[-1].why == one.why == CONTRADICTION and _cancel(out[-1].jump, one.jump):
@@ -539,8 +540,7 @@ def _merged(lost: tuple[LostSpan, ...]) -> tuple[LostSpan, ...]:
 
 
 def _cut(flight: RecordedFlight, begin: float, end: float) -> tuple[ImuData, slice]:
-    """The increments from `begin` to at least `end`, s, and of which intervals they are; the first is cut in
-    proportion."""
+    """Increments from `begin` to at least `end`, s, and their intervals; the first is cut in proportion."""
     first = int(np.searchsorted(flight.imu_time, begin + 1e-9, side="right")) - 1
     last = max(first + 1, int(np.searchsorted(flight.imu_time, end - 1e-9)))
     within = slice(first, last)
@@ -651,7 +651,7 @@ def _noise_of_fixes(ranges: Ranges, llh: np.ndarray, sigma: tuple[float, float],
 def _table_of(
     ranges: Ranges, heard: np.ndarray, scales: tuple[int, ...], sigma: tuple[float, float], lever_arm: np.ndarray
 ) -> RangeTable:
-    """The ranges that are heard (m, s) as a filter with the clock of these time scales takes them."""
+    """Table of the received ranges (m, s) for a filter with the clock of these time scales."""
     source = np.nonzero(heard)[1]
     slant = ranges.slant[heard]
     return RangeTable(

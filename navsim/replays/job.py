@@ -15,7 +15,7 @@ from navsim.scenario.source import Document
 from navsim.words import option
 
 _READ_MEMORY = 600
-"""A sample or fix of a recording while it is read and judged, bytes."""
+"""Memory for a sample or fix of a recording while it is read and checked, bytes."""
 _SPAN_MEMORY = 400
 """An outage, bytes."""
 _REPLAYED_MEMORY = 3000
@@ -23,7 +23,7 @@ _REPLAYED_MEMORY = 3000
 
 
 class ReplayJob:
-    """Read, aligned, tuned, flown through the filter; none of the work is kept."""
+    """Job of a recorded flight: read, align, tune, filter. It keeps no partial work."""
 
     suffix, unit, work, pieces, even = "", "tuning flights", "", 0, False  # it ends where it has converged
     recording: replay.Recording

@@ -1,9 +1,8 @@
-"""A landing of which the receiver or the IMU is real: lines in, filter on, a result at the end.
+"""Live landing with a real receiver or IMU: read lines, run the filter, write a result at the end.
 
 Receiver lines are NMEA sentences or rows `t_s,lat_deg,lon_deg,h_m,vn_m_s,ve_m_s,vd_m_s`; IMU lines are rows
-`t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2`, each the mean since the row before. What their times are in
-the flight is settled by `source_clock`. A fix is valid at its time and comes `receiver.latency_s` later, as in a
-landing.
+`t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2`, each the mean since the row before. `source_clock` converts
+their times. A fix arrives `position_fix.latency_s` after its time of validity, as in a landing.
 """
 
 from __future__ import annotations
@@ -54,11 +53,11 @@ _OF_NMEA = {
     "no_separation": "no_separation",
     "other": "other",
 }
-"""What the assembler of sentences counts, by the name it has here."""
+"""Counters of the sentence assembler by their names here."""
 _LEFT_OUT = ("estimated", "manual", "simulated", "no_checksum")
-"""Counts of what looks like fixes and is left out: the user hears of each."""
+"""Counters of omitted lines that look like fixes; each is reported to the user."""
 _NO_FIX = ("corrupt", "empty", "untimed", "no_height", *_LEFT_OUT)
-"""Counts of what a receiver of use sends seldom, and no fix can be made of."""
+"""Counters of lines without a usable fix, which a good receiver seldom sends."""
 _LIMITS = {"lat": 90.0, "lon": 360.0, "h": 1e5, "v": 2000.0, "rate": 100.0, "force": 2000.0}
 _OVER = 10
 """Messages in a row from beyond the end of the flight after which it is over."""
@@ -70,15 +69,17 @@ _SLICE = 0.2
 _BEST_FIX = 1.0
 """No receiver is asked for fixes better than this, m an axis, also where the scenario has signals without errors."""
 FEWEST_USED = 0.1
-"""Share of what came that must be of use; lines without a fix and corrupt ones count too."""
+"""Least fraction of useful lines; lines without a fix and corrupt ones count as useless."""
 MANY_CORRUPT = 0.05
 """Share of corrupt lines from which the user is warned."""
 MOST_MISPLACED = 0.25
-"""Share of messages out of order or contradicting others beyond which a stream is not one receiver's."""
+"""Largest fraction of messages out of order or in contradiction to others; beyond it the stream is not one
+receiver's."""
 MOST_REJECTED = 1.0 / 3.0
-"""Share of fixes rejected by the gate beyond which what was flown is no landing."""
+"""Largest fraction of fixes rejected by the gate; beyond it the flight is not this landing."""
 MOST_NIS = 100.0
-"""Median normalised innovation squared per degree of freedom, ten sigmas, beyond which what was flown is no landing."""
+"""Largest median normalised innovation squared per degree of freedom, ten sigmas; beyond it the flight is not this
+landing."""
 MOST_OFF = 10.0
 """Median distance of the fixes from the flight, in sigmas of a fix, beyond which they are not of this landing."""
 MOST_ASIDE = 5.0
@@ -156,8 +157,8 @@ class Session:
         return self._beyond >= _OVER or (self.last is not None and self.last > end)
 
     def pump(self, lines: Lines, silence: float, done: Callable[[int], None] = lambda _: None) -> str:
-        """Take lines until the scenario is over, the source ends, `silence` seconds pass without, or it is `stopped`;
-        says which."""
+        """Read lines until the scenario is over, the source ends, `silence` seconds pass, or `stopped` is set; returns
+        which."""
         why = self._pump(lines, silence, done)
         self.finish()
         self.counts["dropped"] += lines.dropped
@@ -201,20 +202,20 @@ class Session:
             self._use(row, "count")
 
     def _warn_of_header(self, lacking: list[str]) -> None:
-        """Warn of a header that lacks columns; without such a header they are the first ones."""
+        """Warn of a header that lacks columns. Without a header the columns are the first ones."""
         if lacking:
             order = ", ".join(self._table.wanted)
             self.tell(f"warning: the header lacks {', '.join(lacking)}; columns are taken in the order {order}")
 
     def finish(self) -> None:
-        """What waited for a successor has none: the last epoch of NMEA sentences, a single message."""
+        """Use the last epoch of NMEA sentences, or a single message, which waited for a successor."""
         last = self.assembler.flush()
         self._from_nmea([] if last is None else [last])
         if self._held is not None:
             self._settle(*self._held)
 
     def _from_nmea(self, rows: list[np.ndarray]) -> None:
-        """Use rows that the assembler gave, and count what it counted meanwhile."""
+        """Use rows from the assembler, and add its counters."""
         nmea = self.assembler
         for name, counted in _OF_NMEA.items():
             now = getattr(nmea, counted)
@@ -237,7 +238,7 @@ class Session:
             self._use(row[:7], "dated" if nmea.dated else "undated")
 
     def _use(self, row: np.ndarray, kind: source_clock.Kind) -> None:
-        """A message (7,); until the clock is settled it waits for one that follows it."""
+        """Use a message (7,); until the clock is determined, it waits for the next one."""
         if self.clock is not None:
             self._place(row)
             return
@@ -278,7 +279,7 @@ class Session:
         return np.einsum("nij,nj->ni", earth.ned_matrix(motion.llh), off)
 
     def _sigma(self, time: np.ndarray) -> np.ndarray:
-        """1 sigma of the scenario's fixes in space nearest to times (n,), m, as what real ones are measured by."""
+        """1 sigma of the scenario's fixes in space nearest to times (n,), m, for the evaluation of real ones."""
         noise = self.noise[self._nearest(time), :3, :3]
         return np.maximum(np.sqrt(np.trace(noise, axis1=1, axis2=2)), _BEST_FIX)
 
@@ -313,7 +314,7 @@ class Session:
         self.last, self._latest = t, row
 
     def _passed(self, row: np.ndarray, other: np.ndarray) -> str:
-        """What to count a message for that does not go with another one."""
+        """Counter for a message that contradicts another one."""
         if abs(row[0] - other[0]) > _SAME_TIME:
             return "late"
         if np.array_equal(row[1:], other[1:], equal_nan=True):
@@ -347,7 +348,8 @@ class Session:
             self.next_fix += 1
 
     def _weigh(self, t: float, llh: np.ndarray, velocity: np.ndarray, epoch: int) -> bool:
-        """A fix of time t, which comes the receiver's latency later, weighed as the scenario's own of an epoch."""
+        """Use a fix of time t, which arrives the receiver's latency later, with the noise of the scenario's fix at an
+        epoch."""
         used = self.filter.weigh(t + self.latency, llh, velocity, self.noise[epoch], epoch)
         if used:
             self.fixes.append((t, llh))
@@ -398,7 +400,7 @@ class Session:
             return math.nan
 
     def result(self) -> Result:
-        """What there is, as far as it came."""
+        """The result so far."""
         left = self.filter.estimates()
         case = self.case
         draft = ResultBuilder(LIVE, {"mixed": ", ".join(dict.fromkeys(case.state_units))})
@@ -446,7 +448,7 @@ class Session:
 
 
 def failures(result: Result) -> list[str]:
-    """Why what was flown is no result; none where it is one."""
+    """Reasons why the flight is not a valid result; empty if it is."""
     count = {name: int(result[f"/stream/{name}"]) for name in COUNTS}
     used = result["/innovations/time"].size
     if not used:
@@ -491,7 +493,7 @@ def failures(result: Result) -> list[str]:
 
 
 def _aside_failures(result: Result) -> list[str]:
-    """Fixes that lie beside the flight, or above or below it, by more than a healthy receiver's."""
+    """Fixes beside, above or below the flight by more than a healthy receiver's errors."""
     out = []
     count = result["/innovations/time"].size
     for name, sides in (("across", ("left of", "right of")), ("up", ("below", "above"))):
@@ -528,7 +530,7 @@ def _why_above(off: float, result: Result) -> str:
 
 
 def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
-    """What of a run the user should hear about, beside `failures`."""
+    """Findings of a run, besides `failures`."""
     said = []
     if lines.strangers:
         others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
@@ -567,7 +569,7 @@ def _explains(session: Session, result: Result, shift: float) -> bool:
 
 
 def _shift(time: np.ndarray, off: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
-    """How far fixes lie ahead of the flight along the track, s, and its 1 sigma; nan where they are too few.
+    """Mean along-track lead of fixes over the flight, s, and its 1 sigma; nan with too few fixes.
 
     time (n,) s, off (n, 3) m, velocity (n, 3) m/s, both NED. The scatter is that of means over spans of time, so that
     noise correlated within a span counts once.

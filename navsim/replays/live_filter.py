@@ -1,7 +1,7 @@
 """Semi-physical modelling: one block of the chain is real and sends its data, the rest is simulated.
 
-The filter goes forward piece by piece: it lives at the time of its newest fix, and increments wait until a fix for
-their time has come. What comes too late, for a time already passed, is counted and left out.
+The filter runs forward piece by piece. It is at the time of its newest fix, and increments wait until a fix for their
+time has arrived. Data for a time already passed are counted and omitted.
 
 Source: `docs/theory/landing.md`.
 """
@@ -23,25 +23,25 @@ from navsim.trajectory.kinematics import Moving
 
 @dataclass
 class Increments:
-    """Increments by time, of which the oldest are used up: time (n + 1,) s, dtheta, dv (n, 3)."""
+    """Queue of increments by time: time (n + 1,) s, dtheta, dv (n, 3)."""
 
     time: list[float]
     dtheta: list[np.ndarray] = field(default_factory=list)
     dv: list[np.ndarray] = field(default_factory=list)
 
     def add(self, time: float, dtheta: np.ndarray, dv: np.ndarray) -> None:
-        """The increments from the last time to this one."""
+        """Add the increments from the last time to this one."""
         self.time.append(time)
         self.dtheta.append(dtheta)
         self.dv.append(dv)
 
     def until(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The whole intervals that reach up to `time`, at least one; all of them stay."""
+        """Complete intervals up to `time`, at least one; all of them stay in the queue."""
         last = max(1, int(np.searchsorted(self.time, time - TIME_TOLERANCE)))
         return np.array(self.time[: last + 1]), np.array(self.dtheta[:last]), np.array(self.dv[:last])
 
     def drop(self, time: float) -> None:
-        """Forget what was before `time`; an interval across it is cut in proportion."""
+        """Remove everything before `time`; an interval across it is cut in proportion."""
         first = int(np.searchsorted(self.time, time + TIME_TOLERANCE, side="right")) - 1
         self.time, self.dtheta, self.dv = self.time[first:], self.dtheta[first:], self.dv[first:]
         if time > self.time[0] + TIME_TOLERANCE:
@@ -51,11 +51,10 @@ class Increments:
 
 @dataclass
 class LiveFilter:
-    """A filter that is fed as data come.
+    """A filter that receives data as they arrive.
 
-    flight: what it believes, as for a landing; the covariance it starts from. trajectory: what it is judged by.
-    navigation (NAV,): where it starts. What it leaves: a list of (time of its answer, s, history of one fix,
-    judgement).
+    flight: filter model, as for a landing; covariance: initial one. trajectory: reference for the errors. navigation
+    (NAV,): initial state. The output is a list of (time, s, history of one fix, errors).
     """
 
     flight: Flight
@@ -76,7 +75,7 @@ class LiveFilter:
 
     @property
     def time(self) -> float:
-        """Where the filter is, s."""
+        """Present time of the filter, s."""
         return self.increments.time[0]
 
     @property
@@ -85,11 +84,12 @@ class LiveFilter:
         return self.increments.time[-1]
 
     def weigh(self, arrival: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray, epoch: int) -> bool:
-        """Go on to a fix that came at `arrival`, use it, and answer for that time: llh (3,), velocity (3,) nan where
-        unknown, noise (6, 6). The fix was valid the filter's latency earlier, as in a landing. epoch: of the flight,
-        whose errors that last are taken for those of the fix.
+        """Propagate to a fix that arrived at `arrival`, use it, and store the output for that time.
 
-        False where that time is past, or increments up to the arrival are not there yet.
+        llh (3,), velocity (3,) nan where unknown, noise (6, 6). The fix was valid the filter's latency earlier, as in a
+        landing. epoch: of the flight, whose time-correlated errors are used for those of the fix.
+
+        Returns False if that time is past, or increments up to the arrival are missing.
         """
         beliefs = self.flight.beliefs
         valid = max(arrival - beliefs.latency, 0.0)
@@ -116,8 +116,8 @@ class LiveFilter:
         return True
 
     def estimates(self) -> dict[str, np.ndarray]:
-        """What was left, stacked: time (t,) of the answers, error, sigma (t, n), navigation (t, NAV), innovation (t,
-        6), innovation_squared, degrees, status (t,). Errors of sensor states are nan."""
+        """Stored outputs: time (t,), error, sigma (t, n), navigation (t, NAV), innovation (t, 6), innovation_squared,
+        degrees, status (t,). Errors of sensor states are nan."""
         histories = [history for _, history, _ in self.left]
         count, n = len(self.left), self.flight.covariance.shape[0]
         # the fix is the first event of its history

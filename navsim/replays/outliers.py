@@ -1,13 +1,13 @@
 """Outlier test of single-point fixes: residuals, exclusion of ranges, geometry, plausible heights and speeds.
 
-The sum of squared residuals of a fix, each over its sigma, follows a chi-square distribution if all ranges are good. A
-fix that fails the test is computed anew without each of its ranges; the one without which it passes is excluded, if no
-other would do nearly as well. A fix that nothing cures is refused. A fix from as many ranges as unknowns has no
-residuals, and is only compared with its neighbours. Range rates are tested the same way once the ranges are: the
-velocity is computed without those that contradict the others, or not given.
+The sum of squared residuals of a fix, each over its sigma, is chi-square distributed if all ranges are good. A fix that
+fails the test is computed again without each of its ranges. The range without which it passes is excluded, if no other
+would do nearly as well. Otherwise the fix is refused. A fix from as many ranges as unknowns has no residuals, and is
+only compared with its neighbours. Range rates are tested in the same way afterwards. The velocity is computed without
+those that contradict the others, or omitted.
 
-Sources: [1] Kaplan & Hegarty (2017), section 11.4 (chi-square test, exclusion). [2] RTKLIB 2.4.3, `pntpos.c`
-(`valsol`, `raim_fde`: the test, its limit of DOP).
+Sources: [1] Kaplan & Hegarty (2017), section 11.4 (chi-square test, exclusion). [2] RTKLIB 2.4.3, `pntpos.c` (`valsol`,
+`raim_fde`: the test, its limit of DOP).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from navsim.geodesy.earth import ned_matrix
 FALSE_ALARM = 1e-5
 """Probability that good ranges fail the test."""
 _MOST_PDOP_WITHOUT = 10.0
-"""Largest PDOP of a fix of which ranges were excluded: a wrong choice is worth so much more in a weak geometry."""
+"""Largest PDOP of a fix with excluded ranges, since a wrong exclusion has a large effect in a weak geometry."""
 HEIGHTS = (-1e3, 1e5)
 """Heights of fixes that are given, m."""
 FASTEST = 2000.0
@@ -34,12 +34,12 @@ _MOST_EXCLUDED = 4
 _DISTINCT = 2.0 * np.log(1000.0)
 """By how much the sum of squares has to be larger without any other range: the one is a thousand times likelier."""
 _PAIRED, _VERY_BEST = 9, 3
-"""So many ranges without which the sum of squares is least are tried in pairs, and so many with all others: a large
-error hides a small one."""
+"""Number of ranges, those without which the sum of squares is least, that are excluded in pairs; and number that are
+combined with all others. A large error can hide a small one."""
 _EPOCHS_AT_ONCE = 500
 """Epochs whose ranges are tried at once."""
 _SCATTER = 500.0
-"""By how much a fix that nothing tests may lie off its neighbours, m, beside what is flown between."""
+"""Largest distance of an untested fix from its neighbours, m, beyond the distance flown between them."""
 _MOST_NAMES = 12
 RATE_SIGMA = 0.1
 """1 sigma of range rates, m/s, unless those of a recording scatter by more."""

@@ -18,12 +18,12 @@ from navsim.gnss.constellations.systems import System
 from navsim.replays.single_point import PositioningOptions, solve
 
 _STEP = 1e-3 * SPEED_OF_LIGHT
-"""By how much receivers put their clocks right at once, m: by whole milliseconds."""
+"""Step by which receivers correct their clocks, m: a whole millisecond."""
 
 
 @dataclass(frozen=True)
 class NavigationMessages:
-    """What navigation files tell: the constellations that fly by them, and Klobuchar's coefficients, if they do."""
+    """Content of navigation files: constellations, and Klobuchar's coefficients if present."""
 
     constellations: tuple[Constellation, ...]
     klobuchar: tuple[np.ndarray, np.ndarray] | None
@@ -39,7 +39,7 @@ def read_messages(path: Path, lenient: bool, dropped: Dropped, systems: Sequence
 
 
 def together(several: list[NavigationMessages]) -> NavigationMessages:
-    """Those of several files, the first one's where two have the same system."""
+    """Messages of several files; the first file with a system counts."""
     each = {one.system.name: one for messages in reversed(several) for one in messages.constellations}
     klobuchar = next((messages.klobuchar for messages in several if messages.klobuchar is not None), None)
     return NavigationMessages(tuple(each.values()), klobuchar)
@@ -48,11 +48,13 @@ def together(several: list[NavigationMessages]) -> NavigationMessages:
 def read_ranges(
     path: Path, messages: NavigationMessages, options: PositioningOptions, fewest: int, shift: float, dropped: Dropped
 ) -> tuple[Fixes, Ranges]:
-    """Fixes from RINEX observations, and their ranges with those of epochs that have no fix.
+    """Fixes from RINEX observations, and their ranges with those of epochs without a fix.
 
-    options: but for the ionosphere's coefficients, which the messages have. fewest: satellites of a fix. shift: from
-    GPS s to the times wanted, s. dropped: what was left out is added. Raises FileError, OSError as
-    `rinex_obs.read_obs`, and where there are fewer than two fixes.
+    - `options`: without the ionosphere's coefficients, which the messages contain.
+    - `fewest`: satellites of a fix; `shift`: from GPS s to the requested times, s.
+    - `dropped`: omissions are added to it.
+
+    Raises FileError, OSError as `rinex_obs.read_obs`, and for fewer than two fixes.
     """
     observations = read_obs(path, dropped.lenient)
     dropped.lines += observations.left_out
@@ -78,7 +80,7 @@ def read_ranges(
 
 
 def _steadied(ranges: Ranges, clocks: np.ndarray) -> Ranges:
-    """The ranges without the whole milliseconds by which the receiver put its clock right; clocks: (e, c) as of
+    """The ranges without the receiver's clock corrections by whole milliseconds; clocks: (e, c) as of
     `single_point.Solution`."""
     known = np.isfinite(clocks)
     first = np.where(known.any(axis=1), clocks[np.arange(clocks.shape[0]), np.argmax(known, axis=1)], np.nan)

@@ -82,11 +82,13 @@ class Solution:
 def solve(
     observations: Observations, constellations: Sequence[Constellation], settings: PositioningOptions
 ) -> Solution:
-    """A fix at every epoch from code on L1, one receiver clock a constellation, of those that pass `outliers`.
+    """Single-point fix at every epoch from L1 code, with one receiver clock a constellation, after the test of
+    `outliers`.
 
-    constellations: satellites whose place or clock they do not know at an epoch are left out, as those below the mask.
-    Raises ValueError, naming them, for GLONASS satellites whose frequency channel nothing tells: not the constellation
-    (SP3 has none), not the observation file (`GLONASS SLOT / FRQ #`), not the settings.
+    constellations: satellites without a known position or clock are omitted, as are those below the mask.
+
+    Raises ValueError, with their names, for GLONASS satellites without a frequency channel: neither the constellation
+    (SP3 has none), the observation file (`GLONASS SLOT / FRQ #`) nor the settings contain it.
     """
     columns, members, clock, ratio2 = _columns(observations, constellations, settings)
     code = _observed(observations, columns, [c.system.codes for c in constellations])
@@ -129,8 +131,8 @@ def solve(
 
 @dataclass(frozen=True)
 class _Measured:
-    """What was measured at e epochs to s satellites: their places and velocities at transmission, ranges corrected for
-    their clocks, range rates, pseudoranges as received, accuracies that satellites tell, clock and (L1 / f)^2 (s,)."""
+    """Measurements at e epochs to s satellites: positions and velocities at transmission, ranges corrected for their
+    clocks, range rates, raw pseudoranges, broadcast accuracies, clock and (L1 / f)^2 (s,)."""
 
     time: np.ndarray
     position: np.ndarray
@@ -143,7 +145,7 @@ class _Measured:
     ratio2: np.ndarray
 
     def take(self, rows: np.ndarray) -> _Measured:
-        """The same at some epochs."""
+        """The measurements at some epochs."""
         own = ("time", "position", "velocity", "ranges", "rates", "code", "accuracy")
         return replace(self, **{name: getattr(self, name)[rows] for name in own})
 
@@ -288,7 +290,7 @@ def _columns(
 
 
 def _observed(observations: Observations, columns: list[list[int]], codes: list[tuple[str, ...]]) -> np.ndarray:
-    """Values (e, s) of the satellites of each constellation, of its system's codes the best that there is."""
+    """Values (e, s) of the satellites of each constellation, from the best available code of its system."""
     return np.concatenate([observations.of(*best)[:, own] for best, own in zip(codes, columns, strict=True)], axis=1)
 
 

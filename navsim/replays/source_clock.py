@@ -35,7 +35,7 @@ LONGEST_STEP = 10.0
 LONGEST_SILENT_START = 1.0
 """Samples counted from later than this, s, do not count from the start of the flight: nothing could be integrated."""
 FITS = 6.0
-"""A position fits the flight within so many of the receiver's sigmas."""
+"""Largest distance of a position from the flight, in the receiver's sigmas, that fits."""
 FIRST: Literal["first"] = "first"
 _YEARS = (timescales.posix(1980, 1, 1), timescales.posix(2100, 1, 1))
 
@@ -46,7 +46,7 @@ class StartError(ValueError):
 
 @dataclass(frozen=True)
 class Start:
-    """What the user says the source's clock reads at time 0 of the flight: s, POSIX s where it is an instant."""
+    """Reading of the source's clock at time 0 of the flight according to the user: s, or POSIX s for an instant."""
 
     reading: float
     instant: bool
@@ -54,8 +54,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Settled:
-    """offset: what the source's clock reads at time 0 of the flight, s; kind of stamps; how it was found; what of it
-    the user should doubt, or empty."""
+    """Clock of a source: reading at time 0 of the flight, s; kind of stamps; how it was found; doubts, or empty."""
 
     offset: float
     kind: Kind
@@ -69,11 +68,11 @@ class Settled:
         return f"{stamp:.3f} s"
 
     def option(self, later: float) -> str:
-        """The value of --start-time for a flight that begins so much later by the source's clock, s."""
+        """Value of --start-time for a flight that begins so much later by the source's clock, s."""
         return self.reading(self.offset + later).removesuffix(" s")
 
     def dated(self, ahead: float, epoch: float) -> Settled:
-        """The same where the date came after the times of day: they were short by `ahead`. epoch as in `settle`."""
+        """The clock once the date is known: times of day were short by `ahead`. epoch as in `settle`."""
         offset = self.offset + ahead
         if self.base != "time of day":
             return replace(self, offset=offset, kind="dated")
@@ -83,14 +82,14 @@ class Settled:
 
     @property
     def text(self) -> str:
-        """What to tell the user."""
+        """Message for the user."""
         of_day = " of the day" if self.kind == "undated" else ""
         reading = self.reading(self.offset)
         return f"time 0 of the flight is {reading}{of_day} by the source's clock, {MEANING[self.base]}"
 
 
 def start_time(text: str) -> Start | Literal["first"]:
-    """The value of --start-time: UTC (ISO 8601), seconds, or `first`. Raises StartError, saying what is allowed."""
+    """Value of --start-time: UTC (ISO 8601), seconds, or `first`. Raises StartError with the allowed values."""
     if text == FIRST:
         return FIRST
     try:
@@ -155,7 +154,7 @@ def settle(
 
 
 def _clock_readings(stamp: float, kind: Kind, epoch: float, duration: float, has_position: bool) -> list[Settled]:
-    """What the stamp can mean by the scenario's epoch, the likeliest first."""
+    """Possible meanings of the stamp, given the scenario's epoch, the likeliest first."""
     found = []
     instant = kind == "dated" or (kind == "count" and _is_utc(stamp))
     if instant and -LEAD <= stamp - epoch <= duration:

@@ -54,9 +54,9 @@ from navsim.sensors.imu import Triad
 from navsim.simulation.inertial_states import followed
 
 POSITION_TIME = 2.5
-"""1 sigma of a position over that of a velocity, s: receivers carry positions on with the velocity."""
+"""1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
 STANDSTILL_FACTOR = 5.0
-"""In flight a gyro's bias leaves what a standstill showed by this many times its in-run instability."""
+"""Drift of a gyro bias after a standstill, in multiples of its in-run instability."""
 _MOST_PDOP = 30.0
 """Largest PDOP of fixes from ranges that are flown, RTKLIB's: their sigma is that of all fixes."""
 MOST_DAMAGED = 0.1
@@ -64,7 +64,7 @@ MOST_DAMAGED = 0.1
 LARGEST_NIS = 2.0
 """Mean normalised innovation squared of a recorded flight, whose noise is tuned to 1, that is no accident."""
 LEAST_SAMPLES, LEAST_FIXES = 10, 4
-"""What there must be of both to look for an alignment."""
+"""Least number of samples and fixes for an alignment."""
 _BEFORE = 1.5
 """Intervals before the first sample at which a known state may be: it is of the end of its interval."""
 _START = (0.3, 0.3)
@@ -72,13 +72,13 @@ _START = (0.3, 0.3)
 NEVER = 1_000_000_000
 """Rejections in a row that are never reached."""
 USUAL_HEADING = 10.0 * DEG
-"""1 sigma that the heading must be good to where a filter starts anew, if the log gives the heading of the start."""
+"""1 sigma of heading that a restart of the filter needs, if the log gives the initial heading."""
 MANY_REJECTED = 0.05
-"""Share of rejected fixes, or ranges, beyond which they speak against the filter."""
+"""Fraction of rejected fixes, or ranges, beyond which a finding is reported."""
 PAUSE = 3.0
-"""Shortest time without fixes that is told, s, if it is longer than `USUAL` intervals."""
+"""Shortest reported time without fixes, s, if it is longer than `USUAL` intervals."""
 USUAL, TOLD = 5.0, 5
-"""How many usual intervals a pause is longer than; how many times of one kind are told each."""
+"""Length of a pause in usual intervals; number of pauses of one kind that are reported individually."""
 UNFLOWN = 10.0
 """Shortest part of a recording that is missed when it is not flown, s."""
 SIDEWAYS, OFF_COURSE = 60.0 * DEG, 10.0
@@ -89,7 +89,7 @@ _TUNED_TIGHT = ("range_rate_sigma", "range_sigma", *_TUNED[2:])
 _START_TIGHT = (0.1, 1.0)
 """Noise of range rates and ranges overhead where the tuning of a tight filter starts, and without it, m/s, m."""
 _DILUTION = 3.0
-"""1 sigma of a fix in that of a range, by which a tight filter's start and the innovations of fixes are judged."""
+"""1 sigma of a fix in that of a range, for the start of a tight filter and the innovations of fixes."""
 
 
 class ReplayError(JobError):
@@ -98,7 +98,7 @@ class ReplayError(JobError):
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording ready to be flown: what was read, how it is aligned, what the filter believes, and remarks."""
+    """A recording ready for the filter: data, alignment, filter model, and remarks."""
 
     scenario: Replay
     samples: Samples
@@ -135,7 +135,7 @@ class Recording:
         return _TUNED_TIGHT if self.tight else _TUNED
 
     def beliefs(self, settings: np.ndarray, kind: int) -> Beliefs:
-        """What a filter of `kind` believes for values of `tuned` (5,)."""
+        """Model of a filter of `kind` for values of `tuned` (5,)."""
         _, _, gyro, accel, latency = settings
         section = self.scenario.filter
         gate = section.gate
@@ -180,8 +180,8 @@ class Recording:
         return float(settings[1]), float(settings[0])
 
     def with_error(self, time: float, sigma: tuple[float, float]) -> Recording:
-        """The same with fixes whose positions also have an error of this correlation time, s, and 1 sigma, horizontal
-        and vertical, m, that the filter follows."""
+        """Copy whose fixes also have an estimated position error of this correlation time, s, and 1 sigma, horizontal
+        and vertical, m."""
         error = FixError(time_s=time, position_sigma_m=sigma)
         gnss = self.scenario.gnss.model_copy(update={"errors": [error]})
         scenario = self.scenario.model_copy(update={"gnss": gnss})
@@ -240,7 +240,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class ReadLog:
-    """The files of a log: what they have to fly, the scenario with their checksums, remarks."""
+    """Files of a log: data, scenario with their checksums, remarks."""
 
     scenario: Replay
     samples: Samples
@@ -251,8 +251,7 @@ class ReadLog:
 
 
 def read(scenario: Replay, document: Document) -> ReadLog:
-    """Read and check. Raises InputError for files that cannot be used or seem to be written otherwise than the log
-    says."""
+    """Read and check. Raises InputError for files that cannot be used or do not seem to match the log."""
     motion, place, fewest = scenario.imu.convention(), scenario.gnss.convention(), scenario.gnss.min_satellites
     tables = [_table(document, scenario, "imu", lambda path, *how: read_imu(path, how[0], motion, how[1]))]
     ranges = None
@@ -339,8 +338,10 @@ def prepare(scenario: Replay, document: Document) -> Recording:
 
 
 def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[list[str], list[str]]:
-    """What is probably wrong with how the recording is written, as warnings, and what cannot be judged. Raises
-    InputError where it is to be refused."""
+    """Warnings about probable mistakes in how the recording is written, and about unchecked quantities.
+
+    Raises InputError if it cannot be used.
+    """
     if scenario.checks == "off":
         return [], ["everything: checks are off"]
     log = Log(
@@ -380,10 +381,10 @@ class _Table:
 def _table(
     document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path, bool, bool], Any]
 ) -> _Table:
-    """A file by a reader of (path, lenient, limited). Raises InputError.
+    """Read a file with a reader of (path, lenient, limited). Raises InputError.
 
-    Values outside of physical limits are damage, or a wrong unit: where they are many, the recording is judged with
-    them, so that the unit is named.
+    Values outside of physical limits are damage, or a wrong unit. If there are many, the checks include them, so that
+    the wrong unit is found.
     """
     rows, lost = _read(document, scenario, section, lambda path: reader(path, scenario.lenient, False))
     if lost.outside is None:
@@ -471,7 +472,7 @@ def _pinned(scenario: Replay, document: Document) -> Replay:
 
 
 def _search(scenario: Replay, gyro: Triad, accel: Triad) -> aligning.Search:
-    """What the alignment at the start must reach and may rest on."""
+    """Requirements and assumptions of the initial alignment."""
     wanted = scenario.alignment
     return aligning.Search(
         None if wanted.heading_deg is None else wanted.heading_deg * DEG, wanted.heading_sigma_deg * DEG,
@@ -480,7 +481,7 @@ def _search(scenario: Replay, gyro: Triad, accel: Triad) -> aligning.Search:
 
 
 def _lasting(errors: Sequence[FixError], step: float) -> list[states.Block]:
-    """The states that stand for lasting errors of fixes, threes of them; step: of the filter, s."""
+    """States for time-correlated errors of fixes, in groups of three; step: of the filter, s."""
     out: list[states.Block] = []
     for error in errors:
         for _ in range(0, error.states or 3, 3):
@@ -490,8 +491,7 @@ def _lasting(errors: Sequence[FixError], step: float) -> list[states.Block]:
 
 
 def _with_effects(fixes: Fixes, errors: Sequence[FixError]) -> Fixes:
-    """The fixes with what all lasting errors do to them: those of the table have it, the others have their 1 sigma
-    along each axis of the position."""
+    """The fixes with the effect of all time-correlated errors: from the table, or 1 sigma along each position axis."""
     if not errors:
         return fixes
     parts, first = [], 0
@@ -521,7 +521,7 @@ def _known_start(section: KnownSection) -> replay.KnownStart:
 
 
 def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float) -> aligning.Alignment:
-    """The earliest alignment: at the end of a standstill, or under way. Raises ReplayError where there is none."""
+    """Earliest alignment: at the end of a standstill, or under way. Raises ReplayError if there is none."""
     found = aligning.find(samples, fixes, first, search)
     if found is not None:
         return found
@@ -542,7 +542,7 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
     key that leaves too few of them."""
 
     def part(start: float | None, end: float | None) -> tuple[Samples, Fixes, float, str]:
-        """The part from `start` to `end`, and of what it has too few."""
+        """The part from `start` to `end`, and which data it has too few of."""
         first = float(max(samples.time[0], fixes.time[0], -np.inf if start is None else start))
         if known is not None and start is not None:
             first = start  # a sample may end later than its interval begins, and fixes come later
@@ -587,7 +587,7 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
 
 
 def _spaced(times: np.ndarray, spacing: float) -> np.ndarray:
-    """Which of the times (m,) come at least `spacing` seconds after the last one kept (k,)."""
+    """Times (m,) at least `spacing` seconds after the last one kept (k,)."""
     kept: list[int] = []
     for index, time in enumerate(times):
         if not kept or time - times[kept[-1]] >= spacing:
@@ -650,7 +650,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
 def findings(
     recording: Recording, result: Result, withheld: np.ndarray, flight: replay.RecordedFlight, flown: replay.Replayed
 ) -> list[Finding]:
-    """What the user should hear about; withheld: (e,) bool, fixes withheld by outages."""
+    """Findings for the user; withheld: (e,) bool, fixes withheld by outages."""
     out = notes(recording.warnings)
     broken = {begin for begin, _ in flight.breaks}
     for first, length in flight.gaps:
@@ -665,8 +665,10 @@ def findings(
 
 
 def _inconsistent(result: Result) -> list[Finding]:
-    """The finding of innovations whose squares are beyond `LARGEST_NIS`, in the group of fixes where they are largest:
-    below what `of_flight` doubts for its size alone."""
+    """Finding of innovations whose squares exceed `LARGEST_NIS`, in the group of fixes with the largest ones.
+
+    `of_flight` reports larger ones for their size alone.
+    """
     degrees = result["/innovations/degrees"]
     nis = dict(zip(result["/summary/fixes"], result["/summary/nis"], strict=True))
     group = max((name for name in nis if np.isfinite(nis[name])), key=lambda name: float(nis[name]), default="all")
@@ -738,8 +740,11 @@ def _outliers(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Fin
 
 
 def _not_flown(scenario: Replay, log: ReadLog, first: float, aligned: aligning.Alignment) -> list[str]:
-    """Warnings of the parts of a recording, longer than `UNFLOWN`, that nobody asked to leave out and that are not
-    flown: before the first fix or sample, before the alignment, after the last sample."""
+    """Warnings about parts of a recording, longer than `UNFLOWN`, that the filter does not process without being asked
+    to.
+
+    They are before the first fix or sample, before the alignment, and after the last sample.
+    """
     samples, fixes = log.samples.time, log.fixes.time
     away = f"no {scenario.alignment.longest_s:g} s of motion give the heading to "
     away += f"{scenario.alignment.heading_sigma_deg:g} degrees"
@@ -782,7 +787,7 @@ def _off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[F
 
 
 def _outages_elsewhere(scenario: Replay, first: float, last: float) -> list[str]:
-    """What to warn of outages that are not within the flight, from first to last, s: nothing is known of them."""
+    """Warnings about outages outside the flight, from first to last, s: they have no effect."""
     out = []
     for i, outage in enumerate(scenario.outages):
         spans = _spans(outage)
@@ -861,7 +866,7 @@ def _outages(draft: ResultBuilder, recording: Recording, flight: replay.Recorded
 
 
 def of_outages(beliefs: Beliefs) -> Beliefs:
-    """The same beliefs of a filter, since nothing may be known of what comes after an outage."""
+    """The filter model for outages, in which the filter may not know what comes after an outage."""
     return replace(beliefs, kind=TFG if is_smoother(beliefs.kind) else beliefs.kind)
 
 

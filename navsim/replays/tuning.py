@@ -26,7 +26,7 @@ FASTEST_NEEDED = 3.0
 SLOWEST, SLOWEST_DERIVED = 0.5, 1.5
 """Least speed, m/s, of a fix in motion, and where positions alone give the speed: receivers at rest show less."""
 TYPICAL, SHARE = 90.0, 0.5
-"""Share of a percentile of the speeds of a slow flight; faster fixes count as in motion."""
+"""Percentile of the speeds of a slow flight, and the fraction of it above which a fix counts as in motion."""
 FEWEST = 20
 """Number of fixes in motion that a tuning has to exceed: receivers at rest smooth their fixes and so hide the noise."""
 TRUST = 0.7
@@ -64,9 +64,9 @@ class Tuning:
 
 
 def moving_speed(speed: np.ndarray, derived: bool) -> float:
-    """Speed, m/s, from which on a fix is in motion in a flight with speeds (m,); derived: from positions alone.
+    """Speed, m/s, above which a fix is in motion in a flight with speeds (m,); derived: from positions alone.
 
-    3 m/s, or where the flight is slow half of what it usually flies at.
+    3 m/s, or in a slow flight half of its usual speed.
     """
     known = speed[np.isfinite(speed)]
     usual = SHARE * float(np.percentile(known, TYPICAL)) if known.size else 0.0
@@ -137,7 +137,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
 
 def _surprise(recording: Recording, values: np.ndarray, judged: bool = True) -> float:
-    """Minus the log-likelihood of the innovations in motion, by settings (5,); judged: with the gate."""
+    """Negative log-likelihood of the innovations in motion, by settings (5,); judged: with the gate."""
     flight, beliefs = recording.flight(values[LATENCY]), recording.beliefs(values, TFG)
     if not judged:
         beliefs = replace(beliefs, gate=gate_limits(0.0))
@@ -148,8 +148,11 @@ def _surprise(recording: Recording, values: np.ndarray, judged: bool = True) -> 
 
 
 def wandering_errors(recording: Recording, settings: np.ndarray) -> list[str]:
-    """The warning of position errors that last for seconds to minutes, if a filter that follows them finds the
-    innovations likelier: one that takes them for white noise believes its positions too much."""
+    """Warning about position errors with a correlation time of seconds to minutes.
+
+    It is given if a filter that estimates them finds the innovations likelier. One that treats them as white noise has
+    too small a position sigma.
+    """
     if recording.tight or recording.scenario.gnss.errors or recording.fixes.has_own_noise:
         return []
     noise = recording.fix_sigma(settings)[[0, 2]]

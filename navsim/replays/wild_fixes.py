@@ -15,8 +15,8 @@ from navsim.formats.recorded_data import Fixes
 from navsim.geodesy import earth
 
 BEYOND_NEIGHBOURS, BEYOND_USUAL = 10.0, 5.0
-"""A step is a jump if it is so many times the median of the steps around it, and so many times the upper quartile of
-all steps."""
+"""A step is a jump if it exceeds the median of the steps around it, and the upper quartile of all steps, by these
+factors."""
 NEIGHBOURS = 5
 """Steps to either side that a step is compared with."""
 MOST_SKIPPED = 20
