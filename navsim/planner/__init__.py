@@ -1,1 +1,1 @@
-"""The planner of `navsim plan`: an aerodrome in the browser, with what its places of transmitters are worth."""
+"""The planner of `navsim plan`: an aerodrome in the browser, with the performance of pseudolite positions."""

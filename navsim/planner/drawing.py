@@ -1,6 +1,6 @@
-"""The two figures of the planner: the aerodrome with its map, and the sky. Made once; what moves is in their sources.
+"""The two figures of the planner: the aerodrome with its map, and the sky. Updates change only their data sources.
 
-What stands in them is in metres from the runway's threshold, along the direction of landing and right of it, which is
+Coordinates are in metres from the runway's threshold, along the direction of landing and right of it, which is
 downwards, as on a map.
 """
 
@@ -37,18 +37,18 @@ from navsim.report.sky import Sector
 from navsim.trajectory.approach import TOUCHDOWN
 
 Outline = tuple[str, list[np.ndarray], str]
-"""Of an overlay: `area`, `line` or `point`; its parts (n, 2), along and right, m; its name."""
+"""Overlay: `area`, `line` or `point`; its parts (n, 2), along and right, m; its name."""
 MAGENTA = "#E5007E"
-"""Of jammers: no colour of the map's."""
+"""Colour of jammers, which no map uses."""
 _ROOM = 1.15
-"""By how much the area is wider than what has to be seen in it."""
+"""Factor of the area's width on that of its content."""
 _LEAST = 1500.0
 """Least half width of an area, m."""
 
 
 @dataclass(frozen=True)
 class ShownArea:
-    """The square that is shown, and that maps are made of: its middle, along and right, and half its width, m."""
+    """Square on the screen, for which maps are computed: its middle, along and right, and half its width, m."""
 
     along: float
     right: float
@@ -74,7 +74,7 @@ def area_of(proposal: PlannedScenario) -> ShownArea:
 
 
 def _path(proposal: PlannedScenario) -> np.ndarray:
-    """The way of the aircraft up to touchdown, or to the end, (n, 3), along, right and up."""
+    """Trajectory up to touchdown, or to the end, (n, 3), along, right and up."""
     end = min(proposal.trajectory.path.events.get(TOUCHDOWN, np.inf), proposal.scenario.duration_s)
     motion = proposal.trajectory.motion(np.linspace(0.0, end, 200))
     out = proposal.axes(motion.position_ecef)
@@ -85,7 +85,7 @@ class AerodromePlan:
     """The aerodrome. image: the map's cells. places: the transmitters. range: of both axes."""
 
     def __init__(self, proposal: PlannedScenario, area: ShownArea, overlay: list[Outline], on_pan: str) -> None:
-        """on_pan: what the browser does with each event of a drag, as JavaScript with `cb_obj`."""
+        """on_pan: JavaScript with `cb_obj` for each drag event."""
         on = plot("", "along the runway from the threshold, m", "right of the axis, m", 600)
         on.update(sizing_mode=None, frame_width=560, frame_height=560, height=None, name="aerodrome")
         self.figure = on
@@ -150,7 +150,7 @@ class AerodromePlan:
             view_from_above(self.figure, (low, high), (left, right))
 
     def put(self, proposal: PlannedScenario) -> None:
-        """Show the transmitters where they stand."""
+        """Show the transmitters at their positions."""
         places, jammers = proposal.places(), proposal.jammers()
         both = np.concatenate([places, jammers])
         interference = proposal.scenario.interference
@@ -163,7 +163,8 @@ class AerodromePlan:
         }  # fmt: skip
 
     def paint(self, values: np.ndarray, area: ShownArea, reach: tuple[float, float], said: str) -> None:
-        """Show a map (n, n) over an area, with colours between two numbers; said: what they tell, with its unit."""
+        """Show a map (n, n) over an area, with colours between two numbers; said: name of the quantity with its
+        unit."""
         self.image.data = {
             "image": [small(values)], "x": [area.along - area.half], "y": [area.right - area.half],
             "w": [2.0 * area.half],

@@ -31,7 +31,7 @@ from navsim.simulation.placement_geometry import Geometry, glide_geometry
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a map may show. name: as sweeps have it. unit: "" for none."""
+    """Quantity of a map. name: as in sweeps. unit: "" for none."""
 
     name: str
     said: str
@@ -55,13 +55,16 @@ QUANTITIES = {each.name: each for each in (
     Quantity("vpl_p95", "protection level VPL, 95 % of the glide", "m", level=True),
 )}  # fmt: skip
 Places = Callable[[np.ndarray], np.ndarray]
-"""Values (n,) of placements (n, k, 3), along, right and up, m; not finite where there is no solution."""
+"""Values (n,) of placements (n, k, 3), along, right and up, m; not finite without a solution."""
 
 
 @dataclass(frozen=True)
 class Share:
-    """A source at the middle of the glide. without: mean PDOP of the glide without it, nan where it is not used, inf
-    where there is no fix then at some epoch. azimuth, elevation: deg."""
+    """A source at the middle of the glide.
+
+    without: mean PDOP of the glide without it, nan if it is unused, inf if some epoch then has no fix. azimuth,
+    elevation: deg.
+    """
 
     name: str
     azimuth: float
@@ -73,8 +76,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Worth:
-    """What the pseudolites where they are are worth: figures by the paths that a result has them under, shares of
-    sources, warnings."""
+    """Performance of the present pseudolites: figures by their paths in a result, shares of sources, warnings."""
 
     figures: dict[str, float]
     shares: list[Share]
@@ -96,16 +98,16 @@ class Outlook:
 
     @property
     def horizon(self) -> Horizon | None:
-        """What hides satellites above the mask, where the scenario has such a thing."""
+        """Obstacles that hide satellites above the mask, if the scenario has any."""
         return self._sources.mask.horizon
 
     @property
     def placed(self) -> bool:
-        """Whether what satellites, or single pseudolites, are worth depends on where pseudolites stand."""
+        """Whether the value of satellites, or of single pseudolites, depends on the positions of pseudolites."""
         return self._sources.placed or self._sources.singled_out
 
     def lacks(self, name: str) -> str:
-        """Why there is no map of a quantity; nothing where there is."""
+        """Why there is no map of a quantity; empty if there is one."""
         section = self.scenario.integrity
         if not QUANTITIES[name].level:
             return ""
@@ -114,7 +116,7 @@ class Outlook:
         return "levels of filters take seconds a place" if section.method == "filter" else ""
 
     def jammed_from(self, places: np.ndarray) -> Outlook:
-        """The same with its jammers at places (j, 3)."""
+        """Copy with its jammers at positions (j, 3)."""
         out = Outlook.__new__(Outlook)
         # by signals each place is simulated with the sources of its own: the epochs that are looked at stay
         watched = self._bare if self.placed else None
@@ -136,7 +138,7 @@ class Outlook:
         return self._geometry
 
     def judge(self, name: str, names: tuple[str, ...], every: int = 1) -> Places:
-        """What tells a quantity of placements of pseudolites of these names; by the geometry at every so many-th
+        """Evaluator of a quantity for placements of pseudolites with these names; by geometry at every so many-th
         epoch."""
         if self.placed or (self._sources.sight_placed and QUANTITIES[name].level):
             return lambda places: np.array([self._by_signals(name, each, names) for each in places])
@@ -155,12 +157,12 @@ class Outlook:
         return levels
 
     def quick(self, name: str) -> bool:
-        """Whether a quantity is told of ten thousand placements at once."""
+        """Whether a quantity is available for ten thousand placements at once."""
         return not self.placed and not QUANTITIES[name].level
 
     @property
     def _bare(self) -> Prepared:
-        """The flight whose fixes are watched, without pseudolites, at some epochs of the glide."""
+        """Monitored flight without pseudolites, at some epochs of the glide."""
         if self._watched is None:
             case = self._ready
             none = replace(self._sources.pseudolites, names=(), llh=np.empty((0, 3)))
@@ -201,7 +203,7 @@ class Outlook:
         return float(values.max() if name.endswith("_max") else values.mean())
 
     def at(self, places: np.ndarray) -> dict[str, float]:
-        """DOPs and accuracy of fixes by the geometry kernel, of one placement (k, 3); nothing where it cannot tell."""
+        """DOPs and accuracy of fixes by the geometry kernel, of one placement (k, 3); empty without a solution."""
         if self.placed:
             return {}
         sites = self._proposal.sites(places)[None]
@@ -215,7 +217,7 @@ class Outlook:
         }  # fmt: skip
 
     def found(self) -> Worth:
-        """What `navsim run` finds of the scenario as it stands. Raises InputError."""
+        """Results of `navsim run` for the present scenario. Raises InputError."""
         case = self._ready
         summary = geometry_summary(case)
         figures = {f"dop/{name}": float(summary[f"/summary/dop/{name}"][0]) for name in ("pdop", "hdop", "vdop")}

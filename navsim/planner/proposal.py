@@ -1,7 +1,7 @@
-"""What the planner changes: the data of a scenario file, and nothing beside them. Where a pseudolite stands, what the
-time is, is what the scenario's own section makes of these data, as for `navsim run`.
+"""Edited scenario of the planner: the data of a scenario file and nothing else.
 
-Places are along, right and up of the runway's threshold, m: along in the direction of landing.
+The scenario's own sections compute positions and times from these data, as for `navsim run`. Coordinates are along,
+right and up from the runway's threshold, m, along in the direction of landing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _DEGREES = 9
 
 
 class PlannedScenario:
-    """A scenario as it is now, what it was before, and the text that says so."""
+    """The present scenario, its history, and its text."""
 
     def __init__(self, document: Document, text: str) -> None:
         """document: as read from text. Raises InputError."""
@@ -56,11 +56,11 @@ class PlannedScenario:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the pseudolites."""
+        """Names of the pseudolites."""
         return self.scenario.pseudolites.names()
 
     def file_names(self) -> list[str]:
-        """Of the files that the scenario names, as it does."""
+        """Files that the scenario names, as written there."""
         approach = self.scenario.approach
         flown = [approach.file] if isinstance(approach, FileApproach) else []
         sky = self.scenario.sky
@@ -79,7 +79,7 @@ class PlannedScenario:
 
     @property
     def heading(self) -> float:
-        """Of landing, rad."""
+        """Direction of landing, rad."""
         return self.scenario.runway.heading_deg * DEG
 
     def places(self) -> np.ndarray:
@@ -92,7 +92,7 @@ class PlannedScenario:
         return out
 
     def jammers(self) -> np.ndarray:
-        """The same of the jammers (j, 3)."""
+        """Positions of the jammers (j, 3)."""
         interference = self.scenario.interference
         if interference is None:
             return np.empty((0, 3))
@@ -148,7 +148,7 @@ class PlannedScenario:
             self._future.append(now)
 
     def redo(self) -> None:
-        """Do again what was undone."""
+        """Redo the change that was undone."""
         if self._future:
             now = self.document.data
             self._take(self._future[-1])
@@ -206,7 +206,7 @@ class PlannedScenario:
         self._put(data, self.fresh_name(), place)
 
     def fresh_name(self) -> str:
-        """What one more would be called."""
+        """Name for one more."""
         number = len(self.names) + 1
         while f"PL{number}" in self.names:
             number += 1

@@ -1,4 +1,4 @@
-"""Orders of a page, read strictly: whatever is sent, the session gets an order that makes sense, or none."""
+"""Strict parser of a page's requests: the session receives a valid request or none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from navsim.planner.outlook import QUANTITIES
 
 _FARTHEST = 1e6
-"""Of a place from the threshold, m."""
+"""Largest distance of a position from the threshold, m."""
 _DAY = 86400.0
 _LONGEST = 10_000
 """Characters of an order; the longest that the page sends has some hundred."""
@@ -23,7 +23,7 @@ class WrongOrder(Exception):
 
 @dataclass(frozen=True)
 class Known:
-    """What orders may speak of: numbers of pseudolites and of jammers."""
+    """Numbers of pseudolites and of jammers that requests may use."""
 
     pseudolites: int
     jammers: int
@@ -88,7 +88,7 @@ _MEMBERS: dict[str, tuple[str, ...]] = {
     "save": ("consent",), "place": (*_PLACE, "up"), "add": (), "remove": ("number",), "time": ("seconds",),
     "undo": (), "redo": (),
 }  # fmt: skip
-"""Members of an order by what it asks for; `n`, its number, may stand in each."""
+"""Members of a request by its type; `n`, its number, is allowed in each."""
 _READ: dict[str, Callable[[object, str], Any]] = {
     "kind": _one_of("pseudolite", "jammer"),
     "number": _integer,

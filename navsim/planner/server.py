@@ -46,7 +46,7 @@ KEPT = "changes in the planner were not saved"
 
 
 class _OwnPages(BokehTornado):  # type: ignore[misc] # Bokeh has no types
-    """Bokeh's pages, for those alone who ask for them by a name of this machine, from a page of this server.
+    """Serve Bokeh's pages only to this machine's own names and this server's own pages.
 
     A page of another site could otherwise reach the planner by a name of its own that points to 127.0.0.1 (DNS
     rebinding), or include its script.
@@ -55,7 +55,7 @@ class _OwnPages(BokehTornado):  # type: ignore[misc] # Bokeh has no types
     is_full: Callable[[], bool] = staticmethod(lambda: False)
 
     def find_handler(self, request: HTTPServerRequest, **options: Any) -> Any:
-        """Handler of a request; of an error, where it is none of the planner's page."""
+        """Handler of a request; an error handler for anything but the planner's page."""
         status = 200
         if not is_own(request.headers.get("Host"), request.headers.get("Origin")):
             status = 403
@@ -87,8 +87,10 @@ class Planner:
         self._open: list[PlannerSession] = []
 
     def serve(self, port: int, browser: bool, said: Callable[[str], None], warned: Callable[[str], None]) -> None:
-        """Serve until something ends it. said: is told the address; warned: of changes that are lost. Raises OSError
-        for a port that cannot be had."""
+        """Serve until something ends it.
+
+        said: receives the address; warned: receives unsaved changes. Raises OSError for a port that is not available.
+        """
         for name in ("bokeh", "tornado"):
             logging.getLogger(name).setLevel(logging.ERROR)
         asyncio.set_event_loop(asyncio.new_event_loop())

@@ -34,16 +34,16 @@ from navsim.scenario.source import InputError
 DRAGGED, RESTING = 51, 101
 """Cells of a side of a map while something moves, and at rest."""
 THINNED = 8
-"""While something moves, maps of what is quick are made from every so many-th fix epoch."""
+"""Thinning of fix epochs for fast maps while something moves."""
 _COARSER = (51, 31, 21, 13, 9)
 _SLOWEST = 0.09
-"""A map of what is not quick has as many cells while something moves as are worked out in this time, s."""
+"""Time for a map of a slow quantity while something moves, s, which determines its number of cells."""
 _LONGEST = 15.0
 """And at rest in this, s."""
 _AT_ONCE = 169
-"""Placements of what is not quick between two looks at whether they are still asked for."""
+"""Placements of a slow quantity between two checks whether they are still requested."""
 ONE_MORE = -1
-"""The subject of a map of where one more pseudolite might stand."""
+"""Subject of a map of positions for one more pseudolite."""
 FIGURES = (
     ("dop/pdop", "PDOP", "", 4), ("dop/hdop", "HDOP", "", 4), ("dop/vdop", "VDOP", "", 4),
     ("fix/rms_horizontal", "fix, horizontal 1σ", "m", 3), ("fix/rms_vertical", "fix, vertical 1σ", "m", 3),
@@ -51,12 +51,12 @@ FIGURES = (
     ("integrity/hpl_p95", "HPL, 95 %", "m", 2), ("integrity/vpl_p95", "VPL, 95 %", "m", 2),
     ("integrity/level_share", "epochs with levels", "%", 1),
 )  # fmt: skip
-"""Figures of the placement: path, what they are called, unit, decimals."""
+"""Figures of the placement: path, name, unit, decimals."""
 
 
 @dataclass
 class Update:
-    """What the page is to be told. values: a map, with its area, or None."""
+    """Update for the page. values: a map, with its area, or None."""
 
     news: dict[str, Any] = field(default_factory=dict)
     values: np.ndarray | None = None
@@ -100,7 +100,7 @@ class PlannerSession:
         return self._proposal.unsaved
 
     def close(self) -> None:
-        """The page is gone."""
+        """End the session."""
         self._gone, self._wanted = True, None
         self._pool.shutdown(wait=False, cancel_futures=True)
 
@@ -119,7 +119,7 @@ class PlannerSession:
                 self._settle()
 
     def _execute(self, order: dict[str, Any]) -> None:
-        """Raises InputError, ResultError for what cannot be done."""
+        """Execute a request. Raises InputError, ResultError if it fails."""
         proposal, do = self._proposal, order["do"]
         if do == "hello":
             self._tell(self._standing() | {"quantities": self._choices(), "problems": []})
@@ -201,7 +201,7 @@ class PlannerSession:
     # --- work
 
     def _settle(self, partial: bool = False) -> None:
-        """Work out all there is of what stands; partial: the map alone."""
+        """Compute everything for the present proposal; partial: only the map."""
         outlook, places = self._outlook, self._proposal.places()
 
         def work(stale: Callable[[], bool]) -> Iterator[Update]:
@@ -225,7 +225,7 @@ class PlannerSession:
         return sorted({size for size in (21, DRAGGED, RESTING) if than < size <= allowed[0]})
 
     def _sizes(self, outlook: Outlook, within: float, of: tuple[int, ...] = _COARSER) -> list[int]:
-        """Sizes of maps that are worked out within so much time, as far as is known, the finest first; at least the
+        """Sizes of maps that are computed within so much time, as far as known, the finest first; at least the
         coarsest."""
         pace = self._pace.get((self._quantity, outlook.placed), within / _COARSER[-2] ** 2)
         return [size for size in of if size * size * pace <= within] or [of[-1]]
@@ -255,7 +255,7 @@ class PlannerSession:
         return work
 
     def _at_time(self, seconds: float, number: Any) -> Work:
-        """The same at another time of day."""
+        """Copy at another time of day."""
         places = self._proposal.places()
 
         def work(stale: Callable[[], bool]) -> Iterator[Update]:
@@ -279,7 +279,7 @@ class PlannerSession:
     def _mapped(
         self, judge: Places, places: np.ndarray, size: int, stale: Callable[[], bool], fresh: bool = False
     ) -> Update:
-        """A map with so many cells a side; with none where it went stale. fresh: with colours of its own."""
+        """A map with so many cells a side; none if it became obsolete. fresh: with new colours."""
         area, quantity = self._area, QUANTITIES[self._quantity]
         grid = area.grid(size).reshape(-1, 2)
         if self._subject == ONE_MORE:
@@ -304,14 +304,14 @@ class PlannerSession:
         return Update({"map": told}, found, area, reach)
 
     def _ask(self, work: Work) -> None:
-        """Have work done, in place of what waits."""
+        """Request work, which replaces waiting work."""
         self._wanted = work
         if not self._busy and not self._gone:
             self._busy = True
             self._pool.submit(self._work)
 
     def _work(self) -> None:
-        """In the thread: the latest that is wanted, until nothing is."""
+        """Loop of the thread: do the latest requested work, until there is none."""
         while self._wanted is not None:
             work, self._wanted = self._wanted, None
             try:
@@ -371,7 +371,7 @@ def _figures(values: dict[str, float]) -> list[dict[str, Any]]:
 
 
 def _shares(found: Worth) -> list[dict[str, Any]]:
-    """Sources by what they are worth, those that are used first."""
+    """Sources by their contribution, used ones first."""
     of = found.figures["dop/pdop"]
     out = []
     for each in found.shares:

@@ -15,13 +15,13 @@ from navsim.scenario.source import MOST_BYTES, InputError, parse
 
 @dataclass
 class Target:
-    """The file. written: what this page wrote into it, None for nothing yet."""
+    """The file. written: content written by this page, None for nothing yet."""
 
     path: Path
     written: str | None = None
 
     def asks(self) -> bool:
-        """Whether something stands there that this page did not write."""
+        """Whether the file has content that this page did not write."""
         try:
             return files.content(self.path, MOST_BYTES) != (self.written or "").encode() or self.written is None
         except FileNotFoundError:
@@ -30,8 +30,11 @@ class Target:
             return True
 
     def save(self, proposal: PlannedScenario, consent: bool) -> str:
-        """Write the scenario, and return what has to be said of it; nothing is written, and `Consent` raised, where
-        another file would be replaced without consent. Raises ResultError, InputError."""
+        """Write the scenario, and return messages about it.
+
+        Raises `Consent`, and writes nothing, if another file would be replaced without consent. Raises ResultError,
+        InputError.
+        """
         if self.asks() and not consent:
             raise Consent(f"{self.path} is there already. Replace it?")
         found = proposal.text()
@@ -45,7 +48,7 @@ class Target:
 
 
 class Consent(Exception):
-    """Somebody has to be asked first."""
+    """The user must be asked first."""
 
 
 __all__ = ["Consent", "InputError", "ResultError", "Target"]

@@ -14,27 +14,31 @@ from typing import Any
 from navsim.results.result import Result
 
 BOOK, ARTICLE, TALK, REPORT, MISC = "book", "article", "inproceedings", "techreport", "misc"
-"""What a source is, as BibTeX calls it."""
+"""BibTeX type of a source."""
 _PLACE = {ARTICLE: "journal", TALK: "booktitle", REPORT: "institution", BOOK: "edition", MISC: "howpublished"}
 """The field of BibTeX that holds where a source of a kind came out."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A source. authors: families, `others` for et al. place: journal, conference, institution or edition. volume: and
-    number in brackets. year: 0 where it is not known, or is that of the issue in force. note: identifiers."""
+    """A source."""
 
     key: str
     kind: str
     authors: tuple[str, ...]
+    """Family names, `others` for et al."""
     title: str
     place: str = ""
+    """Journal, conference, institution or edition."""
     volume: str = ""
+    """Volume, and number in brackets."""
     year: int = 0
+    """0 if unknown, or that of the issue in force."""
     note: str = ""
+    """Identifiers."""
 
     def text(self) -> str:
-        """As it stands in a list of references."""
+        """Entry of a list of references."""
         named = [name for name in self.authors if name != "others"]
         who = " et al." if len(named) < len(self.authors) else ""
         who = (named[0] if who else " & ".join([", ".join(named[:-1]), named[-1]] if named[1:] else named)) + who
@@ -45,7 +49,7 @@ class Source:
         return (f"{who}: " if who else "") + ". ".join(part for part in parts if part) + "."
 
     def bibtex(self) -> str:
-        """As an entry of BibTeX, in UTF-8."""
+        """BibTeX entry, in UTF-8."""
         volume, _, number = self.volume.rstrip(")").partition("(")
         fields = {
             "author": " and ".join(name if name == "others" else f"{{{name}}}" for name in self.authors),
@@ -515,7 +519,7 @@ def _sky(*names: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
 
 
 def _named(nominal: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
-    """A system that only flies where it is named; nominal: the source that is its design."""
+    """Method of a satellite system that flies only if it is named; nominal: source of its design."""
 
     def flies(scenario: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
         named = (f"nominal-{name}" for name in _at(scenario, "sky", "systems") or ())
@@ -657,11 +661,12 @@ METHODS = (
         _kind("atc-tracking", "azimuth-tracking"),
     ),
 )
-"""What results rest on, in the order of a landing."""
+"""Methods that results use, in the order of a landing."""
 
 
 def methods_of(results: Iterable[Result]) -> list[Method]:
-    """What these results rest on, by their scenarios and root attributes. Raises KeyError for a result without."""
+    """Methods that these results use, from their scenarios and root attributes. Raises KeyError for a result
+    without."""
     import yaml
 
     # of a study by the scenario it varies: what its axes set in place of it may rest on more

@@ -1,4 +1,4 @@
-"""Results beside each other: in which settings they differ, and by how much their numbers do."""
+"""Comparison of results: different settings, and differences of their numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from navsim.report.table import ABSENT, Cell, Row, Table, cell
 from navsim.results.result import Result
 
 TEXTS = ("scenario", "study")
-"""Root attributes with what a result was computed from."""
+"""Root attributes with the inputs of a result."""
 _ALIKE = "no intervals: the results share random numbers (seed and runs), or tell no intervals"
 _COUNTS = "counts are compared by the run, or by what else the difference names, not in all"
 _APART = "95 % intervals of differences and ratios by Zou and Donner (2008), for results of other seeds or runs"
@@ -43,7 +43,7 @@ def _flatten(found: dict[str, str], key: str, node: Any) -> None:
 
 
 def differences(names: Sequence[str], settings: Sequence[Mapping[str, str]]) -> Table | None:
-    """The settings in which results differ; None for one result. What a study sets in its scenario stands in that."""
+    """Settings in which results differ; None for one result. The settings of a study's scenario are included."""
     if len(names) < 2:
         return None
     out = Table("", ("setting", *names), caption="In which settings the results differ")
@@ -156,7 +156,7 @@ def _against(a: Cell | str, b: Cell | str, apart: bool) -> list[Cell | str]:
 
 
 def _counted(a: Cell, b: Cell) -> list[Cell | str]:
-    """The difference of two counts, each by what it is counted in, and their ratio."""
+    """Difference of two counts, each a fraction of its total, and their ratio."""
     if not (a.trials and b.trials) or a.trial != b.trial:
         return [ABSENT, ABSENT]
     x, y = (float(one.values[0]) / one.trials for one in (a, b))
@@ -165,6 +165,6 @@ def _counted(a: Cell, b: Cell) -> list[Cell | str]:
 
 
 def _digits(pattern: str) -> str:
-    """How the first number of a pattern is written, without its sign."""
+    """Format of the first number of a pattern, without its sign."""
     found = re.search(r"\{:\+?(\.[0-9]+[a-z])\}", pattern)
     return found[1] if found else "g"

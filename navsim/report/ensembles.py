@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 AXES = ("lateral", "along", "vertical")
 PERCENTS = (2.5, 25.0, 50.0, 75.0, 97.5)
-"""Of the errors of all runs, with their signs."""
+"""Percentiles of the errors of all runs, with their signs."""
 _INSTANTS = 150
-"""At so many times of the filter, evenly spread, at most: all runs' errors there are held at once."""
+"""Largest number of evenly spaced filter times; all runs' errors at these times are in memory at once."""
 _MOST_NUMBERS = 60_000_000
 _MOST_POINTS = 2000
 _LEAST_RUNS = 10
-"""Percentiles of fewer runs say nothing."""
+"""Least number of runs for percentiles."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class RunSpread:
 
 
 def spread(result: Result) -> RunSpread:
-    """Of a landing's ensemble with its history, truth minus estimate in axes of the runway (right, forward, up)."""
+    """Spread of a landing's ensemble with history, truth minus estimate in runway axes (right, forward, up)."""
     time, runs = result["/filter/time"], result["/run"].size
     count = min(_INSTANTS, time.size, max(20, _MOST_NUMBERS // (3 * runs)))
     at = np.unique(np.linspace(0, time.size - 1, count).astype(int))
@@ -199,7 +199,7 @@ def _required_line(ax: Axes, one: Limit, upright: bool) -> None:
 
 
 def _histogram(result: Result) -> Figure:
-    """How the errors at touchdown are distributed, beside Gaussians of the filter's sigma."""
+    """Distribution of the errors at touchdown, with Gaussians of the filter's sigma."""
     fig = new_figure(2 * COLUMN, 2.6)
     panels = abreast(fig, 3)
     for ax, name in zip(panels, AXES, strict=True):

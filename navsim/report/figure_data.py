@@ -1,4 +1,4 @@
-"""What figures show, as numbers: computed once here for those drawn by matplotlib and those of the page.
+"""Data of figures: computed once, for those drawn by matplotlib and those of the page.
 
 Times are in s, lengths in m, as in the result.
 """
@@ -21,9 +21,9 @@ from navsim.results.result import Result, ResultError, Stream
 from navsim.statistics import chi_square
 
 START = 0.1
-"""Share of a time axis at its start that sets no limits: what settles there would dwarf the rest."""
+"""Fraction of a time axis at its start that sets no limits: the initial transient would dwarf the rest."""
 MOST_RUNS = 50
-"""So many runs of an ensemble are drawn one by one."""
+"""Largest number of runs of an ensemble that are drawn individually."""
 NO_FIX, ALARM = 0, 3
 """`/integrity/status` without a fix, and with an alarm."""
 LEVELS = (("horizontal", "hpl", "hal"), ("vertical", "vpl", "val"))
@@ -61,7 +61,7 @@ def about_threshold(llh: np.ndarray, threshold: np.ndarray, heading: float) -> n
 
 
 def event_time(result: Result, name: str) -> float:
-    """When an event of the flight is, s; nan where there is none of the name."""
+    """Time of an event of the flight, s; nan if there is none of the name."""
     names = list(result["/truth/event"])
     return float(result["/truth/event_time"][names.index(name)]) if name in names else np.nan
 
@@ -77,7 +77,7 @@ def whose(result: Result) -> str:
 
 
 def true_for(result: Result) -> str:
-    """What a figure of the truth says of the runs it belongs to."""
+    """Note of a figure of the truth about the runs to which it belongs."""
     runs = result["/run"].size
     if "/summary/at/lateral_fte" in result:
         return "the route, from which each run deviates"
@@ -117,7 +117,7 @@ def ellipse(covariance: np.ndarray) -> np.ndarray:
 
 
 def blocks(result: Result, path: str) -> Iterator[np.ndarray]:
-    """A variable along its first axis block by block, as it is kept: an ensemble need not fit into memory."""
+    """A variable along its first axis block by block, as stored: an ensemble need not fit into memory."""
     data = result.variables[path].data
     yield from data.blocks() if isinstance(data, Stream) else [np.asarray(data)]
 
@@ -129,7 +129,7 @@ def rms_over_runs(result: Result, path: str) -> np.ndarray:
 
 
 def first_runs(result: Result, path: str, most: int = MOST_RUNS) -> np.ndarray:
-    """As many runs as are drawn one by one (r, t, n)."""
+    """Runs that are drawn individually (r, t, n)."""
     found: list[np.ndarray] = []
     for block in blocks(result, path):
         found.append(block[: most - sum(len(b) for b in found)])
@@ -193,7 +193,7 @@ def runway_errors(result: Result, at: np.ndarray, most: int) -> RunwayErrors:
 
 @dataclass(frozen=True)
 class Followed:
-    """A state of a filter as it is shown: what its row of three is called, its unit, the factor to it, and its axis."""
+    """Display of a filter state: name of its row of three, unit, factor, and axis."""
 
     row: str
     unit: str
@@ -207,7 +207,7 @@ class Followed:
 
 
 def followed(names: list[str]) -> list[Followed]:
-    """How states of a filter are shown, three a row; names: as the result has them."""
+    """Display of filter states, three a row; names: from the result."""
     alone = [name for name in names if name.startswith(("barometric_", "clock_", RANGE_ERROR))]
     rows = list(_STATES)
     further = names[3 * len(_STATES) : len(names) - len(alone)]
@@ -234,7 +234,7 @@ def limit(result: Result, name: str) -> float:
 
 
 def largest_errors(result: Result, axis: str) -> np.ndarray:
-    """The largest error of the fixes of all runs (e,), nan where there is none."""
+    """Largest error of the fixes of all runs (e,), nan without fixes."""
     largest = np.full(result["/integrity/time"].size, -np.inf)
     for block in blocks(result, f"/integrity/error_{axis}"):
         largest = np.fmax(largest, np.fmax.reduce(block, axis=0))
@@ -248,16 +248,19 @@ def alarms(result: Result, of: int = ALARM) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Stanford:
-    """How often errors of fixes met protection levels. edges: of both axes (b + 1,), m. counts: epochs (error, level).
-    limit: the alert limit, inf for none. top: the end of the axes."""
+    """Counts of a Stanford diagram."""
 
     edges: np.ndarray
+    """(b + 1,) of both axes, m."""
     counts: np.ndarray
+    """Epochs (error, level)."""
     limit: float
+    """Alert limit, inf for none."""
     top: float
+    """End of the axes."""
 
     def regions(self) -> list[tuple[float, float, str]]:
-        """Names of the regions and where they stand; none without a limit."""
+        """Names and positions of the regions; empty without a limit."""
         most, top = self.limit, self.top
         if not math.isfinite(most):
             return []
@@ -279,7 +282,7 @@ class Stanford:
 
 
 def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
-    """Of an axis of `LEVELS`, epochs of the glide, those with an alarm left out."""
+    """Stanford diagram of an axis of `LEVELS`, from epochs of the glide without an alarm."""
     time = result["/integrity/time"]
     # as the summary counts them: a path without a start of a glide is on it from the beginning
     flying = ~((time < event_time(result, "glide_start") - 1e-9) | (time > touchdown(result) + 1e-9))
@@ -300,7 +303,7 @@ def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
 
 
 def stanford_text(result: Result) -> str:
-    """What a Stanford diagram counts."""
+    """Epochs that a Stanford diagram counts."""
     return (
         f"{runs_of(result)}; epochs {_span(result)} by error and level, without those with an alarm; values outside "
         "the frame are at its edge"
@@ -308,7 +311,7 @@ def stanford_text(result: Result) -> str:
 
 
 def _span(result: Result) -> str:
-    """Of which part of a flight a Stanford diagram is, in words."""
+    """Part of a flight in a Stanford diagram, in words."""
     begun, landed = (np.isfinite(event_time(result, name)) for name in ("glide_start", "touchdown"))
     if begun:
         return f"of the glide alone, from its start to {'touchdown' if landed else 'the end of the flight'},"
@@ -317,7 +320,7 @@ def _span(result: Result) -> str:
 
 @dataclass(frozen=True)
 class StateRatios:
-    """Ratios of errors to sigma as maps show them.
+    """Maps of ratios of errors to sigma.
 
     z: (n, m) of each state between edges (m + 1,) in time, s, the one furthest from 1. limit: of the colours, which
     reach from 1 / limit to limit, of one run (alone) from 0.
@@ -331,7 +334,7 @@ class StateRatios:
 
     @property
     def label(self) -> str:
-        """What is shown, in words."""
+        """Description of the map."""
         return "error / σ" if self.alone else "z, RMS of error / σ"
 
 
@@ -358,8 +361,10 @@ def state_ratios(result: Result, most: int) -> StateRatios:
 
 
 def one_run(result: Result, number: int) -> Result:
-    """The result of one run of an ensemble, with the squares of its own errors and innovations where those of all runs
-    together stand. Raises ResultError for a run it does not hold, or where its figures are of one flight."""
+    """Result of one run of an ensemble, with its own squared errors and innovations instead of those of all runs.
+
+    Raises ResultError for a run that it does not contain, or if its figures are of one flight.
+    """
     if "/run" not in result:
         raise ResultError(f"--run {number}: a result of kind {result.attributes['kind']} has no runs")
     if result.attributes.get("method") == "covariance":

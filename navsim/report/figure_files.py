@@ -1,4 +1,4 @@
-"""Figures on disk: each says in its own text which result it is of, so that it goes when that result goes."""
+"""Figures on disk: each contains the name of its result in its text, so that it is deleted with that result."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ MARK = "navsim result"
 """Keyword of the PNG text that holds the stem of the result's name."""
 _OF_TEXT = re.compile(rb"navsim result: ([A-Za-z0-9%._~-]+);")
 _ENDS = 65536
-"""Marks of SVG stand at the file's begin, of PDF near its begin or its end; so many bytes of either are looked at."""
+"""Bytes at the beginning and end of a file that are searched for the mark: SVG has it at the beginning, PDF at
+either."""
 
 
 def mark_of_text(stem: str) -> str:
@@ -25,7 +26,7 @@ def mark_of_text(stem: str) -> str:
 def remove_former(
     folder: Path, stem: str, kept: Collection[Path] = (), formats: Collection[str] = ("png", "svg", "pdf")
 ) -> None:
-    """Remove the figures of an earlier result of this stem from a folder, of these formats, but for those kept.
+    """Remove the figures of an earlier result of this stem from a folder, of these formats, except those kept.
 
     Files without the mark, and those of other stems that begin alike, are not touched. Raises ResultError.
     """
@@ -39,7 +40,7 @@ def remove_former(
 
 
 def _mark(path: Path) -> str | None:
-    """The stem of the result a picture is of; None for what is no picture of navsim's, whatever its name says."""
+    """Stem of a picture's result; None for a picture that navsim did not write, whatever its name."""
     return _mark_of_png(path) if path.suffix == ".png" else _mark_of_text(path)
 
 

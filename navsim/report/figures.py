@@ -59,13 +59,13 @@ _LETTERS = Letters(5.0, 8.0, 4.2)
 
 
 def legend_above(figure: Figure, axes: Axes, columns: int, title: str | None = None, *more: Axes) -> None:
-    """The legend of `axes`, and of what more of them have beside, over the whole figure, where no data are."""
+    """Legend of `axes`, and of additional items, above the whole figure."""
     named = named_handles((axes, *more))
     legend(figure, list(named.values()), list(named), columns, "outside upper center", title)
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
-    """The legend of `axes` under the whole figure."""
+    """Legend of `axes` below the whole figure."""
     named = named_handles((axes,))
     legend(figure, list(named.values()), list(named), columns, "outside lower center")
 
@@ -76,7 +76,7 @@ def legend_over(ax: Axes, columns: int) -> None:
 
 
 def label_points(ax: Axes, names: Iterable[object], x: np.ndarray, y: np.ndarray) -> None:
-    """Names beside points, each on the side where it covers least of other points and names."""
+    """Labels of points, each on the side where it overlaps least with other points and labels."""
     said = [str(name) for name in names]
     places = [(right, -up) for right, up in on_page(ax, x, y).tolist()]
     corners = ax.get_window_extent().get_points() * 72.0 / ax.figure.dpi
@@ -85,7 +85,7 @@ def label_points(ax: Axes, names: Iterable[object], x: np.ndarray, y: np.ndarray
 
 
 def write_names(ax: Axes, names: Iterable[str], x: Iterable[float], y: Iterable[float], sides: Iterable[Side]) -> None:
-    """Names beside points, where they stand, points of the page."""
+    """Labels of points at given positions, points of the page."""
     from matplotlib.patheffects import withStroke
 
     for name, right, up, side in zip(names, x, y, sides, strict=True):
@@ -97,7 +97,7 @@ def write_names(ax: Axes, names: Iterable[str], x: Iterable[float], y: Iterable[
 
 
 def on_page(ax: Axes, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Where data (n,) lie on the page, points (n, 2)."""
+    """Positions of data (n,) on the page, points (n, 2)."""
     return ax.transData.transform(np.column_stack([x, y])) * 72.0 / ax.figure.dpi
 
 
@@ -171,7 +171,7 @@ def track(result: Result) -> Figure:
 
 
 def sky(result: Result) -> Figure:
-    """Directions to all sources over the approach, used and not, with what mask, horizon and terrain take away."""
+    """Sky plot of all sources over the approach, used and unused, with mask, horizon and terrain."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, Patch, Wedge
 
@@ -284,12 +284,12 @@ _DOWN = 2
 
 
 _MOST_ROWS, _HIGHEST = 8, 8.4
-"""Rows of panels of a figure, and their height, inches: what a page has room for."""
+"""Largest number of rows of panels of a figure, and their height, inches, for one page."""
 
 
 def errors(result: Result) -> dict[str, Figure]:
-    """All errors with 3 sigma bounds: of one run, or of an ensemble with its RMS; more states than a page has room for
-    go on in another figure."""
+    """All errors with 3 sigma bounds: of one run, or of an ensemble with its RMS. States that do not fit continue in
+    another figure."""
     rows = math.ceil(len(result["/filter/state"]) / 3)
     pages = math.ceil(rows / _MOST_ROWS)
     ends = np.linspace(0, rows, pages + 1).round().astype(int)
@@ -350,7 +350,8 @@ def _errors(result: Result, shown: range) -> Figure:
 _FAMILIES = (("initial", "#CC79A7"), ("gyro", "#56B4E9"), ("accelerometer", _GREEN), ("satellite", _BLUE),
              ("pseudolite", "#E69F00"), ("systematic", _GREY), ("", "#F0E442"))  # fmt: skip
 _HATCHES = ("", "//////", "......", "xxxxxx", "++++++", "oooo")
-"""Sources of one kind share a colour and differ by hatch; the last kind has all others: sensors beside the receiver."""
+"""Sources of one group share a colour and differ by hatch; the last group has all others: sensors beside the
+receiver."""
 
 
 def _source_style(names: list[str]) -> list[tuple[str, str]]:
@@ -365,7 +366,7 @@ def _source_style(names: list[str]) -> list[tuple[str, str]]:
 
 
 def budget(result: Result) -> Figure:
-    """True root mean square error against the filter's belief, and what each source contributes."""
+    """True root mean square error, the filter's sigma, and the contribution of each source."""
     from matplotlib.patches import Patch
 
     fig = new_figure(2 * COLUMN, 4.8)

@@ -1,4 +1,4 @@
-"""How the integrity of fixes is shown: levels, limits and errors over time, and Stanford diagrams."""
+"""Integrity figures: levels, limits and errors over time, and Stanford diagrams."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ _LEVEL, _ERROR, _LIMIT = COLOURS[0], COLOURS[2], COLOURS[1]
 _SKY = (COLOURS[0], COLOURS[2], COLOURS[4], COLOURS[5])
 """Colours of satellites by their clocks."""
 _GIVEN = {"fix": "fix", "filter": "fix or source"}
-"""What there is none of where a run has an alert without an alarm."""
+"""Quantity that is missing if a run has an alert without an alarm."""
 
 
 def levels(result: Result) -> Figure:
-    """Protection levels over time, beside their limits and the errors of the fixes, or of the filter."""
+    """Protection levels over time, with their limits and the errors of the fixes, or of the filter."""
     fig = new_figure(2 * COLUMN, 4.4)
     axes = fig.subplots(2, 1, sharex=True)
     time = result["/integrity/time"]
@@ -85,8 +85,7 @@ def levels(result: Result) -> Figure:
 
 
 def stanford(result: Result) -> Figure:
-    """How often errors of fixes, or of the filter, met protection levels on the glide, but for epochs with an
-    alarm."""
+    """Stanford diagram of the fixes, or of the filter, on the glide, without epochs with an alarm."""
     fig = new_figure(2 * COLUMN, 3.2)
     fig.set_layout_engine("compressed")  # square panels leave room otherwise
     axes = abreast(fig, 2)
@@ -126,7 +125,7 @@ def _diagram(ax: Axes, of: Stanford) -> None:
 
 
 def _free(of: Stanford) -> list[tuple[float, float, str]]:
-    """Where the names of the regions stand: where fewest epochs lie under them, of places within their regions."""
+    """Positions for the names of the regions: inside them, where they cover the fewest epochs."""
     step = of.edges[1] - of.edges[0]
     places = np.arange(of.edges.size - 1)
     x, y = np.meshgrid((places + 0.5) * step, (places + 0.5) * step, indexing="ij")

@@ -1,4 +1,5 @@
-"""What few satellites and pseudolites make possible by rank, and how useful their levels are in an approach."""
+"""Tables of the capabilities of few satellites and pseudolites by rank, and of the usefulness of their levels in an
+approach."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ _LEGEND = (
 
 
 def method(result: Result) -> str:
-    """How the fixes are watched."""
+    """Monitor of the fixes."""
     return str(setting(result, "integrity", "method"))
 
 
@@ -67,13 +68,13 @@ def _useful(result: Result) -> list[Table]:
 
 
 def limits(result: Result) -> str:
-    """What the levels are held against, in words."""
+    """Limits of the levels, in words."""
     asked = {"HPL": float(result["/useful/hal"]), "VPL": float(result["/useful/val"])}
     return " and ".join(f"{name} <= {most:g} m" for name, most in asked.items() if np.isfinite(most))
 
 
 def _explained(result: Result) -> str:
-    """What stands below the shares."""
+    """Text below the fractions."""
     names = {noun: list(map(str, result[f"/useful/{noun}"])) for noun in ("satellite", "pseudolite")}
     time = result.variables["/glide/time"]
     count, whole = time.data.shape[0], time.attributes["epochs_of_glide"]
@@ -97,7 +98,7 @@ def _listed(names: list[str]) -> str:
 
 
 def tables(result: Result) -> list[Table | str]:
-    """Both tables, and what they are of."""
+    """Both tables, and their subject."""
     head = "Rank: possible or not. Protection levels: useful or not."
     return [head, _possible(result), _LEGEND, *_useful(result), _explained(result)]
 
@@ -108,7 +109,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 def more(result: Result) -> dict[str, Any]:
-    """What the plain data have beside the result's variables."""
+    """Plain data in addition to the result's variables."""
     return {"method": method(result)}
 
 

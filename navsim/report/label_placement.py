@@ -1,5 +1,5 @@
-"""Where names stand beside marks: each where it covers least of marks, of names before it, and of what else is there;
-of figures and of pages alike."""
+"""Placement of labels beside marks, for figures and pages: with least overlap with marks, earlier labels and other
+items."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Side(NamedTuple):
-    """Where a name stands beside its mark: its alignment, and how far to the right and down from mark to name."""
+    """Position of a label beside its mark: alignment, and offset to the right and down."""
 
     align: str
     right: float
@@ -16,7 +16,7 @@ class Side(NamedTuple):
 
 
 class Covered(NamedTuple):
-    """What something covers, to the right and down."""
+    """Rectangle covered by an item, to the right and down."""
 
     left: float
     right: float
@@ -24,7 +24,7 @@ class Covered(NamedTuple):
     lower: float
 
     def common(self, other: Covered) -> float:
-        """How much of it another one covers."""
+        """Area of the overlap with another one."""
         across = min(self.right, other.right) - max(self.left, other.left)
         down = min(self.lower, other.lower) - max(self.upper, other.upper)
         return across * down if across > 0.0 and down > 0.0 else 0.0
@@ -36,18 +36,18 @@ _SIDES = (
     Side("left", 0.7, 0.0), Side("right", -0.7, 0.0), Side("center", 0.0, -1.2), Side("center", 0.0, 1.2),
     Side("left", 0.5, -0.8), Side("right", -0.5, -0.8), Side("left", 0.5, 0.8), Side("right", -0.5, 0.8),
 )  # fmt: skip
-"""In the order of what is liked, in lines."""
+"""Sides in the order of preference, in lines."""
 
 
 class Letters(NamedTuple):
-    """How large a mark, a line of letters, and one of them are."""
+    """Sizes of a mark, a line of text, and a letter."""
 
     mark: float
     line: float
     letter: float
 
     def written(self, x: float, y: float, said: str, side: Side) -> Covered:
-        """What a name covers beside a mark."""
+        """Rectangle of a label beside a mark."""
         wide = self.letter * len(said)
         left = x + side.right - {"left": 0.0, "center": 0.5 * wide, "right": wide}[side.align]
         return Covered(left, left + wide, y + side.down - 0.5 * self.line, y + side.down + 0.5 * self.line)
@@ -55,8 +55,10 @@ class Letters(NamedTuple):
     def sides(
         self, places: Sequence[tuple[float, float]], said: Sequence[str], there: Sequence[Covered], paper: Covered
     ) -> list[Side]:
-        """Where names stand beside marks at places, to the right and down. there: what is covered already. paper: what
-        no name is to leave."""
+        """Sides of labels beside marks at positions, to the right and down.
+
+        there: rectangles already covered. paper: labels must stay inside.
+        """
         liked = [Side(side.align, self.line * side.right, self.line * side.down) for side in _SIDES]
         half = 0.5 * self.mark
         marks = [Covered(x - half, x + half, y - half, y + half) for x, y in places]

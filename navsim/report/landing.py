@@ -1,4 +1,4 @@
-"""How landings are shown: side by side."""
+"""Display of landings, side by side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a landing is asked to keep within, as figures draw it: sizes of errors and levels, and where they hold."""
+"""Required limits of a landing in figures: sizes of errors and levels, and their range of validity."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 _FOOT = 0.3048
 REQUIRED = "#000000"
-"""Colour of what is required; limits of other sorts have their own."""
+"""Colour of required limits; other limits have their own."""
 DOTTED = (0, (1.0, 1.0))
-"""Dashes of a required size that is a line: told from all others without colour."""
+"""Dash pattern of a required limit, distinguishable without colour."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Limit:
     """A requirement that limits a size."""
 
     what: str
-    """As in the scenario, "" if missing; `of` and `at` likewise."""
+    """Value from the scenario, "" if missing; `of` and `at` likewise."""
     of: str
     at: str
     size: float
@@ -57,7 +57,7 @@ def glide(result: Result) -> tuple[float, float]:
 
 
 def passes(result: Result, height: str) -> float:
-    """When the aircraft last comes down through one of `HEIGHTS`, s; nan where it does not."""
+    """Last time at which the aircraft descends through one of `HEIGHTS`, s; nan if it does not."""
     if not HEIGHTS[height]:
         return touchdown(result)
     time = result["/truth/time"]
@@ -87,8 +87,7 @@ def level_lines(ax: Axes, result: Result, level: str) -> None:
 
 
 def rms_lines(ax: Axes, result: Result, axis: str) -> float:
-    """The sizes that a root mean square error is required to be within, over the time that it is of; the largest, m, 0
-    where there is none."""
+    """Draw required limits of a root mean square error over their time range; returns the largest, m, 0 for none."""
     end = glide(result)[1]
     sizes = [one.size for one in required_limits(result, "rms") if one.of == axis]
     for size in sizes:
@@ -114,7 +113,7 @@ def rectangle(ax: Axes, across: tuple[float, float] | None, up: tuple[float, flo
 
 
 def word(ax: Axes, text: str, at: tuple[float, float], off: tuple[float, float], **how: Any) -> Annotation:
-    """A word on a figure, legible over lines: at a point of the data, off by so many points."""
+    """A word in a figure, legible over lines: at a point of the data, with an offset in points."""
     from matplotlib.patheffects import withStroke
 
     return ax.annotate(
@@ -130,8 +129,10 @@ def within_sight(result: Result, axis: str, reach: float) -> float:
 
 
 def gates(ax: Axes, result: Result, axis: str, reach: float) -> None:
-    """What errors of an axis are required to be between, when the aircraft passes the heights where they are; reach:
-    half the height of the panel, m. Where a size is beyond it, it is said at the edge."""
+    """Draw required limits of an axis at the heights where they apply; reach: half the height of the panel, m.
+
+    A limit beyond it is written at the edge.
+    """
     label: str | None = f"required of the {axis} error"
     for one in required_limits(result, "error"):
         when = passes(result, one.at)

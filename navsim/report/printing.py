@@ -1,5 +1,7 @@
-"""How figures are printed: their width, format and resolution; styles that the colour-blind tell apart; legends, titles
-and labels that fit the width; files whose bytes are the same each time."""
+"""Printing of figures: width, format and resolution, distinguishable styles, fitting legends and labels, equal bytes.
+
+Styles are distinguishable for the colour-blind. The bytes of a file are the same each time.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.text import Text
 
 COLUMN = 3.5
-"""Width of a journal column, inches; two-column figures are twice that, and are printed as wide unless told else."""
+"""Width of a journal column, inches; two-column figures are twice as wide, which is the default."""
 SMALL = 7.0
 """The smallest letters, points."""
 STYLE: Any = {
@@ -55,7 +57,7 @@ STYLE: Any = {
     "pdf.fonttype": 42,
 }
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Told apart by the colour-blind (Okabe and Ito)."""
+"""Colours distinguishable for the colour-blind (Okabe and Ito)."""
 LINES = ("-", "--", "-.", ":")
 MARKS = "osD^v<>Pp"
 
@@ -86,17 +88,17 @@ def printed(how: Print) -> Iterator[None]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, inches; as wide as it is to be printed where that is said."""
+    """An empty figure, inches; in the printed width if that is set."""
     return Figure(figsize=(_WIDTH.get() or width, height), layout="constrained")
 
 
 def narrow(figure: Figure) -> bool:
-    """Whether a figure has the width of a column, so that panels of some width stand below each other."""
+    """Whether a figure has the width of a column, so that wide panels go below each other."""
     return figure.get_figwidth() < 1.4 * COLUMN
 
 
 def abreast(figure: Figure, count: int, **how: Any) -> list[Axes]:
-    """Panels side by side; below each other, on so much more height, where the figure is narrow."""
+    """Panels side by side; in a narrow figure below each other, with correspondingly more height."""
     if not narrow(figure):
         return list(figure.subplots(1, count, squeeze=False, **how)[0])
     figure.set_figheight(figure.get_figheight() * (1.0 + 0.85 * (count - 1)))
@@ -105,7 +107,7 @@ def abreast(figure: Figure, count: int, **how: Any) -> list[Axes]:
 
 
 def style(i: int) -> dict[str, Any]:
-    """Colour and dashes of the i-th of many lines: what the palette does not tell apart, dashes do."""
+    """Colour and dashes of the i-th of many lines: dashes distinguish equal colours."""
     return {"color": COLOURS[i % len(COLOURS)], "ls": LINES[i // len(COLOURS) % len(LINES)]}
 
 
@@ -238,7 +240,8 @@ def _spread_numbers(ax: Axes) -> None:
 
 
 def _thin(line: Line2D, ax: Axes, wide: float) -> None:
-    """Of a line over a panel so many points wide keep the least and the largest value in every column of the print."""
+    """Reduce a line over a panel of this width, points, to the least and the largest value in every column of the
+    print."""
     x, y = (np.asarray(values, float) for values in line.get_data())
     columns = int(wide / _THIN)
     if line.get_marker() not in ("None", None, "", " ") or line.get_drawstyle() != "default" or x.size <= 3 * columns:
@@ -289,13 +292,13 @@ def _lines(line: str, room: float, size: float) -> list[str]:
 
 
 def _length(line: str, size: float) -> float:
-    """How long a line is, points."""
+    """Width of a line of text, points."""
     return 0.01 * size * _hundredfold(line)
 
 
 @functools.lru_cache(maxsize=4096)
 def _hundredfold(line: str) -> float:
-    """How long a line is, points, in letters of a hundred points: all sizes have the same outlines."""
+    """Width of a line of text in letters of a hundred points: all sizes have the same outlines."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
@@ -330,5 +333,5 @@ def content(figure: Figure, how: Print, stem: str) -> bytes:
 
 
 def named_handles(axes: Iterable[Axes]) -> dict[str, Any]:
-    """What legends of these panels show, each name once."""
+    """Items of the legends of these panels, each name once."""
     return {label: h for ax in axes for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}

@@ -1,4 +1,4 @@
-"""Where results come from: their files, what made them, and of what."""
+"""Provenance of results: their files, software and inputs."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _HEADS = {
     "navsim_version": "navsim", "schema_version": "version of the layout", "scenario_sha256": "SHA-256 of the scenario",
     "combinations": "combinations", "objective": "objective", "replaced_block": "replaced by a stream",
 }  # fmt: skip
-"""Root attributes of provenance, and what they are called."""
+"""Root attributes of provenance, and their headings."""
 
 
 @dataclass(frozen=True)
 class Read:
-    """A result that was read. name: what it is called. path: the file."""
+    """A result that was read, with its name and the path of its file."""
 
     name: str
     path: Path
@@ -28,7 +28,7 @@ class Read:
 
 
 def provenance(read: Sequence[Read]) -> Table:
-    """What files results are, and what made them; a column a result."""
+    """Files and software of results, a column for each."""
     caption = "Where the results come from; times are UTC"
     out = Table("", ("", *(each.name for each in read)), caption=caption)
     out.add("file", *(str(each.path) for each in read))
@@ -42,7 +42,7 @@ def provenance(read: Sequence[Read]) -> Table:
 
 
 def _runs(result: Result) -> str:
-    """Which runs a result holds: their number, the first and the last."""
+    """Runs in a result: their number, the first and the last."""
     if "/run" not in result or result.attributes.get("method") == "covariance" or not result["/run"].size:
         return ABSENT
     numbers = result["/run"]

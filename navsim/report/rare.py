@@ -1,4 +1,4 @@
-"""How the probability of leaving a box is shown: as a table, and as exceedance curves of the errors."""
+"""Display of the probability of leaving a box: a table, and exceedance curves of the errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FAR = 1e-12
-"""Probabilities below this are told to rest on the tails that inputs are drawn from."""
+"""Probability below which a note says that it depends on the assumed tails of the inputs."""
 _LEAST = 1e-12
 """Probabilities below this are not drawn."""
 _COMMON = 0.1
@@ -101,7 +101,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 def exceedance(result: Result) -> Figure:
-    """How often each limited error exceeds a size, by pushed runs and to first order."""
+    """Probability that each limited error exceeds a size, from shifted runs and to first order."""
     from navsim.report.figures import legend_above
     from navsim.report.printing import COLUMN, new_figure
 
@@ -130,13 +130,13 @@ class Exceedance:
     first_order: np.ndarray
     """Probabilities to first order."""
     limit: float
-    """Of the box, half the distance of its limits, m."""
+    """Limit of the box, half the distance of its limits, m."""
     bottom: float
     """Start of the probability axis, 0 for a linear one."""
 
 
 def curve(result: Result, i: int) -> Exceedance:
-    """Of the i-th axis, which has a limit."""
+    """Exceedance curve of the i-th axis, which has a limit."""
     limits = box_limits(result, i)
     assert limits is not None
     limit, centre = 0.5 * (limits[1] - limits[0]), middle(result, i)
@@ -189,7 +189,7 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
 
 
 def _mark(ax: Axes, limit: float, end: float) -> None:
-    """The limit, m, on an axis that ends at `end`, or where it is beyond that."""
+    """Mark the limit, m, on an axis that ends at `end`, or write it at the end if it is beyond."""
     from matplotlib.patheffects import withStroke
 
     from navsim.report.printing import COLOURS, SMALL
@@ -213,7 +213,7 @@ def exceeded(error: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.
     weight, runs = np.exp(log_weight[order]), max(size.size, 2)
 
     def share(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of the first 1, 2, ... of some weights: chance, and the factor to the end of its interval."""
+        """Probability from the first 1, 2, ... of some weights, and factor to the end of its interval."""
         total, square = np.cumsum(some), np.cumsum(some**2)
         known = square > 0.0
         reach = np.exp(TWO_SIDED * relative_error(np.where(known, total, 1.0), np.where(known, square, 1.0), runs))

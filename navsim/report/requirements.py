@@ -1,4 +1,4 @@
-"""How the errors that a landing is limited in are shown: beside the limits, where they hold."""
+"""Figures of required errors of a landing, with their limits."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _SPREAD = 0.28
 """Half the width over which runs at one height are spread."""
 _MOST_POINTS = 2000
 _WIDEST = 4.0
-"""Limits this many times as large as what is found are said at the edge and not drawn."""
+"""Limits larger than the values by this factor are written at the edge instead of drawn."""
 _STATES = {"horizontal": [0, 1], "vertical": [2]}
 _NAMES = {"lateral": "lateral (right)", "along": "along the track", "vertical": "vertical (up)"}
 
 
 def figures(result: Result) -> dict[str, Figure]:
-    """Figures of what a landing is limited in, by name: those it has limits for."""
+    """Figures of limited quantities of a landing, by name."""
     out = {}
     if required_limits(result, "error", "rms"):
         out["requirements"] = errors(result)
@@ -42,7 +42,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 def errors(result: Result) -> Figure:
-    """Root mean square errors over time, and errors at heights, with what is required of them."""
+    """Root mean square errors over time, and errors at heights, with their required limits."""
     rms = [axis for axis in _STATES if any(one.of == axis for one in required_limits(result, "rms"))]
     at = [axis for axis in _NAMES if any(one.of == axis for one in required_limits(result, "error"))]
     rows = [row for row in (rms, at) if row]
@@ -63,7 +63,7 @@ def errors(result: Result) -> Figure:
 
 
 def _over_time(ax: Axes, result: Result, axis: str) -> None:
-    """The root mean square error of all runs over time, the filter's sigma, and what is found over the last seconds."""
+    """Root mean square error of all runs over time, the filter's sigma, and the value over the last seconds."""
     time, states = result["/truth/time"], _STATES[axis]
     value, low, high = map(float, result[f"/summary/rms/{axis}"])
     if single(result):  # which has no interval that says anything
@@ -102,7 +102,7 @@ def _curves(result: Result, states: list[int]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_heights(ax: Axes, result: Result, axis: str) -> None:
-    """The errors of runs at the heights where they are judged, the size that 95 % of them keep, and the limits."""
+    """Errors of runs at the evaluated heights, the size that 95 % of them keep, and the limits."""
     reach = max(_found_at(ax, result, axis, i, i == 0) for i in range(len(HEIGHTS)))
     beyond: list[tuple[int, str]] = []
     limits = [one for one in required_limits(result, "error") if one.of == axis]
@@ -129,7 +129,7 @@ def _at_heights(ax: Axes, result: Result, axis: str) -> None:
 
 
 def _found_at(ax: Axes, result: Result, axis: str, i: int, named: bool) -> float:
-    """What was found at one of `HEIGHTS`, and how large it is, m; named: for the legend."""
+    """Value at one of `HEIGHTS`, and its size, m; named: for the legend."""
     x, reach = _ALONG_TRACK.index(tuple(HEIGHTS)[i]), 0.0
     if f"/summary/at/{axis}_run" in result:
         found = result[f"/summary/at/{axis}_run"][:, i]
@@ -211,7 +211,7 @@ def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, tu
 
 
 def _stretch(found: np.ndarray, start: float, limits: tuple[float, float] | None) -> tuple[float, float]:
-    """Of an axis with these errors and limits, alike to both sides of no error where there are no limits."""
+    """Range of an axis for these errors and limits; symmetric about zero without limits."""
     reach = float(np.abs(found).max(initial=0.0))
     low, high = limits or (-reach, reach)
     low, high = start + min(low, found.min(initial=0.0)), start + max(high, found.max(initial=0.0))

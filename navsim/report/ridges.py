@@ -1,5 +1,4 @@
-"""Terrain in figures and pages: ridges in the axes of the runway, where the way goes over them, what they hide of the
-sky."""
+"""Terrain in figures and pages: ridges in runway axes, their crossings by the trajectory, the skyline."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ BROWN = "#8C4B00"
 _AROUND = 1441
 """Azimuths at which a skyline is asked for, a quarter of a degree from each other."""
 _WAY = 500
-"""Most straight parts of a way that are held against ridges."""
+"""Largest number of straight pieces of a trajectory that are compared with ridges."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class ShownRidge:
     """(n, 3) points of its top: along and right of the runway axis from the threshold, height above the threshold,
     m."""
     height: float
-    """Of the top above the threshold, m."""
+    """Height of the top above the threshold, m."""
 
     @property
     def label(self) -> str:
@@ -77,7 +76,7 @@ def on_plan(seen: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True)
 class FlownOver:
-    """Where a way goes over a ridge: along the runway from the threshold, and the height of the top there, m."""
+    """Crossing of a ridge: along the runway from the threshold, and the height of the top there, m."""
 
     along: float
     top: float
@@ -85,7 +84,7 @@ class FlownOver:
 
 
 def flown_over(result: Result) -> list[FlownOver]:
-    """Where the true way of a landing goes over ridges, or through them."""
+    """Crossings of ridges, or collisions with them, on the true trajectory of a landing."""
     path = ecef_from_llh(result["/truth/position_llh"])
     step = max(1, -(-len(path) // _WAY))
     way = np.concatenate([path[::step], path[-1:]])
@@ -107,8 +106,10 @@ def _tops(ridge: RidgeLine) -> np.ndarray:
 
 
 def terrain_skyline(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
-    """Up to which elevations the terrain hides the sky from the antenna at the last fix epoch: azimuths (n,), growing,
-    and elevations, -pi/2 where nothing stands, rad. None without terrain."""
+    """Terrain skyline at the last fix epoch: azimuths (n,), increasing, and elevations, rad, seen from the antenna.
+
+    The elevation is -pi/2 without terrain in that direction. None without any terrain.
+    """
     given = ridges(result)
     if not given:
         return None

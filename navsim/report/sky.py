@@ -18,11 +18,11 @@ Sector = tuple[float, float, float, float]
 """A part of the sky that is taken out: azimuths from, to, and elevations from, to, deg."""
 RINGS = (30.0, 60.0, 90.0)
 WRITTEN, REACH = 1.07, 1.14
-"""How far out bearings are written, and the paper goes, of its edge."""
+"""Radius of the bearings, and of the paper, relative to its edge."""
 SHADE = 0.25
 _BEARINGS = ("N", "45°", "E", "135°", "S", "225°", "W", "315°")
 _OFF = 0.15
-"""How far from its line a source may be drawn, deg: a third of a pixel of the page."""
+"""Largest deviation of a source from its line, deg: a third of a pixel of the page."""
 
 
 def bearings() -> list[tuple[str, float, float]]:
@@ -34,8 +34,10 @@ def bearings() -> list[tuple[str, float, float]]:
 def sides(
     x: Sequence[float], y: Sequence[float], said: Sequence[str], edge: float, wide: float, letters: Letters
 ) -> list[Side]:
-    """Where names of marks stand on a paper down to 90 - edge, deg, that is so wide, in the unit of its letters; x, y:
-    of the marks, to the east and north, deg."""
+    """Sides of the labels of marks on a paper down to 90 - edge, deg.
+
+    wide: its width in the unit of the letters; x, y: of the marks, to the east and north, deg.
+    """
     scale = 0.5 * wide / (REACH * edge)
     out = scale * WRITTEN * edge
     taken = [letters.written(out * s, -out * c, name, ON) for name, s, c in bearings()]
@@ -46,8 +48,10 @@ def sides(
 
 
 def shaded(azimuth: np.ndarray, elevation: np.ndarray, mask: float) -> tuple[np.ndarray, np.ndarray]:
-    """The outline (n,), (n,) of what a horizon takes out of the sky above a mask, deg, to the east and north, deg.
-    azimuth, elevation: of its corners, rad, azimuths growing; straight between them."""
+    """Outline (n,), (n,) of the part of the sky that a horizon hides above a mask, deg, to the east and north, deg.
+
+    azimuth, elevation: of its corners, rad, azimuths increasing; straight between them.
+    """
     around = np.union1d(np.linspace(0.0, 2.0 * math.pi, 361), azimuth)
     over = np.degrees(between(azimuth, elevation, around))
     radius = np.concatenate((np.full(around.size, 90.0 - mask), (90.0 - np.maximum(over, mask))[::-1]))
@@ -73,18 +77,18 @@ class SourceTrack:
 
     @property
     def how(self) -> str:
-        """How much it is used."""
+        """Description of its use."""
         if 0.0 < self.share < 1.0:
             return f"used at {100.0 * self.share:.1f} % of fixes"
         return "used" if self.share else "not used"
 
     @property
     def last(self) -> int:
-        """The last instant at which it is there."""
+        """Index of its last known position."""
         return int(np.flatnonzero(np.isfinite(self.x))[-1])
 
     def part(self, used: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Its line where it is used, or not: on to the next instant, where the other one begins."""
+        """Its line where it is used, or unused, up to the first point of the other kind."""
         up = np.isfinite(self.x)
         shown = up & (self.used == used)
         joined = shown | (np.append(False, shown[:-1]) & up)
@@ -156,7 +160,7 @@ def _bends(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def masked(result: Result, edge: float) -> list[Sector]:
-    """What the mask takes out of the sky."""
+    """Part of the sky that the mask hides."""
     sectors = [(0.0, 360.0, low, high) for low, high in (
         (90.0 - edge, float(setting(result, "sky", "mask_deg"))),
         (float(setting(result, "sky", "mask_upper_deg")), 90.0),

@@ -16,7 +16,7 @@ from navsim.results.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
 from navsim.statistics.importance_sampling import LEAST
 
 FINDINGS = "/findings/"
-"""Where a result keeps what its user must hear about."""
+"""Path of the findings in a result."""
 _DEGREE = 180.0 / math.pi
 
 
@@ -44,7 +44,7 @@ def single(result: Result) -> bool:
 
 
 def _accuracy(values: np.ndarray, sigma: np.ndarray, scale: float = 1.0, sign: np.ndarray | None = None) -> Cell:
-    """An error beside the filter's sigma: of one run without an interval, with its `sign` where it is given."""
+    """An error with the filter's sigma: of one run without an interval, with its `sign` if given."""
     value, low, high = (float(x) for x in np.asarray(values) * scale)
     believed = float(sigma) * scale
     if sign is not None:
@@ -57,7 +57,7 @@ def _accuracy(values: np.ndarray, sigma: np.ndarray, scale: float = 1.0, sign: n
 
 
 def _late(result: Result, name: str, i: int | None = None, scale: float = 1.0) -> Cell:
-    """RMS over the last seconds of an entry of /summary/rms, of its component `i` where it has several."""
+    """RMS over the last seconds of an entry of /summary/rms, of its component `i` if it has several."""
     values, sigma = result[f"/summary/rms/{name}"], result[f"/summary/sigma/{name}"]
     if i is not None:
         values, sigma = values[i], sigma[i]
@@ -67,7 +67,7 @@ def _late(result: Result, name: str, i: int | None = None, scale: float = 1.0) -
 
 
 def _at(result: Result, name: str, i: int) -> Cell:
-    """The error at a height: of one run with its sign, of several the RMS with its interval."""
+    """Error at a height: of one run with its sign, of several the RMS with its interval."""
     sign = result[f"/summary/at/{name}_run"][0, i] if single(result) else None
     return _accuracy(result[f"/summary/at/{name}"][i], result[f"/summary/at/{name}_sigma"][i], sign=sign)
 
@@ -82,7 +82,7 @@ def _percentiles(result: Result, path: str, i: int | None = None) -> Cell | str:
 
 
 def _mean_head(result: Result) -> str:
-    """What stands over means per degree of freedom."""
+    """Heading of means per degree of freedom."""
     flown = not single(result) and result.attributes["method"] != "covariance"
     return "1 is right" + (" (95 % band, times inside)" if flown else "")
 
@@ -115,7 +115,7 @@ def _fixes(result: Result) -> Cell:
 
 _DELAYING = ("ephemeris", "ionosphere", "troposphere")
 _OF_PSEUDOLITES = ("multipath", "survey_error_m", "survey_sigma_m", "clock_sigma_ns", "clock_noise")
-"""Keys of `signals`, and of `pseudolites`, with errors of ranges that last, where they are there and not zero."""
+"""Keys of `signals`, and of `pseudolites`, with time-correlated ranging errors, if present and not zero."""
 
 
 def ranging_errors(result: Result) -> str:
@@ -139,12 +139,12 @@ def ranging_errors(result: Result) -> str:
 
 
 def _named(results: Sequence[Result], path: str) -> list[str]:
-    """The names that stand at a path of results, each once: results may have different ones."""
+    """All names at a path of results, each once."""
     return list(dict.fromkeys(str(name) for result in results if path in result for name in result[path]))
 
 
 def _place(result: Result, path: str, name: str) -> int | None:
-    """Where a name stands at a path of a result; None where it does not."""
+    """Index of a name at a path of a result; None if missing."""
     there = [str(each) for each in result[path]] if path in result else []
     return there.index(name) if name in there else None
 
@@ -169,7 +169,7 @@ def _consistency(table: Table, results: Sequence[tuple[str, Result]]) -> None:
 
 
 def _band(result: Result) -> str:
-    """What z is, and its band, in words."""
+    """Definition of z and its band, in words."""
     if _RATIO not in result:
         return ""
     low, high = _band_of(result)
@@ -237,12 +237,12 @@ def _worst(result: Result, group: str) -> Cell | str:
 
 
 def _carries(result: Result, sensor: str) -> bool:
-    """Whether a sensor beside the receiver flies; earlier versions have fewer."""
+    """Whether a sensor beside the receiver is on board; earlier versions have fewer."""
     return setting(result).get(sensor) is not None
 
 
 def _aiding(result: Result, sensor: str) -> Cell | str:
-    """What became of the measurements of a sensor beside the receiver."""
+    """Status of the measurements of a sensor beside the receiver."""
     branch = f"/summary/aiding/{sensor}"
     if f"{branch}/nis" not in result:
         return "carried to first order" if _carries(result, sensor) else ABSENT
@@ -261,7 +261,7 @@ and path in the result."""
 
 
 def _taken(result: Result, path: str) -> np.ndarray | None:
-    """At how many fix epochs each source (s,) is lost to what stands there; None where a result has nothing of it."""
+    """Number of fix epochs at which each source (s,) is lost to this cause; None if the result lacks it."""
     if path not in result:
         return None
     found = result[path]
@@ -273,7 +273,7 @@ def _taken(result: Result, path: str) -> np.ndarray | None:
 
 
 def _losses(table: Table, results: Sequence[Result]) -> None:
-    """Add what sources are lost to, by name: pseudolites first."""
+    """Add causes of lost sources by name, pseudolites first."""
     for title, word, all_of_them, path in _LOSSES:
         counts = [_taken(result, path) for result in results]
         told = [(r, c) for r, c in zip(results, counts, strict=True) if c is not None]
@@ -298,7 +298,7 @@ _SMALL_SHARE = 0.005
 
 
 def _shares(result: Result, name: str) -> tuple[float, float]:
-    """The shares of a source in the horizontal and vertical mean square error; 0 for one that a result lacks."""
+    """Shares of a source in the horizontal and vertical mean square error; 0 for one that a result lacks."""
     i = _place(result, _SOURCES, name)
     if i is None:
         return 0.0, 0.0
@@ -307,7 +307,7 @@ def _shares(result: Result, name: str) -> tuple[float, float]:
 
 
 def _budget_rows(results: Sequence[Result]) -> dict[str, list[str]]:
-    """The sources of the error budget by the names of their rows: the largest of any result first, small ones last."""
+    """Sources of the error budget by the names of their rows: the largest of any result first, small ones last."""
     largest = {name: max(max(_shares(r, name)) for r in results) for name in _named(results, _SOURCES)}
     order = sorted(largest, key=lambda name: -largest[name])
     out = {name.replace("_", " "): [name] for name in order if largest[name] >= _SMALL_SHARE}
@@ -316,7 +316,7 @@ def _budget_rows(results: Sequence[Result]) -> dict[str, list[str]]:
 
 
 def _budget(result: Result, names: Sequence[str]) -> Cell | str:
-    """What sources add together, horizontal and vertical, m, and their share of the mean square, %."""
+    """Sum of the sources, horizontal and vertical, m, and their share of the mean square, %."""
     found = [i for name in names if (i := _place(result, _SOURCES, name)) is not None]
     if not found:
         return ABSENT
@@ -358,7 +358,7 @@ def of_total(result: Result) -> bool:
 
 
 def box_head(result: Result, flown: bool) -> str:
-    """What stands over the chances of leaving a box: with an interval where it is of runs."""
+    """Heading of the probabilities of leaving a box, with an interval if they come from runs."""
     if "/summary/box/upper" not in result:
         return ""
     interval = " [95 %]" if flown and (result["/run"].size > 1 or "/summary/rare/probability" in result) else ""
@@ -386,11 +386,11 @@ def box_to_first_order(result: Result, i: int | None) -> Cell | str:
 
 
 _SIDES = {1: ("beyond",), 2: ("from", "to")}
-"""What the limits of a box are called, by their number."""
+"""Names of the limits of a box, by their number."""
 
 
 def box_sides(result: Result, i: int) -> tuple[str, tuple[float, ...]]:
-    """Where an axis of a box that has limits there is left: a pattern, and its values."""
+    """Sides at which an axis of a box is left: a pattern, and its values."""
     limits = box_limits(result, i)
     assert limits is not None
     low, high = limits
@@ -401,7 +401,7 @@ def box_sides(result: Result, i: int) -> tuple[str, tuple[float, ...]]:
 
 
 def _box(result: Result, i: int | None) -> Cell | str:
-    """How often the box is left: by a count, or to first order."""
+    """Probability of leaving the box: from a count, or to first order."""
     if "/summary/box/upper" not in result:
         return ABSENT
     if i is None:
@@ -435,8 +435,7 @@ def _share(result: Result, path: str) -> Cell | str:
 
 
 def _of_runs(how: str, result: Result, values: np.ndarray, name: str) -> Cell:
-    """A number over runs with its interval (3,), where there is one; of one run the number alone, which is no sample
-    of runs."""
+    """A number over runs with its interval (3,), if any; for one run the number alone, since one run is no sample."""
     value, low, high = map(float, values)
     if single(result) or not np.isfinite(low):
         return cell(how, value, names=(name,))
@@ -444,7 +443,7 @@ def _of_runs(how: str, result: Result, values: np.ndarray, name: str) -> Cell:
 
 
 def _protection(result: Result, name: str) -> Cell | str:
-    """A protection level on the glide, beside its limit."""
+    """A protection level on the glide, with its limit."""
     path = f"/summary/integrity/{name}"
     if path not in result or not np.isfinite(result[path]).all():
         return ABSENT
@@ -482,7 +481,7 @@ def _count(result: Result, path: str) -> Cell | str:
 
 
 def _range_noise(result: Result) -> Cell | str:
-    """What noise is drawn from that is not the believed Gaussian."""
+    """Distribution of the ranging noise if it is not the assumed Gaussian."""
     if "/integrity/hpl" not in result:
         return ABSENT
     section = setting(result, "integrity")
@@ -503,7 +502,7 @@ def _exclusions(result: Result) -> Cell | str:
 
 
 def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
-    """A verdict on each requirement, where there are any."""
+    """Add a verdict on each requirement, if any."""
     branch = "/summary/requirements"
     asked = [result for _, result in results if f"{branch}/verdict" in result]
     if not asked:
@@ -515,7 +514,7 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
 
 
 def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
-    """A verdict on each requirement, and on the filter's sigmas where there are runs to judge them by."""
+    """Verdicts on requirements, and on the filter's sigmas if there are runs."""
     out = Table("", ("", *(name for name, _ in results)), caption="Verdicts on what was asked for")
     requirements(out, results)
     if any(_VERDICT in result for _, result in results):
@@ -552,7 +551,7 @@ _INTEGRITY = {
 
 
 def _priors(result: Result) -> Cell | str:
-    """What levels by separation take for the probabilities of faults."""
+    """Fault probabilities assumed by protection levels."""
     if "/integrity/hpl" not in result:
         return ABSENT
     section = setting(result, "integrity")
@@ -569,7 +568,7 @@ def _priors(result: Result) -> Cell | str:
 
 
 def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
-    """What the monitor of the fixes, or of the filter, came to."""
+    """Add the results of the monitor of the fixes, or of the filter."""
 
     def row(label: str, shown: Callable[[Result], Cell | str]) -> None:
         table.add(f"  {label}", *(shown(result) for _, result in results))
@@ -614,7 +613,7 @@ _LEVEL, _WHOLE, _NO_FAULT, _WORST = "level, m", "in all", "no fault", "worst fau
 
 
 def _tails(table: Table, results: list[tuple[str, Result]]) -> None:
-    """How often fixes are beyond their levels and nothing is said, where that was sampled."""
+    """Add the sampled probability that errors exceed their levels without an alarm."""
     branch = "/integrity/tails"
     rows = [
         (float(at), str(axis))
@@ -632,7 +631,7 @@ def _tails(table: Table, results: list[tuple[str, Result]]) -> None:
 
 
 def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
-    """Of a time and an axis: its level; all of the risk beside what is allowed; that of no fault, or of the worst."""
+    """At a time and axis: level; total risk with its allowed value; risk without a fault, or of the worst fault."""
     branch = "/integrity/tails"
     if f"{branch}/risk" not in result or axis not in (axes := list(map(str, result[f"{branch}/axis"]))):
         return ABSENT
@@ -664,11 +663,11 @@ _FAMILIES = {"clock_": "receiver clock", "barometric_": "barometric altimeter", 
              "fix_error_": "errors of fixes", "gyro_misalignment_": "gyro misalignments",
              "accelerometer_misalignment_": "accelerometer misalignments", "gyro_scale_": "gyro scale factors",
              "accelerometer_scale_": "accelerometer scale factors"}  # fmt: skip
-"""What states of a filter beside navigation and biases are, by what their names begin with."""
+"""Names of further filter states, besides navigation and biases, by their prefix."""
 
 
 def _further_states(result: Result) -> dict[str, int]:
-    """How many states of each family a filter has beside navigation and biases."""
+    """Number of further filter states of each family, besides navigation and biases."""
     names = [str(name) for name in result["/filter/state"]] if "/filter/state" in result else []
     found = (next((family for begin, family in _FAMILIES.items() if name.startswith(begin)), "") for name in names)
     return dict(Counter(family for family in found if family))
@@ -833,7 +832,7 @@ _WIND = (
     ("headwind, m/s", "headwind", 1.0), ("wind from the left, m/s", "crosswind", 1.0),
     ("airspeed, m/s", "airspeed", 1.0), ("crab, deg", "crab", _DEGREE),
 )  # fmt: skip
-"""Rows of the wind triangle: what they are called, the variable, and the factor to its unit."""
+"""Rows of the wind triangle: heading, variable, and factor to its unit."""
 
 
 def _wind(result: Result, name: str, height: int, scale: float) -> Cell | str:
@@ -844,7 +843,7 @@ def _wind(result: Result, name: str, height: int, scale: float) -> Cell | str:
 
 
 def glance(result: Result) -> list[tuple[str, Cell | str]]:
-    """What of a landing is seen first: the figures of its tables, with their intervals."""
+    """Key figures of a landing from its tables, with their intervals."""
     if result.attributes["method"] == "rare":
         value, low, high = map(float, result["/summary/rare/probability"])
         chance = Cell("{:.3g}  [{:.3g}, {:.3g}]", (value, low, high), ends=True, names=("probability", "", ""))
@@ -872,7 +871,7 @@ _SUMMARY = (
     "Landings. The names of rows and of their groups contain the units. In brackets [low, high]: 95 % intervals over "
     "runs. σ: the filter's own, root mean square. Lateral, along and vertical are axes of the runway"
 )
-"""What the table of landings says, on paper."""
+"""Caption of the table of landings."""
 LONG = ("/summary/consistency/time",)
 """In the summary of a file, but no summary."""
 
@@ -891,7 +890,7 @@ def plain_tree(result: Result, prefixes: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _plain(data: np.ndarray) -> Any:
-    """Arrays as nested lists of plain numbers and text; what is not finite becomes None."""
+    """Arrays as nested lists of plain numbers and text; values that are not finite become None."""
     if data.ndim:
         return [_plain(np.asarray(d)) for d in data]
     value = data.item()

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 
 ABSENT = "-"
-"""What stands for a number that is not known."""
+"""Text for an unknown number."""
 
 
 class _NumberOrAbsent(float):
-    """A number that is said as `ABSENT` where it is not finite."""
+    """A number formatted as `ABSENT` if it is not finite."""
 
     def __format__(self, how: str) -> str:
         if not math.isfinite(self):
@@ -65,17 +65,17 @@ class Cell:
 
 
 def cell(pattern: str, *values: float | int | str, names: tuple[str, ...] = ()) -> Cell:
-    """A cell of these values, and what they are called."""
+    """A cell of these values, with their names."""
     return Cell(pattern, values, names=names)
 
 
 def number(value: float, digits: int = 3) -> Cell:
-    """A number with so many digits behind the point."""
+    """A number with so many digits after the point."""
     return Cell(f"{{:.{digits}f}}", (float(value),))
 
 
 def numbers(values: Iterable[float], digits: int, names: Iterable[str] = ()) -> Cell:
-    """Numbers in a row, each with so many digits behind the point, and what they are called."""
+    """Numbers in a row, each with so many digits after the point, with their names."""
     known = tuple(map(float, values))
     return Cell("  ".join([f"{{:.{digits}f}}"] * len(known)), known, several=True, names=tuple(names))
 
@@ -94,24 +94,27 @@ class Row:
     heading: bool = False
 
     def texts(self) -> list[str]:
-        """The cells as they are said."""
+        """The formatted cells."""
         return [str(each) for each in self.cells]
 
 
 @dataclass
 class Table:
-    """heads: of the columns, with units. notes: text below. lines: between rows. caption: what the table shows, for
-    paper, where nothing else says it."""
+    """A table."""
 
     title: str
     heads: tuple[str, ...]
+    """Headings of the columns, with units."""
     rows: list[Row] = field(default_factory=list)
     notes: str = ""
+    """Text below."""
     lines: bool = False
+    """Lines between rows."""
     caption: str = ""
+    """Caption on paper."""
 
     def add(self, *cells: Cell | str) -> None:
-        """A row; what it is short of stays empty."""
+        """Add a row; missing cells are empty."""
         self.rows.append(Row(cells + ("",) * (len(self.heads) - len(cells))))
 
     def head(self, *cells: Cell | str) -> None:
@@ -189,8 +192,10 @@ def _layout(table: Table) -> list[tuple[int, int]]:
 
 
 def _blocks(layout: Sequence[tuple[int, int]], width: int) -> list[tuple[list[int], list[int]]]:
-    """Columns that stand side by side, and their widths: all of them where they fit, else evenly in as few blocks as
-    possible, each with the first column."""
+    """Columns side by side, and their widths.
+
+    All of them if they fit, otherwise evenly in as few blocks as possible, each with the first column.
+    """
     others = range(1, len(layout))
     for count in range(1, max(len(others), 1) + 1):
         size = -(-len(others) // count)
@@ -204,7 +209,7 @@ def _blocks(layout: Sequence[tuple[int, int]], width: int) -> list[tuple[list[in
 
 
 def _fit(columns: Sequence[tuple[int, int]], width: int) -> list[int] | None:
-    """Widths of columns, from their least and natural ones; None where they do not fit."""
+    """Widths of columns, from their least and natural ones; None if they do not fit."""
     room = width - _COLUMN_GAP * (len(columns) - 1)
     widths = [least for least, _ in columns]
     if sum(widths) > room:
@@ -239,11 +244,11 @@ def _drawn(table: Table, columns: Sequence[int], widths: Sequence[int]) -> Rende
 
 
 WIDEST = 120
-"""Width of tables where there is no terminal to ask for its own, and of comparisons at most."""
+"""Width of tables without a terminal, and largest width of comparisons."""
 
 
 def text(parts: Sequence[Table | str], width: int = WIDEST) -> str:
-    """Tables, and words between them, as plain text; lines end with what they show."""
+    """Tables, and text between them, as plain text without trailing spaces."""
     from rich.console import Console
 
     out = io.StringIO()
@@ -278,7 +283,7 @@ _LINK = re.compile(r"\](?=[(\[:])")
 
 
 def markdown_text(text: str) -> str:
-    """Text that Markdown shows as it stands, lines and all."""
+    """Text escaped for Markdown, including line ends."""
     return _LINK.sub(r"\]", text.translate(_MARKS)).replace("\n", "<br>")
 
 
@@ -312,12 +317,12 @@ _MINUS = re.compile(r"(?<![\w.)-])-(?=\.?\d)")
 
 
 def tex_text(text: str) -> str:
-    """Text that TeX sets as it stands, with minus signs for numbers."""
+    """Text escaped for TeX, with minus signs for numbers."""
     return "".join(_TEX.get(letter, letter) for letter in _MINUS.sub("−", text.replace("\n", " ")))
 
 
 def _tex_row(texts: list[str]) -> str:
-    """The cells of a row; the first one does not begin with what `\\` before it would take for its own."""
+    r"""Cells of a row; the first one must not begin with an argument of the `\\` before it."""
     first = f"{{}}{texts[0]}" if texts[0].lstrip().startswith(("[", "*")) else texts[0]
     return " & ".join([first, *texts[1:]]) + r" \\"
 
@@ -328,13 +333,15 @@ _LINE, _SMALL_LINE = 68, 84
 _APART = 3
 """Letters that the room between two columns takes."""
 _PAGE = 36
-"""Lines of a table that a page holds beside its caption."""
+"""Lines of a table on a page, besides its caption."""
 
 
 def tex(table: Table) -> list[str]:
-    """The lines of a table for LaTeX with the packages booktabs, array and longtable, captioned by its title and its
-    caption. What is wider than the text is set smaller, then broken within its columns; what is longer than a page
-    goes on on the next."""
+    """Lines of a table for LaTeX with the packages booktabs, array and longtable.
+
+    Its title and its caption become the caption. A table wider than the text is set smaller, then broken within its
+    columns. A table longer than a page continues on the next.
+    """
     columns = len(table.heads)
     widths = [
         max(map(len, column)) for column in zip(table.heads, *(row.texts() for row in _filled(table)), strict=True)
@@ -407,7 +414,7 @@ def _breakable(text: str, width: int) -> str:
 
 
 def _shared(widths: Sequence[int], room: int) -> list[int]:
-    """What columns of some widths get of the room: all they need where that is no more than others get."""
+    """Share of the room for columns of some widths: all they need if that is at most what others get."""
     kept = [*widths]
     wide = sorted(range(len(widths)), key=lambda i: widths[i])
     for done, i in enumerate(wide):
@@ -422,20 +429,22 @@ _UNIT = re.compile(r", (m/s|deg/s|deg/h|deg|m|s|mg|%|°|dB-Hz|\(deg/s\)²|deg2)(
 
 
 def _unit(*texts: str) -> str:
-    """The unit that stands behind a comma in the first of some texts that has one; 1 for none."""
+    """Unit after a comma in the first of some texts that has one; 1 for none."""
     return next((found[1] for text in texts if (found := _UNIT.search(text))), "1")
 
 
 def _own_units(pattern: str) -> list[str]:
-    """The units that stand behind the values of a pattern, "" for none: % alone does."""
+    """Units after the values of a pattern, "" for none: only % is recognised."""
     behind = [literal for literal, *_ in Formatter().parse(pattern)][1:]
     places = sum(field is not None for _, field, *_ in Formatter().parse(pattern))
     return ["%" if text.lstrip().startswith("%") else "" for text in (*behind, "")][:places]
 
 
 def tidy(table: Table) -> list[list[object]]:
-    """The rows of a table for programs: one a number, with the ends of its interval where they are known, under `TIDY`;
-    one a cell that has none."""
+    """Rows of a table for programs under `TIDY`.
+
+    One for each number, with the ends of its interval if known; one for each cell without a number.
+    """
     out: list[list[object]] = []
     section = ""
     for row in table.rows:
@@ -499,7 +508,7 @@ def _chosen(table: Table, wanted: re.Pattern[str], by_heading: bool) -> list[Row
 
 
 def csv_text(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """Rows as CSV; numbers in ten digits, empty where they are not known."""
+    """Rows as CSV; numbers with ten digits, empty if unknown."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(heads)
@@ -508,7 +517,7 @@ def csv_text(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 
 
 def as_text(value: object) -> str:
-    """A value in a CSV file: ten digits of a number, nothing where it is not known."""
+    """A value in a CSV file: ten digits of a number, empty if unknown."""
     if isinstance(value, float):  # numpy's are
         return "" if math.isnan(value) else f"{float(value):.10g}"
     return str(value)

@@ -49,7 +49,7 @@ def cells(result: Result, calibration: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _published(name: str) -> str:
-    """The head of what was published beside a column: units stand last."""
+    """Heading of a published value beside a column, with the unit last."""
     plain = name.removesuffix("_m")
     return f"{plain}_published{name.removeprefix(plain)}"
 
@@ -106,8 +106,7 @@ def _compared(result: Result, calibration: int, title: str = "") -> Table:
 
 
 def _other_dops(result: Result, calibration: int) -> tuple[str, Table]:
-    """The DOPs that do not stand in the table: weighted ones beside unit-weight ones, or the reverse; and their
-    name."""
+    """DOPs that are not in the table, with their name: weighted ones, or unit-weight ones."""
     weighted = bool(result["/fit/weighted"][calibration])
     group, name = ("table", "unit-weight") if weighted else ("weighted", "weighted")
     out = Table(f"Computed with {name} DOPs", ("case", *_HEADS[:3]))
@@ -208,7 +207,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 def texts(result: Result, target: Path) -> dict[Path, str]:
-    """CSV files and a page of Markdown beside the result at `target`."""
+    """CSV files and a Markdown page beside the result at `target`."""
     out = {f"{name}.csv": csv_text(result, c) for c, name in enumerate(result["/calibration"])}
     out |= {"table2_approach.csv": approach_csv(result), "table2.md": markdown(result)}
     return {target.with_name(name): text for name, text in out.items()}

@@ -1,4 +1,4 @@
-"""How results of a kind are shown: tables for the terminal, figures, plain data, files of text."""
+"""Display of the results of a kind: tables for the terminal, figures, plain data, text files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from navsim.report.printing import Print
 
 _HEAD = ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
-"""Attributes that stand over the plain data of every result."""
+"""Attributes at the top of the plain data of every result."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class View:
 def one_by_one(
     tables: Callable[[Result], list[Table | str]],
 ) -> Callable[[Sequence[tuple[str, Result]]], list[Table | str]]:
-    """Tables of each result that has any, under its name where there are several."""
+    """Tables of each result that has any, under its name if there are several."""
 
     def all_of_them(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
         made = [(name, tables(result)) for name, result in results]
@@ -67,8 +67,7 @@ def view(kind: object) -> View:
 
 
 def plain(result: Result) -> dict[str, Any]:
-    """The summary of a result and what its study warned of as nested plain data, with the names of the result file;
-    nan becomes null."""
+    """Summary and findings of a result as nested plain data, with the names of the result file; nan becomes null."""
     here = view(result.attributes["kind"])
     head = {name: result.attributes[name] for name in _HEAD}
     head["seed"] = int(head["seed"])
@@ -101,7 +100,7 @@ def draw(
 
 
 def write_texts(result: Result, target: Path) -> list[Path]:
-    """Write the files of text that stand beside a result at `target`; returns them. Raises ResultError."""
+    """Write the text files of a result beside `target`; returns them. Raises ResultError."""
     texts = view(result.attributes["kind"]).texts(result, target)
     for path, text in texts.items():
         write_text(path, text)

@@ -125,7 +125,7 @@ def _written(value: Any) -> str:
 
 
 def _combination(planned: sweep.Plan, scenario: Landing) -> float:
-    """Memory of one combination beside the process itself, bytes."""
+    """Memory of one combination, without the process itself, bytes."""
     here = extent(scenario, planned.sources)
     study, memory = planned.study, 0
     if study.method == "monte-carlo":
@@ -136,7 +136,7 @@ def _combination(planned: sweep.Plan, scenario: Landing) -> float:
 
 
 def check(section: Sweep, document: Document) -> list[str]:
-    """Warnings of a study: its base scenario is checked with what the study sets, and its combinations. Raises
+    """Warnings about a study: its base scenario with the values that the study sets, and its combinations. Raises
     InputError."""
     whole = sweep.plan(section, document, base_of(section, document), seed=1)
     looked, wrong = whole.invalid(_LOOKED_AT)

@@ -92,7 +92,7 @@ def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure
 
 
 def shade_ground(on: figure, along: np.ndarray, right: np.ndarray) -> None:
-    """Shade what places span, before a map with holes is drawn over it."""
+    """Shade the range of positions, as the background of a map with holes."""
     ends = [(float(np.nanmin(each)), float(np.nanmax(each))) for each in (along, right)]
     on.quad(left=ends[0][0], right=ends[0][1], bottom=ends[1][0], top=ends[1][1], fill_color=GREY, fill_alpha=0.3,
             line_color=None, level="image")  # fmt: skip
@@ -106,7 +106,7 @@ def _cells(
     on: figure, values: np.ndarray, along: np.ndarray, right: np.ndarray,
     corners: tuple[np.ndarray, np.ndarray] | None, mapper: Any,
 ) -> Any:  # fmt: skip
-    """The values (n, m) where pseudolites stand: as an image, where cells lie along the axes, else as squares."""
+    """Values (n, m) at the pseudolites: an image if cells are along the axes, else squares."""
     if corners is not None:
         x, y = corners
         for first, second, data in ((x, y, values.T), (x.T, y.T, values)):
@@ -130,7 +130,7 @@ def _cells(
 
 
 def draw_runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
-    """Runway and ground track by a map: the whole runway, where the map keeps half of the axes."""
+    """Runway and ground track in a map: the whole runway, if the map keeps half of the axes."""
     along, right = (np.concatenate([site[i].ravel() for site in sites]) for i in (0, 1))
     length = float(setting(result, "runway", "length_m"))
     on.line([0.0, length], [0.0, 0.0], line_color=GREY, line_width=5)

@@ -42,7 +42,7 @@ def large(result: Result, name: str) -> bool:
 
 
 def best(cube: np.ndarray, large: bool) -> tuple[int, ...] | None:
-    """The combination of the smallest value, or of the largest; None where there is none."""
+    """Combination of the smallest value, or of the largest; None without any."""
     known = np.isfinite(cube)
     if not np.any(known):
         return None
@@ -69,8 +69,10 @@ def alike(cube: np.ndarray, index: tuple[int, ...]) -> np.ndarray:
 
 
 def indifferent(tied: np.ndarray) -> tuple[bool, ...] | None:
-    """Axes along which every point is as good as the best; None where those as good as each other are no such whole
-    axes, so that one of them would be named for no reason."""
+    """Axes along which every point is as good as the best.
+
+    None if the equally good combinations do not fill whole axes, so that naming one of them would be arbitrary.
+    """
     members = [np.any(tied, axis=tuple(a for a in range(tied.ndim) if a != axis)) for axis in range(tied.ndim)]
     whole = tuple(bool(each.all() and each.size > 1) for each in members)
     alone = all(every or each.sum() == 1 for every, each in zip(whole, members, strict=True))
@@ -79,8 +81,10 @@ def indifferent(tied: np.ndarray) -> tuple[bool, ...] | None:
 
 
 def at_ends(result: Result, index: tuple[int, ...]) -> list[str]:
-    """Varied keys for which a combination has the first or the last of three or more numbers: beyond them nothing was
-    computed, so a best value there may not be the best there is."""
+    """Varied keys for which a combination has the first or the last of three or more numbers.
+
+    The optimum may be beyond them, where nothing was computed.
+    """
     out = []
     for axis, name in enumerate(dimensions(result)):
         values = result[f"/{name}"]
@@ -124,7 +128,7 @@ def tables(result: Result) -> list[Table | str]:
 
 
 def flown(result: Result) -> list[Table | str]:
-    """What runs say of the best combinations, and of those that they spoke against."""
+    """Results of runs of the best combinations, and of those that runs contradicted."""
     names = [name for name in shown(result) if f"/flown/{name}" in result]
     if not names:
         return []
@@ -151,7 +155,7 @@ def flown(result: Result) -> list[Table | str]:
 
 
 def requirements(result: Result) -> Table | None:
-    """In how many combinations each requirement is met; None where they are no output."""
+    """Number of combinations that meet each requirement; None if they are no output."""
     numbered = [name.removesuffix(VERDICT) for name in outputs(result) if name.endswith(VERDICT)]
     if not numbered:
         return None
@@ -231,7 +235,7 @@ def plane(result: Result) -> tuple[int, int] | None:
 
 
 _LEAST_GRID = 5
-"""Two axes with so many numbers each make a map; curves tell fewer apart."""
+"""Least number of points on two axes for a map; with fewer, curves are better."""
 
 
 def grid(result: Result) -> tuple[int, int] | None:
@@ -286,13 +290,13 @@ _CALLED = {
     "pseudolites count": "pseudolites", "pseudolites s": "distance from the axis",
     "pseudolites l1": "distance before the threshold",
 }  # fmt: skip
-"""What keys are called whose names are letters or say too little."""
+"""Names of keys whose last part says too little."""
 _LETTERS = {"s": "distance right of the axis", "l1": "distance before the threshold", "lat": "latitude",
             "lon": "longitude"}  # fmt: skip
 
 
 def key_label(key: str) -> str:
-    """A varied key, dotted, in words without its unit: its last name and whose it is, jammers[0] latitude."""
+    """Name of a varied key, dotted, in words without its unit, such as jammers[0] latitude."""
     parts = list[str]()
     for part in key.split("."):
         if part.isdigit() and parts:
@@ -306,7 +310,7 @@ def key_label(key: str) -> str:
 
 
 def axis_label(result: Result, axis: str) -> str:
-    """What runs along an axis, in words with its unit: a varied key, or the number of the point of several."""
+    """Name of an axis in words with its unit: a varied key, or the number of the point of several."""
     paths = [key_path(result, key) for key, own in keys(result).items() if own == axis]
     if len(paths) > 1:
         return f"number of the point of {', '.join(map(key_label, paths))}"
@@ -315,7 +319,7 @@ def axis_label(result: Result, axis: str) -> str:
 
 
 def point_of(result: Result, axis: str, i: int) -> str:
-    """A point of an axis: what its keys are there, in words with their units."""
+    """Point of an axis: values of its keys, in words with their units."""
     said = []
     for key, own in keys(result).items():
         if own == axis:
@@ -327,7 +331,7 @@ def point_of(result: Result, axis: str, i: int) -> str:
 
 
 def varied_terrain(result: Result) -> str:
-    """What of the terrain no map shows, since it differs from combination to combination, in words; "" for nothing."""
+    """Note about terrain that maps omit because it varies, in words; "" for nothing."""
     numbers = sorted(varied(result))
     if not numbers:
         return ""
@@ -358,7 +362,7 @@ class Panel:
 
 
 def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
-    """The maps of an output, one for each point of the other axes, or of the best of them where they are many."""
+    """Maps of an output, one for each point of the other axes, or of the best of them if there are many."""
     cube, dims = result[f"/sweep/{name}"], dimensions(result)
     others = [axis for axis in range(cube.ndim) if axis not in plane]
     better = large(result, name)
@@ -404,8 +408,7 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
 
 
 def colours(cube: np.ndarray, better: bool) -> tuple[float, float]:
-    """The ends of the colours of a map; the bad end, where next to nothing is solved, is cut. What is the same
-    everywhere has the colour of the best."""
+    """Ends of the colour scale of a map; the bad end is cut off. A constant output has the colour of the best."""
     known = cube[np.isfinite(cube)]
     if alike(known, (0,)).all():
         value = float(known[0])
@@ -471,7 +474,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
 
 
 class _View:
-    """How high a panel is on the page, and whether both its axes have one scale."""
+    """Height of a panel on the page, and whether both axes have one scale."""
 
     def __init__(self, panel: Panel) -> None:
         along, right = (np.concatenate([site[i].ravel() for site in panel.sites]) for i in (0, 1))
@@ -508,7 +511,7 @@ def _corners(numbers: list[np.ndarray], coordinate: np.ndarray) -> np.ndarray | 
 
 
 def _slice(dimensions_: int, axes: list[int], points: tuple[int, ...]) -> tuple[int | slice, ...]:
-    """The index that fixes some axes and leaves the others whole."""
+    """Index that fixes some axes and leaves the others."""
     out: list[int | slice] = [slice(None)] * dimensions_
     for axis, i in zip(axes, points, strict=True):
         out[axis] = i
@@ -516,7 +519,7 @@ def _slice(dimensions_: int, axes: list[int], points: tuple[int, ...]) -> tuple[
 
 
 def _runway(ax: Axes, result: Result) -> None:
-    """Runway, ground track and terrain, as far as they lie in the map."""
+    """Runway, ground track and terrain within the map."""
     from navsim.report.figures import ridge_lines
 
     box = ax.get_xlim(), ax.get_ylim()
@@ -548,7 +551,7 @@ class Curves:
 
     @property
     def some(self) -> str:
-        """How many of how many combinations are shown; nothing where all are."""
+        """Number of combinations shown, of how many; empty if all are."""
         return f"{len(self.rows)} of {self.of} combinations" if len(self.rows) < self.of else ""
 
 

@@ -1,7 +1,7 @@
-"""Every combination of a study's settings: geometry, covariance analysis or Monte Carlo, resumable.
+"""Sweep over every combination of a study's settings: geometry, covariance analysis or Monte Carlo, resumable.
 
-A combination takes the place of a run in the ensemble engine: batches of them, kept on disk as they are finished, each
-with its checksum, added up in order. Combinations that only move pseudolites share one geometry.
+A combination replaces a run in the ensemble engine: batches of them are kept on disk with checksums as they are
+finished, and joined in order. Combinations that only move pseudolites share one geometry.
 """
 
 from __future__ import annotations
@@ -78,16 +78,16 @@ from navsim.trajectory.kinematics import Frame, Trajectory
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
 """Keys that move pseudolites and nothing else."""
 _PLACES = ("pseudolites.s_m", "pseudolites.l1_m")
-"""Keys of distances, m, that say where pseudolites stand."""
+"""Keys of distances, m, that determine the positions of pseudolites."""
 NAME_FILES = ("source", "horizon", *SOURCES_FROM_FILES)
-"""Keys of the sky that say which files are read, as do those within them."""
+"""Keys of the sky that name files, including those below them."""
 OWN_DIMENSIONS = ("finding", "interval", "point", "rejected", "sample", "site")
 """Dimensions of a result that are no axes named by keys."""
 UNUSABLE = "unusable"
 MOST_MAP_SITES = 8
 _NOTHING: Mapping[str, Confirmation] = {}
 COMPUTED, INVALID, NO_FIX = range(3)
-"""What became of a combination, see `schema.OUTCOMES`."""
+"""Outcome of a combination, see `schema.OUTCOMES`."""
 _UNHEARD, _NO_EPOCH = (list(LANDING).index(name) for name in ("epochs_without_fix", "no_fix"))
 
 
@@ -128,7 +128,7 @@ def _points(vary: Vary) -> list[tuple[Any, ...]]:
 
 
 def short(study: Sweep, key: str) -> str:
-    """The name of a key in the result: its last part where no other key of the study, nor the result, uses it."""
+    """Name of a key in the result: its last part, if that is unique in the study and the result."""
     taken = [*OWN_DIMENSIONS, *(name.rsplit(".", 1)[-1] for vary in study.vary for name in vary.names())]
     last = key.rsplit(".", 1)[-1]
     return last if taken.count(last) == 1 else key.replace(".", "_")
@@ -171,7 +171,7 @@ class Plan:
         return _settings(self.axes, [axis.points[int(i)] for axis, i in zip(self.axes, place, strict=True)])
 
     def scenario(self, settings: dict[str, Any]) -> tuple[Landing, Document]:
-        """The scenario of one combination. Raises InputError where it is not a valid one, or none for a study."""
+        """Scenario of one combination. Raises InputError if it is invalid, or unsuitable for a study."""
         document = self._changed(settings)
         scenario = validated(Landing, document)
         if isinstance(scenario.approach, FileApproach):
@@ -180,7 +180,7 @@ class Plan:
         return scenario, document
 
     def _changed(self, settings: dict[str, Any]) -> Document:
-        """The base with these settings. Raises InputError where they cannot be made."""
+        """The base with these settings. Raises InputError if they are impossible."""
         document = self.base.copy()
         for key, value in settings.items():
             place = self.document.place(("vary", self._axis_of(key)))
@@ -192,7 +192,7 @@ class Plan:
 
     @cached_property
     def first(self) -> tuple[Landing, Document]:
-        """The first valid combination; raises the InputError of the first one where none is valid at once."""
+        """First valid combination. Raises the InputError of the first one if none of the first points is valid."""
         error: InputError | None = None
         for index in range(min(self.size, 1000)):
             try:
@@ -223,7 +223,7 @@ class Plan:
 
     @property
     def asked(self) -> list[Statement]:
-        """The requirements that every combination is judged by; none where they are no output."""
+        """Requirements that every combination is evaluated by; empty if they are no output."""
         return statements(self.first[0]) if REQUIREMENTS in self.study.wanted() else []
 
     @cached_property
@@ -255,14 +255,14 @@ class Plan:
 
     @cached_property
     def geometry_alone(self) -> bool:
-        """Whether all combinations only move pseudolites, without effect on what else is heard, and fly no filter."""
+        """Whether all combinations only move pseudolites, without effect on other signals, and need no filter."""
         moves = self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
         moves &= not set(self.study.wanted()) & {*LEVEL_OUTPUTS, REQUIREMENTS}
         return moves and not self.sources.placed and not self.sources.singled_out
 
     @cached_property
     def geometry(self) -> Geometry | None:
-        """What all combinations share where they only move pseudolites and fly no filter, else None."""
+        """Common geometry of combinations that only move pseudolites and need no filter, else None."""
         if not self.geometry_alone:
             return None
         sources, scenario, _ = self._environment
@@ -327,8 +327,8 @@ class Plan:
         return found
 
     def check_files(self, index: int) -> None:
-        """Raise CheckpointError where a file that a combination names is not what it was when the study began: removed,
-        or not to be reached by who computes it."""
+        """Raise CheckpointError if a file of a combination has changed since the start, or the worker cannot read
+        it."""
         try:
             document = self._changed(self.settings(index))
         except InputError:
@@ -452,8 +452,10 @@ class SweepStudy:
                 rows[name][members] = np.where(solved, found[name], np.nan)
 
     def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding], bool, bool]:
-        """The outputs of a combination, its sites, ECEF, what was found in its flights, whether its input has warnings
-        that the study has not, and whether a pseudolite is alone on a clock."""
+        """Outputs of a combination, its sites, ECEF, findings of its flights, and two flags.
+
+        The flags are: its input has warnings that the study has not; a pseudolite is alone on a clock.
+        """
         scenario, document = self.plan.scenario(self.plan.settings(index))
         method = self.plan.study.method
         case = prepare(scenario, document)
@@ -499,7 +501,7 @@ def dop_outputs(geometry: Geometry, sites: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _of_landing(summary: ResultBuilder, lost: int) -> dict[str, float]:
-    """The same of a landing, by what its result tells; lost: epochs of the glide without a fix."""
+    """Outputs of a landing from its result; lost: epochs of the glide without a fix."""
     dops = [summary[f"/summary/dop/{name}"] for name in ("pdop", "hdop", "vdop")]
     sigmas = [summary[f"/summary/fix/rms_{name}"] for name in ("horizontal", "vertical")]
     values = [*(d[0] for d in dops), *(d[2] for d in dops), *(s[0] for s in sigmas), lost]
@@ -507,7 +509,7 @@ def _of_landing(summary: ResultBuilder, lost: int) -> dict[str, float]:
 
 
 def _watched_outputs(flown: Result) -> dict[str, float]:
-    """What is counted of watched fixes, where it is, with the ends of the intervals."""
+    """Counts of monitored fixes, if any, with the ends of the intervals."""
     out: dict[str, float] = {}
     for name in WATCHED_OUTPUTS:
         if (path := f"/summary/integrity/{name}") in flown:
@@ -519,7 +521,7 @@ _NUMBERED = "requirement_"
 
 
 def _requirement_outputs(flown: Result) -> dict[str, float]:
-    """What was found of requirements, in the order of the scenario, as it stands in a result; nothing without any."""
+    """Values of requirements, in the order of the scenario, as in a result; empty without any."""
     branch = "/summary/requirements"
     if f"{branch}/verdict" not in flown:
         return {}
@@ -527,7 +529,7 @@ def _requirement_outputs(flown: Result) -> dict[str, float]:
 
 
 def _of_fulfilments(found: Sequence[Fulfilment]) -> dict[str, float]:
-    """The same of what no result was made of."""
+    """Values of requirements without a result."""
     return _numbered(np.array([one.value for one in found]), [one.verdict() for one in found])
 
 
@@ -541,7 +543,7 @@ def _numbered(values: np.ndarray, words: Sequence[str]) -> dict[str, float]:
 
 
 def _check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
-    """Raise InputError for outputs of watched fixes where nothing watches, or nothing is asked."""
+    """Raise InputError for outputs of monitored fixes without a monitor or without limits."""
     section = scenario.integrity
     for name in study.wanted():
         lacking = "integrity" if name in LEVEL_OUTPUTS and section is None else ""
@@ -556,7 +558,7 @@ def _check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
 
 
 def columns(planned: Plan) -> list[str]:
-    """What is stored of each combination; Monte Carlo figures come with their intervals."""
+    """Data stored of each combination; Monte Carlo figures have intervals."""
     study, flown = planned.study, planned.study.method == "monte-carlo"
     out = []
     for name in study.wanted():
@@ -572,7 +574,7 @@ def columns(planned: Plan) -> list[str]:
 
 
 def verdicts(planned: Plan) -> list[str]:
-    """Those of the columns that are verdicts, as numbers of `schema.VERDICTS`."""
+    """Columns with verdicts, as numbers of `schema.VERDICTS`."""
     return [f"{_NUMBERED}{i}_verdict" for i in range(1, len(planned.asked) + 1)]
 
 
@@ -589,7 +591,7 @@ def compute(
 def confirm_best(
     planned: Plan, found: Ensemble, runs: int, store: CheckpointStore | None, tell: Callable[[str], None]
 ) -> dict[str, Confirmation]:
-    """What runs say of the best combination for each error of the filter, after a covariance analysis of all."""
+    """Run the best combination for each error of the filter, after a covariance analysis of all."""
     known: dict[tuple[int, int], OfRuns] = {}
     out = {}
     for name in columns(planned):
@@ -623,8 +625,10 @@ def _as_runs(planned: Plan, index: int) -> tuple[Landing, Document]:
 
 
 def _ranked(planned: Plan, values: np.ndarray) -> Iterator[Candidate]:
-    """Combinations by their values (n,), the best first, without those that move pseudolites of one before them by
-    less than `APART`: runs speak against both."""
+    """Combinations by their values (n,), the best first.
+
+    Omits those that move pseudolites of an earlier one by less than `APART`, since runs would contradict both.
+    """
     tried: list[dict[str, Any]] = []
     for index in np.argsort(values, kind="stable"):
         if len(tried) == CANDIDATES or not np.isfinite(values[index]):
@@ -645,7 +649,7 @@ def _candidate(index: int, value: float) -> tuple[np.ndarray, float]:
 
 
 def partial_key(planned: Plan) -> dict[str, object]:
-    """What partial work must agree in to be resumed."""
+    """Data that partial work must match to be resumed."""
     text = resolved_yaml(planned.study) + resolved_yaml(planned.pinned)
     return {
         "study_sha256": hashlib.sha256(text.encode()).hexdigest(),
@@ -656,7 +660,7 @@ def partial_key(planned: Plan) -> dict[str, object]:
 
 
 def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirmation] = _NOTHING) -> Result:
-    """The cube of the study, with where the pseudolites of each combination stand, and what runs say of the best."""
+    """The cube of the study, with the positions of the pseudolites of each combination, and the runs of the best."""
     study = planned.study
     draft = ResultBuilder(
         SWEEP,
@@ -706,7 +710,7 @@ def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirm
 
 
 def _flown(draft: ResultBuilder, confirmed: Mapping[str, Confirmation]) -> None:
-    """What runs say of the best combinations, and of those that they spoke against."""
+    """Write results of runs of the best combinations, and of those that runs contradicted."""
     for name, one in confirmed.items():
         draft["/flown/runs"] = np.int64(one.runs)
         draft[f"/flown/{name}"] = one.best.errors[0]
@@ -726,7 +730,7 @@ def _label(planned: Plan, index: int) -> str:
 
 
 def _findings(planned: Plan, found: Ensemble, outcome: np.ndarray) -> list[Finding]:
-    """What was found in how many combinations, which of them are nan, and what the input was warned of."""
+    """Findings: number of combinations with each, combinations that are nan, and warnings about the input."""
 
     label = partial(_label, planned)
     out = notes(planned.warnings)

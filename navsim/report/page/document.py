@@ -1,7 +1,7 @@
-"""The page itself: what results are, tables, drawings, where they come from, whom to cite; one file that asks the
-network for nothing. The same results give the same page, byte for byte, with the same versions of navsim and Bokeh.
+"""HTML page of results: overview, tables, drawings, provenance, references, in one file without network access.
 
-Everything that comes from a result goes through Jinja's escaping, or into Bokeh's data with every `<` escaped.
+The same results give the same page, byte for byte, with the same versions of navsim and Bokeh. Data from a result are
+escaped by Jinja, or go into Bokeh's data with every `<` escaped.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from navsim.results import findings
 from navsim.results.result import Result, ResultError
 
 GENERATOR = "navsim report"
-"""What the page says of who made it: by this a page may be overwritten."""
+"""Mark of a page by navsim, which may be overwritten."""
 _MODEL = re.compile("p[0-9]+")
-"""How Bokeh names its models."""
+"""Pattern of Bokeh's model names."""
 
 
 def page(read: Sequence[Read]) -> str:
-    """The page of results of one kind. Raises ResultError where they are of several kinds, or of one that this version
-    does not have."""
+    """Page of results of one kind. Raises ResultError for several kinds, or for a kind that this version does not
+    have."""
     kinds = sorted({str(each.result.attributes["kind"]) for each in read})
     if len(kinds) > 1:
         raise ResultError(f"results of different kinds do not stand on one page: {', '.join(kinds)}")
@@ -81,12 +81,12 @@ def page(read: Sequence[Read]) -> str:
 
 
 def _parts(parts: Sequence[Table | str]) -> list[tuple[str, Table | str]]:
-    """Tables and words, with what each is."""
+    """Tables and texts, with the type of each."""
     return [("table" if isinstance(part, Table) else "words", part) for part in parts]
 
 
 def _title(results: Sequence[Named]) -> str:
-    """What the page is called: by the title of what was computed, where all have one and the same, and the names."""
+    """Title of the page: the common title of the results, if any, and their names."""
     titles = list(dict.fromkeys(str(result.attributes.get("title", "")) for _, result in results))
     names = ", ".join(name for name, _ in results)
     return f"{titles[0]}: {names}" if len(titles) == 1 and titles[0] else names
@@ -138,7 +138,7 @@ def _embedded(drawings: Sequence[Drawing]) -> tuple[str, str]:
 
 
 def _library() -> str:
-    """BokehJS, without the line that has it tell the console how much it tells."""
+    """BokehJS, without the line that logs its log level."""
     return Resources(mode="inline", components=["bokeh"]).js_raw[0]
 
 
@@ -154,5 +154,5 @@ def _renamed(node: Any, numbers: dict[str, str]) -> Any:
 
 
 def _script(data: Any) -> str:
-    """JSON that can stand within a script."""
+    """JSON that can be embedded in a script."""
     return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c").replace("&", "\\u0026")

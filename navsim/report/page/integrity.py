@@ -51,7 +51,7 @@ _STRIP = 2.0
 
 
 def levels(results: Sequence[Named]) -> Drawing | None:
-    """Protection levels over time, beside their limits and the errors of the fixes, or of the filter."""
+    """Protection levels over time, with their limits and the errors of the fixes, or of the filter."""
     kept = [(i, name, r) for i, (name, r) in enumerate(results) if "/integrity/hpl" in r]
     if not kept:
         return None
@@ -102,7 +102,7 @@ def levels(results: Sequence[Named]) -> Drawing | None:
 
 
 def stanford(results: Sequence[Named]) -> Drawing | None:
-    """How often errors of fixes, or of the filter, met protection levels, two panels a result."""
+    """Stanford diagrams of fixes, or of the filter, two panels a result."""
     kept = [(name, r) for name, r in results if "/integrity/status" in r]
     if not kept:
         return None

@@ -159,7 +159,7 @@ def track(results: Sequence[Named]) -> Drawing:
 
 
 def _plan_view(results: Sequence[Named]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """What a plan of these landings shows, from and to, along and right, m: runways, ways, pseudolites, and ridges near
+    """Range of a plan of these landings, along and right, m: runways, trajectories, pseudolites, and ridges near
     them."""
     there = []
     for _, result in results:
@@ -365,7 +365,7 @@ def _single_runs(on: figure, height: np.ndarray, errors: np.ndarray) -> None:
 
 
 def _bars(on: figure, result: Result, axis: str, aside: float, colour: str) -> np.ndarray:
-    """3 sigma of the filter at the heights where errors are told, drawn so much beside them; their sizes."""
+    """3 sigma of the filter at the evaluated heights, offset by `aside`; returns their sizes."""
     sizes = 3.0 * result[f"/summary/at/{axis}_sigma"]
     of = source(x=result["/summary/at/height"] + aside, low=-sizes, high=sizes)
     on.segment("x", "low", "x", "high", source=of, line_color=colour, line_width=2)
@@ -451,7 +451,7 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
 
 
 def _box(on: figure, result: Result, axes: tuple[str, str], start: float, own: str) -> None:
-    """The limits of the box that there are, across and up the page, dashed; start: of those up it, m."""
+    """Limits of the box, across and up the page, dashed; start: lower end of vertical ones, m."""
     x, y = (box_limits(result, AXES.index(axis)) for axis in axes)
     y = None if y is None else (y[0] + start, y[1] + start)
     if x is not None and y is not None:
@@ -473,7 +473,7 @@ def _required(on: figure, result: Result, height: str, axes: tuple[str, str], ow
 
 
 def distribution(results: Sequence[Named]) -> Drawing | None:
-    """Histograms of the errors at touchdown, beside what the filter believes."""
+    """Histograms of the errors at touchdown, with the filter's Gaussians."""
     kept = [(i, name, r) for i, name, r in having(results, "/summary/at/lateral_run") if r["/run"].size >= 10]
     if not kept:
         return None
@@ -690,7 +690,7 @@ def ratios(results: Sequence[Named]) -> Drawing | None:
 
 
 def budget(results: Sequence[Named]) -> Drawing | None:
-    """What each source of error contributes, as a waterfall of mean squares."""
+    """Contribution of each source of error, as a waterfall of mean squares."""
     kept = having(results, "/summary/budget/source")
     panels = []
     for i, name, result in kept:

@@ -1,5 +1,7 @@
-"""What the drawings of the page are made of: plots that can be read on light and on dark paper, lines, bands, points,
-images, each with what it says under the pointer. Axes in the unit that stands in their label."""
+"""Parts of the page's drawings: plots for light and dark paper, lines, bands, points, images, with hover text.
+
+Axes are in the unit of their label.
+"""
 
 from __future__ import annotations
 
@@ -28,18 +30,18 @@ from bokeh.plotting import figure
 from navsim.results.result import Result
 
 Named = tuple[str, Result]
-"""A result and what it is called on the page."""
+"""A result with its name on the page."""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#A67C00", "#7A6FF0")
 """Colours of results and lines, distinguishable for the colour-blind (Okabe and Ito). Their yellow and sky blue are too
 light on white and are replaced. Each has a contrast of 3:1 on white and on the page's dark."""
 BLUE, ORANGE, GREEN = COLOURS[:3]
 BROWN = "#A5682A"
-"""Of terrain: 4.5:1 against white, 4:1 against the page's dark."""
+"""Colour of terrain: 4.5:1 against white, 4:1 against the page's dark."""
 GREY = "#808080"
 TEXT = "#767676"
 """4.5:1 against white, 4:1 against the page's dark."""
 MOST_POINTS = 1500
-"""Most points of a line; of longer ones every so many-th is drawn, and the caption says so."""
+"""Largest number of points of a line; longer lines are thinned, and the caption says so."""
 MOST_LINES = 20
 """Most runs drawn one by one."""
 FONT = "system-ui, sans-serif"
@@ -56,15 +58,18 @@ class Key:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure of the page. name: its anchor. panels: the plots, in the order of reading. caption: what is seen, and
-    of whom. columns: how many panels stand side by side where there is room."""
+    """A figure of the page."""
 
     name: str
+    """Anchor."""
     title: str
     panels: list[figure]
+    """Plots in reading order."""
     caption: str
+    """Subject and results."""
     keys: list[Key] = field(default_factory=list)
     columns: int = 2
+    """Number of panels side by side if there is room."""
 
 
 def colour(i: int) -> str:
@@ -73,26 +78,28 @@ def colour(i: int) -> str:
 
 
 def width(i: int, of: int) -> float:
-    """How wide the line of the i-th of several results is: later ones lie over earlier ones, which stay to be seen."""
+    """Line width for the i-th of several results: later ones are thinner, so that earlier ones remain visible."""
     return 1.6 if of == 1 else max(1.2, 3.6 - 1.2 * i)
 
 
 def keys_of(results: Sequence[Named], *more: Key, of: Sequence[tuple[Any, ...]] | None = None) -> list[Key]:
-    """A legend with the results by their colours, where they are several, and more. of: those that are drawn, each with
-    its number before it; None for all."""
+    """Legend with the results by their colours, if there are several, and more.
+
+    of: results that are drawn, each with its number before it; None for all.
+    """
     drawn = range(len(results)) if of is None else [each[0] for each in of]
     return [*(Key(results[i][0], colour(i)) for i in drawn if len(results) > 1), *more]
 
 
 def small(values: Any) -> np.ndarray:
-    """Numbers as the page keeps them: single precision; what is not finite is a gap."""
+    """Numbers in the page's single precision; values that are not finite are gaps."""
     data = np.asarray(values, dtype=np.float32)
     return np.where(np.isfinite(data), data, np.float32(np.nan))
 
 
 @dataclass(frozen=True)
 class Some:
-    """Which of many instants are drawn. step: every so many-th; of: how many there are."""
+    """Instants that are drawn: every `step`-th of `of`."""
 
     step: int
     of: int
@@ -111,12 +118,12 @@ def _ordinal(n: int) -> str:
 
 
 def some(count: int, most: int = MOST_POINTS) -> Some:
-    """So many of `count` that no more than `most` are left."""
+    """Thinning of `count` instants to at most `most`."""
     return Some(max(1, -(-count // most)), count)
 
 
 def most_thinned(of: Iterable[Some]) -> Some:
-    """The one to tell of: that leaves out the most."""
+    """The one with the largest step."""
     return max(of, key=lambda each: each.step, default=Some(1, 0))
 
 
@@ -174,7 +181,7 @@ def band(on: figure, of: ColumnDataSource, low: str, high: str, colour: str, sev
 
 
 def drawn_as(results: Sequence[Any]) -> str:
-    """How a `band` of each of these is drawn, in a word."""
+    """Style of a `band` of these results, in a word."""
     return "dotted" if len(results) > 1 else "shaded"
 
 
@@ -184,8 +191,10 @@ def band_key(text: str, colour: str, several: bool = False) -> Key:
 
 
 def tell(on: figure, marks: Sequence[Any], *said: tuple[str, str], vertical: bool = False) -> None:
-    """What is said under the pointer of these marks: pairs of a label and a pattern of Bokeh's. vertical: of all marks
-    at the same x. Each says one thing at a time, and of several marks the page shows what the nearest says."""
+    """Hover text of these marks: pairs of a label and a Bokeh pattern.
+
+    vertical: for all marks at the same x. The page shows the text of the nearest mark.
+    """
     on.add_tools(
         HoverTool(renderers=list(marks), tooltips=list(said), mode="vline" if vertical else "mouse", limit=1,
                   point_policy="snap_to_data", line_policy="nearest", attachment="horizontal")
@@ -193,7 +202,7 @@ def tell(on: figure, marks: Sequence[Any], *said: tuple[str, str], vertical: boo
 
 
 def reach(on: figure, values: Iterable[np.ndarray], least: float = 0.0, symmetric: bool = False) -> None:
-    """Let the y axis reach as far as the largest of these values, and 8 % on, from zero or from its negative."""
+    """Extend the y axis to 108 % of the largest of these values, from zero or from its negative."""
     known = [float(np.max(each[np.isfinite(each)])) for each in values if np.isfinite(each).any()]
     top = 1.08 * max([least, *known])
     if top > 0.0:
@@ -217,14 +226,14 @@ def stretch(on: figure, low: float, high: float, colour: str = GREY, upright: bo
 
 
 def names(on: figure, x: Any, y: Any, said: Iterable[object], colour: str = TEXT, **style: Any) -> None:
-    """Words beside points."""
+    """Text beside points."""
     style = {"x_offset": 6, "y_offset": 6, "text_font_size": "11px"} | style
     of = source(x=np.atleast_1d(x), y=np.atleast_1d(y), said=[str(text) for text in said])
     on.text("x", "y", "said", source=of, text_color=colour, text_font=value(FONT), **style)
 
 
 def labels(on: figure, x: np.ndarray, y: np.ndarray, said: Iterable[object]) -> None:
-    """Words beside points of a map, which has any colour below them."""
+    """Text beside points of a map, on any colour."""
     names(on, x, y, said, "black", background_fill_color="white", background_fill_alpha=0.75)
 
 
@@ -241,7 +250,7 @@ def image(
 
 
 def bar(on: figure, mapper: Any, label: str) -> None:
-    """The bar of colours below a plot, where there is room for what it is of."""
+    """Colour bar below a plot, with a label."""
     on.add_layout(
         ColorBar(
             color_mapper=mapper, title=label, title_text_color=TEXT, title_text_font=FONT, title_text_font_size="12px",
@@ -253,14 +262,14 @@ def bar(on: figure, mapper: Any, label: str) -> None:
 
 
 def shades(low: float, high: float, *, reverse: bool = False, log: bool = False) -> Any:
-    """Colours between two numbers; what is not known is transparent."""
+    """Colours between two numbers; unknown values are transparent."""
     palette = list(Viridis256[::-1] if reverse else Viridis256)[::4]
     kind: Callable[..., Any] = LogColorMapper if log else LinearColorMapper
     return kind(palette=palette, low=low, high=high, nan_color="rgba(0,0,0,0)")
 
 
 def about_one(limit: float) -> Any:
-    """Colours of ratios from 1 / limit, blue, by 1, white, to the limit, red; what is not known is transparent."""
+    """Colours of ratios from 1 / limit, blue, through 1, white, to the limit, red; unknown values are transparent."""
     return LogColorMapper(palette=list(RdBu11), low=1.0 / limit, high=limit, nan_color="rgba(0,0,0,0)")
 
 

@@ -1,4 +1,4 @@
-"""Drawings of Table 2, and of what few satellites make possible."""
+"""Drawings of Table 2, and of the table of few satellites."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from navsim.report.page.plots import (
 
 
 def table2s(results: Sequence[Named]) -> list[Drawing]:
-    """Of Table 2: the paper's figures 4 and 5."""
+    """Drawings of Table 2: the paper's figures 4 and 5."""
     panels, keys, thinned = [], [], []
     for name, result in results:
         time = result["/approach/time"]
@@ -50,7 +50,7 @@ def table2s(results: Sequence[Named]) -> list[Drawing]:
 
 
 def few_satellites(results: Sequence[Named]) -> list[Drawing]:
-    """Of the table of few satellites: how useful levels are, as colours."""
+    """Drawing of the table of few satellites: usefulness of levels as colours."""
     panels = []
     mapper = shades(0.0, 1.0)
     for name, result in results:

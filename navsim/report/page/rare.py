@@ -27,7 +27,7 @@ from navsim.report.summary_tables import box_limits
 from navsim.results.findings import several
 
 _MOST = 400
-"""Most steps of a curve; of more every so many-th is drawn."""
+"""Largest number of steps of a curve; longer curves are thinned."""
 
 
 def drawings(results: Sequence[Named], first: int) -> list[Drawing]:
@@ -42,7 +42,7 @@ def _keys(results: Sequence[Named], first: int, *more: Key) -> list[Key]:
 
 
 def _exceedance(results: Sequence[Named], first: int) -> Drawing:
-    """How often each limited error exceeds a size, by pushed runs and to first order."""
+    """Probability that each limited error exceeds a size, from shifted runs and to first order."""
     panels = []
     for k, axis in enumerate(map(str, results[0][1]["/axis"])):
         curves = [(i, name, curve(result, k)) for i, (name, result) in enumerate(results, first)
@@ -83,7 +83,7 @@ def _exceedance(results: Sequence[Named], first: int) -> Drawing:
 
 
 def _runs(results: Sequence[Named], first: int) -> Drawing:
-    """Where pushed runs end, lateral and vertical."""
+    """Final errors of shifted runs, lateral and vertical."""
     on = plot("Vertical against lateral", "lateral error, m", "vertical error, m", 360, match_aspect=True)
     marks = []
     for i, (name, result) in enumerate(results, first):

@@ -15,7 +15,7 @@ from navsim.report.page.plots import FONT, GREY, TEXT, names, plot, source
 from navsim.report.sky import REACH, RINGS, SHADE, WRITTEN, Sector, bearings, shaded, sides
 
 _NARROW = 290.0
-"""Pixels of the narrowest paper on which names are kept apart: of one of three beside each other."""
+"""Width of the narrowest paper on which labels do not overlap, pixels: one of three side by side."""
 _LETTERS = Letters(10.0, 10.0, 6.5)
 """Pixels."""
 
@@ -23,15 +23,19 @@ _LETTERS = Letters(10.0, 10.0, 6.5)
 def skyline(
     on: figure, azimuth: np.ndarray, elevation: np.ndarray, mask: float, colour: str = GREY, alpha: float = SHADE
 ) -> None:
-    """Shade on a `sky_paper` what a horizon takes out of the sky above a mask, deg. azimuth, elevation: of its corners,
-    rad, azimuths growing; straight between them."""
+    """Shade on a `sky_paper` the part of the sky that a horizon hides above a mask, deg.
+
+    azimuth, elevation: of its corners, rad, azimuths increasing; straight between them.
+    """
     x, y = shaded(azimuth, elevation, mask)
     on.patch("x", "y", source=source(x=x, y=y), fill_color=colour, fill_alpha=alpha, line_color=None)
 
 
 def beside(x: Sequence[float], y: Sequence[float], said: Sequence[str], edge: float) -> dict[str, list[Any]]:
-    """Columns of names of marks on a `sky_paper`, for `name_marks`: each name stands where it covers least of marks, of
-    names before it, and of what is written on the paper."""
+    """Columns with labels of marks on a `sky_paper`, for `name_marks`.
+
+    Each label has the position with least overlap with marks, earlier labels and text on the paper.
+    """
     put = sides(x, y, said, edge, _NARROW, _LETTERS)
     return {
         "x": list(x), "y": list(y), "said": list(said), "align": [side.align for side in put],
@@ -40,13 +44,13 @@ def beside(x: Sequence[float], y: Sequence[float], said: Sequence[str], edge: fl
 
 
 def name_marks(on: figure, of: ColumnDataSource) -> None:
-    """Write the names that are in the columns of `beside`."""
+    """Write the labels in the columns of `beside`."""
     on.text("x", "y", "said", source=of, text_align="align", text_baseline="middle", x_offset="right", y_offset="down",
             text_color=TEXT, text_font=value(FONT), text_font_size="10px")  # fmt: skip
 
 
 def sky_paper(title: str, edge: float, masked: Sequence[Sector]) -> figure:
-    """An empty sky down to 90 - edge, deg, with what is taken out of it shaded."""
+    """Empty sky plot down to 90 - edge, deg, with the masked part shaded."""
     on = plot(title, "", "", 380)
     # the frame is as wide as it is high: rings take their radius from the one, marks their places from both
     on.update(sizing_mode="scale_width", aspect_ratio=1.0, max_width=460, height=None, toolbar_inner=True,

@@ -39,8 +39,10 @@ def ridge_lines(on: figure, ridges: Sequence[ShownRidge], along: Ends, right: En
 
 
 def _inwards(x: float, y: float, along: Ends, right: Ends) -> dict[str, Any]:
-    """Where a name stands at the upper end of a line so that it reaches over no border of the plan: over the end, else
-    beside it. Right of the runway is down the page."""
+    """Position of a label at the upper end of a line within the plan: above the end, else beside it.
+
+    Right of the runway is down the page.
+    """
     across, down_the_page = ((at - low) / (high - low) for at, (low, high) in ((x, along), (y, right)))
     down = down_the_page < _BORDER
     align = "right" if across > 1.0 - _BORDER else "left" if across < _BORDER or down else "center"
