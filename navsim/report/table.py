@@ -322,7 +322,7 @@ def tex_text(text: str) -> str:
 
 
 def _tex_row(texts: list[str]) -> str:
-    r"""Cells of a row; the first one must not begin with an argument of the `\\` before it."""
+    r"""Cells of a row; the first one must not look like an argument of the row break before it."""
     first = f"{{}}{texts[0]}" if texts[0].lstrip().startswith(("[", "*")) else texts[0]
     return " & ".join([first, *texts[1:]]) + r" \\"
 
