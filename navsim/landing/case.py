@@ -60,7 +60,7 @@ class Case:
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings about the input: sky, what is foreseen of the flight, near sources, sensors that never measure."""
+        """Warnings about the input: sky, predicted geometry, near sources, sensors that never measure."""
         idle = [aid.sensor.name for aid in self.world.aids if aid.time.size and aid.missing == aid.time.size]
         said = "measures nothing on this flight, whose heights or attitudes are beyond its limits"
         near = map(str, self.flight.near_passes)
@@ -68,7 +68,7 @@ class Case:
 
     @property
     def foreseen(self) -> PreflightChecks:
-        """What of it is known before it is flown."""
+        """Quantities known before a run."""
         world = self.world
         return PreflightChecks(self.scenario, self.trajectory, self.environment, world.signals, world.filter_time)
 
@@ -81,13 +81,13 @@ class Case:
         return hidden
 
     def over(self, world: World) -> Case:
-        """The same in another world, of the sources that it has now."""
+        """Copy of this case with another world, and its sources."""
         flight = replace(self.flight, watching=watching(self.scenario, self.environment))
         return replace(self, flight=flight.over(world))
 
     @property
     def world(self) -> World:
-        """What all its runs share."""
+        """Simulation inputs that all its runs share."""
         return self.flight.world
 
     @property
@@ -102,7 +102,7 @@ class Case:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups of three states that are judged by themselves."""
+        """Groups of three states for NEES."""
         return tuple(states.slices(self.beliefs.sensors.blocks))
 
     @cached_property
@@ -129,12 +129,12 @@ class Case:
         return np.append(each, np.ones(len(self.states) - each.size, bool))  # clocks are unknown at the start
 
     def degrees(self, states_: slice = slice(None)) -> int:
-        """How many of some states, or of all, have any uncertainty."""
+        """Number of states, of some or of all, with any uncertainty."""
         return int(self.uncertain[states_].sum())
 
     @property
     def beliefs(self) -> Beliefs:
-        """What its filter believes."""
+        """Filter model."""
         return self.flight.beliefs
 
     @property
@@ -154,13 +154,13 @@ class Case:
 
 
 Ask = Callable[[Landing, Environment], None]
-"""Told a scenario and its sources of signals before anything of their size is made; raises where it is not to be."""
+"""Receives a scenario and its sources of signals before any large allocation; raises to stop."""
 
 
 def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -> Case:
-    """Build everything the runs share, once `ask` has let it pass.
+    """Build everything that the runs share, after `ask` has checked it.
 
-    Raises InputError for a file of satellites that cannot be used, and what `ask` raises.
+    Raises InputError for a file of satellites that cannot be used, and errors of `ask`.
     """
     trajectory, sources, scenario, warnings = modelled(scenario, document)
     ask(scenario, sources)
@@ -174,7 +174,7 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
 
 
 def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> World:
-    """What all runs of a scenario share, by its duration, rates and receiver."""
+    """Simulation inputs that all runs of a scenario share, from its duration, rates and receiver."""
     return build_world(
         trajectory,
         sources,
@@ -197,8 +197,8 @@ def _initial(scenario: Landing) -> InitialErrors:
 
 
 def _gains(scenario: Landing, world: World, gyro: Triad, accel: Triad) -> tuple[Block, ...]:
-    """The gains of inertial sensors, as the filter believes in them, that it follows: those that are asked for, and of
-    those that the scenario says nothing of the ones that matter on this flight."""
+    """Gains of inertial sensors in the filter model: requested ones, and by default those that matter on this
+    flight."""
     dt = float(world.imu_time[1] - world.imu_time[0])
     large = gains_that_matter(gyro, accel, world.dtheta, world.dv, dt)
     its = scenario.filter
@@ -207,7 +207,7 @@ def _gains(scenario: Landing, world: World, gyro: Triad, accel: Triad) -> tuple[
 
 
 def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
-    """What the filter believes, and of the initial errors: what its section leaves out is what the truth has."""
+    """Filter model, including the initial errors; keys missing in its section equal the truth."""
     section = scenario.filter
     truth = scenario.initial_errors
     given = section.initial
@@ -254,7 +254,7 @@ def touches_down(case: Case) -> bool:
 
 
 def rms_window(case: Case) -> np.ndarray:
-    """Which filter outputs lie in the last seconds before touchdown (t,)."""
+    """Filter outputs in the last seconds before touchdown (t,)."""
     t, end = case.world.filter_time, touchdown_time(case.scenario, case.trajectory)
     return (t >= end - RMS_WINDOW - 1e-9) & (t <= end + 1e-9)
 
@@ -265,6 +265,6 @@ def crossing_times(case: Case) -> list[float]:
 
 
 def times_at_heights(case: Case, heights: Sequence[float]) -> list[float]:
-    """Times when the true height above the runway last comes down through these, m, 0 for touchdown; nan where it does
-    not before the filter's last output."""
+    """Last times of descent through these heights above the runway, m, 0 for touchdown; nan if not before the last
+    output."""
     return case.foreseen.times_at_heights(heights)

@@ -36,7 +36,7 @@ Errors = Mapping[str, float]
 
 
 class OfRuns(NamedTuple):
-    """What runs of a choice say: the filter's errors; the verdict on the sigma of its states, and whether one is too
+    """Results of runs of a choice: the filter's errors; the verdict on the sigmas of its states, and whether one is too
     small."""
 
     errors: Errors
@@ -45,10 +45,10 @@ class OfRuns(NamedTuple):
 
 
 Fly = Callable[[np.ndarray, int, int, int], OfRuns]
-"""What runs of a choice say: of what, seed, number of the first run, number of runs."""
+"""Runs a choice: choice, seed, number of the first run, number of runs."""
 Candidate = Callable[[], tuple[np.ndarray, float] | None]
-"""A choice, a placement (k, 2) or the number of a combination (1,), and its objective by analysis; None where it is
-none after all."""
+"""A choice, a placement (k, 2) or the number of a combination (1,), and its objective by analysis; None if it has
+none."""
 APART = 30.0
 """Least distance between candidates, m: runs that contradict one contradict its neighbours too."""
 CANDIDATES = 12
@@ -74,7 +74,7 @@ def fly_case(case: Case, seed: int, first: int, runs: int, executor: Executor) -
 
 
 def of_runs(found: Result) -> OfRuns:
-    """What the result of a landing's runs says."""
+    """Summary of a landing's runs from its result."""
     small = any(one.name == "sigma_of_state" for one in of(found))
     return OfRuns(filter_outputs(found), str(found["/summary/consistency/verdict"]), small)
 

@@ -13,13 +13,13 @@ from navsim.runner.consistency import RatioBand, Ratios, StateVerdict, correlati
 from navsim.statistics.consistency import ROUNDING
 
 EXACT_START = 1e-3
-"""Ratio at time 0 below which a state starts without error, beside the least sigma that a filter starts from."""
+"""Ratio at time 0 below which a state starts without error, apart from the smallest initial sigma of a filter."""
 BEYOND = ("beyond_95", "beyond_99_9")
 """Names of the shares of runs beyond each of `runner.consistency.LIMITS`."""
 
 
 def ratios_of_runs(case: Case, ensemble: Ensemble) -> Ratios:
-    """The ratios of errors to sigma of an ensemble: of the runs that have one, where they are half of all at least."""
+    """Ratios of errors to sigma of an ensemble, from the runs that have one if these are at least half of all."""
     squares, known = ensemble.total("ratio_square"), ensemble.total("ratio_known")
     correlation = correlation_of(squares, ensemble.total("ratio_step"))
     found = _ratios(case, np.sqrt(_of_known(squares, known, ensemble.runs)), ensemble.runs, correlation)
@@ -33,7 +33,7 @@ def shares_beyond(ensemble: Ensemble) -> np.ndarray:
 
 
 def _of_known(total: np.ndarray, known: np.ndarray, runs: int) -> np.ndarray:
-    """Means of sums over known (t, n) runs; nan where they are less than half of all."""
+    """Means of sums over known (t, n) runs; nan if these are less than half of all."""
     return np.asarray(np.where(2 * known >= runs, total / np.maximum(known, 1), np.nan))
 
 
@@ -57,7 +57,7 @@ def evaluate_states(case: Case, ratios: Ratios) -> tuple[RatioBand, StateVerdict
 
 
 def put_consistency(draft: ResultBuilder, case: Case, ratios: Ratios, beyond: np.ndarray | None) -> None:
-    """Put the ratios, and what is worst of them, into a result. beyond: shares of runs (k, t, n) beyond the limits."""
+    """Write the ratios, and the worst of them. beyond: fractions of runs (k, t, n) beyond the limits."""
     band, verdict = evaluate_states(case, ratios)
     draft["/consistency/time"] = ratios.time
     draft["/consistency/state"] = np.array(ratios.names, dtype=object)

@@ -46,8 +46,11 @@ from navsim.simulation.landing_covariance import Analysis, analyse, folded_quant
 
 
 def budget(analysis: Analysis) -> tuple[str, ...]:
-    """Sources of error in the order of the budget; systematic: what is not random, such as survey errors, fixed biases,
-    a wrong lever arm or latency in the filter."""
+    """Sources of error in the order of the budget.
+
+    systematic: errors that are not random, such as survey errors, fixed biases, a wrong lever arm or latency in the
+    filter.
+    """
     return (*analysis.sources, "systematic")
 
 
@@ -59,7 +62,8 @@ def covariance_analysis(case: Case) -> Analysis:
 
 
 def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
-    """The result: the names of a Monte Carlo study where they mean the same, with `/covariance` and `/budget`."""
+    """Result of a covariance analysis: the names of a Monte Carlo study where they mean the same, with `/covariance`
+    and `/budget`."""
     draft = base(case, COVARIANCE)
     square = _squares(analysis)
     draft["/run"] = np.zeros(1, np.int64)
@@ -83,7 +87,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
 
 
 def _beyond_range(case: Case) -> list[str]:
-    """What the analysis leaves out where the route is more than the inertial sensors measure, in words."""
+    """Note that the analysis neglects the sensors' range, if the route exceeds it."""
     out, interval = [], np.diff(case.world.imu_time)[:, None]
     for triad, exact, key in (
         (case.flight.gyro, case.world.dtheta, "imu.gyro.range_deg_s"),
@@ -98,7 +102,7 @@ def _beyond_range(case: Case) -> list[str]:
 
 
 def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
-    """What was wrong with the input, with the fixes of the error-free flight and with what the filter would believe."""
+    """Findings about the input, the fixes of the error-free flight, and the filter's sigmas."""
     none, e = analysis.degrees == 0, analysis.degrees.size
     solvable = np.isfinite(case.world.dop[:, 1])
     fixes = np.zeros((UNRANGED + 1, e), bool)
@@ -150,7 +154,7 @@ def covariance_summary(case: Case, analysis: Analysis) -> ResultBuilder:
 
 
 def judged_without_runs(case: Case, analysis: Analysis | None) -> list[requirements.Fulfilment]:
-    """What is known of each requirement of a case by the geometry, and by its covariance analysis if there is one."""
+    """Values of a case's requirements from the geometry, and from its covariance analysis if there is one."""
     draft = ResultBuilder(COVARIANCE) if analysis is None else covariance_summary(case, analysis)
     integrity.described(draft, case)
     return requirements.fulfilments(draft, case, 0, None if analysis is None else _moments(case, analysis))

@@ -1,4 +1,4 @@
-"""Monte Carlo of a landing: what is kept and reduced of each run, when to stop, what is worth a warning."""
+"""Monte Carlo of a landing: data kept and reduced of each run, stopping rule, findings."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
 
 
 def history_bytes(name: str, sizes: Mapping[str, int]) -> int:
-    """Size of a history of one run, told before one is flown, bytes; sizes: of the dimensions of `_SHAPES`."""
+    """Size of a history of one run before any run, bytes; sizes: of the dimensions of `_SHAPES`."""
     return 8 * math.prod(sizes[d] if isinstance(d, str) else d for d in _SHAPES[name])
 
 
@@ -104,7 +104,7 @@ class LandingStudy:
 
     @cached_property
     def attitude(self) -> tuple[np.ndarray, np.ndarray]:
-        """True roll, pitch, yaw (n, 3) of those outputs, rad, and what turns errors in NED into theirs (n, 3, 3)."""
+        """True roll, pitch, yaw (n, 3) of those outputs, rad, and the matrix from errors in NED to theirs (n, 3, 3)."""
         rpy = self.case.world.at_filter.rpy[self.window]
         return rpy, rpy_jacobian(rpy)
 
@@ -253,8 +253,10 @@ def stopping_rule(expression: str) -> Until:
 
 
 def percent(text: str, expression: str, least: float, most: float) -> float:
-    """The share that a text says in percent. Raises ValueError for one that is no number from least to most, percent;
-    expression: that it stands in."""
+    """Fraction from a text in percent.
+
+    Raises ValueError for anything but a number from least to most, percent; expression: that contains it.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -265,7 +267,7 @@ def percent(text: str, expression: str, least: float, most: float) -> float:
 
 
 def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> dict[str, object]:
-    """What partial work must agree in to be resumed: scenario, random numbers, extent, code."""
+    """Data that partial work must match to be resumed: scenario, random numbers, extent, code."""
     text = resolved_yaml(case.scenario)
     return {
         "scenario_sha256": hashlib.sha256(text.encode()).hexdigest(),
@@ -285,15 +287,15 @@ least-squares solution. A position without the velocity that the filter needs. A
 fix, or a range of its epoch, that the gate rejected. No range that a tightly coupled filter could use."""
 NOT_FINITE, NOT_POSITIVE, FAR_OFF = range(3)
 """Flaws of an output: errors that are not finite; a covariance that is not positive definite; position or velocity
-beyond `findings.BEYOND` sigmas. Attitude and biases are judged over ensembles alone: before the first turn of the nose
-the filter knows them worse than it believes in some runs in a hundred (docs/filter.md)."""
+beyond `findings.BEYOND` sigmas. Attitude and biases are tested only over ensembles: before the first turn of the nose,
+their errors exceed the sigmas in some runs in a hundred (docs/filter.md)."""
 FOLLOWED = slice(0, states.ATT)
 """States whose errors and sigmas follow the fixes: position and velocity."""
 
 
 def of_aids(case: Case, runs: Run) -> dict[str, np.ndarray]:
-    """Of each sensor beside the receiver (run, aid): sums of innovations squared and of their degrees, and how many the
-    gate rejected."""
+    """Sums over each sensor beside the receiver (run, aid): squared innovations, degrees of freedom, rejections by the
+    gate."""
     ends = np.cumsum([0, *(aid.time.size for aid in case.world.aids)])
     parts = [slice(first, last) for first, last in itertools.pairwise(ends)]
 
@@ -345,7 +347,7 @@ def output_flaws(runs: Run) -> Flaws:
 
 
 def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
-    """What was wrong with the input and with what was flown."""
+    """Findings about the input and the runs."""
     fixes, outputs = (
         Flaws(*(ensemble.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
     )
@@ -412,7 +414,7 @@ def _spreads(flaws: Flaws, names: dict[int, str], time: np.ndarray) -> list[Find
 
 
 def _finite_mean(values: np.ndarray) -> float:
-    """Mean of what is finite; nan where nothing is."""
+    """Mean of the finite values; nan without any."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else math.nan
 
@@ -478,7 +480,7 @@ def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
 
 
 def between_outputs(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The outputs before and after times (h,), and the share of the way to the latter."""
+    """Outputs before and after times (h,), and the fraction of the interval up to them."""
     t = case.world.filter_time
     before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, t.size - 1)
     after = np.minimum(before + 1, t.size - 1)
@@ -499,8 +501,7 @@ def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.nda
 
 
 def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:
-    """How far the way of each run is off the route (run, h, 3); where aircraft are steered by their estimates, how far
-    those are."""
+    """Deviation of each run from the route (run, h, 3); with guidance by estimates, the deviation of the estimate."""
     off = at_times(case, when, runs.deviation)
     ways = case.world.ways
     return off if ways is None or not ways.follows else off - at_heights(case, when, runs.error)

@@ -52,7 +52,7 @@ def box_of(case: Case) -> Box | None:
 
 
 def described(draft: ResultBuilder, box: Box) -> None:
-    """What the box is."""
+    """Write the definition of the box."""
     if "/axis" not in draft:
         draft["/summary/box/axis"] = np.array(AXES)
     draft["/summary/box/height"] = box.height

@@ -30,13 +30,13 @@ from navsim.simulation.inertial_states import true_states
 from navsim.simulation.landing_covariance import SOURCES
 
 SAMPLE_MEMORY = 3200
-"""A sample of the inertial sensors in what all runs share and in what leads there, bytes."""
+"""Memory for an IMU sample in the shared inputs and their computation, bytes."""
 SIGNAL_MEMORY = 300
 """A source of signals at an epoch, bytes."""
 ANALYSED_MEMORY = 12_000
 """An epoch of a covariance analysis, bytes."""
 STATISTICS = 288
-"""What is kept of every run for its statistics, bytes; three times while they are computed."""
+"""Memory for the statistics of a run, bytes; three times while they are computed."""
 COLUMNS = 52
 """Numbers of a run that its result keeps for merging."""
 PUSHED = 8
@@ -44,7 +44,7 @@ PUSHED = 8
 WAY = 40
 """Numbers that a run's own way has at a sample."""
 FLOWN = 60
-"""Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
+"""Numbers of a run at an epoch during the simulation, besides its measurements and history."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +52,15 @@ class Extent:
     """Sizes of a landing."""
 
     samples: int
-    """Of the inertial sensors."""
+    """Samples of the inertial sensors."""
     epochs: int
     """Fix epochs."""
     sources: int
-    """Of signals."""
+    """Sources of signals."""
     clocks: int
     """Clock unknowns of a fix."""
     states: int
-    """Of the filter."""
+    """States of the filter."""
     aided: int
     """Measurements of sensors beside the receiver."""
     ahead: float
@@ -139,8 +139,10 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
 def landing(
     scenario: Landing, sources: Environment, runs: int = 1, keep: str = "all", workers: int = 1, away: bool = False
 ) -> Budget:
-    """A landing by its own method; runs, keep, workers: of Monte Carlo alone. away: whether the workers have memory of
-    their own."""
+    """Estimate for a landing by its own method; runs, keep, workers: only for Monte Carlo.
+
+    away: whether the workers have memory of their own.
+    """
     here = extent(scenario, sources)
     if scenario.method == "covariance":
         return _analysed(scenario, sources, here)
@@ -176,19 +178,19 @@ def landing(
 
 
 def _blocks(runs: int) -> int:
-    """Of the tree of sums (`runner.exact_sums`) what runs from 0 leave: blocks of powers of two."""
+    """Blocks of powers of two in the tree of sums (`runner.exact_sums`) over runs from 0."""
     return runs.bit_count()
 
 
 def _waiting(scenario: Landing) -> float:
-    """How long the filter waits for late measurements, s."""
+    """Time for which the filter waits for late measurements, s."""
     believed = scenario.filter.latency_s
     of_fixes = scenario.receiver.latency_s if believed is None else believed
     return max(of_fixes, *map(believed_latency, scenario.aiding()), 0.0)
 
 
 def flying_memory(scenario: Landing, here: Extent) -> float:
-    """What a worker holds of the runs that it flies at once, bytes."""
+    """Memory of a worker for the runs that it processes at once, bytes."""
     kept = sum(history_bytes(name, here.sizes()) for name in HISTORIES["all"])
     of_one = 2 * kept + NUMBER * (6 * here.samples + FLOWN * here.epochs)
     if here.imperfect:  # increments that vibrate, drifts, walks, gains, quanta
@@ -220,7 +222,7 @@ def sums_bytes(here: Extent) -> int:
 
 
 def _stored(here: Extent, keep: str) -> float:
-    """What a run adds to the result file by what is kept of it, bytes."""
+    """Size of a run in the result file, bytes, by the data kept of it."""
 
     def of(*names: str) -> int:
         return sum(history_bytes(name, here.sizes()) for name in names)
@@ -251,7 +253,7 @@ def _stored(here: Extent, keep: str) -> float:
 
 
 def _common_bytes(scenario: Landing, here: Extent) -> float:
-    """Truth, geometry, messages: what every result of a landing has, bytes."""
+    """Size of truth, geometry and messages, which every result of a landing has, bytes."""
     truth = (14 if scenario.wind.blows else 10) * (here.samples + 1)
     geometry = here.epochs * (16 + 3 * here.sources) + SKY_TIMES * (1 + 2 * here.sources) + 2 * here.sources
     messages = 16 * here.sources * (1 + int(scenario.duration_s / 1800.0))
@@ -264,7 +266,7 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
 
 
 def further(scenario: Landing, sources: Environment) -> int:
-    """Sources of error beside `SOURCES` that the covariance analysis finds in a scenario under a sky."""
+    """Sources of error besides `SOURCES` in the covariance analysis of a scenario under a sky."""
     gyro, accel = scenario.imu.triads()
     pseudolites, signals, sensor = scenario.pseudolites, scenario.signals, scenario.barometric_altimeter
     drawn = [pseudolites.survey_sigma_m, pseudolites.clock_sigma_ns] if pseudolites.placed() else []

@@ -1,4 +1,4 @@
-"""The faults that a scenario has its fixes watched for."""
+"""Faults that the monitor of a scenario expects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from navsim.simulation.filter_bank import FilterBank
 
 
 def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
-    """How a scenario has its fixes watched; pushed runs are not."""
+    """Monitor of a scenario; importance sampling has none."""
     section = scenario.integrity
     if section is None or scenario.method == "rare":
         return None
@@ -53,7 +53,7 @@ def _groups(section: IntegritySection, pseudolites: tuple[str, ...]) -> tuple[Gr
 
 
 def _systems(sources: Environment) -> dict[str, tuple[str, ...]]:
-    """Satellites by what they belong to; those that the receiver is not to use are left out."""
+    """Satellites by their system, without excluded ones."""
     found: dict[str, list[str]] = {}
     names = [
         (name, bool(use))

@@ -1,4 +1,4 @@
-"""What watching the fixes of a landing comes to: levels, alarms, what was available, what misled, as `/integrity` and
+"""Integrity results of a landing: levels, alarms, availability, misleading information, as `/integrity` and
 `/summary/integrity`.
 
 Source of the counts: `docs/theory/integrity.md`, section 7.
@@ -42,13 +42,12 @@ from navsim.simulation.landing import Run
 WINDOW = 15.0
 """Length of the stretches for which continuity is counted, s: as ICAO Annex 10, table 3.7.2.4-1 has it."""
 REGIONS = ("nominal", "misleading", "hazardous", "unavailable", "unavailable_misleading", "alarm")
-"""Where a pair of error and level lies in a Stanford diagram, but for those with an alarm."""
+"""Regions of a Stanford diagram, without epochs with an alarm."""
 NOMINAL, MISLEADING, HAZARDOUS, UNAVAILABLE, UNAVAILABLE_MISLEADING, ALARMED = range(6)
 EXCLUSIONS = ("correct", "wrong", "needless")
-"""Outcomes of exclusions, by the events that there are at the time: what is left has no part in them; it has; there are
-none."""
+"""Outcomes of exclusions when events are active: the remaining sources are unaffected; they are affected; no event."""
 _EARLY = 1e-9
-"""Of times, which are sums of intervals."""
+"""Tolerance of times, which are sums of intervals."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +72,13 @@ def glide_of(case: Case) -> np.ndarray:
 
 
 def spread_over(epochs: np.ndarray, most: int) -> np.ndarray:
-    """So many of epochs (e,) at most, the first and the last among them."""
+    """At most so many of epochs (e,), including the first and the last."""
     count = min(epochs.size, most)
     return epochs[np.arange(count) * (epochs.size - 1) // max(count - 1, 1)]
 
 
 def approach_limits(case: Case) -> ApproachLimits | None:
-    """What the scenario asks, if anything."""
+    """Requirements of the scenario, if any."""
     section = case.scenario.integrity
     if section is None or section.limits is None:
         return None
@@ -93,13 +92,13 @@ def approach_limits(case: Case) -> ApproachLimits | None:
 
 
 def within(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
-    """Where levels (..., 2) of tested fixes, nan of others, are below their limits; a limit that is none asks for no
-    level."""
+    """Whether levels (..., 2) of tested fixes, nan of others, are below their limits; without a limit no level is
+    needed."""
     return relative_levels(asked, levels) <= 1.0
 
 
 def relative_levels(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
-    """Levels (..., 2) by their limits, inf where there is none, 0 where none is asked for."""
+    """Levels (..., 2) relative to their limits, inf without a level, 0 without a limit."""
     relative = np.where(np.isfinite(levels), levels, np.inf) / np.where(np.isinf(asked.limits), 1.0, asked.limits)
     return np.where(np.isinf(asked.limits), 0.0, relative)
 
@@ -116,8 +115,7 @@ def faulty(case: Case) -> np.ndarray:
 
 
 def outcomes(case: Case) -> np.ndarray:
-    """What it comes to, by `EXCLUSIONS`, to exclude each candidate at each epoch (c + 1, e); `NOTHING` of none, which
-    is the last."""
+    """Outcome by `EXCLUSIONS` of excluding each candidate at each epoch (c + 1, e); the last is `NOTHING`."""
     wrong, names = faulty(case), case.world.signals.names
     taken = np.array([np.isin(names, one.sources) for one in case.flight.candidates]).reshape(-1, 1, len(names))
     remains = (wrong & ~taken).any(axis=2)
@@ -126,7 +124,7 @@ def outcomes(case: Case) -> np.ndarray:
 
 
 def tally(case: Case, runs: Run) -> Arrays:
-    """What is counted of each of several runs, on the glide; nothing where nothing watches."""
+    """Counts of each of several runs, on the glide; empty without a monitor."""
     monitor = case.flight.monitor
     if monitor is None:
         return {}
@@ -180,8 +178,10 @@ def _levels_required(case: Case) -> list[tuple[int, float]]:
 
 
 def levels_within(case: Case, ensemble: Ensemble) -> list[np.ndarray] | None:
-    """The shares (3,) of the epochs of the glide whose levels are within what is required, each with its interval;
-    None where all runs have the same levels, since nothing is excluded."""
+    """Fractions (3,) of the epochs of the glide with levels within the requirements, each with its interval.
+
+    None if all runs have the same levels, without exclusion.
+    """
     if not (excludes(case) and _levels_required(case) and glide_of(case).any()):
         return None
     epochs = np.full(ensemble.runs, int(glide_of(case).sum()))
@@ -195,20 +195,24 @@ def excludes(case: Case) -> bool:
 
 
 def is_kept_from_faults(case: Case) -> bool:
-    """Whether runs do without fixes or sources after alarms, and events cause some: what matrices alone, and levels of
-    all sources, do not know."""
+    """Whether runs ignore fixes or sources after alarms, and events cause some.
+
+    Covariance analysis and levels of all sources do not include this.
+    """
     return (excludes(case) or case.flight.drops) and bool(faulty(case).any())
 
 
 def watches_innovations(case: Case) -> bool:
-    """Whether the filter's innovations are watched."""
+    """Whether the filter's innovations are monitored."""
     watching = case.flight.watching
     return watching is not None and watching.innovations is not None
 
 
 def regions(asked: ApproachLimits, levels: np.ndarray, status: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Where in Stanford diagrams, horizontal and vertical, fixes with these errors (r, e, 2) lie (r, e, 2), by
-    `REGIONS`; levels (r or 1, e, 2) of tested ones, status (r, e)."""
+    """Region of each fix in horizontal and vertical Stanford diagrams (r, e, 2), by `REGIONS`.
+
+    error: (r, e, 2); levels: (r or 1, e, 2) of tested ones; status: (r, e).
+    """
     level = np.where(np.isnan(levels), np.inf, levels)
     below = error <= level
     inside = np.where(below, NOMINAL, np.where(error <= asked.limits, MISLEADING, HAZARDOUS))
@@ -219,8 +223,10 @@ def regions(asked: ApproachLimits, levels: np.ndarray, status: np.ndarray, error
 
 
 def windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
-    """How many stretches of `WINDOW` begin available, and in how many of those that does not last (r, 2); available
-    (r, e)."""
+    """Number of intervals of `WINDOW` that begin available, and of those in which availability is lost (r, 2).
+
+    available: (r, e).
+    """
     last = np.searchsorted(time, time + WINDOW + _EARLY, side="right") - 1
     whole = time + WINDOW <= time[-1] + _EARLY if time.size else np.zeros(0, bool)
     lost = np.concatenate([np.zeros((available.shape[0], 1), np.int64), np.cumsum(~available, axis=1)], axis=1)
@@ -250,7 +256,7 @@ def stretches(asked: ApproachLimits, time: np.ndarray, misled: np.ndarray, alarm
 
 
 def described(draft: ResultBuilder, case: Case) -> None:
-    """Levels by the geometry, which are the same in all runs, and their summary; nothing where nothing watches."""
+    """Write levels by geometry, which are the same in all runs, and their summary; nothing without a monitor."""
     monitor, watching = case.flight.monitor, case.flight.watching
     if monitor is None or watching is None:
         return
@@ -286,7 +292,7 @@ def _numbers(values: np.ndarray) -> np.ndarray:
 
 
 def in_runway_axes(draft: ResultBuilder, case: Case) -> None:
-    """Levels across the runway and along it, beside those of `described`; nothing where nothing watches."""
+    """Write levels across and along the runway, beside those of `described`; nothing without a monitor."""
     flight, bearing = case.flight, case.scenario.runway.heading_deg * DEG
     if flight.bank is not None:
         levels = flight.bank.along(bearing)
@@ -301,7 +307,7 @@ def in_runway_axes(draft: ResultBuilder, case: Case) -> None:
 
 
 def compared(draft: ResultBuilder, case: Case) -> None:
-    """Levels of the same fixes by the forms of other systems; nothing where none are asked for."""
+    """Write levels of the same fixes by the methods of other systems, if requested."""
     section = case.scenario.integrity
     if section is None or section.comparison is None:
         return
@@ -338,7 +344,7 @@ def level_outputs(case: Case) -> dict[str, float]:
 
 
 def counted(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
-    """What runs had of it; nothing where nothing watches."""
+    """Write the counts of runs; nothing without a monitor."""
     if case.flight.monitor is None:
         return
     branch, runs = "/summary/integrity", ensemble.runs
@@ -377,7 +383,7 @@ def counted(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
 
 
 def _counted_exclusions(draft: ResultBuilder, branch: str, ensemble: Ensemble, alarms: np.ndarray) -> None:
-    """What exclusions came to, of runs with so many other alarms (run,)."""
+    """Write the outcomes of exclusions; alarms: number of other alarms (run,)."""
     came = ensemble.per_run("integrity_exclusions")
     for i, name in enumerate(EXCLUSIONS):
         draft[f"{branch}/exclusions_{name}"] = np.int64(came[:, i].sum())
@@ -387,8 +393,11 @@ def _counted_exclusions(draft: ResultBuilder, branch: str, ensemble: Ensemble, a
 
 
 def share_over_runs(count: np.ndarray, of: np.ndarray) -> np.ndarray:
-    """A share of epochs (run,) of (run,) with the 95 % interval that runs have, for epochs of a run go together: value,
-    low, high; nan without epochs. Where all runs are alike, that of so many runs in which no other was."""
+    """Fraction of epochs (run,) of (run,) with its 95 % interval over runs: value, low, high; nan without epochs.
+
+    Epochs of a run are correlated, so runs count as independent. If all runs are equal, the interval is that of
+    `share_of_alike`.
+    """
     total = int(of.sum())
     if not total:
         return np.full(3, np.nan)
@@ -401,14 +410,16 @@ def share_over_runs(count: np.ndarray, of: np.ndarray) -> np.ndarray:
 
 
 def share_of_alike(value: float, runs: int) -> np.ndarray:
-    """A share of epochs that was the same in all of so many runs, or in the only one, with the 95 % interval: any other
-    run may come, as rarely as none did."""
+    """Fraction of epochs that is the same in all of so many runs, with its 95 % interval.
+
+    A different run is as probable as the number of equal runs allows.
+    """
     _, _, rare = share_interval(0, runs)
     return np.array([value, value * (1.0 - rare), value + rare * (1.0 - value)])
 
 
 def level_warnings(case: Case) -> list[str]:
-    """What the user must hear of levels that are not there."""
+    """Warnings about missing levels."""
     monitor, glide = case.flight.monitor, glide_of(case)
     section = case.scenario.integrity
     if monitor is None or section is None or not glide.any():
@@ -447,7 +458,7 @@ def _named(case: Case, which: np.ndarray) -> str:
 
 
 def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
-    """What the user must hear of faults that the filter is monitored for by its inertial sensors alone."""
+    """Warning about faults that the filter detects with its inertial sensors alone."""
     bank = case.flight.bank
     if not isinstance(bank, FilterBank):
         return []

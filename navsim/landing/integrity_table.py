@@ -1,7 +1,7 @@
-"""What few satellites and pseudolites make possible by rank, and what their protection levels are worth in an approach.
+"""Table of the capabilities of few satellites and pseudolites by rank, and of their protection levels in an approach.
 
-Source: `docs/theory/integrity.md`, sections 6, 7. What is possible is told by numbers of sources alone; levels are of
-subsets of the satellites of an approach, with the first pseudolites of the scenario or none.
+Source: `docs/theory/integrity.md`, sections 6, 7. Capabilities follow from numbers of sources alone. Levels are those
+of subsets of the satellites of an approach, with the first pseudolites of the scenario or none.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ PSEUDOLITES = (0, 1, 2)
 """Numbers of pseudolites, their rows."""
 CELLS = len(PSEUDOLITES) * len(SATELLITES)
 MOST_SUBSETS, MOST_SUBSETS_OF_FILTERS = 60, 12
-"""Where there are more subsets of satellites, so many are drawn; fewer where levels are those of filters, which take a
-second each."""
+"""Largest number of subsets of satellites; of more, so many are drawn. It is smaller for levels of filters, which take
+a second each."""
 _FLAGS = ("fix", "detection", "exclusion", "ground_loss")
 
 
@@ -48,13 +48,13 @@ class WatchedGlide:
     asked: ApproachLimits
     """Limits."""
     signals: Signals
-    """Of the epochs with levels."""
+    """Signals of the epochs with levels."""
     satellites: np.ndarray
     """(n,) numbers of the sources that are used throughout the glide."""
     pseudolites: np.ndarray
     """(k,) numbers of the first ones."""
     epochs: int
-    """Of the whole glide."""
+    """Number of epochs of the whole glide."""
     flight: Flight | None
     """Whole flight if levels are the filter's, else None."""
     chosen: np.ndarray
@@ -62,7 +62,7 @@ class WatchedGlide:
 
     @property
     def subsets(self) -> int:
-        """How many subsets of satellites are taken at most."""
+        """Largest number of subsets of satellites."""
         return MOST_SUBSETS if self.flight is None else MOST_SUBSETS_OF_FILTERS
 
     def monitor(self, sources: np.ndarray) -> Snapshot:
@@ -70,7 +70,7 @@ class WatchedGlide:
         return self.watching.over(_of_these(self.signals, sources))
 
     def levels(self, sources: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Levels (m, 2) with sources of these numbers alone, of all epochs, and nan where there is no test."""
+        """Levels (m, 2) with only the sources of these numbers, at all epochs, nan without a test."""
         if self.flight is None:
             monitor = self.monitor(sources)
             return monitor.levels, tested_levels(monitor)
@@ -80,20 +80,23 @@ class WatchedGlide:
         return bank.levels[self.chosen], tested_levels(bank)[self.chosen]
 
     def judged(self, sources: np.ndarray) -> np.ndarray:
-        """Of what such sources give (3,): the share of epochs with both levels within their limits; the medians over
-        epochs of the horizontal and the vertical level, m, inf where most have none."""
+        """Performance of such sources (3,): fraction of epochs with both levels within their limits; median HPL and
+        VPL, m.
+
+        A median is inf if most epochs have no level.
+        """
         levels, tested = self.levels(sources)
         levels = np.where(np.isfinite(levels), levels, np.inf)
         return np.array([within(self.asked, tested).all(axis=1).mean(), *np.median(levels, axis=0)])
 
 
 def _of_these(signals: Signals, sources: np.ndarray) -> Signals:
-    """Signals of which only those with these numbers (m,) are used."""
+    """Signals of the sources with these numbers (m,) alone."""
     return replace(signals, used=signals.used & np.isin(np.arange(len(signals.names)), sources))
 
 
 def watched(case: Case) -> WatchedGlide:
-    """What levels of a case with limits are computed from. Raises ValueError without a fix epoch on the glide."""
+    """Inputs for the levels of a case with limits. Raises ValueError without a fix epoch on the glide."""
     watching, asked, glide = case.flight.watching, approach_limits(case), np.flatnonzero(glide_of(case))
     assert watching is not None
     assert asked is not None
@@ -110,7 +113,7 @@ def watched(case: Case) -> WatchedGlide:
 
 
 def subsets(satellites: np.ndarray, count: int, seed: int, most: int = MOST_SUBSETS) -> np.ndarray:
-    """Subsets (m, count) of so many of satellites (n,): all, of more than `most` so many different ones, by chance."""
+    """Subsets (m, count) of so many of satellites (n,): all, or a random choice of `most` different ones."""
     if math.comb(satellites.size, count) <= most:
         return np.array(list(itertools.combinations(satellites, count)), int).reshape(-1, count)
     rng = generator(seed, 0, "subsets", count)
@@ -144,7 +147,7 @@ def cells(here: WatchedGlide, seed: int, done: Callable[[int], None]) -> tuple[n
 
 
 def compute(case: Case, here: WatchedGlide, seed: int, done: Callable[[int], None] = lambda _: None) -> Result:
-    """Both tables as a result of kind integrity-table; `done(n)` is told how many cells are finished."""
+    """Both tables as a result of kind integrity-table; `done(n)` receives the number of finished cells."""
     draft = ResultBuilder(INTEGRITY_TABLE)
     draft["/pseudolites"], draft["/satellites"] = np.array(PSEUDOLITES), np.array(SATELLITES)
     flags = [[possible((0,) * n, (0,) * k) for n in SATELLITES] for k in PSEUDOLITES]
@@ -170,7 +173,7 @@ def compute(case: Case, here: WatchedGlide, seed: int, done: Callable[[int], Non
 
 
 def _still_jamming(case: Case) -> list[str]:
-    """What the user must hear where pseudolites jam."""
+    """Warning if pseudolites jam."""
     jamming = case.environment.jamming
     if jamming is None or jamming.pseudolites is None:
         return []
@@ -178,7 +181,7 @@ def _still_jamming(case: Case) -> list[str]:
 
 
 def _several_clocks(here: WatchedGlide) -> list[str]:
-    """What the user must hear where flags and levels are not of the same unknowns."""
+    """Warning if capabilities and levels have different clock unknowns."""
     sources = np.concatenate([here.satellites, here.pseudolites])
     clocks = np.unique(here.signals.clock[sources]).size
     if clocks < 2:

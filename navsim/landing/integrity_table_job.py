@@ -1,4 +1,4 @@
-"""The table of what few satellites and pseudolites make possible, and how useful that is in an approach."""
+"""Job of the table of the capabilities of few satellites and pseudolites."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LEVEL_MEMORY = 200
 
 
 class IntegrityTableJob:
-    """Flags by rank, levels of subsets of the satellites of a landing; none of the work is kept."""
+    """Capabilities by rank, and levels of subsets of the satellites of a landing; it keeps no partial work."""
 
     sort = ResultKind("integrity-table")
     kernels, suffix, unit, work, pieces = "integrity-table", "", "cells", "", 0
@@ -59,7 +59,7 @@ class IntegrityTableJob:
             raise JobError(str(error)) from None
 
     def estimate(self, scenario: Landing, sources: Environment) -> Budget:
-        """What is possible by rank, and the levels of subsets of the satellites in an approach."""
+        """Estimated memory and disk of the table."""
         here = extent(scenario, sources)
         separated = scenario.integrity is not None and scenario.integrity.method != "chi2"
         result = TEXTS + NUMBER * MOST_LEVELS + (20 if separated else 18) * VARIABLE

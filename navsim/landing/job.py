@@ -19,7 +19,7 @@ from navsim.scenario.source import Document, InputError, Problem
 from navsim.words import option
 
 MOST_RUNS = 1_000_000
-"""Where `--until` gives up, unless --runs says otherwise."""
+"""Largest number of runs with `--until`, unless --runs is given."""
 
 
 def job(section: Landing, document: Document, options: Options) -> MonteCarloJob | CovarianceJob | RareJob:
@@ -32,7 +32,7 @@ def job(section: Landing, document: Document, options: Options) -> MonteCarloJob
 
 
 class _Prepared:
-    """What both methods do before the work."""
+    """Common preparation of both methods."""
 
     work = "runs"
     even = True
@@ -72,7 +72,7 @@ def _check_numbers(first: int, runs: int) -> None:
 
 
 def _progress_of(tell: Progress, until: Until | None) -> Callable[[int], None]:
-    """What is told of runs that are finished: their number, and how narrow the interval is that is waited for."""
+    """Progress of finished runs: their number, and the present width of the interval."""
     return lambda flown: tell(flown, "" if until is None else until.words)
 
 

@@ -29,13 +29,13 @@ from navsim.scenario.source import InputError, parse
 Parts = list[tuple[Path, Result]]
 """Results by the files they are in."""
 _KEEPS = {"all": "/measurements/pseudorange", "errors": "/filter/error"}
-"""What tells with which `--keep` runs were flown; with none there is neither."""
+"""Variable that identifies each value of `--keep`; `statistics` has none."""
 _DEGREES = "degrees_of_freedom"
 
 
 def ordered(given: Parts) -> Parts:
-    """The parts in the order of their runs. Raises OptionError where they are not all of one ensemble, with every run
-    of it once."""
+    """The parts in the order of their runs. Raises OptionError unless they are all parts of one ensemble, each run
+    once."""
     first_file, first = given[0]
     for file, one in given:
         kind, method = (str(one.attributes.get(name, "")) for name in ("kind", "method"))
@@ -68,7 +68,7 @@ def ordered(given: Parts) -> Parts:
 
 
 def _identity(one: Result) -> dict[str, str]:
-    """What parts must agree in, by words."""
+    """Data that parts must agree in, by name."""
     a = one.attributes
     keep = next((keep for keep, path in _KEEPS.items() if path in one), "none")
     return {
@@ -78,7 +78,7 @@ def _identity(one: Result) -> dict[str, str]:
 
 
 def _between(before: tuple[Path, Result], after: tuple[Path, Result]) -> str:
-    """What is wrong between two parts that are next to each other, "" for nothing."""
+    """Error between two adjacent parts, "" for none."""
     (one, a), (other, b) = before, after
     end, start = int(a["/run"][-1]), int(b["/run"][0])
     if start > end + 1:
@@ -105,8 +105,11 @@ def case_of(parts: Parts, folder: Path) -> Case:
 
 
 def merged(parts: Parts, case: Case) -> Result:
-    """The whole of parts in order. Raises OptionError where they are not of this case, or not made by code and
-    processors that give the same numbers; ResultError, ValueError for damaged files."""
+    """Merge of parts in order.
+
+    Raises OptionError if they do not belong to this case, or if their code or processors give different numbers;
+    ResultError, ValueError for damaged files.
+    """
     file, first = parts[0]
     seed = int(first.attributes["seed"])
     ensemble = together([one for _, one in parts])
@@ -136,7 +139,7 @@ def merged(parts: Parts, case: Case) -> Result:
 
 
 def _shared(path: str) -> bool:
-    """Whether a variable of a part is the same in all of them."""
+    """Whether a variable is the same in all parts."""
     return path != "/run" and not path.startswith(("/summary/", "/consistency/", "/rare/", f"{PART}/", f"{FINDINGS}/"))
 
 
@@ -168,7 +171,7 @@ def _blocks(some: Sequence[Variable]) -> Iterator[np.ndarray]:
 
 
 def read_through(one: Result) -> None:
-    """Read all of a part once, so that damage is found before anything is made of it. Raises ResultError."""
+    """Read all of a part once, to find damage before the merge. Raises ResultError."""
     for variable in one.variables.values():
         for _ in _pieces(variable):
             pass

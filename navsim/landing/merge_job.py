@@ -14,7 +14,7 @@ from navsim.runner.job import OptionError, Outcome, Progress, ResourceCheck
 
 
 class MergeJob:
-    """The whole of some parts; quick, and none of it is kept."""
+    """Job that merges parts; quick, without partial work."""
 
     suffix, work, pieces, unit, extent, even = "", "", 0, "parts", 1, True
     case: Case

@@ -89,7 +89,7 @@ def _lever_arms(scenario: Landing) -> Iterator[str]:
 
 
 def _drifts(scenario: Landing) -> Iterator[str]:
-    """Constant errors of inertial sensors that are as large as what they measure."""
+    """Constant errors of inertial sensors that are as large as their measurements."""
     hours = scenario.duration_s / 3600.0
     for where, imu in (("imu", scenario.imu), ("filter.imu", scenario.filter.imu)):
         if (gyro := imu.gyro) is not None:

@@ -1,6 +1,6 @@
-"""What can be told of a landing before it is flown: what its input is warned of, what refuses it.
+"""Checks of a landing before the simulation: warnings about the input, and errors.
 
-Nothing here is compiled: `navsim validate` says it, too.
+Nothing here is compiled, so that `navsim validate` reports it, too.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 
 _ROUGH = 50
 _STEP = 0.2
-"""Between places of a flight that are held against ridges, s."""
+"""Interval between positions that are compared with ridges, s."""
 OFF_GROUND = 0.5
 """Height at touchdown, m, up to which an aircraft has come down: blends at a corner leave as much."""
 _MISPLACED = 5.0
 """Height of a flight of a file at its touchdown, m, beyond which that is doubted."""
 FOLLOW = "leave `clock` out, which takes the time scale of the satellites,"
-"""What to write instead of a time scale that no satellite keeps."""
+"""Advice for a time scale that no satellite has."""
 MISPRINT = 1.0
 """Difference of a published direction of a runway from that between its thresholds that is warned of, deg."""
 
@@ -61,8 +61,8 @@ class PreflightChecks:
 
     @property
     def warnings(self) -> list[str]:
-        """What the input has to be warned of beside its sky: a landing that does not end on the ground, a box before
-        any fix, sources that are never heard."""
+        """Warnings about the input besides the sky: no touchdown, a box before any fix, sources that are never
+        tracked."""
         out = trajectory_warnings(self.scenario, self.trajectory)
         if self.scenario.box is not None and (self.outputs[1:2] > (when := self.box_time)).any():
             out.append(
@@ -146,12 +146,12 @@ class PreflightChecks:
 
     @cached_property
     def shadowed(self) -> np.ndarray:
-        """At which fixes (e, s) bool the aircraft is in the way of which sources, see `Environment.shadowed`."""
+        """Fixes and sources (e, s) bool hidden by the aircraft, see `Environment.shadowed`."""
         return self.environment.shadowed(self.signals, self.trajectory.motion(self.signals.time).c_eb)
 
     def _by_name(self, lost: np.ndarray) -> tuple[list[str], str]:
-        """Of sources that are lost at fixes (e, s) bool: at how many, of pseudolites each by itself, and of all
-        satellites together, "" where it is none."""
+        """Number of fixes at which sources (e, s) bool are lost, as text: each pseudolite, all satellites together, ""
+        for none."""
         counts = zip(self.signals.names, lost.sum(axis=0).tolist(), strict=True)
         shown = [(name, f"{name} at {times}") for name, times in counts if times]
         ground, of = self.environment.pseudolites.names, f"of {self.signals.time.size} fixes"
@@ -159,7 +159,7 @@ class PreflightChecks:
         return [f"{text} {of}" for name, text in shown if name in ground], satellites and f"{satellites} {of}"
 
     def _shadowed(self) -> list[str]:
-        """Sources that the aircraft is in the way of, by name."""
+        """Sources that the aircraft hides, by name."""
         pseudolites, satellites = self._by_name(self.shadowed)
         return [f"receiver.antenna: the aircraft shadows {text}" for text in (*pseudolites, satellites) if text]
 
@@ -180,26 +180,26 @@ class PreflightChecks:
         return [f"{by}: {text}" for text in (*pseudolites, satellites) if text]
 
     def _received(self, event: EventSection) -> bool:
-        """Whether any source of an event is, while it lasts."""
+        """Whether any source of an event is received while it lasts."""
         signals, model = self.signals, event.model()
         lasting = (signals.time >= model.begin) & (signals.time < model.end)
         concerned = model.concerns(signals.names, self.environment.systems_of(signals.names))
         return bool(signals.used[np.ix_(lasting, concerned)].any())
 
     def times_at_heights(self, heights: Sequence[float]) -> list[float]:
-        """As `passed`; nan where it is not before the filter's last output."""
+        """`passed`, with nan for times after the filter's last output."""
         last = self.outputs[-1] + 1e-9
         return [when if when <= last else math.nan for when in passed(self.scenario, self.trajectory, heights)]
 
     @cached_property
     def box_time(self) -> float:
-        """When the height of the scenario's box is passed, s; nan where it is not."""
+        """Time when the route passes the height of the scenario's box, s; nan if it does not."""
         assert self.scenario.box is not None
         return self.times_at_heights([self.scenario.box.height_m])[0]
 
     @property
     def box_place(self) -> float:
-        """Where the route is then, along the runway from the threshold, m."""
+        """Position of the route then, along the runway from the threshold, m."""
         along = self.trajectory.path.jet(np.array([self.box_time]))[0, 0, 0]
         return float(along) + self.scenario.runway.aim_point_m
 
@@ -219,7 +219,7 @@ class PreflightChecks:
         raise InputError([Problem(document.place(("box", "height_m")), "box.height_m", text)])
 
     def _check_ground(self, document: Document) -> None:
-        """What the ground leaves in a range is a part of it."""
+        """Check that the ground reflection is only a part of a range."""
         section, signals = self.scenario.integrity, self.signals
         station = None if section is None or section.comparison is None else section.comparison.gbas
         if station is None or not signals.used.any():
@@ -232,7 +232,10 @@ class PreflightChecks:
 
 
 def lone_pseudolite_warning(clock: str, when: str, instead: str) -> str:
-    """Warning that one pseudolite is the only source on its time scale. when: how often. instead: what to write."""
+    """Warning about a pseudolite that is the only source of its time scale.
+
+    when: how often. instead: what to write.
+    """
     return (
         f"pseudolites.clock: one pseudolite is the only source on the time scale `{clock}` {when}. Its range "
         "determines that clock and nothing else, so positions of fixes and DOPs are those without it; "
@@ -241,7 +244,7 @@ def lone_pseudolite_warning(clock: str, when: str, instead: str) -> str:
 
 
 def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
-    """What the way that is flown is warned of, and sections that need no sources of signals to be judged."""
+    """Warnings about the trajectory, and about sections that need no sources of signals."""
     out = []
     touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
     if touchdown > scenario.duration_s:
@@ -272,7 +275,7 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
 
 
 def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:
-    """Warning of pseudolites that stand on the runway."""
+    """Warning about pseudolites on the runway."""
     runway = scenario.runway
     sites = ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
     places = in_heading_axes(sites, scenario.threshold(trajectory.frame), runway.heading_deg * DEG)
@@ -288,7 +291,7 @@ def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:
 
 
 def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:
-    """What to warn of ridges that the aircraft flies through, below their tops."""
+    """Warning about ridges that the aircraft flies through, below their tops."""
     if not scenario.terrain:
         return []
     time = np.linspace(0.0, scenario.duration_s, max(2, math.ceil(scenario.duration_s / _STEP)))
@@ -306,7 +309,7 @@ def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:
 
 
 def _gains_passed_over(scenario: Landing) -> list[str]:
-    """Warnings of gains of the inertial sensors that the scenario has the filter take for none."""
+    """Warnings about gains of the inertial sensors that the scenario removes from the filter model."""
     imu, its = scenario.imu, scenario.filter
     gains = (
         ("scale_ppm", "scale factors", "scale_factors"), ("misalignment_mrad", "misalignments", "misalignments"),
@@ -339,8 +342,10 @@ def _out_of_sight(environment: Environment, antenna: np.ndarray) -> list[str]:
 
 
 def modelled(scenario: Landing, document: Document) -> tuple[Moving, Environment, Landing, list[str]]:
-    """The motion to be flown, the sources of signals, the scenario with the checksums of its files written into it,
-    warnings of its sky. Raises InputError for files that cannot be used, pseudolites that are in the way."""
+    """Trajectory, sources of signals, the scenario with the checksums of its files, and warnings about its sky.
+
+    Raises InputError for unusable files, and for pseudolites in the way of the aircraft.
+    """
     from navsim.landing.sources import environment, trajectory_of
 
     trajectory, scenario = trajectory_of(scenario, document)
@@ -353,7 +358,7 @@ def modelled(scenario: Landing, document: Document) -> tuple[Moving, Environment
 
 
 def _needs_sources(scenario: Landing) -> bool:
-    """Whether files are to be read, or there is something to be told that goes by the sources of signals."""
+    """Whether files must be read, or warnings depend on the sources of signals."""
     sky = scenario.sky
     sections = (
         sky.source in SOURCES_FROM_FILES, sky.systems, sky.exclude, sky.horizon, scenario.terrain, scenario.box,
@@ -364,8 +369,10 @@ def _needs_sources(scenario: Landing) -> bool:
 
 
 def warnings_of(scenario: Landing, document: Document) -> list[str]:
-    """What a landing is warned of that nobody has prepared yet, but for what sensors beside the receiver measure.
-    Raises InputError as whoever prepares it."""
+    """Warnings about a landing before its preparation, except about measurements of sensors beside the receiver.
+
+    Raises the InputErrors of the preparation.
+    """
     if not _needs_sources(scenario):
         return [*scenario.unused(), *trajectory_warnings(scenario, scenario.trajectory())]
     from navsim.gnss.signals import build_signals
@@ -381,8 +388,8 @@ def warnings_of(scenario: Landing, document: Document) -> list[str]:
 
 
 def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> list[float]:
-    """Times when the true height above the runway last comes down through these, m, 0 for touchdown, s; nan where it
-    does not within the flight."""
+    """Last times of descent through these heights above the runway, m, 0 for touchdown, s; nan if not within the
+    flight."""
     path = trajectory.path
     touchdown = path.events.get(TOUCHDOWN, math.inf)
     fine = np.arange(0.0, min(touchdown, scenario.duration_s), 1e-3)
@@ -409,7 +416,7 @@ def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> l
 
 
 def _hidden_throughout(names: Sequence[str], hidden: np.ndarray) -> list[str]:
-    """What to warn of pseudolites that terrain hides at all fixes, (e, p) bool."""
+    """Warning about pseudolites that terrain hides at all fixes, (e, p) bool."""
     return [
         f"terrain: {name} is behind it during the whole flight, and never received"
         for name, times in zip(names, hidden.T, strict=True)

@@ -1,7 +1,6 @@
-"""The probability that a landing ends outside the scenario's box, from runs that are pushed towards its edge.
+"""Probability that a landing ends outside the scenario's box, by importance sampling.
 
-What is flown and weighed is `simulation.importance_sampling`'s; here are the study of many runs, its statistics and
-its result.
+`simulation.importance_sampling` does the sampling; here are the study of many runs, its statistics and its result.
 """
 
 from __future__ import annotations
@@ -51,9 +50,9 @@ from navsim.simulation.sensitivity import sensitivity
 from navsim.statistics.importance_sampling import FEW
 
 USUAL = 0.2
-"""Half the width of the 95 % interval, over the probability, with which a study ends unless told otherwise."""
+"""Default half width of the 95 % interval, relative to the probability, at which a study ends."""
 MOST_RUNS = 20_000
-"""Where it gives up, unless told otherwise."""
+"""Default largest number of runs."""
 LINEAR = 0.2
 """Sigmas of an error that may be other than linear before intervals are too narrow (docs/rare-events-measured.md)."""
 
@@ -67,8 +66,7 @@ class Edge:
 
 
 def prepare(case: Case) -> Edge:
-    """The way to the edge of the box of a case. Raises ValueError where an error that it bounds depends on nothing that
-    is drawn."""
+    """Importance sampling for the box of a case. Raises ValueError if a limited error depends on no random input."""
     box = box_of(case)
     assert box is not None
     before, after, share = between_outputs(case, np.array([box.time]))
@@ -133,13 +131,14 @@ def fly_all(
 
 
 def probability(edge: Edge, flown: Ensemble) -> tuple[np.ndarray, float, float]:
-    """Of ending outside the box: value with its 95 % interval (3,), relative standard error, effective samples."""
+    """Probability of ending outside the box: value with its 95 % interval (3,), relative standard error, effective
+    samples."""
     outside = np.asarray(edge.box.beyond(flown.per_run("error")).any(axis=1))
     return _share(edge, flown, outside, edge.box.lower, edge.box.upper)
 
 
 def axis_probabilities(edge: Edge, flown: Ensemble) -> list[tuple[np.ndarray, float, float]]:
-    """The same of exceeding each limit alone."""
+    """Probability of exceeding each limit alone, in the same form."""
     outside = edge.box.beyond(flown.per_run("error"))
     alone = np.eye(3, dtype=bool)
     lower, upper = np.where(alone, edge.box.lower, -np.inf), np.where(alone, edge.box.upper, np.inf)
@@ -149,15 +148,18 @@ def axis_probabilities(edge: Edge, flown: Ensemble) -> list[tuple[np.ndarray, fl
 def _share(
     edge: Edge, flown: Ensemble, outside: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, float, float]:
-    """Of runs outside (run,) some limits (3,); see `runner.statistics.weighted_share`."""
+    """Probability of runs outside (run,) of limits (3,); see `runner.statistics.weighted_share`."""
     mean, mix = edge.tilt.mean, edge.tilt.proposal
     inside = mix.most_weight_between(lower - mean, upper - mean)
     return weighted_share(flown.per_run("log_weight"), outside, mix.most_weight, inside)
 
 
 def narrow(value: np.ndarray, effective: float, share: float) -> bool:
-    """Whether an interval (3,) is within a share of its value on both sides and rests on no fewer than `FEW` effective
-    samples; a chance too small to be told needs no interval."""
+    """Whether an interval (3,) is within a fraction of its value on both sides and has at least `FEW` effective
+    samples.
+
+    A probability too small to be estimated needs no interval.
+    """
     reaches = (1.0 - share) * value[0] <= value[1] and value[2] <= (1.0 + share) * value[0]
     return effective >= FEW and bool(reaches or np.isnan(value[0]))
 
@@ -182,7 +184,7 @@ def stopping_rule(edge: Callable[[], Edge], expression: str) -> Until:
 
 
 def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
-    """What was wrong with the input, with what was flown, and with the probability."""
+    """Findings about the input, the runs, and the probability."""
     fixes, outputs = (
         Flaws(*(flown.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
     )
@@ -216,8 +218,10 @@ def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
 
 
 def _rejections(case: Case, fixes: Flaws, flown: Ensemble) -> list[Finding]:
-    """What the gate rejected in all runs, more than chance makes it; it speaks against fixes where runs that are not
-    pushed have too many as well."""
+    """Finding about rejections by the gate in all runs beyond chance.
+
+    It violates the condition on fixes if runs without a shift have too many as well.
+    """
     still, probability = flown.per_run("still"), case.scenario.filter.gate.probability
     rejected, fixed = fixes.count[:, GATED], flown.per_run("fixes")
     found = judging.spread(fixes, GATED, case.world.signals.time)
@@ -239,8 +243,11 @@ def _by_pushes(found: Finding) -> Finding:
 
 
 def not_linear(edge: Edge, flown: Ensemble) -> np.ndarray:
-    """Standard deviation over the pushed runs of what is not of first order in the limited errors (k,), over their
-    sigmas to first order; inf for errors that are no numbers."""
+    """Nonlinear part of the limited errors (k,): its standard deviation over shifted runs, relative to the first-order
+    sigma.
+
+    inf for errors that are not finite.
+    """
     some = np.isfinite(edge.box.upper)
     off = (flown.per_run("error") - flown.per_run("first_order"))[:, some]
     sigma = np.sqrt(np.diagonal(edge.tilt.proposal.covariance))[some]

@@ -45,7 +45,7 @@ from navsim.statistics import normal
 
 NOT_MET, UNDECIDED, MET = VERDICTS
 MOST_RUNS = 10**12
-"""Where it is given up to look for a number of runs."""
+"""Largest number of runs that is proposed."""
 _AXES = ("lateral", "along", "vertical")
 
 
@@ -65,13 +65,14 @@ class Fulfilment:
     utilisation: float = math.nan
 
     def verdict(self, value: np.ndarray | None = None) -> str:
-        """Of what was found, or of another value (3,)."""
+        """Verdict on the value, or on another value (3,)."""
         _, low, high = self.value if value is None else value
         good, bad = (low >= self.limit, high < self.limit) if self.least else (high <= self.limit, low > self.limit)
         return MET if good else NOT_MET if bad else UNDECIDED
 
     def more(self, runs: int) -> float:
-        """How many more runs would decide, if they were like these; nan where none would, or where it is decided."""
+        """Number of further runs for a decision, if they are like these; nan if none would be enough, or if it is
+        decided."""
         if self.again is None or self.verdict() != UNDECIDED or np.isnan(self.value[0]):
             return math.nan
         low, high = runs, 2 * runs
@@ -86,11 +87,11 @@ class Fulfilment:
 
 
 UNKNOWN = np.full(3, np.nan)
-"""Of what a method tells nothing."""
+"""Value of a quantity that a method does not compute."""
 
 
 def untold_by_pushed_runs(scenario: Landing) -> list[str]:
-    """What the user must hear of requirements that no pushed run tells anything of."""
+    """Warning about requirements that importance sampling cannot evaluate."""
     every = singles(scenario.requirements)
     untold = [said + _statement(one)[0] for said, one in every if not isinstance(one, BoxRequirement)]
     if not untold:
@@ -100,7 +101,7 @@ def untold_by_pushed_runs(scenario: Landing) -> list[str]:
 
 @dataclass(frozen=True)
 class Statement:
-    """A requirement in words. unit: of its figure. limit: what is asked for; least: whether that is a lower limit."""
+    """A requirement in words. unit: of its value. limit: required; least: whether it is a lower limit."""
 
     text: str
     unit: str
@@ -109,7 +110,7 @@ class Statement:
 
 
 def statements(scenario: Landing) -> list[Statement]:
-    """All requirements of a scenario, presets as their parts, in the order in which they are judged."""
+    """All requirements of a scenario, presets as their parts, in the order of evaluation."""
     out = []
     for before, one in singles(scenario.requirements):
         text, limit, least = _statement(one)
@@ -119,7 +120,7 @@ def statements(scenario: Landing) -> list[Statement]:
 
 
 Moments = tuple[np.ndarray, np.ndarray]
-"""Of a covariance analysis, mean (h, 3) and 1 sigma (h, 3) of the errors at the heights."""
+"""Mean (h, 3) and 1 sigma (h, 3) of the errors at the heights, from a covariance analysis."""
 
 
 def fulfilments(
@@ -129,8 +130,11 @@ def fulfilments(
     moments: Moments | None = None,
     within: Sequence[np.ndarray] | None = None,
 ) -> list[Fulfilment]:
-    """What a summary says of each requirement. Of layout `COVARIANCE` it may lack what an analysis would say, or
-    what a monitor would: nothing is known then of what rests on it. within: see `integrity.levels_within`."""
+    """Values of the requirements from a summary.
+
+    With layout `COVARIANCE`, analysis or monitor may be missing; values that need them are unknown. within: see
+    `integrity.levels_within`.
+    """
     uncounted = _uncounted(case.scenario)
     shares = iter(within or ())
     found = []
@@ -146,7 +150,7 @@ def fulfilments(
 
 
 def _uncounted(scenario: Landing) -> set[int]:
-    """Which of the requirements, presets as their parts, speak of counts by other limits than the scenario's."""
+    """Requirements, presets as their parts, on counts with other limits than the scenario's."""
     out, i = set(), 0
     limits = None if scenario.integrity is None else scenario.integrity.limits
     for each in scenario.requirements:
@@ -182,7 +186,7 @@ def judged(
 
 
 def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments: Moments | None) -> Fulfilment:
-    """What a summary says of a requirement."""
+    """Value of a requirement from a summary."""
     text, limit, least = _statement(one)
     nothing = Fulfilment(text, UNKNOWN, limit, least)
     if isinstance(one, BoxRequirement):
@@ -211,7 +215,7 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
 
 
 def _statement(one: AnySingle) -> tuple[str, float, bool]:
-    """A requirement in words, what is asked for, and whether that is a lower limit."""
+    """A requirement in words, its limit, and whether it is a lower limit."""
     if isinstance(one, ErrorRequirement):
         height = one.at.replace("ft", " ft")
         return f"{one.of} error at {height} below {one.below_m:g} m in {100 * one.share:g} % of runs", one.share, True
@@ -241,7 +245,7 @@ def _exactly(value: float) -> np.ndarray:
 
 
 def _counted(nothing: Fulfilment, count: int, runs: int) -> Fulfilment:
-    """Of a share of runs."""
+    """Value of a fraction of runs."""
     share = count / runs
 
     def again(n: int) -> np.ndarray:
@@ -309,7 +313,7 @@ def _of_epochs(
     sizes: np.ndarray | None,
     case: Case,
 ) -> Fulfilment:
-    """By the share of the epochs of the glide whose sizes (e,), m, are within what is asked for; nan is not."""
+    """Value from the fraction of epochs of the glide whose sizes (e,), m, are within the requirement; nan is not."""
     glide = glide_of(case)
     if sizes is None or not glide.any():
         return nothing
@@ -323,7 +327,7 @@ def _of_epochs(
 def sizes_of(
     one: ThresholdRequirement | AccuracyRequirement, watching: Monitoring | None, monitor: Watcher | None
 ) -> np.ndarray | None:
-    """What is to stay within a size, at all epochs (e,), m; None where nothing is known of it."""
+    """Quantity of a requirement at all epochs (e,), m; None if unknown."""
     if watching is None or monitor is None:
         return None
     if isinstance(one, ThresholdRequirement):
@@ -333,8 +337,10 @@ def sizes_of(
 
 
 def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
-    """Between all epochs of the glide with levels within their limits, and those of them without a false alarm. What
-    else may cause alarms, runs alone tell: faults, or ranges worse than the monitor holds them for."""
+    """Bounds of availability: epochs of the glide with levels within their limits, with and without false alarms.
+
+    Only runs show other alarms: faults, or ranges worse than the monitor's model.
+    """
     asked, monitor, section = approach_limits(case), case.flight.monitor, case.scenario.integrity
     if asked is None or monitor is None or section is None:
         return nothing
@@ -355,7 +361,7 @@ def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case
 
 
 def _approaches_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
-    """None, where an epoch that is due has a level beyond its limit; how many have no alarm, runs alone tell."""
+    """No approach if a required epoch has a level beyond its limit; only runs show how many have no alarm."""
     asked, monitor = approach_limits(case), case.flight.monitor
     if asked is None or monitor is None:
         return nothing
@@ -364,7 +370,7 @@ def _approaches_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, cas
 
 
 def _kept_by(values: np.ndarray, share: float) -> float:
-    """The smallest size that this share of values (n,) is within, inf where so many are none."""
+    """Smallest size that this fraction of values (n,) does not exceed, inf if too many have none."""
     ordered = np.sort(np.where(np.isnan(values), np.inf, values))
     shares = np.arange(1, ordered.size + 1) / ordered.size
     return float(ordered[np.searchsorted(shares, share)])
@@ -382,7 +388,7 @@ def _of_shares(
 
 
 def _share_of_epochs(nothing: Fulfilment, share: np.ndarray, runs: int) -> Fulfilment:
-    """Of a share of epochs (3,) of so many runs."""
+    """Value of a fraction of epochs (3,) of so many runs."""
     if not np.isfinite(share).all():
         return replace(nothing, value=np.array([share[0], np.nan, np.nan]))
     alike = np.array_equal(share, share_of_alike(float(share[0]), runs))

@@ -116,7 +116,7 @@ def _filter(draft: ResultBuilder, case: Case, ensemble: Ensemble, keep: str) -> 
 
 
 def _filter_model(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
-    """What the filter starts from, what it takes its sensors for, and what it takes for fixes."""
+    """Write the filter model: initial state, sensors, and fixes."""
     sensors = case.beliefs.sensors
     for name, history in (("position_llh", "llh"), ("velocity_ned", "velocity"), ("attitude_rpy", "rpy")):
         draft[f"/filter/start_{name}"] = _history(ensemble, f"start_{history}")
@@ -138,7 +138,7 @@ def _filter_model(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
 
 
 def _aiding(draft: ResultBuilder, case: Case, ensemble: Ensemble, measured: bool) -> None:
-    """What each sensor beside the receiver measured, and what the filter made of it."""
+    """Write the measurements of each sensor beside the receiver, and their status."""
     first = 0
     for aid in case.world.aids:
         branch, part = f"/aiding/{aid.sensor.name}", slice(first, first + aid.time.size)
@@ -160,7 +160,7 @@ def _aiding(draft: ResultBuilder, case: Case, ensemble: Ensemble, measured: bool
 
 
 def _watched(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
-    """What the monitor of the fixes said, and how far off they were."""
+    """Write the status of the fix monitor, and the errors of the fixes."""
     if case.flight.monitor is None:
         return
     draft["/integrity/statistic"] = _history(ensemble, "monitor_statistic")
@@ -258,5 +258,5 @@ def _of_band(band: tuple[float, float], degrees: int) -> dict[str, float]:
 
 
 def _flaws(ensemble: Ensemble, *which: int) -> int:
-    """How often these flaws of fix epochs happened in all runs."""
+    """Number of each flaw of fix epochs in all runs."""
     return int(ensemble.per_run("fix_flaws_count")[:, which].sum(dtype=np.int64))

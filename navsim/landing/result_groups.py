@@ -1,4 +1,4 @@
-"""What the results of all landing studies have in common."""
+"""Groups that the results of all landing studies share."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _truth(draft: ResultBuilder, case: Case) -> None:
 
 
 def _wind(draft: ResultBuilder, case: Case) -> None:
-    """The mean wind along the way, and its triangle at the decision heights, where it blows."""
+    """Write the mean wind along the trajectory, and the wind triangle at the decision heights, if there is wind."""
     if not case.scenario.wind.blows:
         return
     trajectory, truth = case.trajectory, case.world.truth
@@ -77,7 +77,7 @@ def _wind(draft: ResultBuilder, case: Case) -> None:
 
 
 def _track(draft: ResultBuilder, case: Case) -> None:
-    """What became of a trajectory of a table by being smoothed."""
+    """Write the effect of smoothing on a trajectory from a table."""
     if not isinstance(case.scenario.approach, TrackApproach):
         return
     most = largest(case.trajectory, case.scenario.duration_s)
@@ -114,7 +114,7 @@ def _geometry(draft: ResultBuilder, case: Case) -> None:
 
 
 def _navigation(draft: ResultBuilder, case: Case) -> None:
-    """The messages the satellites flew by, or would have sent: what an export to RINEX needs."""
+    """Write the messages of the satellites, real or simulated, for an export to RINEX."""
     time = timescales.gps_from_utc(case.scenario.epoch.timestamp()) + case.world.signals.time
     for group in case.environment.satellites:
         sent = group.constellation.messages(time)
@@ -129,7 +129,7 @@ def _navigation(draft: ResultBuilder, case: Case) -> None:
 
 
 def _interference(draft: ResultBuilder, case: Case) -> None:
-    """What jammers leave of signals, where there are any."""
+    """Write the effect of jammers on signals, if any."""
     jamming, s = case.environment.jamming, case.world.signals
     if jamming is None:
         return
@@ -143,7 +143,7 @@ def _interference(draft: ResultBuilder, case: Case) -> None:
 
 
 def geometry_summary(case: Case) -> ResultBuilder:
-    """What the fixes of the glide owe to the geometry, DOPs and SKO, for those who need no more of a result."""
+    """Summary of the geometry of the glide, DOPs and SKO, without the rest of a result."""
     draft = ResultBuilder(COVARIANCE)
     _geometry_summary(draft, case)
     return draft
@@ -168,7 +168,7 @@ def _geometry_summary(draft: ResultBuilder, case: Case) -> None:
 
 
 def _statistics(values: np.ndarray) -> np.ndarray:
-    """Mean, least, largest, median and 95th percentile of values (n,); nan where there are none."""
+    """Mean, least, largest, median and 95th percentile of values (n,); nan without any."""
     if not values.size:
         return np.full(5, np.nan)
     return np.array([values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])])

@@ -1,4 +1,4 @@
-"""How often fixes of a landing are beyond their protection levels and nothing is said, as `/integrity/tails`.
+"""Sampled integrity risk of a landing: fixes beyond their protection levels without an alarm, as `/integrity/tails`.
 
 Source: `docs/theory/integrity.md`, section 4.
 """
@@ -24,15 +24,17 @@ from navsim.statistics.random_streams import generator
 AXES = ("east", "north", "up")
 NO_FAULT = "no fault"
 _AROUND = (1.0, 0.85, 0.925, 1.075, 1.15)
-"""Sizes of a bias by the one that is worst under a single test, of which the worst under all of them is taken."""
+"""Sizes of a bias relative to the worst one under a single test; the worst of these under all tests is used."""
 _PILOT = 10_000
 """Draws by which it is chosen."""
 
 
 @dataclass(frozen=True)
 class Supposed:
-    """A fault that may be there. name: of it; taken: (s,) bool its sources; prior: probability, nan for one that has
-    none; bias: (n,) whitened biases beside its own."""
+    """An assumed fault.
+
+    name; taken: (s,) bool, its sources; prior: probability, nan without one; bias: (n,) whitened nominal biases.
+    """
 
     name: str
     taken: np.ndarray
@@ -86,7 +88,7 @@ def _names(case: Case) -> list[str]:
 
 
 def _allowed(case: Case, axis: int) -> float:
-    """What the risk of an axis may be."""
+    """Allowed risk of an axis."""
     assert case.flight.watching is not None
     test = case.flight.watching.test
     if isinstance(test, ChiSquareTest):
@@ -133,8 +135,10 @@ def _at(case: Case, fix: MonitoredFix, epoch: int, axis: int, seed: int) -> Samp
 
 
 def _total(case: Case, epoch: int, axis: int, priors: np.ndarray, risk: np.ndarray) -> np.ndarray:
-    """All of the risks (k, 3) by their priors, with the share of the axis in what is not monitored; without priors the
-    largest."""
+    """Total of the risks (k, 3), weighted by their priors, with the axis's share of unmonitored faults.
+
+    Without priors the largest.
+    """
     monitor, watching = case.flight.monitor, case.flight.watching
     assert watching is not None
     if not isinstance(monitor, SeparationMonitor) or isinstance(watching.test, ChiSquareTest):

@@ -107,8 +107,8 @@ _LONGEST_WORD = 14.0 * timescales.DAY
 
 
 class _Read(NamedTuple):
-    """Constellations of a file, what the user should hear of it, and its lines of how far times of systems are from
-    GPS time, with their numbers."""
+    """Constellations of a file, warnings, and its lines with the offsets of system times from GPS time, with their
+    numbers."""
 
     constellations: Sequence[Constellation]
     remarks: Sequence[str]
@@ -266,8 +266,10 @@ def _group(
     warnings: list[str],
     unused: dict[str, list[str]],
 ) -> Satellites:
-    """A constellation with the choice of its satellites; those that cannot be used are added to `unused`, by why.
-    warnings: of before, which may tell why there is none."""
+    """A constellation with the choice of its satellites; unusable ones are added to `unused`, by reason.
+
+    warnings: earlier ones, which may explain why there is none.
+    """
     sky = scenario.sky
     if sky.use_unhealthy:
         constellation = constellation.using_unhealthy()

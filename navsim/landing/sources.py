@@ -1,5 +1,7 @@
-"""A landing scenario and the files that it names as models: its way, its sources of signals. No kernel is compiled for
-it, nor loaded: `navsim validate` reads files as whoever flies does."""
+"""Models of a landing scenario and its files: trajectory and sources of signals.
+
+It neither compiles nor loads kernels, so that `navsim validate` reads files in the same way.
+"""
 
 from __future__ import annotations
 
@@ -141,7 +143,7 @@ def _refuse_worthless(path: Path, begin: float, end: float) -> None:
 
 
 def _read_table(path: Path, scenario: Landing) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """The same of a table, heights above the ellipsoid; None without attitudes. Raises FileError, ValueError."""
+    """Trajectory from a table, heights above the ellipsoid; None without attitudes. Raises FileError, ValueError."""
     from navsim.formats.recording import read_track
 
     time, llh, attitude, dropped = read_track(path)
@@ -251,8 +253,8 @@ def _check_events(scenario: Landing, document: Document, sources: Environment) -
 
 
 def _excluded_elsewhere(scenario: Landing, document: Document, sources: Environment) -> list[str]:
-    """What to warn of satellites that are excluded, and are of systems that are not used anyway. Raises InputError for
-    those that the source of the sky does not have."""
+    """Warning about excluded satellites of unused systems. Raises InputError for those that the sky's source does not
+    have."""
     sky, problems, elsewhere = scenario.sky, [], []
     known = [name for group in sources.satellites for name in group.names]
     known += [] if sources.listed is None else sources.listed.names

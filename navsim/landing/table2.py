@@ -33,7 +33,7 @@ from navsim.simulation.placement_geometry import Geometry, glide_geometry
 
 @dataclass(frozen=True)
 class TableCase:
-    """One case: number of pseudolites, S and L1 of Table 1 (m), and what Table 2 prints, None where it is silent.
+    """One case: number of pseudolites, S and L1 of Table 1 (m), and the values of Table 2, None if missing.
 
     dops: PDOP, HDOP, VDOP. sko: horizontal, vertical, m. error: horizontal estimation error, m.
     """
@@ -113,7 +113,7 @@ class Computed:
     """(8, name) `findings.marks`."""
 
     def compared(self, calibration: Calibration) -> np.ndarray:
-        """The DOPs (8, 3) to set beside the published ones."""
+        """DOPs (8, 3) for comparison with the published ones."""
         return (self.weighted if calibration.weighted else self.dops)[:, :, 0]
 
 
@@ -134,7 +134,7 @@ def geometry(calibration: Calibration) -> tuple[Geometry, list[np.ndarray], floa
 def compute(
     calibration: Calibration, seed: int, runs: int, executor: Executor, done: Callable[[int], None] = lambda _: None
 ) -> Computed:
-    """All rows under one calibration; `done(n)` is told how many rows are finished."""
+    """All rows under one calibration; `done(n)` receives the number of finished rows."""
     here, sites, sigma = geometry(calibration)
     dops, sigmas = (
         np.stack([statistics(site[None])[0][:, :, 0] for site in sites]) for statistics in (here.dops, here.fix_sigmas)
@@ -162,7 +162,7 @@ def compute(
 
 
 def compute_all(seed: int, runs: int, executor: Executor, done: Callable[[int], None]) -> dict[Calibration, Computed]:
-    """All calibrations, the default one first; `done(n)` is told how many rows of all are finished."""
+    """All calibrations, the default one first; `done(n)` receives the number of finished rows of all."""
     found: dict[Calibration, Computed] = {}
     for calibration in CALIBRATIONS:
         before = len(found) * len(ROWS)
@@ -187,7 +187,7 @@ def _curve(case: Case, ensemble: Ensemble) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper: what it says, what was computed, whether it holds, and why or why not."""
+    """A claim of the paper: statement, computed value, whether it holds, and explanation."""
 
     name: str
     says: str
@@ -197,7 +197,7 @@ class Claim:
 
 
 POINTS = 0.02
-"""A percentage counts as reproduced within two points of the printed one."""
+"""Largest difference of a reproduced percentage from the printed one, points."""
 
 
 def claims(dops: np.ndarray, sko: np.ndarray, error: np.ndarray) -> list[Claim]:
@@ -244,7 +244,7 @@ def claims(dops: np.ndarray, sko: np.ndarray, error: np.ndarray) -> list[Claim]:
 
 
 def coincident_bound(pdop_none: float, pdop_one: float) -> float:
-    """The least PDOP with two pseudolites in one place, whatever sky, weights and clocks.
+    """Least PDOP with two pseudolites at one position, for any sky, weights and clocks.
 
     With I = (PDOP0 / PDOP1)^2 - 1: PDOP2 >= PDOP0 / sqrt(1 + 2 I) (`docs/theory/landing.md`, eq. (4)).
     """
@@ -253,7 +253,8 @@ def coincident_bound(pdop_none: float, pdop_one: float) -> float:
 
 
 def published_contradiction() -> tuple[float, float]:
-    """The least PDOP of row 5 that rows 1 and 2 allow, every rounding in favour, and what row 5 prints at most."""
+    """Least PDOP of row 5 that rows 1 and 2 allow, with all rounding in its favour, and largest unrounded value of row
+    5."""
     none, one, two = (PUBLISHED_DOPS[i, 0] for i in (0, 1, 4))
     return coincident_bound(none - 0.005, one - 0.005), two + 0.005
 

@@ -17,7 +17,7 @@ from navsim.scenario.shipped import path
 
 
 class Table2Job:
-    """All rows under every calibration, so many runs of each; none of the work is kept."""
+    """All rows under every calibration, so many runs of each; it keeps no partial work."""
 
     sort = ResultKind("table2")
     kernels, suffix, unit, work, pieces = "table2", "", "rows", "", 0

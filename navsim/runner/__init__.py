@@ -1,1 +1,1 @@
-"""Work on a job, whoever asks for it: opened, estimated, computed in batches, kept, written, judged."""
+"""Steps of any job: open, estimate, compute in batches, keep, write, evaluate."""

@@ -17,9 +17,9 @@ _UTC = "%Y-%m-%dT%H:%M:%SZ"
 def root_attributes(
     kind: str, seed: int, scenario: Section, *, study: Section | None = None, **more: Any
 ) -> dict[str, Any]:
-    """What the file is, what made it, and the full text of scenario and study.
+    """Root attributes of a result: kind, software, and the full text of scenario and study.
 
-    The scenario has `epoch`; the title is the study's, where there is one.
+    The scenario has `epoch`; the title is the study's, if there is one.
     """
     text = resolved_yaml(scenario)
     of_study = resolved_yaml(study) if study is not None else ""

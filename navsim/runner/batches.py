@@ -1,8 +1,8 @@
-"""Many runs of one case: batches on workers, reduced in the order of runs, finished ones kept on disk.
+"""Run many runs of one case: batches on workers, reduced in the order of runs, finished ones kept on disk.
 
-A batch is a fixed number of runs. What it leaves is small (per-run statistics, sums over its runs) but for the
-histories the user asked to keep; both go to one piece of the study's partial work (`runner.checkpoint`). A study that
-was killed resumes from the batches found whole there. Every run has its own random streams and sums are those of
+A batch is a fixed number of runs. Its output is small (statistics of each run, sums over its runs), except for
+histories that the user keeps. Both go to one piece of the study's partial work (`runner.checkpoint`). A killed study
+resumes from the batches found intact there. Every run has its own random streams and sums are those of
 `runner.exact_sums`, so no number depends on workers, batches, order or interruptions.
 """
 
@@ -27,7 +27,7 @@ BATCH = 32
 
 
 class Study(Protocol):
-    """What the engine needs of a study."""
+    """Interface of a study for the engine."""
 
     def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
         """Fly runs first ... first + count - 1: per-run statistics (count, ...), sums over the runs as
@@ -44,8 +44,8 @@ class Batch:
 
 
 class Ensemble:
-    """Runs first_run, first_run + 1, ..., so many as came so far; what statistics need is in memory, histories come
-    batch by batch."""
+    """Runs first_run, first_run + 1, ... finished so far; statistics are in memory, histories are read batch by
+    batch."""
 
     def __init__(self, first_run: int, most: int) -> None:
         """most: runs that will come; room for them is taken at once, and is no memory before they do."""
@@ -88,7 +88,7 @@ class Ensemble:
         return self._sums.arrays()
 
     def blocks(self, name: str) -> Iterator[np.ndarray]:
-        """A kept history, batch by batch. Raises CheckpointError where its file is no longer whole."""
+        """A kept history, batch by batch. Raises CheckpointError if its file is damaged."""
         for kept in self._kept:
             history = kept[name]
             yield history.read() if isinstance(history, StoredArray) else history
@@ -128,7 +128,7 @@ Stretch = tuple[int, int]
 
 
 def _fly(study: Study, store: CheckpointStore | None, first: int, count: int) -> tuple[int, Batch]:
-    """What a worker does that reaches the store."""
+    """Work of a worker that can access the store."""
     per_run, sums, kept = study.batch(first, count)
     return first, Batch(per_run, sums, save(store, first, r=per_run, s=sums, k=kept) if store else kept)
 
@@ -146,20 +146,20 @@ class _LocalBatches:
         return self._pool.submit(_fly, self._study, self._store, *todo.popleft()) if todo else None
 
     def done(self, future: Future[Any]) -> list[tuple[int, Batch]]:
-        """The batches of a finished task. Raises what it raised."""
+        """Batches of a finished task. Raises its errors."""
         return [future.result()]
 
 
 TASK_S = 2.0
-"""How long a task of workers elsewhere is to last, s: handing one out takes some milliseconds."""
+"""Duration of a task of remote workers, s; sending one takes some milliseconds."""
 TASK_BYTES = 64e6
 """The most that one of them is to bring back, bytes."""
 AHEAD = 2
-"""Tasks in waiting per worker elsewhere, beside the one in work."""
+"""Waiting tasks for each remote worker, in addition to the one in progress."""
 
 
 def _fly_away(study: Study, stretches: list[Stretch]) -> tuple[float, list[tuple[Arrays, Arrays, Arrays]]]:
-    """What a worker elsewhere does: the batches, and the seconds of the quickest of them."""
+    """Work of a remote worker: the batches, and the seconds of the quickest of them."""
     found, seconds = [], []
     for first, count in stretches:
         began = time.perf_counter()
@@ -169,8 +169,10 @@ def _fly_away(study: Study, stretches: list[Stretch]) -> tuple[float, list[tuple
 
 
 class _RemoteBatches:
-    """A pool whose workers do not reach the store: a task is as many batches as make it worth its way, and what comes
-    back is kept here."""
+    """Batches on workers without access to the store.
+
+    A task has enough batches to be worth sending; its results are kept here.
+    """
 
     def __init__(self, pool: RemoteExecutor, study: Study, store: CheckpointStore | None) -> None:
         self._pool, self._store = pool, store
@@ -194,7 +196,7 @@ class _RemoteBatches:
         return future
 
     def done(self, future: Future[Any]) -> list[tuple[int, Batch]]:
-        """Batches of a finished task, kept by now. Raises what it raised, CheckpointError where the store is full."""
+        """Batches of a finished task, now kept. Raises its errors, and CheckpointError if the store is full."""
         seconds, found = future.result()
         out = []
         for (first, _), (per_run, sums, kept) in zip(self._stretches.pop(future), found, strict=True):
@@ -209,7 +211,7 @@ class _RemoteBatches:
 
 @dataclass
 class Until:
-    """Whether an ensemble will do. judge: gives that, and where the ensemble stands, which `words` keeps."""
+    """Stopping rule of an ensemble. judge: returns whether it is met, and the progress, which `words` keeps."""
 
     judge: Callable[[Ensemble], tuple[bool, str]]
     words: str = ""

@@ -40,7 +40,7 @@ _HASHED = {
     "sources": "code of navsim",
     "files": "satellite files",
 }
-"""Parts of keys that tell a reader nothing."""
+"""Parts of keys that are meaningless to a reader."""
 _KEY_FILE = "key.json"
 _COMMAND_FILE = "command.json"
 _BY_HAND = "repeat the command by hand"
@@ -50,16 +50,16 @@ JOURNAL = "journal.txt"
 _OWN = re.compile(
     rf"{re.escape(_KEY_FILE)}|{re.escape(_COMMAND_FILE)}|{re.escape(JOURNAL)}|[a-z0-9_-]+\.(npz|sha256)|\..*"
 )
-"""Names that partial work has (`.sha256` in earlier versions), and those that begin with a dot: temporary files, and
-what file managers leave."""
+"""Names of partial work (`.sha256` in earlier versions), and of temporary files and those of file managers (with a
+dot)."""
 
 _LOCAL_HEADER = struct.Struct("<26xHH")
-"""What stands before an array in a zip archive: at its end the lengths of the name and the extra field that follow."""
+"""Header before an array in a zip archive; it ends with the lengths of the name and the extra field that follow."""
 _NPY_LENGTH = slice(8, 10)
-"""Where an array's own header, of version 1.0, says how long the rest of it is; little-endian."""
+"""Position of the length of an array's own header, of version 1.0; little-endian."""
 
 _DAMAGED = (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, struct.error)
-"""What reading raises of a piece that is lost, unreadable or damaged; the last three of a directory that is none."""
+"""Errors of reading a lost, unreadable or damaged piece; the last three of a bad directory."""
 
 Arrays = dict[str, np.ndarray]
 
@@ -69,7 +69,7 @@ class CheckpointError(Exception):
 
 
 def code_key() -> dict[str, object]:
-    """The part of every key that says which code the work was done by."""
+    """Part of every key that identifies the code."""
     package = Path(navsim.__file__).parent
     sources = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):  # what a piece holds is decided by more than the kernels
@@ -79,9 +79,9 @@ def code_key() -> dict[str, object]:
 
 @dataclass(frozen=True, slots=True)
 class StoredArray:
-    """An array of a piece that was found whole, or written, by this process.
+    """An array of a piece that this process has found intact, or written.
 
-    start, size: where its bytes lie in the file. crc: their CRC-32.
+    start, size: of its bytes in the file. crc: their CRC-32.
     """
 
     piece: Path
@@ -90,7 +90,7 @@ class StoredArray:
     crc: int
 
     def read(self) -> np.ndarray:
-        """The array. Raises CheckpointError where it is no more what it was."""
+        """The array. Raises CheckpointError if it has changed."""
         try:
             with open(self.piece, "rb") as file:
                 return self.read_from(file)
@@ -99,7 +99,7 @@ class StoredArray:
             raise CheckpointError(f"{self.piece}: {what}; {again()} computes it again") from None
 
     def read_from(self, file: io.BufferedReader) -> np.ndarray:
-        """The array, of the piece that was opened. Raises OSError, ValueError where it is damaged."""
+        """The array, from the open file of the piece. Raises OSError, ValueError if it is damaged."""
         content = np.empty(self.size, np.uint8)
         file.seek(self.start)
         if file.readinto(content.data) != self.size or zlib.crc32(content.data) != self.crc:
@@ -151,13 +151,13 @@ class CheckpointStore:
             raise CheckpointError(f"{self.folder}: the command cannot be kept: {error.strerror or error}") from None
 
     def file(self, name: str) -> Path:
-        """Where a piece is kept."""
+        """Path of a piece."""
         path = self.folder / f"{name}.npz"
         assert _OWN.fullmatch(path.name), f"{path.name} would be taken for the file of another program"
         return path
 
     def find(self, name: str) -> dict[str, StoredArray] | None:
-        """The arrays of a piece, which was read as a whole; None where there is none that counts."""
+        """Arrays of a piece, after a complete check; None without a valid one."""
         path = self.file(name)
         if path.name not in self._known:
             return None
@@ -172,8 +172,7 @@ class CheckpointStore:
             return None
 
     def read(self, name: str) -> Arrays | None:
-        """The arrays of a piece in memory; None where there is none that counts. Raises CheckpointError where it was
-        damaged just now."""
+        """Arrays of a piece in memory; None without a valid one. Raises CheckpointError if it is damaged meanwhile."""
         found = self.find(name)
         return None if found is None else {array: kept.read() for array, kept in found.items()}
 
@@ -198,7 +197,7 @@ class CheckpointStore:
             ) from None
 
     def holds_work(self) -> bool:
-        """Whether something finished is kept."""
+        """Whether it contains finished work."""
         try:
             return _has_work(self.folder)
         except OSError:  # whatever is there cannot be read now, nor gone on from
@@ -217,13 +216,13 @@ class CheckpointStore:
                 self.remove()
 
     def _checksum(self, name: str, archive: zipfile.ZipFile) -> bytes:
-        """What the comment of an archive is to be."""
+        """Comment that an archive must have."""
         members = [(member.filename, member.file_size, member.CRC) for member in archive.infolist()]
         return hashlib.sha256(self.identity + repr((name, members)).encode()).hexdigest().encode()
 
     def _found(self, name: str, file: io.BufferedReader) -> dict[str, StoredArray]:
-        """The arrays that a piece says it has. Raises OSError, ValueError where the comment does not vouch for it, and
-        what `zipfile` does with what is no archive."""
+        """Arrays of a piece. Raises OSError, ValueError for a wrong comment, and errors of `zipfile` for a bad
+        archive."""
         found = {}
         with zipfile.ZipFile(file) as archive:
             if archive.comment != self._checksum(name, archive):
@@ -240,14 +239,14 @@ class CheckpointStore:
 
 @dataclass(frozen=True)
 class Command:
-    """What began a study. words: of the command line, after the program. folder: in which it was given."""
+    """Command that began a study: command line after the program, and its working folder."""
 
     words: tuple[str, ...]
     folder: Path
 
 
 def _check_owner(file: Path) -> None:
-    """Raise CheckpointError where a folder or file is another user's: it would decide what this user computes."""
+    """Raise CheckpointError if a folder or file is another user's, who could then decide what this user computes."""
     status = file.stat()
     if status.st_uid not in (0, os.geteuid()):
         raise CheckpointError(f"{file}: belongs to user {status.st_uid}, and says what you would compute; {_BY_HAND}")
@@ -256,8 +255,11 @@ def _check_owner(file: Path) -> None:
 
 
 def command_of(folder: Path) -> Command:
-    """The command line whose work lies in a folder, as it is written there: `check_key` and the command's own target
-    say whether it is of this work. Raises CheckpointError where none is known, or it would not go on from this work."""
+    """Command line of the work in a folder.
+
+    `check_key` and the command's own target tell whether it belongs to this work. Raises CheckpointError if none is
+    known, or if it would not continue this work.
+    """
     if not folder.is_dir():
         beside = folder.with_name(f"{folder.name}.partial")
         if beside.is_dir():
@@ -291,15 +293,17 @@ def command_of(folder: Path) -> Command:
 
 @dataclass(frozen=True)
 class BegunWork:
-    """What an earlier attempt has left. pieces: finished ones. analyses: lines of the journal of a search."""
+    """Remains of an earlier attempt. pieces: finished ones. analyses: lines of the journal of a search."""
 
     pieces: int
     analyses: int
 
 
 def earlier_work(folder: Path, key: dict[str, Any]) -> BegunWork | None:
-    """What of a study lies in its folder, which stays as it is; None where nothing does. Whether each piece is whole is
-    left to who uses it. Raises CheckpointError where another study's work lies there, or it cannot be read."""
+    """Partial work of a study in its folder, which does not change; None without any.
+
+    Pieces are checked when they are used. Raises CheckpointError for another study's work, or if it cannot be read.
+    """
     try:
         if not _has_work(folder):
             return None
@@ -322,7 +326,7 @@ def _has_work(folder: Path) -> bool:
 
 
 def _write_array(file: IO[bytes], array: np.ndarray) -> None:
-    """As `numpy.save` does, which copies all it writes. Raises ValueError for objects."""
+    """`numpy.save` without its copy. Raises ValueError for objects."""
     if array.dtype.hasobject:
         raise ValueError("partial work holds numbers and text, no objects")
     np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(array))

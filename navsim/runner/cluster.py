@@ -1,8 +1,8 @@
-"""Workers of an existing Dask cluster (dask.distributed [1]). Imported where one is asked for: it is an extra.
+"""Workers of an existing Dask cluster (dask.distributed [1]), an extra that is imported on request.
 
-The client, that is this process, keeps what is finished; workers are sent a study once and tasks of it, and bring back
-arrays. A worker that dies costs the tasks it had, which others do again. Where the scheduler goes, the work ends with
-`executor.WorkerLost`, and the same command goes on from what is kept.
+The client, that is this process, keeps finished work. Workers receive a study once, and tasks of it, and return arrays.
+If a worker dies, others do its tasks. If the scheduler goes, the work ends with `executor.WorkerLost`, and the same
+command continues from the finished work.
 
 Source: [1] Rocklin, Dask: parallel computation with blocked algorithms and task scheduling, SciPy (2015).
 """
@@ -40,18 +40,18 @@ from navsim.runner.job import OptionError
 
 _CONFIG: Any = numba.config
 CONNECT_S = 5.0
-"""How long a scheduler may take to answer, s."""
+"""Time-out for a scheduler's answer, s."""
 _CLOSE_S = 2.0
 _AGAIN_S = 0.2
-"""How long after a scheduler's file was read that was not whole it is read again, s."""
+"""Time after which an incomplete scheduler file is read again, s."""
 _MOST_BYTES = 1_000_000
-"""Of a scheduler's file."""
+"""Largest size of a scheduler file."""
 
 
 @cache
 def versions() -> dict[str, str]:
-    """What has to be the same for the same numbers, here: versions, the processor that machine code is made for, and
-    digests of what the package holds."""
+    """Versions, processor target of machine code, and digests of the package here, which must agree for equal
+    numbers."""
     return {
         "python": ".".join(platform.python_version_tuple()[:2]),
         "navsim": navsim.__version__,
@@ -68,20 +68,20 @@ class VersionMismatch(Exception):
 
 
 def _checked(due: dict[str, str], work: Callable[..., Any], *arguments: Any) -> Any:
-    """What a worker does: the work, where it would find the same numbers as this machine."""
+    """Work of a worker, if it would compute the same numbers as this machine."""
     if unlike := _differences(versions(), due):
         raise VersionMismatch(f"{distributed.get_worker().address} has {unlike}")
     return work(*arguments)
 
 
 def _differences(theirs: dict[str, str], ours: dict[str, str]) -> str:
-    """In words what is not the same, "" for nothing."""
+    """Differences in words, "" for none."""
     return ", ".join(f"{name} {theirs.get(name)} where this machine has {ours[name]}" for name in ours
                      if theirs.get(name) != ours[name])  # fmt: skip
 
 
 class _Coming(futures.Future[Any]):
-    """A task as `concurrent.futures` has it; what it found is fetched when it is asked for, one at a time."""
+    """A task with the interface of `concurrent.futures`; its result is fetched on request, one at a time."""
 
     def __init__(self, theirs: Any, fetch: Callable[[Any], Any]) -> None:
         super().__init__()
@@ -104,8 +104,10 @@ class _Coming(futures.Future[Any]):
 
 
 def _address_in(name: str) -> str:
-    """The address in a scheduler's file, which is written as the scheduler starts: what is not whole is read again for
-    a while. Raises OptionError."""
+    """Address in a scheduler file. It may still be incomplete while the scheduler starts, and is then read again.
+
+    Raises OptionError.
+    """
     end = time.monotonic() + CONNECT_S
     while True:
         try:
@@ -130,11 +132,13 @@ def _address_in(name: str) -> str:
 
 
 class Cluster(RemoteExecutor):
-    """The workers of one scheduler, who is nobody's to close."""
+    """Workers of one scheduler, which stays open."""
 
     def __init__(self, address: str) -> None:
-        """address: tcp://HOST:PORT, tls://HOST:PORT or the scheduler's file. Raises OptionError where nobody answers,
-        or where workers would not find the same numbers."""
+        """address: tcp://HOST:PORT, tls://HOST:PORT or the scheduler's file.
+
+        Raises OptionError if there is no answer, or if workers would compute different numbers.
+        """
         self.address = address
         self._numbers = itertools.count()
         for name in ("distributed", *(name for name in logging.root.manager.loggerDict if "distributed" in name)):
@@ -203,7 +207,7 @@ class Cluster(RemoteExecutor):
 
     @contextmanager
     def _watched(self) -> Iterator[None]:
-        """Raise Lost where the scheduler is gone."""
+        """Raise Lost if the scheduler is gone."""
         try:
             if self._client.status != "running":
                 raise OSError(self._client.status)

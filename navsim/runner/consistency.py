@@ -101,7 +101,8 @@ def simultaneous_band(ratios: Ratios, chance: float = FALSE_ALARM) -> RatioBand:
 
 
 def _effective_looks(correlation: np.ndarray, outputs: np.ndarray, chance: float) -> np.ndarray:
-    """Effective number of independent looks (n,) at states with so many outputs (n,), each beyond with this chance."""
+    """Effective number of independent tests (n,) at states with so many outputs (n,), each beyond with this
+    probability."""
     # mean squares of normal variables with correlation r have the correlation r^2
     # a state whose correlation is unknown counts every output as independent: the wider band
     known = np.where(np.isnan(correlation), 0.0, correlation)
@@ -110,7 +111,7 @@ def _effective_looks(correlation: np.ndarray, outputs: np.ndarray, chance: float
 
 
 _NODES = np.linspace(0.0, 1.0, 401)[1:] ** 3
-"""Nodes of the integral over what lies above a level: dense beside it, where a high correlation makes it steep."""
+"""Nodes of the integral above a level: dense near it, where a high correlation makes it steep."""
 
 
 def _conditional_exceedance(level: float, correlation: np.ndarray) -> np.ndarray:
@@ -170,7 +171,7 @@ def evaluate(ratios: Ratios, band: RatioBand, tolerance: float) -> StateVerdict:
 
 
 def _unknown(ratios: Ratios) -> str:
-    """Runs, and outputs behind the first, that are not judged, in words."""
+    """Runs, and outputs after the first, that are not tested, in words."""
     known = ~np.isnan(ratios.z)
     count = int((~known[1:, known.any(axis=0)]).any(axis=1).sum())
     lost = max(ratios.flown - ratios.runs, 0)

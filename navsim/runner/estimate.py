@@ -1,4 +1,4 @@
-"""An estimate of memory and disk, and how it is said, with the time where a block of the work was timed."""
+"""Estimate of memory and disk, and of time if a block of the work was timed, with its text."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from dataclasses import dataclass
 from navsim.runner.machine import Machine
 
 SPREAD = 1.5
-"""The factor within which the time is told (`scripts/dry_runs.py`)."""
+"""Factor within which the estimated time is right (`scripts/dry_runs.py`)."""
 
 NUMBER = 8
 BASE_MEMORY = 200e6
 """The process with its libraries and kernels, bytes."""
 VARIABLE = 2900
-"""What a variable of one dimension adds to a file beside its numbers, bytes: name, units, where its chunks are."""
+"""Overhead of a variable of one dimension in a file, bytes: name, units, chunk index."""
 AXIS = 520
-"""What a dimension more adds to that."""
+"""Additional overhead of a further dimension, bytes."""
 TEXTS = 6400
 """Scenario and study in the attributes of a result, bytes."""
 BUILT_IN_MEMORY = 64e6
 WRITING = 1.3
-"""Size of a file in the making over that of its numbers, where it is built in memory."""
+"""Size of a file in memory while it is written, relative to its numbers."""
 BATCH_FILE = 12_000
-"""What a file of partial work takes beside its numbers, bytes."""
+"""Overhead of a file of partial work, bytes."""
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What a study will take.
+    """Resources of a study.
 
-    memory_bytes: the most the process holds at once, within a factor of two. result_bytes: the files that stay,
-    without figures. partial_bytes: what finished work takes beside the result until it is complete.
+    memory_bytes: peak of the process, within a factor of two. result_bytes: the final files, without figures.
+    partial_bytes: partial work until the result is complete.
     """
 
     memory_bytes: float
@@ -45,7 +45,7 @@ class Budget:
 
 
 def lacking(estimate: Budget, here: Machine, kept: float = 0.0) -> list[str]:
-    """What the machine has too little of, in words; kept: bytes of partial work that lie there already."""
+    """Missing resources of the machine, in words; kept: bytes of existing partial work."""
     out = []
     if here.memory_bytes is not None and estimate.memory_bytes > here.memory_bytes:
         out.append(f"about {size(estimate.memory_bytes)} of memory, where {size(here.memory_bytes)} are free")
@@ -66,14 +66,14 @@ def estimate_text(estimate: Budget, here: Machine, where: str = "", seconds: flo
 
 
 def size(count: float) -> str:
-    """Bytes as people say them."""
+    """Bytes as text."""
     units = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
     which = int(min(math.log10(max(count, 1.0)) / 3.0 + 1e-9, len(units) - 1))
     return f"{_significant(count / 1000.0**which, 2):.12g} {units[which]}"
 
 
 def duration(seconds: float, digits: int = 1) -> str:
-    """Seconds as people say them."""
+    """Seconds as text."""
     for unit, length, most in (("s", 1.0, 90.0), ("min", 60.0, 90.0), ("h", 3600.0, 48.0), ("days", 86400.0, 700.0)):
         if seconds < most * length:
             return f"about {max(_significant(seconds / length, digits), 1.0):g} {unit}"

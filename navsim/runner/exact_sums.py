@@ -1,9 +1,9 @@
-"""Sums over runs that are the same to the bit wherever the runs were flown, and in whatever pieces.
+"""Sums over runs that are the same to the bit for any distribution of the runs over workers and parts.
 
 Sums of floating point numbers depend on their order. The order here is that of a binary tree over the numbers of runs:
-runs 2k and 2k + 1 are added, then pairs, then fours [1]. A stretch of runs is what is left of that tree: few blocks,
-each of a power of two of runs, beginning at a multiple of its length. Stretches that follow each other make the blocks
-that they have as one, so batches, workers and parts of an ensemble leave no trace in a sum.
+runs 2k and 2k + 1 are added, then pairs, then fours [1]. An interval of runs is stored as a few blocks of that tree,
+each of a power of two of runs, which begins at a multiple of its length. Adjacent intervals merge into the blocks of
+their union, so sums do not depend on batches, workers and parts of an ensemble.
 
 Source: [1] pairwise summation; Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed. (2002), section 4.1.
 """
@@ -35,7 +35,7 @@ class Sums:
         self._blocks: list[tuple[int, int, dict[str, np.ndarray]]] = []
 
     def add(self, first: int, length: int, values: Mapping[str, np.ndarray]) -> None:
-        """The next block of runs, or a run by itself; values are not to be changed afterwards."""
+        """Add the next block of runs, or a single run; values must not change afterwards."""
         self._blocks.append((first, length, dict(values)))
         while len(self._blocks) > 1:
             (start, size, left), (_, other, right) = self._blocks[-2:]

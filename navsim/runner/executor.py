@@ -1,4 +1,4 @@
-"""Where the work of a study is done."""
+"""Interfaces of executors: threads of this machine, and remote workers."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 SWITCH = 5e-4
-"""How long a thread may keep the interpreter while another waits for it, s. Between kernels of a millisecond a wait of
-Python's usual 5 ms left the processors idle for a fifth of the time."""
+"""Longest time for which a thread keeps the interpreter while another waits, s. Between kernels of a millisecond,
+Python's default of 5 ms left the processors idle for a fifth of the time."""
 
 
 class Threads(futures.ThreadPoolExecutor):
-    """Threads that hand on the interpreter quickly while they work, and speak as who gave it to them (`words`)."""
+    """Threads that release the interpreter quickly, and write messages in the style of their creator (`words`)."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> futures.Future[T]:
         context = contextvars.copy_context()
@@ -41,7 +41,7 @@ class Threads(futures.ThreadPoolExecutor):
 
 
 class WorkerLost(Exception):
-    """Workers, or what leads them, are gone; what was finished before is kept."""
+    """Workers, or their scheduler, are gone; finished work is kept."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class RemoteExecutor(futures.Executor):
 
     @property
     def workers(self) -> int:
-        """How many there are now."""
+        """Present number of workers."""
         raise NotImplementedError
 
     def share(self, what: Any) -> Any:
-        """What is sent once, whatever number of tasks is submitted with it: an argument that stands for it."""
+        """Send an object once for any number of tasks; returns the argument that replaces it."""
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""Where the work of a job is done: threads of this machine, or a cluster."""
+"""Choice of the executor of a job: threads of this machine, or a cluster."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ INSTALL = "pip install 'navsim-landing[cluster]'"
 
 @contextmanager
 def open_executor(options: Options, speech: Reporter) -> Iterator[Executor]:
-    """The workers that options ask for; the connection to a cluster ends with the context. Raises BadInput, and
-    RunFailed where nobody answers."""
+    """Context of the executor that options request; a connection to a cluster ends with it.
+
+    Raises BadInput, and RunFailed if there is no answer.
+    """
     from navsim.runner.executor import threads
 
     if options.scheduler is None:

@@ -1,6 +1,7 @@
-"""What of a study its user must hear about, judged by what was flown.
+"""Findings of a study from its runs.
 
-Thresholds are such that a filter which is right, or known to be off as docs/filter.md says, never causes a finding.
+Thresholds are such that a consistent filter, or one with the known deviations of docs/filter.md, never causes a
+finding.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "clipped_samples": ((CONSISTENT,), "samples of inertial sensors are beyond their range and cut off"),
 }
-"""What can be found in flown landings: what it speaks against, and its words."""
+"""Possible findings of simulated landings: violated conditions, and text."""
 
 
 def counted(name: str, count: int, of: int, first: float, last: float, runs: int = 1, of_runs: int = 1) -> Finding:
@@ -131,8 +132,10 @@ def of_states(verdict: StateVerdict, runs: int = 1) -> list[Finding]:
 def rejections(
     found: Spread | None, of: int, probability: float, of_runs: int = 1, each: int | None = None
 ) -> list[Finding]:
-    """The finding of fixes rejected by a gate of this probability, where they are more than chance makes them; each: of
-    epochs with rejected ranges, how many ranges were weighed."""
+    """Finding of rejections by a gate of this probability beyond chance.
+
+    each: number of ranges used or rejected at epochs with rejected ranges.
+    """
     if found is None or not too_many(found.count, (of if each is None else each) * probability):
         return []
     name = "rejected_fixes" if each is None else "rejected_ranges"
@@ -148,7 +151,7 @@ def rejected_of(name: str, count: int, of: int, probability: float) -> list[Find
 
 
 def clipped(count: np.ndarray, of: int) -> list[Finding]:
-    """The findings of samples of gyros and accelerometers beyond their range: counts (run, 2), of so many samples of
+    """Findings of samples of gyros and accelerometers beyond their range: counts (run, 2), of so many samples of
     each."""
     against, _ = LANDING["clipped_samples"]
     out = []
@@ -197,7 +200,7 @@ def of_flight(result: Result, probability: float | None, withheld: np.ndarray | 
 
 
 def positive(covariance: np.ndarray) -> np.ndarray:
-    """Which of matrices (t, n, n) are positive definite (t,), judged without their units."""
+    """Positive definiteness (t,) of matrices (t, n, n), tested without their units."""
     sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = covariance / (sigma[:, :, None] * sigma[:, None, :])
@@ -208,10 +211,10 @@ def positive(covariance: np.ndarray) -> np.ndarray:
 
 
 def of_filter(name: str, time: np.ndarray, error: np.ndarray, sigma: np.ndarray) -> list[Finding]:
-    """Findings about a filter of many runs: error (run, k, ...) and its 1 sigma (k, ...) at times (k,), s.
+    """Findings about a filter over many runs: error (run, k, ...) and its 1 sigma (k, ...) at times (k,), s.
 
-    Only what no filter may do: those of the companion papers are compared because some have wrong models, and by how
-    much they err is their summary's.
+    Only errors that no filter may have. The filters of the companion papers are compared because some have wrong
+    models; their summary shows the size of these errors.
     """
     runs, k = error.shape[:2]
     wrong = {
@@ -230,15 +233,17 @@ def of_filter(name: str, time: np.ndarray, error: np.ndarray, sigma: np.ndarray)
 
 
 def _instants(mask: np.ndarray, time: np.ndarray) -> Spread | None:
-    """What happened at some times of one run."""
+    """Number of times in one run, with the first and last one."""
     flaws = tally(mask[None])
     return spread(Flaws(flaws.count[None], flaws.first[None], flaws.last[None]), 0, time)
 
 
 @dataclass(frozen=True)
 class Flaws:
-    """How often each of `Flaws.NAMES` happened in a run, and its first and last index on its axis, -1 for never; each
-    (flaw,) int32, or (run, flaw) of many."""
+    """Number of each of `Flaws.NAMES` in a run, and its first and last index on its axis, -1 for never.
+
+    Each (flaw,) int32, or (run, flaw) for many runs.
+    """
 
     count: np.ndarray
     first: np.ndarray
@@ -258,7 +263,7 @@ def tally(masks: np.ndarray) -> Flaws:
 
 @dataclass(frozen=True)
 class Spread:
-    """A flaw over all runs: how often, in how many runs, first and last time, s."""
+    """A flaw over all runs: number, number of runs, first and last time, s."""
 
     count: int
     runs: int

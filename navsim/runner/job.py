@@ -29,7 +29,7 @@ class OptionError(Exception):
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says beside the file; None or False: nothing."""
+    """Options of the command line besides the file; None or False: not given."""
 
     seed: int = 1
     runs: int | None = None
@@ -46,20 +46,19 @@ class Options:
     require: bool = False
 
     def foreign(self, *taken: str) -> list[str]:
-        """Those given that are not among the ones taken, as messages spell them."""
+        """Given options outside the accepted ones, as spelled in messages."""
         given = [field.name for field in fields(self)[1:] if getattr(self, field.name) not in (None, False)]
         return [option(name) for name in given if name not in taken]
 
 
 class ResourceCheck(Protocol):
-    """Told what the work will take before anything of its size is made; raises where it is not to be. at_most: the
-    work may end earlier by itself."""
+    """Receives the estimate before any large allocation; raises to stop. at_most: the work may end earlier."""
 
     def __call__(self, budget: Budget, at_most: bool = False) -> None: ...
 
 
 class Progress(Protocol):
-    """Told how much of a job's extent is finished, and where the work stands in words; raises where it is to stop."""
+    """Receives the finished part of a job's extent, and a message; raises to stop."""
 
     def __call__(self, finished: int, words: str = "") -> None: ...
 

@@ -1,4 +1,4 @@
-"""What the machine has left for this process: memory, disk, cores."""
+"""Free resources of the machine for this process: memory, disk, cores."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from navsim.runner.executor import threads
 
 @dataclass(frozen=True)
 class Machine:
-    """What there is: memory and disk free for the process, bytes, None where nothing tells; cores it may use."""
+    """Free memory and disk for the process, bytes, None if unknown; cores it may use."""
 
     memory_bytes: float | None
     disk_bytes: float | None
@@ -21,7 +21,7 @@ class Machine:
 
 
 def machine(folder: Path) -> Machine:
-    """What this process may still take of its machine; folder: where files will go, or would once it is made."""
+    """Free resources; folder: of future files, which need not exist."""
     place = folder.absolute()
     while not place.exists() and place != place.parent:
         place = place.parent
@@ -33,8 +33,10 @@ def machine(folder: Path) -> Machine:
 
 
 def available_memory(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float | None:
-    """What the process may hold in all, with what it holds already, bytes: the least of what the machine has left, what
-    its control groups (v1 or v2) and its own limit allow. None where nothing tells."""
+    """Largest memory of the process, including what it has already, bytes; None if unknown.
+
+    It is the least of the machine's free memory and the limits of its control groups (v1 or v2) and of the process.
+    """
     own = (_integer(proc / "self/statm", 1) or 0) * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
     limits = [_process_limit(proc), *(left + own for left in _group_memory(proc, groups))]
     left = _field(proc / "meminfo", "MemAvailable:")
@@ -45,7 +47,7 @@ def available_memory(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cg
 
 
 def _process_limit(proc: Path) -> float | None:
-    """What is left of the limit of the address space for memory that is held, bytes."""
+    """Remaining address space of the process, bytes."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit == resource.RLIM_INFINITY:
         return None
@@ -55,7 +57,7 @@ def _process_limit(proc: Path) -> float | None:
 
 
 def _group_memory(proc: Path, groups: Path) -> list[float]:
-    """What the control groups of the process leave of their limits, bytes."""
+    """Remaining memory of the control groups of the process, bytes."""
     found = []
     for line in _lines(proc / "self/cgroup"):
         parts = line.split(":", 2)

@@ -1,7 +1,6 @@
-"""What a result keeps of its ensemble, so that parts of one can be put together to what all runs at once give.
+"""Data of an ensemble in its result for a merge of parts, which gives the same result as all runs at once.
 
-Statistics of runs are columns of numbers, sums are those of `runner.exact_sums`: both are kept as they were, whatever
-`--keep` left out of the histories.
+Statistics of runs are columns of numbers, sums are those of `runner.exact_sums`. Both are stored for any `--keep`.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ _COLUMNS, _SUMS = f"{PART}/of_run", f"{PART}/sum"
 
 
 def pack(draft: ResultBuilder, ensemble: Ensemble) -> None:
-    """Put what a part needs into a result."""
+    """Write the merge data into a result."""
     numbers, names, layout = _flat(ensemble.columns())
     draft[f"{PART}/column"] = np.array(names, dtype=object)
     draft.put(_COLUMNS, numbers, {"layout": layout})
@@ -35,7 +34,7 @@ def pack(draft: ResultBuilder, ensemble: Ensemble) -> None:
 
 
 def mergeable(result: Result) -> bool:
-    """Whether a result has what a part needs."""
+    """Whether a result has the merge data."""
     return _COLUMNS in result
 
 
@@ -50,7 +49,7 @@ def together(parts: Sequence[Result]) -> Ensemble:
 
 
 def _flat(arrays: Arrays) -> tuple[np.ndarray, list[str], str]:
-    """Arrays (n, ...) as one (n, m), the name of each column, and by what they become arrays again."""
+    """Arrays (n, ...) as one (n, m), the name of each column, and a description for the inverse."""
     rows = next(iter(arrays.values())).shape[0]
     numbers = np.concatenate([array.reshape(rows, -1).astype(float) for array in arrays.values()], axis=1)
     layout = [[name, array.dtype.str, list(array.shape[1:])] for name, array in arrays.items()]
@@ -59,7 +58,7 @@ def _flat(arrays: Arrays) -> tuple[np.ndarray, list[str], str]:
 
 
 def _arrays(part: Result, path: str) -> Arrays:
-    """What `_flat` made a variable of."""
+    """Inverse of `_flat`."""
     numbers = part[path]
     out, start = {}, 0
     for name, dtype, shape in json.loads(part.variables[path].attributes["layout"]):

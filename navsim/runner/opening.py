@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 
 Keep = Literal["errors", "all", "none"]
-"""What is stored of each run."""
+"""Data kept per run."""
 Method = Literal["monte-carlo", "covariance", "rare"]
-"""How a landing is flown."""
+"""Method of a landing."""
 SweepMethod = Literal["dop", "covariance", "monte-carlo"]
-"""How a sweep judges each combination."""
+"""Method of a sweep for each combination."""
 
 
 def scenario_instead(path: Path) -> str:
-    """Of a file that is no result: what takes it, where it is a scenario or study; "" of any other."""
+    """For a file that is no result but a scenario or study: the command that takes it; "" otherwise."""
     from navsim.kinds import OF_FILES, advice
     from navsim.scenario.source import InputError, load
 
@@ -39,8 +39,8 @@ def scenario_instead(path: Path) -> str:
 
 
 def open_job(command: str, source: Source, assignments: Sequence[Assignment], options: Options) -> tuple[Job, str]:
-    """The job of what `command` computes, and the suffix of its result's name where that is not by the file's own
-    method. Raises BadInput."""
+    """Job of `command`, and the suffix of its result's name if it does not use the file's own method. Raises
+    BadInput."""
     from navsim.kinds import KINDS, named
     from navsim.scenario.load import own_method, read_for
     from navsim.scenario.source import Setting

@@ -1,4 +1,4 @@
-"""How the work speaks to who asked for it."""
+"""Interface for messages of a job to its user."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reporter:
-    """say: takes what is to be known. warn: takes warnings."""
+    """say: receives messages. warn: receives warnings."""
 
     say: Callable[[str], None]
     warn: Callable[[str], None]

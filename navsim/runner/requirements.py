@@ -1,4 +1,4 @@
-"""What is asked of a result, and is not so."""
+"""Conditions on a result that it does not meet."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ExitRequirements:
-    """What a result must be worth: a fix at all epochs, a filter that is consistent, requirements that are met."""
+    """Conditions on a result: a fix at all epochs, a consistent filter, all requirements met."""
 
     fix: bool = False
     consistent: bool = False
@@ -22,7 +22,7 @@ class ExitRequirements:
 
 
 def unmet_requirements(result: Result, demands: ExitRequirements) -> list[str]:
-    """What speaks against what was asked for, in words."""
+    """Violated conditions, in words."""
     from navsim.results.findings import CONSISTENT, FIX, of
 
     kinds = [kind for kind, asked in ((FIX, demands.fix), (CONSISTENT, demands.consistent)) if asked]
@@ -35,7 +35,7 @@ def unmet_requirements(result: Result, demands: ExitRequirements) -> list[str]:
 
 
 def _unmet(result: Result) -> list[str]:
-    """What is asked of a landing, or of combinations, and is not met, or nothing can be said of, in words."""
+    """Requirements of a landing, or of combinations, that are not met or undecided, in words."""
     from navsim.results.schema import VERDICTS
 
     branch = "/summary/requirements"

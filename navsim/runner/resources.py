@@ -1,4 +1,4 @@
-"""What work will take, told and held against the machine before anything is made."""
+"""Report the resources of a job, and compare them with the machine before the job starts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Request:
     """Options of an estimate."""
 
     name: object
-    """Of the scenario or study."""
+    """Name of the scenario or study."""
     target: Path
     """Path of the result."""
     over_budget: bool
@@ -31,7 +31,7 @@ class Request:
 
 
 def tell(asked: Request, estimate: Budget, speech: Reporter, seconds: float | None = None) -> None:
-    """Say what work will take. seconds: from start to end, by a block of it that was timed."""
+    """Report the estimate. seconds: total time, from a timed block."""
     from navsim.runner.estimate import estimate_text
     from navsim.runner.machine import machine
 
@@ -63,7 +63,7 @@ def check_resources(asked: Request, estimate: Budget, speech: Reporter, shown: b
 
 
 def _kept(target: Path) -> float:
-    """Size of the partial work that lies beside the target already, bytes."""
+    """Size of existing partial work beside the target, bytes."""
     from navsim.results.atomic_write import partial_folder
 
     try:

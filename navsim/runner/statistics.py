@@ -17,7 +17,7 @@ _TAIL = 0.5 * (1.0 - CONFIDENCE)
 
 
 def poisson_exceedance(count: int, expected: float) -> float:
-    """Chance of so many or more of what happens by chance with this expectation."""
+    """Probability of so many or more events of a Poisson distribution with this expectation."""
     from scipy.special import gammainc
 
     return float(gammainc(count, expected)) if count else 1.0
@@ -31,18 +31,18 @@ def gate_limits(probability: float) -> np.ndarray:
 def rms_interval(mean_squares: np.ndarray) -> np.ndarray:
     """Root mean square over runs and components with its two-sided 95 % interval: value, low, high.
 
-    mean_squares: (run, component) each the mean square of one error component of one run, over whatever was
-    averaged within the run. See `rms_interval_of_means`.
+    mean_squares: (run, component) mean square of each error component of one run, averaged within the run. See
+    `rms_interval_of_means`.
     """
     return rms_interval_of_means(np.mean(mean_squares, axis=0), mean_squares.shape[0])
 
 
 def rms_interval_of_means(per_component: np.ndarray, runs: int) -> np.ndarray:
-    """The same of the means (component,) over so many runs.
+    """`rms_interval` from the means (component,) over so many runs.
 
-    Errors within a run are taken as fully correlated, so only runs and components count as independent: the interval is
-    exact for errors that stay constant over a run and cautious else. Components of different size share the degrees of
-    freedom of [2]. All nan where nothing is defined.
+    Errors within a run are taken as fully correlated, so only runs and components count as independent. The interval is
+    exact for errors that are constant over a run and conservative otherwise. Components of different size share the
+    degrees of freedom of [2]. All nan if nothing is defined.
     """
     total = float(np.sum(per_component))
     if not np.isfinite(total):

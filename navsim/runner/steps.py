@@ -1,4 +1,4 @@
-"""What is done with a job (`navsim.runner.job`), whoever asks for it: from a checked target to written files."""
+"""Steps of a job (`navsim.runner.job`): from a checked target to written files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 _SHELL_TIME = 0.5
-"""Seconds of a process beside preparing its work and doing it."""
+"""Seconds of a process outside the preparation and the work."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class JobRequest:
     """Options of a job."""
 
     options: Options
-    """Of the job itself."""
+    """Options of the job itself."""
     figures: str | Path | None = None
     """See `target.figure_folder`."""
     plain: bool = False
@@ -75,7 +75,7 @@ class Finished:
 
 
 def run_job(name: object, job: Job, target: Path, order: JobRequest, listener: Listener) -> Finished | None:
-    """Do a job and write its result, or only say what it would take; None then.
+    """Do a job and write its result, or only report its resources; returns None then.
 
     name: of the file, for messages. target: the result's path. Raises BadInput, RunFailed.
     """
@@ -106,7 +106,7 @@ def _check_resumed(target: Path, order: JobRequest) -> None:
 def _prepare(
     name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor
 ) -> tuple[Request, Budget]:
-    """Prepare a job; returns what it was found to take."""
+    """Prepare a job; returns its estimate."""
     from navsim.results.findings import several
 
     away = f"on {several(executor.workers, 'worker')} of {executor.name}" if executor.name else ""
@@ -127,7 +127,7 @@ def _prepare(
 def _report_estimate(
     name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor
 ) -> None:
-    """Say what a job would take: its time by a block of it that is done, where that needs nothing to be compiled."""
+    """Report the resources of a job, with the time from a timed block if that needs no compilation."""
     from navsim.compiler import jit
     from navsim.runner.timed import seconds_of
 
@@ -151,8 +151,7 @@ def _report_estimate(
 
 
 def _earlier_work_text(job: Job, target: Path, seconds: float | None, fresh: bool) -> str:
-    """What of a job was finished before, and what is left of it, in words; "" where nothing lies there. seconds: that
-    all of it takes, where that is known."""
+    """Finished and remaining part of a job, in words; "" without earlier work. seconds: total time, if known."""
     from navsim.results.atomic_write import partial_folder
     from navsim.runner.checkpoint import CheckpointError, earlier_work
     from navsim.runner.estimate import duration
@@ -239,7 +238,7 @@ def _computed(
 
 
 def _which(target: Path) -> tuple[int, int] | None:
-    """Which file stands at a path: it is replaced whole, never changed."""
+    """Identity of the file at a path: it is replaced atomically, never changed."""
     try:
         found = target.stat()
     except OSError:  # none, or none that this process may see
@@ -248,8 +247,10 @@ def _which(target: Path) -> tuple[int, int] | None:
 
 
 def raise_on_failure(finished: Finished, demands: ExitRequirements) -> None:
-    """Raise KeyboardInterrupt where the work was interrupted, and RunFailed where it failed or its result is not what
-    is demanded; all is written then."""
+    """Raise KeyboardInterrupt after an interrupt, and RunFailed if the work failed or its result violates the demands.
+
+    All files are written before.
+    """
     if finished.interrupted:
         interrupt = KeyboardInterrupt()
         interrupt.add_note(finished.stopped)
@@ -265,8 +266,10 @@ def raise_on_failure(finished: Finished, demands: ExitRequirements) -> None:
 
 
 def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
-    """Load what comes later beside what comes first: these kernels (`runner.job.Job`), and what writes files and
-    tables. Making machine code ready, and numpy's work, leave the interpreter to others."""
+    """Load later modules and these kernels (`runner.job.Job`) in parallel with the first steps.
+
+    Loading machine code and numpy's work release the interpreter.
+    """
     from navsim.compiler import jit
 
     jit.work_begins()
@@ -280,7 +283,7 @@ def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
 
 
 def _store(job: Job, target: Path, order: JobRequest) -> CheckpointStore | None:
-    """The place for partial work beside the result; None where the work is in one piece, and none lies there."""
+    """Store for partial work beside the result; None for work in one piece without an earlier one."""
     from navsim.results.atomic_write import partial_folder
     from navsim.runner.checkpoint import CheckpointError, CheckpointStore, check_key
 

@@ -1,4 +1,4 @@
-"""The files that work is written to: what may be overwritten, who works on them, what stands beside a result."""
+"""Output files of a job: what may be overwritten, locks, files beside a result."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_target(target: Path, sort: ResultKind, force: bool) -> None:
 
 
 def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
-    """Raise ResultError where a file stands that a result of this sort may not overwrite."""
+    """Raise ResultError if a result of this kind may not overwrite the existing file."""
     from navsim.results.result import ResultError, read_kind
 
     if not target.exists():
@@ -54,8 +54,11 @@ def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
 
 @contextmanager
 def locked_target(target: Path, kernels: str, speech: Reporter) -> Iterator[None]:
-    """The computing of a result: while it lasts no other process works on it; leftovers of killed ones are cleaned, and
-    why the first work with these kernels (`runner.job.Job`) ever takes longer is said. Raises BadInput."""
+    """Context of the computation of a result: it locks the target against other processes and removes leftovers of
+    killed ones.
+
+    It also says why the first work with these kernels (`runner.job.Job`) takes longer. Raises BadInput.
+    """
     from navsim.compiler import jit
     from navsim.results.atomic_write import Occupied, clean, locked
 
@@ -83,9 +86,9 @@ class Written:
 
 
 def save(result: Result, target: Path, figures: Path | None) -> Written:
-    """Write a result, the files of text beside it and, where they are wanted, its figures. Raises ResultError.
+    """Write a result, its text files and, if requested, its figures. Raises ResultError.
 
-    Figures of the result that stood there before are removed: they are not of this one.
+    Figures of the result that it replaces are removed.
     """
     from navsim.report.figure_files import remove_former
     from navsim.report.view import draw, write_texts
@@ -98,8 +101,11 @@ def save(result: Result, target: Path, figures: Path | None) -> Written:
 
 
 def figure_folder(figures: str | Path | None, target: Path, skipped: bool) -> Path | None:
-    """Where figures go. figures: as given by the option, a folder or the word `none`; a Path is a folder whatever its
-    name. skipped: there are none unless a folder is given. Raises BadInput."""
+    """Folder of the figures.
+
+    figures: the option, a folder or the word `none`; a Path is always a folder. skipped: no figures unless a folder is
+    given. Raises BadInput.
+    """
     if figures == "none" or (figures is None and skipped):
         return None
     folder = target.parent if figures is None else Path(figures)

@@ -1,4 +1,4 @@
-"""How long a job takes, by a block of it that is done and timed."""
+"""Estimate the time of a job from a timed block."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from navsim.runner.job import Job
 
 BLOCK_S = 1.0
-"""How long the block lasts at least, s, once the kernels are loaded; pieces that are begun are finished."""
+"""Least duration of the block, s, once the kernels are loaded; pieces that have begun are finished."""
 
 
 class _Enough(Exception):
@@ -19,8 +19,7 @@ class _Enough(Exception):
 
 
 class _Stopwatch:
-    """What a job tells, timed: by what is finished between the first telling and one `BLOCK_S` later. clock: seconds,
-    monotonic."""
+    """Time between the first progress report of a job and one `BLOCK_S` later. clock: seconds, monotonic."""
 
     def __init__(self, extent: int, clock: Callable[[], float]) -> None:
         self._extent, self._clock = extent, clock
@@ -45,8 +44,11 @@ class _Stopwatch:
 
 
 def seconds_of(job: Job, executor: Executor, clock: Callable[[], float] = time.monotonic) -> float | None:
-    """Seconds that a prepared job will take, by a block of it that is done now and of which nothing is kept; None for
-    work in one piece, or in uneven ones. Raises what the work raises."""
+    """Seconds of a prepared job, from a block that is computed now and discarded; None for work in one piece, or in
+    uneven ones.
+
+    Raises errors of the work.
+    """
     if job.extent == 1 or not job.even:
         return None
     watch = _Stopwatch(job.extent, clock)
