@@ -41,7 +41,7 @@ _PLACES = {
     **dict.fromkeys(("load", "ResultFile"), "navsim.api.result"),
     **dict.fromkeys(("NavsimError", "BadInput", "RunFailed"), "navsim.runner.errors"),
 }
-"""Where the names for users stand; imported when they are asked for (PEP 562)."""
+"""Modules of the public names, which are imported on first use (PEP 562)."""
 
 __all__ = [*_PLACES, "__version__"]
 

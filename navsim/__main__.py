@@ -24,7 +24,7 @@ def _spare() -> None:
 
 
 def main() -> None:
-    """Entry point; what ends a command is heard from here on, before anything heavy is imported."""
+    """Entry point; signals are handled from here on, before anything heavy is imported."""
     _spare()
     prepare_streams()
     try:

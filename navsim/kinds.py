@@ -1,5 +1,8 @@
-"""The kinds of scenario files and results: the one list of them. What a kind needs elsewhere is named here and imported
-when it is asked for, so that `--help` can list the kinds, and to fly a landing nothing of the others is loaded."""
+"""List of the kinds of scenario files and results.
+
+Modules of a kind are named here as text and imported when needed, so that `--help` can list the kinds, and a landing
+loads nothing of the others.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,7 @@ OF_FILES = tuple(name for name, kind in KINDS.items() if kind.section)
 
 
 def named(place: str) -> Any:
-    """What stands at "module:name"."""
+    """Object at "module:name"."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 

@@ -1,5 +1,7 @@
-"""How messages spell what their reader may do: in the words of the command line, or of Python where the work was asked
-for from there. What is stored in results is the same for both, so it has none of these words."""
+"""Spelling of options in messages: as on the command line, or as in Python if the work was started there.
+
+Results are the same for both, so they contain no such words.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ _SHORT = {"output": "-o/"}
 
 @contextmanager
 def of_python() -> Iterator[None]:
-    """While it lasts, this thread, and the workers of its studies, speak Python."""
+    """Context in which messages of this thread, and of the workers of its studies, use Python's spelling."""
     token = _python.set(True)
     try:
         yield
@@ -35,7 +37,7 @@ def switch(name: str) -> str:
 
 
 def again() -> str:
-    """What goes on from finished work."""
+    """Advice for continuing from finished work."""
     return "the same call" if _python.get() else "the same command"
 
 
@@ -45,7 +47,7 @@ def command(name: str, path: object) -> str:
 
 
 def seen(path: object) -> str:
-    """How a result is looked at."""
+    """Advice for looking at a result."""
     if _python.get():
         return f"use navsim.ResultFile({str(path)!r}) or navsim.load({str(path)!r})"
     return f"use navsim show {path} or navsim plot {path}"

@@ -1,1 +1,1 @@
-"""The Python interface: the jobs of the command line as functions. `navsim/__init__.py` names what is for users."""
+"""The Python interface: the jobs of the command line as functions. `navsim/__init__.py` lists the public names."""

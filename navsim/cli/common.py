@@ -1,4 +1,4 @@
-"""What the commands share: files found and written, progress, what is printed."""
+"""Common parts of the commands: files, progress, printing."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 
 AT_TERMINAL = Reporter(print_message, lambda warning: print_message(f"warning: {warning}"))
-"""The work speaks on standard error."""
+"""Messages of the work go to standard error."""
 
 
 @contextmanager
 def leaving() -> Iterator[None]:
-    """While it lasts, what users are told of as an error (`navsim.runner.errors`) ends the command."""
+    """Context in which an error for users (`navsim.runner.errors`) ends the command."""
     from navsim.runner.errors import BadInput, NavsimError
 
     try:
@@ -48,7 +48,7 @@ def leave(code: int, *messages: object) -> NoReturn:
 
 
 SAY_EVERY_S = 10.0
-"""How often work says where it stands when nobody looks at a terminal, and in a log."""
+"""Interval of progress messages without a terminal, and in a log, s."""
 
 
 @contextmanager
@@ -71,7 +71,7 @@ def progress(extent: int, unit: str, shown: bool, clock: Callable[[], float] = t
 
 
 class _Standing:
-    """Where work stands, now and then: said, where it is to be, and logged."""
+    """Progress at intervals: printed, if requested, and logged."""
 
     def __init__(self, extent: int, unit: str, spoken: bool, clock: Callable[[], float]) -> None:
         self._extent, self._unit, self._spoken, self._clock = extent, unit, spoken, clock
@@ -123,7 +123,7 @@ def _status() -> Iterator[Callable[[int, str], None]]:
 
 
 def read_result(path: Path) -> Result:
-    """A result file; leaves with what takes the file instead where it is a scenario, a study or a log."""
+    """Read a result file; for a scenario, a study or a log it exits with the command that takes it."""
     from navsim.results.result import ResultError, read
 
     try:
@@ -135,7 +135,7 @@ def read_result(path: Path) -> Result:
 
 
 def called(files: list[Path]) -> list[str]:
-    """What results are called: by their stems, by their paths where stems are alike, numbered where these are, too."""
+    """Names of results: stems, paths for equal stems, with numbers for equal paths."""
     stems = [path.stem for path in files]
     names = stems if len(set(stems)) == len(stems) else [str(path) for path in files]
     return names if len(set(names)) == len(names) else [f"{name} ({i})" for i, name in enumerate(names, 1)]
@@ -143,8 +143,11 @@ def called(files: list[Path]) -> list[str]:
 
 @dataclass(frozen=True)
 class Shown:
-    """How tables are printed. format: terminal, markdown, csv or tex. compare: with differences from the first result.
-    rows: a pattern of those that are, None for all."""
+    """Format of printed tables.
+
+    format: terminal, markdown, csv or tex. compare: with differences from the first result. rows: pattern of the rows,
+    None for all.
+    """
 
     format: str = "terminal"
     compare: bool = False
@@ -190,7 +193,7 @@ def print_parts(parts: Sequence[Table | str], how: Shown) -> None:
 
 
 def nearest_rows(pattern: str, named: set[str]) -> list[str]:
-    """Up to three names of rows that are like a pattern, as they are or by one of their words."""
+    """Up to three names of rows that resemble a pattern, as a whole or by one of their words."""
     by_word: dict[str, list[str]] = {}
     for name in sorted(named):
         for part in (name, *re.findall(r"\w+", name)):
@@ -218,7 +221,7 @@ def _written(parts: Sequence[Table | str], form: str) -> str:
 
 
 def _print_fitted(parts: Sequence[Table | str], compare: bool) -> None:
-    """Print tables in the width of the terminal; comparisons, and what is written elsewhere, no wider than `WIDEST`."""
+    """Print tables in the width of the terminal; comparisons, and other output, at most `WIDEST`."""
     from rich.console import Console
 
     from navsim.report.table import WIDEST, console, text

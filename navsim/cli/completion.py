@@ -1,5 +1,8 @@
-"""What the shell may complete, and the scripts by which bash, zsh and fish ask. Reads the options of the one command
-that is being typed, and the list of names of keys; no model, no numba: an answer has to come while somebody types."""
+"""Shell completion, and the scripts for bash, zsh and fish.
+
+It reads only the options of the command being typed and the list of keys, without models and numba, so that the answer
+comes while the user types.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,10 @@ from navsim.cli.options import grouped
 from navsim.kinds import KINDS, OF_FILES, named
 
 UNTIL = ("rms_horizontal within 2%", "rms_vertical within 2%", "probability within 20%")
-"""What `--until` is given, each as one word."""
+"""Values of `--until`, each as one word."""
 
 FILES, FOLDERS = "<files>", "<folders>"
-"""In place of a candidate: the shell's own files, those that end as its meaning says, or folders."""
+"""Instead of a candidate: the shell completes files with the endings in its meaning, or folders."""
 
 _SCRIPTS = {
     "bash": r"""# completion of navsim in bash; to load it: source <(navsim completion bash)
@@ -94,20 +97,20 @@ SHELLS = tuple(_SCRIPTS)
 
 
 def script(shell: str) -> str:
-    """What a shell has to read to complete commands of navsim."""
+    """Script with which a shell completes commands of navsim."""
     return _SCRIPTS[shell]
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """What may stand at the cursor, and what it means in a few words."""
+    """A possible word at the cursor, and its meaning in a few words."""
 
     value: str
     meaning: str = ""
 
 
 def print_completions(shell: str, words: Sequence[str]) -> NoReturn:
-    """Print what may complete the last of the words, a line each with its meaning behind a tab; then leave.
+    """Print completions of the last word, a line each with its meaning after a tab; then exit.
 
     words: of the command line up to the cursor, the program first; bash has them in `COMP_LINE`.
     """
@@ -131,7 +134,7 @@ _SAFE = re.compile(r"[\w@%+=:,./-]*")
 
 
 def _split(line: str) -> list[str]:
-    """The words of a line whose last one, maybe empty, is being typed, maybe within quotation marks."""
+    """Words of a line; the last one, possibly empty, is being typed, possibly within quotation marks."""
     for closing in ("", "'", '"'):
         try:
             words = shlex.split(line + closing)
@@ -142,13 +145,13 @@ def _split(line: str) -> list[str]:
 
 
 def _broken(typed: str, breaks: str) -> int:
-    """Where the part of a word begins that bash completes."""
+    """Start of the part of a word that bash completes."""
     return max((typed.rfind(sign) + 1 for sign in "=:" if sign in breaks), default=0)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a command takes. names: of an option, none of an argument. values: what it takes, as a type."""
+    """Parameter of a command. names: of an option, none of an argument. values: type of its values."""
 
     name: str
     names: tuple[str, ...]
@@ -169,7 +172,7 @@ class Parameter:
 
 
 def parameters(command: Callable[..., Any]) -> list[Parameter]:
-    """Those of a command, from its signature."""
+    """Parameters of a command, from its signature."""
     out = []
     for name, parameter in inspect.signature(grouped(command)).parameters.items():
         values, info = get_args(parameter.annotation)
@@ -182,7 +185,7 @@ def parameters(command: Callable[..., Any]) -> list[Parameter]:
 
 
 def candidates(words: list[str]) -> Iterator[Candidate]:
-    """What may stand in place of the last word of a command line, the program left out."""
+    """Completions of the last word of a command line without the program."""
     from navsim.cli.main import PLACES
 
     if len(words) <= 1:
@@ -216,7 +219,7 @@ def _short(text: str | None) -> str:
 
 
 def _values(name: str, option: Parameter, words: Sequence[str], typed: str) -> Iterable[Candidate]:
-    """What an option may be given."""
+    """Possible values of an option."""
     if name == "--set":
         return _assignments(words, typed)
     if name == "--until":
@@ -233,7 +236,7 @@ _WORDS = re.compile(r"[a-z]+(\|[a-z]+)+")
 
 
 def _figures(words: Sequence[str], typed: str) -> Iterator[Candidate]:
-    """The figures that lie beside the results among the words, behind those that are named already."""
+    """Figures of the results among the words, without those that are named already."""
     before = typed[: typed.rfind(",") + 1]
     for word in words[1:-1]:
         result = Path(word)
@@ -244,7 +247,7 @@ def _figures(words: Sequence[str], typed: str) -> Iterator[Candidate]:
 
 
 def _paths(metavar: str) -> list[Candidate]:
-    """What an argument or an option of this name takes from the disk."""
+    """Files or folders that an argument or an option of this name accepts."""
     if "FOLDER" in metavar:
         return [Candidate(FOLDERS)]
     ending = re.search(r"[A-Z]\.([a-z0-9]+)", metavar)
@@ -252,7 +255,7 @@ def _paths(metavar: str) -> list[Candidate]:
 
 
 def _arguments(words: Sequence[str], arguments: Sequence[Parameter], given: int) -> Iterator[Candidate]:
-    """What the argument at the cursor may be. given: how many stand before it."""
+    """Possible values of the argument at the cursor. given: number of arguments before it."""
     if not arguments or (given >= len(arguments) and get_origin(arguments[-1].values) is not list):
         return
     at = arguments[min(given, len(arguments) - 1)]
@@ -261,7 +264,7 @@ def _arguments(words: Sequence[str], arguments: Sequence[Parameter], given: int)
 
 
 def _count_arguments(options: dict[str, Parameter], words: Sequence[str]) -> int:
-    """How many arguments stand before the cursor, options and their values left out."""
+    """Number of arguments before the cursor, without options and their values."""
     count, skip = 0, False
     for word in words[1:-1]:
         if skip:

@@ -29,10 +29,10 @@ WORDS: dict[int, str] = {
     signal.SIGTERM: "terminated",
     signal.SIGHUP: "the terminal hung up",
 }
-"""The signals that end a command, and what is said of them."""
+"""Signals that end a command, with their messages."""
 
 PATIENCE = 1.0
-"""How long a command may take to end before something is said, or done, s."""
+"""Time in which a command should end before a message, or a forced end, s."""
 
 _GAP_S = 0.2
 """Longest time between the compiling of two kernels, s."""
@@ -49,8 +49,8 @@ _held: list[ExitStack] = []
 
 
 def print_message(message: str, logged: bool = True) -> None:
-    """Tell the person at the terminal something, and the log, if it is not logged otherwise; standard output is for
-    results alone."""
+    """Print a message to standard error, and to the log if it is not logged otherwise; standard output is for results
+    alone."""
     with suppress(OSError):  # where nobody can be told, the work goes on
         print(message, file=sys.stderr)
     if logged and log.is_open():
@@ -58,8 +58,8 @@ def print_message(message: str, logged: bool = True) -> None:
 
 
 class LossyStderr:
-    """Standard error for words that may be lost: where nobody can be told, as at a terminal that went away before its
-    signal came, the work goes on."""
+    """Standard error that ignores write errors: if nobody can read messages, such as after a terminal is closed, work
+    continues."""
 
     def __init__(self) -> None:
         self._stream = sys.stderr
@@ -78,8 +78,10 @@ class LossyStderr:
 
 
 class Output:
-    """Standard output that keeps its last failure, for an error that names no file may be of anything else that is
-    written or read: a socket, a device, a file by its descriptor."""
+    """Standard output that keeps its last failure.
+
+    An error without a file name may come from any other file: a socket, a device, a descriptor.
+    """
 
     failed: OSError | None = None
 
@@ -106,7 +108,7 @@ class Output:
 
 @contextmanager
 def _watched() -> Iterator[None]:
-    """While it lasts, standard output keeps its failure; what stands there is not changed twice."""
+    """Context in which standard output keeps its failure; not nested."""
     before = sys.stdout
     if not isinstance(before, Output):
         sys.stdout = cast("TextIO", Output(before))
@@ -117,10 +119,10 @@ def _watched() -> Iterator[None]:
 
 
 def prepare_streams() -> None:
-    """See to it that there is a standard input, output and error, and that they take every character.
+    """Ensure that standard input, output and error exist and accept every character.
 
-    A file opened while one of them is closed would get its number, and stray words with it. What an encoding other
-    than UTF-8 does not have becomes a question mark.
+    A file opened while one of them is closed would get its number, and stray messages. A character that the encoding
+    lacks becomes a question mark.
     """
     for number in range(3):
         try:
@@ -136,7 +138,7 @@ def prepare_streams() -> None:
 
 
 def ending(command: F) -> F:
-    """The command, ending as this module says."""
+    """Decorator: the command ends as this module describes."""
 
     @functools.wraps(command)
     def ended(*arguments: Any, **options: Any) -> Any:
@@ -148,7 +150,8 @@ def ending(command: F) -> F:
 
 @contextmanager
 def ends() -> Iterator[None]:
-    """While it lasts, what ends a command is made its message and exit code, and what it `keeps` is let go after it."""
+    """Context in which the end of a command becomes its message and exit code; contexts of `keep` are closed
+    afterwards."""
     from navsim.defect import Defect
 
     try:
@@ -214,7 +217,7 @@ def _listening() -> Iterator[None]:
 
 
 def deafen() -> None:
-    """Let a further signal end the process by the system's own way: what is left is the interpreter's."""
+    """Let a further signal end the process by default: only the interpreter's own end remains."""
     for number in WORDS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
@@ -234,7 +237,7 @@ def _end(number: int, _: FrameType | None) -> None:
 
 
 def _still_here(number: int) -> None:
-    """A command was told to end a while ago."""
+    """Message that a command is still running some time after a signal."""
     if not _held:  # it has: the interpreter goes on in somebody else's hands
         return
     if _compiling_soon():
@@ -244,7 +247,7 @@ def _still_here(number: int) -> None:
 
 
 def _compiling_soon() -> bool:
-    """Whether another thread compiles, now or within `_GAP_S`: between two kernels nobody does for a moment."""
+    """Whether another thread compiles, now or within `_GAP_S`: between two kernels there is a short pause."""
     end = time.monotonic() + _GAP_S
     while not _compiling():
         if time.monotonic() > end:
@@ -266,7 +269,7 @@ def _compiling() -> bool:
 
 
 def hung_up() -> None:
-    """Send what is said from now on to nowhere: a terminal that hung up takes no more words, and fails at each."""
+    """Discard all further messages: a closed terminal accepts none, and each would fail."""
     for stream in (sys.stdout, sys.stderr):
         if stream.isatty():
             _silence(stream)
@@ -278,7 +281,7 @@ def _silence(stream: Any) -> None:
 
 
 def _print_cache_notes() -> None:
-    """What the kernels' cache has to tell, where it was used at all."""
+    """Print messages of the kernel cache, if it was used."""
     cache = sys.modules.get("navsim.compiler.kernel_cache")
     if cache is not None:
         while cache.notes:
@@ -286,7 +289,7 @@ def _print_cache_notes() -> None:
 
 
 class _EndedBySignal(SystemExit):
-    """The end after a signal, of which the person at the terminal was told."""
+    """End after a signal whose message has been printed."""
 
 
 def signal_that_came() -> int:

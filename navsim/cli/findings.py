@@ -1,4 +1,4 @@
-"""What a study found, said on standard error."""
+"""Print the findings of a study on standard error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def warn(result: Result, name: str = "", known: Sequence[str] = ()) -> None:
-    """Say what a result has to warn of. name: of the result, where there are several. known: what was said before."""
+    """Print the findings of a result. name: of the result, if there are several. known: findings already printed."""
     from navsim.results.findings import of
 
     found = [finding.text for finding in of(result)]

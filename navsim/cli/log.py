@@ -1,4 +1,4 @@
-"""`--log FILE`: what a command does and says, an object of JSON a line, added to what stands there.
+"""`--log FILE`: append events and messages of a command to a file, one JSON object a line.
 
 Every line has `time` (UTC) and `event`: `start` (command, version, process, folder), `said`, `warning` and `error`
 (text), `progress` (text, finished, extent, unit, used_s, left_s), `end` (code, seconds, text).
@@ -25,7 +25,7 @@ class NoLog(Exception):
 
 
 def is_open() -> bool:
-    """Whether a log is kept."""
+    """Whether a log is open."""
     return bool(_files)
 
 
@@ -46,7 +46,7 @@ def note(event: str, **members: Any) -> None:
 
 
 def note_message(message: str) -> None:
-    """A message, whose beginning says whether it is a warning or an error."""
+    """Log a message, whose beginning marks it as a warning or an error."""
     kind, _, text = message.partition(": ")
     if kind in _KINDS:
         note(kind, text=text)
@@ -56,7 +56,7 @@ def note_message(message: str) -> None:
 
 @contextmanager
 def logged(path: Path, command: list[str]) -> Iterator[None]:
-    """While it lasts, a log is kept in a file. Raises NoLog where that is no log, or cannot be written."""
+    """Context with a log in a file. Raises NoLog if the file is not a log, or cannot be written."""
     import navsim
 
     try:
@@ -84,7 +84,7 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
 
 
 def _ends_with_newline(file: IO[str]) -> bool | None:
-    """Whether a log, which may be empty, ends with a whole line; None for what is no log."""
+    """Whether a log, which may be empty, ends with a complete line; None for another file."""
     import json
 
     file.seek(0)
@@ -102,7 +102,7 @@ def _ends_with_newline(file: IO[str]) -> bool | None:
 
 
 def _end_of(error: BaseException) -> tuple[int, str]:
-    """The exit code of a command that ends by this, and why it does, where no error was said."""
+    """Exit code of a command that ends by this error, and the reason, if no error was printed."""
     from navsim.cli.exit_status import OK, RUN_FAILED, WORDS, signal_that_came
 
     for name in ("exit_code", "code"):  # of typer, of the interpreter

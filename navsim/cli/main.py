@@ -71,7 +71,7 @@ def _first_line(place: str) -> str:
 
 
 class _Group(TyperGroup):
-    """What chooses among them; `PLACES` is the only way in."""
+    """Chooses the command; `PLACES` is the only list of commands."""
 
     def __init__(self, **settings: Any) -> None:
         if settings.get("commands"):
@@ -83,7 +83,7 @@ class _Group(TyperGroup):
         return list(PLACES)
 
     def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
-        """What each is for, by the first line that its function says of itself; the usual way makes them all."""
+        """List the commands with the first line of their functions' docstrings; the default would load them all."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, _first_line(place)) for name, place in PLACES.items()])
 

@@ -18,7 +18,7 @@ from navsim.runner.opening import target_of
 
 @dataclass(frozen=True)
 class MergeOptions:
-    """Where the whole goes."""
+    """Output of the merge."""
 
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE.h5", help="The result file.", show_default=False)

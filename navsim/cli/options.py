@@ -16,7 +16,7 @@ import typer
 MOST = 2**63 - 1
 """Largest seed and number of a run: `results.result.MOST_WHOLE`, which `--help` does without."""
 _PLAIN = {int: re.compile("[0-9]{1,40}"), float: re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")}
-"""A number as people write one; Python's own reading takes `1_000`, `nan` and the digits of other scripts too."""
+"""A plain number; Python itself also accepts `1_000`, `nan` and the digits of other scripts."""
 
 
 def _is_integer(text: str, least: float, most: int) -> bool:
@@ -29,7 +29,7 @@ def _is_integer(text: str, least: float, most: int) -> bool:
 def number_option(
     kind: type[int] | type[float], least: float, meaning: str, *, most: int = MOST, show_default: bool = False
 ) -> Any:
-    """An option with a whole number, or with seconds, from `least` to `most`."""
+    """An option with an integer, or with seconds, from `least` to `most`."""
     what, metavar = ("a whole number", "N") if kind is int else ("a number", "SECONDS")
 
     def parse(given: object) -> float:
@@ -72,7 +72,7 @@ def set_option(what: str) -> Any:
 
 
 def figures_option(when: str = "with --quiet") -> Any:
-    """--figures of a command that draws none in these cases unless told to."""
+    """--figures of a command that draws none by default in these cases."""
     return typer.Option(
         metavar="FOLDER|none",
         help=f"Folder for figures; created if missing. Default: that of the result; none {when}.",
@@ -168,8 +168,10 @@ def _log_in(path: Path) -> None:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """A command for typer, which knows single options alone: each group of them among its parameters, a dataclass, is
-    spread to parameters of its own."""
+    """Convert a command for typer, which knows only single options.
+
+    Each group of options among its parameters, a dataclass, becomes single parameters.
+    """
     signature = inspect.signature(command, eval_str=True)
     groups: dict[str, Any] = {
         name: p.annotation for name, p in signature.parameters.items() if is_dataclass(p.annotation)

@@ -43,7 +43,7 @@ _KERNELS = "live"
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """What is flown, and where it goes."""
+    """Input and output of a replay."""
 
     output: Annotated[Path | None, output_option("results/<log stem>.h5")] = None
     set_: Annotated[list[str] | None, set_option("log")] = None
@@ -73,7 +73,7 @@ def replay(
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What is real, when it began, and where the result goes."""
+    """Real block, start, and output of a live run."""
 
     receiver: Annotated[
         str | None,
@@ -175,7 +175,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
 
 
 def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Session:
-    """The landing ready to be flown with what comes."""
+    """The landing, ready for live data."""
     from navsim.landing import study as landing
     from navsim.landing.estimate import landing as estimated
     from navsim.replays import source_clock
@@ -219,8 +219,10 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
 
 @contextmanager
 def _ended_by_signals(session: Session) -> Iterator[list[int]]:
-    """While it lasts, the first interrupt, termination or hangup ends the session with what has come; a second one ends
-    the program. Signals that are ignored, as by nohup, stay so. Gives the signals that came."""
+    """Context in which the first interrupt, termination or hangup ends the session with the data so far.
+
+    A second one ends the program. Ignored signals, as by nohup, stay ignored. Returns the signals that came.
+    """
     came: list[int] = []
     names = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before: dict[int, Any] = {}

@@ -1,4 +1,4 @@
-"""`navsim report`, `navsim cite`: the page of results, and whom to cite for them."""
+"""`navsim report`, `navsim cite`: the page of results, and its references."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from navsim.cli.results import shown_as_stored
 
 INSTALL = "pip install 'navsim-landing[report]'"
 _BEGINNING = 2000
-"""Bytes of a page in which it says who made it."""
+"""Bytes at the beginning of a page that contain its generator."""
 
 
 def report(

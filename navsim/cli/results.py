@@ -101,14 +101,14 @@ def show(
 
 
 def _layout(result: Result) -> int | None:
-    """The version of the layout of a result; None where its file does not tell one."""
+    """Layout version of a result; None if its file has none."""
     version = result.attributes.get("schema_version")
     return int(version) if isinstance(version, Integral) else None
 
 
 @contextmanager
 def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
-    """Leave with words where the contents of result files do not fit together, or lack what this version shows."""
+    """Exit with a message if the contents of result files do not fit together, or lack data that this version shows."""
     from navsim.results.result import ResultError
     from navsim.results.schema import SCHEMA_VERSION
 
@@ -216,13 +216,13 @@ def plot(
 
 
 _UNITS = {"mm": 25.4, "cm": 2.54, "in": 1.0, "pt": 72.0}
-"""How many of them an inch has; TeX's points of 72.27 to the inch differ by 0.4 %."""
+"""Units in an inch; TeX's points of 72.27 to the inch differ by 0.4 %."""
 _NARROWEST, _WIDEST = 2.0, 40.0
 """Widths of figures, inches: with letters that can be read there is no room on less."""
 
 
 def _inches(given: str) -> float:
-    """A length as people write one, inches."""
+    """A length as text, in inches."""
     import re
 
     found = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+) ?([a-z]+)", given.strip())

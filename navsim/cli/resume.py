@@ -1,4 +1,4 @@
-"""`navsim resume`: a study that was interrupted or killed goes on."""
+"""`navsim resume`: continue a study that was interrupted or killed."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from navsim.cli.options import Care, SchedulerOption, WorkersOption, figures_opt
 from navsim.cli.terminal import resuming
 
 _ClickException: Any = typer.BadParameter.__mro__[2]
-"""What click raises of a wrong command line; typer has a click of its own, or the common one."""
+"""click's exception for a wrong command line; typer has its own copy of click, or the common one."""
 _RESUMED = ("run", "sweep", "optimize")
 """Commands that keep partial work."""
 _GIVEN_ANEW = ("figures", "scheduler", "force", "over_budget", "quiet", "log_")
-"""Options that write, connect or overwrite elsewhere, or say less: `resume` takes them from its own command line alone.
-A folder of partial work may come from anybody, in an archive."""
+"""Options that write, connect or overwrite elsewhere, or print less: `resume` takes them only from its own command
+line, since a folder of partial work may come from anybody, in an archive."""
 _DROPPED = ("fresh", *_GIVEN_ANEW)
-"""What was to be discarded then was; another attempt's work is what is wanted now."""
+"""Options that discard earlier work, which have done so; now that work is to be continued."""
 
 
 @dataclass(frozen=True)
 class ResumeOptions:
-    """Where and how it goes on."""
+    """Options of the continuation."""
 
     workers: WorkersOption = None
     scheduler: SchedulerOption = None
@@ -77,7 +77,7 @@ def resume(
 
 
 def _read(folder: Path, words: tuple[str, ...], given: ResumeOptions) -> tuple[list[str], list[str]]:
-    """Words of a command that say what is computed, and those of options that are not taken from a file."""
+    """Words of a command that determine the computation, and those of options that a file may not set."""
     from navsim.cli.main import command_named
 
     refused = f"{folder}: its command, navsim {shlex.join(words)},"

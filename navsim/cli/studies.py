@@ -34,7 +34,7 @@ StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The s
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """What is computed, and where it goes."""
+    """Input and output of a sweep."""
 
     output: Annotated[
         Path | None,
@@ -80,7 +80,7 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: C
 
 @dataclass(frozen=True)
 class OptimizeOptions:
-    """What is searched for, and where it goes."""
+    """Input and output of an optimisation."""
 
     output: Annotated[Path | None, output_option("results/<study stem>.h5")] = None
     seed: SeedOption = 1
@@ -121,7 +121,7 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
 
 @dataclass(frozen=True)
 class Table2Options:
-    """How many runs, and where they go."""
+    """Runs and output of Table 2."""
 
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files; created if missing.")
@@ -153,7 +153,7 @@ def table2(given: Table2Options, care: Care) -> None:
 
 @dataclass(frozen=True)
 class IntegrityTableOptions:
-    """What the tables are of, and where they go."""
+    """Input and output of the tables."""
 
     output: Annotated[Path | None, output_option("results/integrity_table.h5")] = None
     seed: SeedOption = 1

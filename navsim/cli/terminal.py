@@ -1,4 +1,4 @@
-"""What every command that computes does with its job: `navsim.runner`, for a person at a terminal."""
+"""Run the job of a command: `navsim.runner` with a terminal."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _resumed: ContextVar[Path | None] = ContextVar("resumed", default=None)
 
 @contextmanager
 def resuming(folder: Path) -> Iterator[None]:
-    """While it lasts, a command may only go on with the partial work in this folder."""
+    """Context in which a command may only continue the partial work in this folder."""
     token = _resumed.set(folder)
     try:
         yield
@@ -43,7 +43,7 @@ def resuming(folder: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class TerminalRequest:
-    """What is to be done with a job. options: as the job has them. figures: see `runner.target.figure_folder`."""
+    """Options of a job. options: of the job itself. figures: see `runner.target.figure_folder`."""
 
     care: Care
     required: Required
@@ -54,7 +54,7 @@ class TerminalRequest:
 
 
 def run_job(name: object, job: Job, target: Path, wanted: TerminalRequest) -> Result | None:
-    """Do a job and show its result, or only what it would take; returns the result where there is one.
+    """Do a job and print its result, or only its resources; returns the result, if any.
 
     name: of the file, for messages. target: the result's path.
     """

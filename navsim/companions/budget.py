@@ -36,8 +36,10 @@ def mls_elevation(scenario: Elevation, runs: int | None = None) -> Budget:
 
 
 def mostly_experiments(scenario: Elevation, runs: int | None = None) -> bool:
-    """Whether a block of the experiments tells how long all of the elevation filter takes: what comes after them takes
-    a third of their time at most."""
+    """Whether a block of the experiments predicts the time of the whole elevation study.
+
+    Later work takes a third of their time at most.
+    """
     section = scenario.montecarlo
     filters = len(scenario.nominal.rate_variances_deg2_s2) + len(elevation.ORDERS)
     covariances = scenario.nominal_steps * (filters + len(scenario.nominal.first_order_variances_deg2))

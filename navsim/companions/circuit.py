@@ -67,7 +67,7 @@ class CircuitFlight:
 
     @property
     def elevation(self) -> np.ndarray:
-        """Of the line of sight."""
+        """Elevation of the line of sight."""
         return np.arctan2(self.position[:, 1], self.ground_range)
 
     @property
@@ -106,8 +106,8 @@ class CircuitFlight:
 
     @property
     def azimuth2_literal(self) -> np.ndarray:
-        """What the paper takes for it (`docs/theory/azimuth.md`, eq. (1)): the north component of the acceleration
-        over Dh."""
+        """The paper's value of it (`docs/theory/azimuth.md`, eq. (1)): the north component of the acceleration over
+        Dh."""
         ahead, right = self.level_acceleration()
         return (ahead * np.cos(self.track) - right * np.sin(self.track)) / self.ground_range
 

@@ -21,13 +21,13 @@ from navsim.scenario.source import Document
 
 
 class Compute(Protocol):
-    """compute(scenario, seed, runs or None, done) -> result; `done(n)` is told how much is finished."""
+    """compute(scenario, seed, runs or None, done) -> result; `done(n)` receives the finished part."""
 
     def __call__(self, scenario: Any, seed: int, runs: int | None, done: Callable[[int], None]) -> Result: ...
 
 
 class CompanionJob:
-    """A system of a companion paper; its work is quick and none of it is kept."""
+    """Job of a companion paper's system; quick, without partial work."""
 
     suffix, work, pieces = "", "", 0
 

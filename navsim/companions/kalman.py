@@ -54,10 +54,10 @@ def predict(x, p, phi, q, work):
 
 @kernel
 def update(x, p, index, innovation, variance, gain):
-    """Weigh one measurement of state `index`, in place; returns the normalised innovation squared.
+    """Measurement update with state `index`, in place; returns the normalised innovation squared.
 
-    innovation: measured minus predicted, wrapped by the caller where it is an angle. variance: of the measurement's
-    noise. gain: (n,) out. Joseph form, exactly symmetric.
+    innovation: measured minus predicted, wrapped by the caller if it is an angle. variance: of the measurement's noise.
+    gain: (n,) out. Joseph form, exactly symmetric.
     """
     n = x.shape[0]
     s = p[index, index] + variance
@@ -134,10 +134,10 @@ def covariance_sequence(
 
 
 def steady_state(phi: np.ndarray, q: np.ndarray, h: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """P after the update (n, n) and gain (n, m) in the limit, by doubling [4]: the k-th step is the covariance after
-    2^k measurements. Unlike solvers by eigenvalues it holds where noises differ by many powers of ten.
+    """Steady-state P after the update (n, n) and gain (n, m), by doubling [4].
 
-    Raises Defect where there is no limit.
+    The k-th step is the covariance after 2^k measurements. Unlike solvers by eigenvalues it works if noises differ by
+    many powers of ten. Raises Defect if there is no limit.
     """
     n = phi.shape[0]
     a, information, p = phi.T, h.T @ np.linalg.solve(r, h), q
@@ -174,7 +174,7 @@ def driven_covariance(
 
 @kernel
 def update_row(x, p, h, innovation, variance, gain, work):
-    """Weigh one measurement h x, in place, Joseph form; as `update` for a full row h (n,). gain, work: (n,) space."""
+    """Measurement update with h x, in place, Joseph form; as `update` for a full row h (n,). gain, work: (n,) space."""
     n = x.shape[0]
     s = variance
     for i in range(n):

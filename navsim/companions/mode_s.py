@@ -1,8 +1,8 @@
 """Azimuth of a recorded aircraft: simulated plots of a real approach, real Mode S reports with their gaps and outliers.
 
-Truth is the aircraft's own positions and velocities, smoothed; plots are drawn about it. What drives the filters is
-what was received: roll and track rate of BDS 5,0 where they are fresh and agree with each other, else the slope of the
-tracks of velocity squitters. Source: `docs/theory/azimuth.md`, section 3.
+The truth is the aircraft's own positions and velocities, smoothed; plots are drawn about it. The filters use received
+reports: roll and track rate of BDS 5,0 if they are recent and agree with each other, else the slope of the tracks of
+velocity squitters. Source: `docs/theory/azimuth.md`, section 3.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ LARGEST_ROLL = 45.0 * DEG
 AGREEMENT = 0.5 * DEG
 """Roll and reported track rate must give the same track rate to this, rad/s."""
 SLOPE_SECONDS = 5.0
-"""Stretch of velocity squitters whose slope stands in for a missing report, and gives the change of speed, s."""
+"""Interval of velocity squitters whose slope replaces a missing report, and gives the change of speed, s."""
 
 
 @dataclass(frozen=True)
 class ModeSRecording:
-    """What was received, time from the first position, s; SI and rad, nan for what is missing.
+    """Received data, time from the first position, s; SI and rad, nan if missing.
 
     positions (p, 4): time, N, h, E from the radar, m. velocities (v, 3): time, speed, track. reports (r, 5): time,
     roll, track, track rate, speed.
@@ -130,8 +130,11 @@ def _smooth(when: np.ndarray, what: np.ndarray, value: np.ndarray) -> np.ndarray
 
 
 def received_nodes(recording: ModeSRecording, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What was known on the ground at each scan: acceleration along and right, speed, track (n, 4), and what it came
-    from (n,): 0 track rate, 1 roll, 2 slope of velocity squitters, 3 nothing."""
+    """Motion known on the ground at each scan, and its source.
+
+    Motion (n, 4): acceleration along and right, speed, track. Source (n,): 0 track rate, 1 roll, 2 slope of velocity
+    squitters, 3 none.
+    """
     out, source = np.zeros((time.size, 4)), np.full(time.size, 3)
     v, b = recording.velocities, recording.reports
     tracks = np.unwrap(v[:, 2])
@@ -191,8 +194,10 @@ def radial(node: np.ndarray, azimuth: np.ndarray, ground_range: np.ndarray) -> n
 def track_plots(
     flight: CircuitFlight, driven: dict[str, tuple[np.ndarray, np.ndarray]], seed: int, runs: int
 ) -> Tracks:
-    """Simulated plots of a flight through Singer's filters and through L4 driven by nodes (n, 4) or (run, n, 4), each
-    with what they leave over (n,), m/s2."""
+    """Simulated plots of a flight through Singer's filters and through L4 with motion nodes (n, 4) or (run, n, 4).
+
+    Each has a residual acceleration (n,), m/s2.
+    """
     n = flight.time.size
     truth, ground_truth = np.unwrap(flight.azimuth), flight.ground_range
     names = [*SINGERS, *driven]

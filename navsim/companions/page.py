@@ -43,7 +43,7 @@ _OF_RUNS = "σ of the filter"
 
 
 def _several(results: Sequence[Named], k: int) -> tuple[str, str]:
-    """What is appended to an anchor and to a title of the k-th result."""
+    """Suffix of an anchor and of a title for the k-th result."""
     return f"-{k}", f" ({results[k][0]})" if len(results) > 1 else ""
 
 
@@ -53,7 +53,7 @@ def _rmse(errors: np.ndarray) -> np.ndarray:
 
 
 def atcs(results: Sequence[Named]) -> list[Drawing]:
-    """Of air traffic control: RMSE over time of every filter; decoupled over full, state by state."""
+    """Figures of air traffic control: RMSE over time of every filter; decoupled over full, state by state."""
     out = []
     for k, (_, result) in enumerate(results):
         anchor, called = _several(results, k)
@@ -114,7 +114,7 @@ def _ratios(result: Result, anchor: str, called: str) -> Drawing:
 
 
 def azimuths(results: Sequence[Named]) -> list[Drawing]:
-    """Of azimuth tracking: RMSE over time, the accelerations, the map."""
+    """Figures of azimuth tracking: RMSE over time, the accelerations, the map."""
     out = []
     for k, (_, result) in enumerate(results):
         anchor, called = _several(results, k)
@@ -194,7 +194,7 @@ def _where(result: Result, anchor: str, called: str) -> Drawing:
 
 
 def elevations(results: Sequence[Named]) -> list[Drawing]:
-    """Of the MLS elevation: the angle over the approach, the proof with its band, the nominal run."""
+    """Figures of the MLS elevation: the angle over the approach, the proof with its band, the nominal run."""
     out = []
     for k, (_, result) in enumerate(results):
         anchor, called = _several(results, k)
@@ -276,7 +276,7 @@ def _nominal(result: Result, anchor: str, called: str) -> Drawing:
 
 
 def _curves(curves: Sequence[elevation.Curve], titles: tuple[str, str], anchor: str, title: str) -> Drawing:
-    """Curves in two panels beside each other."""
+    """Curves in two panels side by side."""
     panels, keys, thinned = [], [], []
     for panel, head in enumerate(titles):
         on = plot(head, "time of the approach, s", "10⁻³ deg", 260)

@@ -1,4 +1,4 @@
-"""Plots and Mode S reports of the azimuth scenario, and what a filter makes of a report.
+"""Plots and Mode S reports of the azimuth scenario, and their use by filters.
 
 Source: `docs/theory/azimuth.md`, sections 2, 3.
 """
@@ -18,7 +18,7 @@ DRAWS = 8
 
 @dataclass(frozen=True)
 class Onboard:
-    """1 sigma and least significant bit of what is reported (8,), in the order of DRAWS, SI and rad; 0: none."""
+    """1 sigma and least significant bit of the reported values (8,), in the order of DRAWS, SI and rad; 0: none."""
 
     sigma: np.ndarray
     lsb: np.ndarray
@@ -51,7 +51,7 @@ def reported(flight: CircuitFlight, draws: np.ndarray, onboard: Onboard) -> np.n
 
 
 def quantise(values: np.ndarray, lsb: float) -> np.ndarray:
-    """Values to the nearest multiple of the least significant bit; 0: as they are."""
+    """Values rounded to the least significant bit; 0: unchanged."""
     return np.floor(values / lsb + 0.5) * lsb if lsb > 0.0 else values
 
 
@@ -71,10 +71,10 @@ def _slope(values: np.ndarray, period: float) -> np.ndarray:
 
 
 def nodes(reports: np.ndarray, source: str, period: float) -> np.ndarray:
-    """What a filter takes from reports (run, n, 8): acceleration along and right, horizontal speed, track (run, n, 4).
+    """Motion from reports (run, n, 8): acceleration along and right, horizontal speed, track (run, n, 4).
 
-    source: `load` the load factors, `roll` g tan(roll), `rate` speed times track rate (both BDS 5,0, which has no
-    acceleration along the track: it is the slope of the ground speeds reported).
+    source: `load` the load factors, `roll` g tan(roll), `rate` speed times track rate. The latter two are of BDS 5,0,
+    which has no acceleration along the track: it is the slope of the reported ground speeds.
     """
     load, roll, angle = reports[..., :3], reports[..., 3], reports[..., 4]
     track, speed, rate = reports[..., 5], reports[..., 6], reports[..., 7]

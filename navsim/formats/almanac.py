@@ -40,13 +40,16 @@ _AGL_FIELDS, _AGP_FIELDS = {"b": 10, "c": 6}, {"b": 11, "c": 6}
 _MOST_LINES = 200_000
 """Two-line elements of everything in orbit have less than half of that."""
 ALMANAC_REACH = np.inf
-"""An almanac is propagated as far as it is asked to; its age is the caller's business."""
+"""Reach of an almanac: unlimited; the caller checks its age."""
 
 
 @dataclass(frozen=True)
 class AlmanacFile:
-    """What an almanac file holds: constellations, one a system; not_used: in words, what of it is not; untitled: how
-    many two-line elements nothing tells the system of, which are in no constellation."""
+    """Content of an almanac file.
+
+    constellations: one a system; not_used: messages about unused parts; untitled: number of two-line elements of
+    unknown systems, which are in no constellation.
+    """
 
     constellations: tuple[Constellation, ...]
     not_used: tuple[str, ...] = ()
@@ -54,10 +57,10 @@ class AlmanacFile:
 
 
 def read_almanac(path: Path, near: float, untitled: System | None = None) -> AlmanacFile:
-    """Read an almanac file of any known format, told by its content.
+    """Read an almanac file of any known format, recognised by its content.
 
     near: UTC (POSIX s) that decides between GPS weeks that differ by a multiple of 1024. untitled: the system of
-    two-line elements without names. Raises FileError, naming the line, or OSError.
+    two-line elements without names. Raises FileError with the line, or OSError.
     """
     lines = _numbered(path)
     first = lines[0][1]
@@ -76,14 +79,13 @@ def read_almanac(path: Path, near: float, untitled: System | None = None) -> Alm
 def read_agl(path: Path) -> glonass.GlonassAlmanac:
     """Read a GLONASS `.agl` almanac [1].
 
-    Raises FileError, naming the line, for anything but whole and plausible records; OSError where the file cannot be
-    read.
+    Raises FileError with the line for incomplete or implausible records; OSError if the file cannot be read.
     """
     return _agl(path, _numbered(path))
 
 
 def _numbered(path: Path) -> list[tuple[int, str]]:
-    """The lines that are not blank, each with its number. Raises FileError where there is none, or too many."""
+    """Lines that are not blank, each with its number. Raises FileError if there is none, or too many."""
     lines = read_lines(path)
     if len(lines) > _MOST_LINES:
         raise FileError(0, f"{len(lines):,} lines are no almanac; the longest have {_MOST_LINES:,}", path)
@@ -213,8 +215,8 @@ def _yuma(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Kepleria
 
 
 _SEM_LINES = (1, 1, 1, 3, 3, 3, 1, 1)
-"""How many numbers stand in each line of a SEM record: PRN, SVN, URA, (e, i, node rate), (sqrt(A), node, perigee),
-(M0, af0, af1), health, configuration."""
+"""Number of values in each line of a SEM record: PRN, SVN, URA, (e, i, node rate), (sqrt(A), node, perigee), (M0, af0,
+af1), health, configuration."""
 _SEM_INCLINATION = 0.30
 """Semicircles that SEM's inclination is counted from [2, 3]."""
 
@@ -294,7 +296,7 @@ def _split(found: tle.TwoLineSets, untitled: System | None) -> AlmanacFile:
 
 
 def _tle(path: Path, lines: list[tuple[int, str]]) -> tle.TwoLineSets:
-    """[4]: two lines of elements a satellite, after a line with its name where there is one; lines without comments."""
+    """[4]: two lines of elements a satellite, after a line with its name if present; lines without comments."""
     names: dict[str, None] = {}
     titles, firsts, seconds, begins = [], [], [], []
     at = 0

@@ -1,4 +1,4 @@
-"""In which units and axes a recording is written, and what brings it to SI, forward-right-down and north-east-down.
+"""Units and axes of recordings, and their conversion to SI, forward-right-down and north-east-down.
 
 Sources: [1] BIPM, The International System of Units, 9th ed. (2019): standard gravity, knot. [2] NIST Special
 Publication 811 (2008), appendix B: foot, mile.
@@ -24,12 +24,12 @@ FIX_SIGMAS = ("sigma_n_m", "sigma_e_m", "sigma_d_m", "sigma_vn_m_s", "sigma_ve_m
 FIX_CORRELATIONS = tuple(f"corr_{one}_{other}" for one, other in itertools.combinations(FIX_AXES, 2))
 """Names of the columns of their correlations, as the upper triangle of a matrix has them."""
 def effects_of(state: int) -> tuple[str, ...]:
-    """Names of the columns of what one lasting error of the fixes, numbered from 1, does to each fix."""
+    """Names of the columns with the effect of one time-correlated error, numbered from 1, on each fix."""
     return tuple(f"error{state}_{axis}" for axis in FIX_AXES)
 
 
 GNSS_OPTIONAL = ("nsat", *FIX_SIGMAS, *FIX_CORRELATIONS)
-"""Names of the columns that fixes may have beside the others."""
+"""Names of optional columns of fixes."""
 TRACK_COLUMNS, TRACK_ATTITUDE = ("t_s", "lat_deg", "lon_deg", "h_m"), ("roll_deg", "pitch_deg", "yaw_deg")
 """Names of the columns of trajectories, and of those that they may have."""
 KNOT = 1852.0 / 3600.0
@@ -51,13 +51,13 @@ SPEED_UNITS = {
 }  # fmt: skip
 """Each in m/s."""
 VERTICAL_SPEED_UNITS = {**SPEED_UNITS, "ft/min": 0.3048 / 60.0}
-"""Of the vertical velocity alone, each in m/s."""
+"""Units of the vertical velocity alone, each in m/s."""
 BODY_AXES, LEVEL_AXES = ("FB", "RL", "DU"), ("NS", "EW", "DU")
 """Positive and negative direction of each axis: forward, right, down; north, east, down."""
 
 
 def axes_matrix(letters: str, axes: tuple[str, str, str]) -> np.ndarray:
-    """What turns columns that point along `letters`, such as FLU, to `axes` (3, 3), a signed permutation."""
+    """Rotation (3, 3) of columns along `letters`, such as FLU, to `axes`: a signed permutation."""
     out = np.zeros((3, 3))
     for column, letter in enumerate(letters):
         row = next(i for i, pair in enumerate(axes) if letter in pair)
@@ -66,20 +66,23 @@ def axes_matrix(letters: str, axes: tuple[str, str, str]) -> np.ndarray:
 
 
 def axes_letters(matrix: np.ndarray, axes: tuple[str, str, str]) -> str:
-    """The letters of which a signed permutation (3, 3) is the matrix: undoes `axes_matrix`."""
+    """Letters of a signed permutation (3, 3): inverse of `axes_matrix`."""
     rows = np.argmax(np.abs(matrix), axis=0)
     return "".join(axes[row][0 if matrix[row, column] > 0.0 else 1] for column, row in enumerate(rows))
 
 
 def all_axes(axes: tuple[str, str, str]) -> list[str]:
-    """All 48 ways to point three columns along three axes, left-handed ones (columns exchanged) included."""
+    """All 48 assignments of three columns to three axes, including left-handed ones (columns exchanged)."""
     return ["".join(p) for order in itertools.permutations(axes) for p in itertools.product(*order)]
 
 
 @dataclass(frozen=True)
 class ImuConvention:
-    """How inertial samples are written. Axes: where the columns x, y, z point. increments: a row holds what the sensors
-    gathered since the row before, in the units times s. columns: names in the file of those of `docs/replay.md`."""
+    """Units, axes and columns of recorded inertial samples.
+
+    Axes: directions of the columns x, y, z. increments: a row holds the integral since the row before, in the units
+    times s. columns: name in the file of each column of `docs/replay.md`.
+    """
 
     time_unit: str = "s"
     gyro_unit: str = "rad/s"

@@ -1,7 +1,7 @@
-"""Results in the formats of others: RINEX, NMEA, CSV, KML, GeoJSON.
+"""Export of results to other formats: RINEX, NMEA, CSV, KML, GeoJSON.
 
-Everything is taken from the result file; nothing is flown again. Pseudolites, for which RINEX has no letter, go to a
-CSV beside the observation file.
+Everything comes from the result file, without a new simulation. Pseudolites, for which RINEX has no letter, go to a CSV
+beside the observation file.
 
 Sources: [1] RINEX 3.04. [2] NMEA 0183 version 4.11. [3] OGC KML 2.3. [4] RFC 7946 (GeoJSON).
 """
@@ -38,11 +38,11 @@ from navsim.results.schema import HEIGHTS
 ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
 _ELLIPSES = 40
-"""At most so many error ellipses are drawn along a track."""
+"""Largest number of error ellipses along a track."""
 MOST_SITES = 20_000
 """Places of pseudolites on a map."""
 LONGEST = 30 * 86400.0
-"""No flight lasts longer, s."""
+"""Longest flight, s."""
 TOE_SPACING = 7200.0
 """Messages of simulated satellites are given reference times at multiples of this, s."""
 
@@ -93,8 +93,10 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
 
 
 def choose_run(result: Result, number: int | None) -> tuple[Result, str | None]:
-    """The result of one run of an ensemble, the first by default, and in words which one it is of how many; None where
-    there is nothing to choose. Raises ResultError for a run the result does not hold."""
+    """Result of one run of an ensemble, by default the first, and its description; None if there is no choice.
+
+    Raises ResultError for a run that the result does not contain.
+    """
     runs = result["/run"] if "/run" in result else np.zeros(0, dtype=int)
     if number is not None and number not in runs:
         held = "no runs" if not runs.size else f"run {runs[0]}" if runs.size == 1 else f"runs {runs[0]} to {runs[-1]}"
@@ -110,12 +112,12 @@ def choose_run(result: Result, number: int | None) -> tuple[Result, str | None]:
 
 
 def _run_of_ensemble(result: Result) -> int | None:
-    """The number of the run that stands for an ensemble, None for a result that was one run from the start."""
+    """Number of the run that represents an ensemble, None for a single run."""
     return int(result["/run"][0]) if int(result["/summary/count/runs"]) > 1 else None
 
 
 def _undulation(result: Result) -> float | None:
-    """Height of the geoid above the ellipsoid, m, where the scenario says it."""
+    """Height of the geoid above the ellipsoid, m, if the scenario has it."""
     runway = scenario_of(result).get("runway") or {}
     return None if runway.get("geoid_undulation_m") is None else float(runway["geoid_undulation_m"])
 
@@ -134,7 +136,7 @@ def _origin(result: Result) -> str:
 
 
 def _lacking(result: Result, what: str) -> ResultError:
-    """That a result holds nothing of single runs."""
+    """Error: the result contains no single runs."""
     if result.attributes.get("method") == "covariance":
         return ResultError(f"a covariance analysis flies no runs and has no {what}; fly some with --method monte-carlo")
     return ResultError(f"the result has no {what} of runs; run it with --keep all (a single run keeps them anyway)")
@@ -227,8 +229,10 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
 
 
 def _klobuchar(scenario: Any) -> tuple[list[float], list[float]] | None:
-    """Alpha and beta of the ionosphere, where the pseudoranges have all of it: what is left after a correction must not
-    be corrected again by those who read the file."""
+    """Alpha and beta of the ionosphere, if the pseudoranges contain all of it.
+
+    A residual after a correction must not be corrected again by readers of the file.
+    """
     ionosphere = scenario["signals"].get("ionosphere")
     if ionosphere is None or ionosphere["corrected"] or "differential" in scenario["pseudolites"]:
         return None
@@ -239,7 +243,7 @@ _TAKEN_OFF = {"saastamoinen": "Saastamoinen's model", "mops": "that climatology"
 
 
 def _contents(scenario: Any) -> list[str]:
-    """What is in the pseudoranges besides geometry, clocks and noise."""
+    """Errors in the pseudoranges besides geometry, clocks and noise."""
     signals, station = scenario["signals"], scenario["pseudolites"].get("differential")
     ionosphere, troposphere, space = (signals.get(name) for name in ("ionosphere", "troposphere", "ephemeris"))
     lines = []
@@ -316,7 +320,7 @@ def _stored(result: Result, system: System, name: str) -> np.ndarray:
 
 
 def _near(elements: gps.Elements, system: System, result: Result) -> gps.Elements:
-    """Messages as satellites would send them during the flight; those of a real navigation file stay as they are."""
+    """Simulated messages during the flight; those of a real navigation file stay unchanged."""
     time = _start(result) + result["/geometry/time"][[0, -1]]
     if np.all(np.abs(elements.toe[:, None] - time) < max(gps.WINDOWS[system])):
         return elements
@@ -332,12 +336,12 @@ def _near(elements: gps.Elements, system: System, result: Result) -> gps.Element
 
 
 def _places(names: list[str], wanted: tuple[str, ...]) -> list[int]:
-    """Columns of the wanted sources; any column for those the result lacks, which are passed over later."""
+    """Columns of the wanted sources; any column for missing ones, which are skipped later."""
     return [names.index(name) if name in names else 0 for name in wanted]
 
 
 def _pseudolites(result: Result, target: Path, start: float, tag: np.ndarray, names: list[str]) -> dict[Path, str]:
-    """One row an epoch and pseudolite: what RINEX has no place for."""
+    """Write pseudolites, for which RINEX has no place: one row an epoch and pseudolite."""
     pseudolites = [str(name) for name in result["/pseudolites/name"]]
     if not pseudolites:
         return {}
@@ -379,9 +383,11 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def _csv(result: Result, target: Path) -> dict[Path, str]:
-    """Three tables: the true motion, the fixes, the filter's errors with their sigmas; the last two name the run they
-    are of in a column of its own, where the result has others. Of runs that deviate from the route the true motion is
-    the route, and the fixes have the antenna's true place beside them."""
+    """Write three tables: the true motion, the fixes, the filter's errors with their sigmas.
+
+    The last two have a column with the run if the result has others. For runs that deviate from the route, the true
+    motion is the route, and the fixes have the true position of the antenna beside them.
+    """
     run = _run_of_ensemble(result)
     run_head, run_cell = ([], []) if run is None else (["run"], [str(run)])
     truth = [
@@ -439,7 +445,7 @@ def _imu(result: Result, target: Path) -> dict[Path, str]:
 
 
 def _gates(result: Result, target: Path) -> dict[Path, str]:
-    """The position error of every run at the heights where errors are told: a row a run and height."""
+    """Write the position error of every run at the evaluated heights: a row a run and height."""
     if "/summary/at/lateral_run" not in result:
         return {}
     kinds = ("", "_fte", "_tse") if "/summary/at/lateral_fte_run" in result else ("",)
@@ -462,7 +468,7 @@ def _with_unit(name: str, unit: str) -> str:
 
 
 def _state_units(result: Result) -> list[str]:
-    """The units of the filter's states, as the file tells them."""
+    """Units of the filter's states from the file."""
     return [unit.strip() for unit in str(result.variables["/filter/state"].attributes["state_units"]).split(",")]
 
 
@@ -549,8 +555,11 @@ def _sentence(body: str) -> str:
 
 
 def true_antenna(result: Result) -> np.ndarray:
-    """Where the antenna truly is at the fix epochs, ECEF, m (e, 3): the IMU's position with the lever arm turned by
-    the true attitude, both interpolated between the stored instants."""
+    """True position of the antenna at the fix epochs, ECEF, m (e, 3).
+
+    It is the IMU's position plus the lever arm rotated by the true attitude, both interpolated between the stored
+    times.
+    """
     t, when = result["/truth/time"], result["/geometry/time"]
 
     def at_fixes(values: np.ndarray) -> np.ndarray:
@@ -642,7 +651,7 @@ def _ridges(result: Result) -> list[dict[str, Any]]:
 
 
 def _placements(result: Result) -> list[dict[str, Any]]:
-    """Of a search the places of the pseudolites, of each number of them."""
+    """Positions of the pseudolites of a search, for each number of them."""
     height, found = float(scenario_of(result)["runway"]["height_m"]), result.variables["/front/objective"]
     out = []
     for i, k in np.argwhere(np.isfinite(result["/optimum/latitude"])):
@@ -655,7 +664,7 @@ def _placements(result: Result) -> list[dict[str, Any]]:
 
 
 def _combinations(result: Result) -> list[dict[str, Any]]:
-    """Of a sweep the runway, and where the pseudolites of each combination stand, up to eight, with its settings and
+    """Runway, and positions of up to eight pseudolites of each combination of a sweep, with its settings and
     outputs."""
     if "/plan/threshold_llh" not in result:
         raise ResultError("the result is of an earlier version, which did not say where the runway is; sweep again")
@@ -689,8 +698,10 @@ def _offset(llh: np.ndarray, ecef: np.ndarray) -> np.ndarray:
 
 
 def _lonlat(llh: np.ndarray) -> list[list[float]]:
-    """Longitude, latitude, deg, height, m, of a line's or ring's positions (n, 3): one across 180 degrees goes on
-    beyond it, for maps would draw it round the Earth."""
+    """Longitude, latitude, deg, height, m, of positions (n, 3) of a line or ring.
+
+    Beyond 180 degrees the longitude continues, since maps would draw the line around the Earth.
+    """
     there = earth.unturned(llh)
     return [
         [round(float(np.degrees(p[1])), 9), round(float(np.degrees(p[0])), 9), round(float(p[2]), 3)] for p in there
@@ -709,7 +720,7 @@ def _geojson(result: Result, target: Path) -> dict[Path, str]:
 
 
 def _geometry(kind: str, coordinates: list[list[float]]) -> dict[str, Any]:
-    """A geometry of RFC 7946, which wants lines and areas cut at 180 degrees, and outer rings counterclockwise."""
+    """Geometry of RFC 7946, which requires lines and areas cut at 180 degrees, and outer rings counterclockwise."""
     parts = _cut_at_180(kind, coordinates)
     if kind == "Point":
         return {"type": kind, "coordinates": parts[0][0]}
@@ -744,12 +755,12 @@ def _cut(kind: str, coordinates: list[list[float]]) -> list[list[list[float]]]:
 
 
 def _turn(longitude: float) -> int:
-    """How often a longitude that goes on beyond 180 degrees has passed them."""
+    """Number of times that a continued longitude has passed 180 degrees."""
     return math.floor((longitude + 180.0) / 360.0)
 
 
 def _cut_line(coordinates: list[list[float]]) -> list[list[list[float]]]:
-    """The parts of a line as it is flown, whatever it crosses."""
+    """Parts of a line in its order, cut at every crossing."""
     parts: list[list[list[float]]] = [[]]
     before: list[float] | None = None
     for here in coordinates:
@@ -766,7 +777,7 @@ def _cut_line(coordinates: list[list[float]]) -> list[list[list[float]]]:
 
 
 def _counterclockwise(ring: list[list[float]]) -> list[list[float]]:
-    """RFC 7946 wants outer rings counterclockwise."""
+    """Ring in counterclockwise order, which RFC 7946 requires of outer rings."""
     area = sum(a[0] * b[1] - b[0] * a[1] for a, b in itertools.pairwise(ring))
     return ring if area > 0.0 else ring[::-1]
 

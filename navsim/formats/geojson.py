@@ -1,4 +1,4 @@
-"""GeoJSON files: features with their geometries, whatever these are.
+"""GeoJSON files: features with geometries of any type.
 
 Source: RFC 7946.
 """
@@ -12,8 +12,7 @@ from navsim.formats.text import decoded
 
 
 def features(content: bytes) -> list[tuple[Any, dict[str, Any]]]:
-    """Geometries of a file's content as they stand there, each with its properties. Raises ValueError for what is no
-    GeoJSON."""
+    """Geometries of a file's content, each with its properties. Raises ValueError unless it is GeoJSON."""
     try:
         data = json.loads(decoded(content))
     except RecursionError:
@@ -51,16 +50,16 @@ def point(value: Any) -> tuple[float, float]:
 
 
 MOST_BYTES = 10_000_000
-"""Of a file of outlines."""
+"""Largest size of a file of outlines."""
 MOST_POINTS = 200_000
-"""Of an overlay."""
+"""Largest number of points of an overlay."""
 
 
 def lines(content: bytes) -> list[tuple[str, list[list[tuple[float, float]]], str]]:
-    """What a file draws: for each feature `area`, `line` or `point`, its rings, lines or points as lists of longitude
-    and latitude, deg, and its name, "" for none. Raises ValueError, with the number of the feature.
+    """Shapes of a file: for each feature `area`, `line` or `point`, with coordinates and name, "" for none.
 
-    A feature without a geometry draws nothing.
+    Coordinates are lists of longitude and latitude, deg, of its rings, lines or points. A feature without a geometry
+    gives nothing. Raises ValueError, with the number of the feature.
     """
     out: list[tuple[str, list[list[tuple[float, float]]], str]] = []
     count = 0

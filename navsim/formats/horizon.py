@@ -1,4 +1,4 @@
-"""Tables of a horizon: how high the land, trees or buildings around an antenna stand, by azimuth."""
+"""Tables of a horizon: elevation of land, trees or buildings around an antenna, by azimuth."""
 
 from __future__ import annotations
 

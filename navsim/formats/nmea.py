@@ -1,13 +1,13 @@
 """NMEA 0183 sentences: fixes from GGA, GNS, RMC, VTG and GLL, dates from RMC and ZDA.
 
-Loggers put comments between sentences, and times or other text around them: a sentence is what stands from a `$` to its
-checksum, wherever in the line. Parsing is that of the `pynmeagps` package; what belongs to one epoch, and what it
-means, is ours.
+Loggers put comments between sentences, and times or other text around them: a sentence extends from a `$` to its
+checksum, anywhere in the line. The `pynmeagps` package parses it. Assignment to epochs and interpretation are done
+here.
 
-A receiver says of each epoch how it got the position, GGA by a quality, the others by mode letters [1]. Qualities 1 to
-5 and 9, modes A, D, F, P and R are fixes. Quality 6, mode E is the receiver's own dead reckoning, 7, M a position typed
-in, 8, S a simulator: none of them measures where the receiver is. Quality 0, mode N, status V are no fix. GNS has one
-letter for each system: one that is a fix is enough.
+GGA has a quality of the position, other sentences have mode letters [1]. Qualities 1 to 5 and 9, modes A, D, F, P and R
+are fixes. Quality 6, mode E is the receiver's own dead reckoning, 7, M a position typed in, 8, S a simulator: none of
+them measures the position. Quality 0, mode N, status V are no fix. GNS has one letter for each system: one fix among
+them is enough.
 
 Source: [1] NMEA 0183 version 4.11: GGA and GNS (fix, height over the geoid, geoid separation), RMC (date, speed and
 course over ground), VTG (speed and course), GLL (position), ZDA (date).
@@ -33,7 +33,7 @@ _FIELDS = {"GGA": 14, "GNS": 12, "RMC": 11, "VTG": 8, "GLL": 6, "ZDA": 6}
 shows by nothing else."""
 _QUALITIES = {**dict.fromkeys((1, 2, 3, 4, 5, 9), "fix"), 6: "estimated", 7: "manual", 8: "simulated"}
 _MODES = {**dict.fromkeys("ADFPR", "fix"), "E": "estimated", "M": "manual", "S": "simulated"}
-"""What a quality of GGA, and a mode of other sentences, says of a position; first those that count."""
+"""Meaning of a GGA quality, and of a mode of other sentences; first those of fixes."""
 INSTEAD_OF_FIXES = {
     "estimated": "NMEA epochs of the receiver's own dead reckoning (quality 6 or mode E), which are no fixes",
     "manual": "NMEA epochs of positions typed into the receiver (quality 7 or mode M), which are no fixes",
@@ -144,9 +144,9 @@ class Assembler:
         return done
 
     def _parsed(self, sentence: str) -> Any:
-        """The message by `pynmeagps` of what begins with a `$`; None, counted, for what is left out.
+        """Message by `pynmeagps` of a sentence from its `$`; None, counted, for an omitted one.
 
-        Text after a checksum is not looked at.
+        Text after a checksum is ignored.
         """
         whole, bare = _WHOLE.match(sentence), _BARE.fullmatch(sentence.strip())
         found = whole or bare
@@ -171,8 +171,8 @@ class Assembler:
         return None
 
     def _gather(self, parsed: Any) -> None:
-        """Keep what a sentence says of its epoch: its first fix, GGA before GNS, with a height before without; a fix of
-        another place is counted."""
+        """Keep the data of an epoch: its first fix, GGA before GNS, with a height before without. A fix elsewhere is
+        counted."""
         fields, kind, fix = self._fields, parsed.msgID, _kind_of_fix(parsed)
         if fix == "simulated" and self.takes_simulated:
             fix = "fix"
@@ -213,7 +213,7 @@ class Assembler:
         self._at = (day, of_day)
 
     def _day(self, of_day: float) -> int:
-        """The day on which a time of day is nearest to the last one known."""
+        """Day on which a time of day is nearest to the last one known."""
         if self._at is None:
             return 0
         day, before = self._at
@@ -257,7 +257,7 @@ def _seconds(time: datetime.time) -> float:
 
 
 def _kind_of_fix(parsed: Any) -> str:
-    """What a sentence says of how its position was found: `fix`, `none`, or one of `INSTEAD_OF_FIXES`."""
+    """Type of the position of a sentence: `fix`, `none`, or one of `INSTEAD_OF_FIXES`."""
     if parsed.msgID == "GGA":
         return _QUALITIES.get(_field(parsed, "quality"), "none")
     letters = str(_field(parsed, "posMode"))
@@ -287,7 +287,7 @@ def _velocity(fields: dict[str, Any]) -> tuple[float, float]:
 
 
 def _worth(fix: Any) -> tuple[bool, bool]:
-    """By what the fix of an epoch is chosen."""
+    """Rank for the choice of an epoch's fix."""
     return _are_numbers(fix, "alt"), fix.msgID == "GGA"
 
 
@@ -312,7 +312,7 @@ def has_sentences(lines: list[str]) -> bool:
 
 
 def parse(body: str) -> Any:
-    """The message by `pynmeagps` of what stands between `$` and `*` of a sentence; None where its values are none."""
+    """Message by `pynmeagps` of the text between `$` and `*` of a sentence; None for invalid values."""
     from pynmeagps import NMEAReader
     from pynmeagps.exceptions import NMEAMessageError, NMEAParseError, NMEATypeError
 
@@ -325,10 +325,10 @@ def parse(body: str) -> Any:
 
 
 def read_nmea(path: Path, lines: list[str], dropped: Dropped, simulated: bool = False) -> np.ndarray:
-    """Rows of fixes (m, 8) of a file's lines; what was left out is counted.
+    """Rows of fixes (m, 8) of a file's lines; omissions are counted.
 
-    Fixes before the first date are given it. simulated: those of simulators are fixes too. Raises FileError where there
-    is no fix, and at the line where the times show that another recording begins.
+    Fixes before the first date get that date. simulated: accept those of simulators. Raises FileError without a fix,
+    and at the line at which the times show the start of another recording.
     """
     assembler = Assembler(dropped.lenient, simulated)
     rows: list[np.ndarray] = []

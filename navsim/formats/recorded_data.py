@@ -1,4 +1,4 @@
-"""What a recorded flight consists of: inertial samples, and fixes or the ranges they were solved from."""
+"""Data of a recorded flight: inertial samples, and fixes or the ranges from which they were solved."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Samples:
     force: np.ndarray
 
     def between(self, first: float, last: float) -> Samples:
-        """The samples at first <= time <= last."""
+        """Samples at first <= time <= last."""
         keep = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]))
         return Samples(self.time[keep], self.rate[keep], self.force[keep])
 
@@ -73,7 +73,7 @@ class Fixes:
         return Fixes(self.time[index], self.llh[index], self.velocity[index], *more)
 
     def earlier(self, delay: float) -> Fixes:
-        """The same fixes with their times put back by `delay` seconds."""
+        """The fixes with times earlier by `delay` seconds."""
         return replace(self, time=self.time - delay)
 
     def pauses(self, longest: float) -> np.ndarray:
@@ -81,9 +81,11 @@ class Fixes:
         return _intervals(self.time, longest)
 
     def with_velocity(self) -> tuple[Fixes, np.ndarray]:
-        """The fixes (two at least) with unknown components of velocity taken from the positions around them, and over
-        how many seconds (m,), about one. Positions on both sides of a pause say nothing of the velocity: a fix that has
-        no other beside it keeps nan."""
+        """The fixes (at least two) with unknown velocities from the positions around them, and over how many seconds
+        (m,).
+
+        The interval is about one second. Positions on both sides of a gap are not used: an isolated fix keeps nan.
+        """
         index = np.arange(self.time.size)
         interval = float(np.median(np.diff(self.time)))
         reach = max(1, round(0.5 / interval))

@@ -1,7 +1,7 @@
 """Recorded flights: tables of inertial samples and of fixes [1], or fixes from NMEA sentences.
 
-Rows that say nothing are taken out and counted: repetitions, power-up zeros, a receiver's placeholder before its first
-fix. Rows that came out of order are sorted. Source: [1] `docs/replay.md`.
+Empty rows are removed and counted: repetitions, power-up zeros, a receiver's placeholder before its first fix. Rows out
+of order are sorted. Source: [1] `docs/replay.md`.
 """
 
 from __future__ import annotations
@@ -47,11 +47,12 @@ _TRACK_LIMITS = (*_GNSS_LIMITS[:4], *((-360.0, 360.0),) * 3)
 def read_imu(
     path: Path, lenient: bool = False, convention: ImuConvention = IMU_AS_DUE, limited: bool = True
 ) -> tuple[Samples, Dropped]:
-    """Inertial samples of a table, in order of time, and what was left out.
+    """Read inertial samples of a table, in order of time; returns them and what was omitted.
 
-    lenient: leave out rows that cannot be read or lie outside of physical limits. limited: those outside are refused or
-    left out; otherwise they are kept, and the first is left in `Dropped.outside`. Raises FileError, naming the line;
-    OSError where the file cannot be read.
+    - `lenient`: omit rows that cannot be read or are outside of physical limits.
+    - `limited`: refuse or omit those outside; otherwise keep them, and note the first in `Dropped.outside`.
+
+    Raises FileError with the line; OSError if the file cannot be read.
     """
     dropped = Dropped(lenient)
     table, lines = _columns(TextTable.of(path, read_lines(path, dropped)), IMU_COLUMNS, (), dropped, convention.columns)
@@ -74,9 +75,9 @@ def read_imu(
 
 
 def increments_as_rates(time: np.ndarray, gathered: np.ndarray) -> np.ndarray:
-    """Mean rates (n, 6) of what sensors gathered since the sample before; time (n,) s, increasing.
+    """Mean rates (n, 6) from increments since the sample before; time (n,) s, increasing.
 
-    A sample after missing ones has gathered over one usual interval, as has the first.
+    The first sample, and one after missing samples, has increments over one usual interval.
     """
     step = np.diff(time, prepend=time[0])
     usual = float(np.median(step[1:]))
@@ -152,7 +153,7 @@ def read_fixes(
 
 
 _SPREAD = slice(len(GNSS_COLUMNS) + 1, len(GNSS_COLUMNS) + len(GNSS_OPTIONAL))
-"""Of a row of fixes: 1 sigmas and correlations; what lasting errors do to it is behind them."""
+"""Columns of a row of fixes with 1 sigmas and correlations; effects of time-correlated errors follow."""
 
 
 def _covariances(spread: np.ndarray) -> np.ndarray:
@@ -193,8 +194,11 @@ def _agreeing(path: Path, spread: np.ndarray, numbers: np.ndarray, dropped: Drop
 
 
 def read_track(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, Dropped]:
-    """A trajectory of a table: times (n,), s, ascending; places (n, 3), rad, rad, m; roll, pitch, yaw (n, 3), rad,
-    where the table has them; and what was left out. Raises FileError, naming the line; OSError."""
+    """Trajectory of a table: times (n,), s, ascending; positions (n, 3), rad, rad, m; roll, pitch, yaw (n, 3), rad, if
+    present.
+
+    Also returns what was omitted. Raises FileError with the line; OSError.
+    """
     dropped = Dropped(False)
     there = TextTable.of(path, read_lines(path, dropped))
     turned = any(there.find(name) is not None for name in TRACK_ATTITUDE)
@@ -236,10 +240,10 @@ def _limited(
     dropped: Dropped,
     limited: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The rows within physical limits, and the numbers of their lines.
+    """Rows within physical limits, and their line numbers.
 
-    A lenient reader leaves out the rows outside, another refuses the first; where not `limited` both keep them, and
-    note the first. What is no finite number is never kept.
+    A lenient reader omits the rows outside, another refuses the first. If not `limited` both keep them, and note the
+    first. Numbers that are not finite are never kept.
     """
     low, high = np.array(limits).T
     good = ((table >= low) & (table <= high)) | (np.isnan(table) & np.isin(names, _MAY_BE_EMPTY))

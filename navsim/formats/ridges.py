@@ -27,13 +27,16 @@ class RidgeLine:
 
     @property
     def name(self) -> str:
-        """What maps call it."""
+        """Name on maps."""
         return f"terrain[{self.number}], {self.height:.0f} m"
 
 
 def ridges(result: Result) -> list[RidgeLine]:
-    """The terrain of a landing, a sweep or a search for placements; of a sweep that varies it what is the same in all
-    combinations. None where a result of an earlier version does not tell the threshold."""
+    """Terrain of a landing, a sweep or a search for placements; None if a result of an earlier version has no
+    threshold.
+
+    If a sweep varies the terrain, only the part common to all combinations.
+    """
     given = scenario_of(result).get("terrain") or []
     place = next((path for path in _THRESHOLDS if path in result), None)
     if not given or place is None:
@@ -55,7 +58,7 @@ def ridges(result: Result) -> list[RidgeLine]:
 
 
 WHOLE = ""
-"""Stands for the whole section among ridges that are varied."""
+"""Marks the whole section among varied ridges."""
 
 
 def varied(result: Result) -> set[str]:

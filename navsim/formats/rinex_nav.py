@@ -38,7 +38,7 @@ _KINDS = ("EPH", "STO", "EOP", "ION")
 _LARGEST_DELAY_M = 8
 """Largest group delay that satellites send, m: 25 ns of BeiDou's."""
 _SAME = {"D2": BEIDOU.message}
-"""Messages that say what others do: that of geostationary BeiDou satellites."""
+"""Messages with the same content as others: that of geostationary BeiDou satellites."""
 _KLOBUCHAR = ("LNAV", "CNVX")
 """Messages of GPS that send Klobuchar's coefficients; they are the same ones."""
 
@@ -49,7 +49,7 @@ _TIME_OFFSETS = {"GAGP": GALILEO, "GPGA": GALILEO, "QZGP": QZSS}
 
 @dataclass(frozen=True)
 class TimeOffset:
-    """Time of a system less GPS time, as its messages say: a0, s, and its rate a1 at `reference`, gpst, s."""
+    """System time minus GPS time according to its messages: a0, s, and its rate a1 at `reference`, gpst, s."""
 
     a0: float
     a1: float
@@ -91,8 +91,8 @@ class Navigation:
         return {of: sent for of, sent in self.elements if (of, of.message) not in self.elements}
 
     def constellations(self, others: Mapping[System, str] = MappingProxyType({})) -> list[Constellation]:
-        """Those that fly by these messages, each by the one that its system is flown by; others: of which systems by
-        another one."""
+        """Constellations of these messages, each of its system's usual message type; others: systems with another
+        type."""
         out: list[Constellation] = []
         if self.glonass is not None:
             out.append(StateVectorEphemerides(self.glonass))
@@ -104,8 +104,8 @@ class Navigation:
 
 @dataclass(frozen=True)
 class _Record:
-    """A record's kind, system, message (none before version 4), its numbered lines; ends_file: whether its last line
-    is the file's."""
+    """A record: kind, system, message (none before version 4), numbered lines; ends_file: whether its last line is the
+    file's."""
 
     kind: str
     letter: str
@@ -115,11 +115,13 @@ class _Record:
 
 
 def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUAL) -> Navigation:
-    """Read a RINEX 2, 3 or 4 navigation file, packed or not.
+    """Read a RINEX 2, 3 or 4 navigation file, compressed or not.
 
-    systems: whose messages are wanted; others are passed over. lenient: leave out records that are not whole or not
-    plausible, and say so in `left_out`. Raises FileError, naming the line, for such records otherwise, and for a
-    damaged header in any case; OSError where the file cannot be read.
+    - `systems`: systems to read; others are skipped.
+    - `lenient`: omit incomplete or implausible records, with messages in `left_out`.
+
+    Raises FileError with the line for such records otherwise, and for a damaged header in any case; OSError if the file
+    cannot be read.
     """
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)
@@ -207,13 +209,13 @@ def _header(path: Path, lines: list[str]) -> _Header:
 
 
 def _counts_from_gps(line: str) -> bool:
-    """Whether a line LEAP SECONDS tells GPS less UTC: those of other systems are counted from other dates [2]."""
+    """Whether a line LEAP SECONDS has GPS minus UTC: those of other systems are counted from other dates [2]."""
     told = line[24:27].strip().upper() or GPS.time_system
     return timescales.BEHIND_GPS.get(told) == 0.0
 
 
 def time_offset(path: Path, index: int, line: str) -> TimeOffset:
-    """That of a line TIME SYSTEM CORR [2, table A5]. Raises FileError, also where it does not say at which time."""
+    """Offset of a line TIME SYSTEM CORR [2, table A5]. Raises FileError, also if it has no reference time."""
     names = ("a0", "a1", "reference time", "week")
     places = ((5, 22), (22, 38), (38, 45), (45, 50))
     a0, a1, second, week = (
@@ -264,7 +266,7 @@ def _blocks(
 def _framed(
     path: Path, lines: list[str], first: int, version: float, system: str, dropped: Dropped
 ) -> Iterator[_Record]:
-    """Records of version 4: one begins with a line such as `> EPH G01 LNAV`, or `> STO R   FDMA` of a whole system."""
+    """Records of version 4: one begins with a line such as `> EPH G01 LNAV`, or `> STO R FDMA` of a whole system."""
     end = _end(lines, first, len(lines))
     starts = [index for index in range(first, end) if lines[index].startswith(">")]
     if end > first and (not starts or starts[0] > first):
@@ -331,8 +333,8 @@ def _time(path: Path, block: list[tuple[int, str]], version: float) -> float:
 
 
 def _values(path: Path, block: list[tuple[int, str]], version: float, wanted: tuple[str, ...]) -> dict[str, float]:
-    """The named fields, four a line (three in the first), `-` for those not looked at. Blank fields are errors, but for
-    those of `_IF_UNKNOWN`."""
+    """Named fields, four a line (three in the first), `-` for ignored ones. Blank fields are errors, except
+    `_IF_UNKNOWN`."""
     margin = _margin(version)
     out = {}
     for place, name in enumerate(wanted, 1):
@@ -390,7 +392,7 @@ _ELEMENTS_ORDER = (
 def _keplerian(
     path: Path, record: _Record, version: float, system: System, wanted: tuple[str, ...]
 ) -> dict[str, float]:
-    """The wanted fields of a record of orbital elements, with what `_ELEMENTS_ORDER` asks for besides."""
+    """Wanted fields of a record of orbital elements, with the further ones of `_ELEMENTS_ORDER`."""
     block = record.lines
     _check_length(path, record, (8,), _margin(version))
     prn, toc = _satellite(path, block, version, system.highest), _time(path, block, version)
@@ -425,7 +427,7 @@ def _qzss(path: Path, record: _Record, version: float, _: int, __: Dropped) -> _
 
 
 _INAV_CLOCK, _FNAV_CLOCK = 1 << 9, 1 << 8
-"""Data sources that tell which signals the clock is for: E5b and E1, E5a and E1 [2]."""
+"""Data sources with the signals of the clock: E5b and E1, E5a and E1 [2]."""
 _FNAV_SOURCES = _FNAV_CLOCK | 1 << 1
 """Data sources of a record of F/NAV: its clock, and E5a-I [2]."""
 
@@ -442,8 +444,11 @@ def _galileo(path: Path, record: _Record, version: float, _: int, dropped: Dropp
 
 
 def _is_of_inav(path: Path, line: int, source: int, dropped: Dropped) -> bool:
-    """Whether data sources tell I/NAV, else F/NAV. Where they tell both, as some simulators write them, the clock's
-    decides; where that decides nothing, a lenient reader takes I/NAV. Raises FileError."""
+    """Whether data sources mark I/NAV, else F/NAV.
+
+    If they mark both, as by some simulators, the clock's signals decide; otherwise a lenient reader assumes I/NAV.
+    Raises FileError.
+    """
     by_inav, by_fnav = source & INAV_SOURCES > 0, source & _FNAV_SOURCES > 0
     if by_inav != by_fnav:
         return by_inav
@@ -509,7 +514,7 @@ def _glonass(path: Path, record: _Record, version: float, usual: int, _: Dropped
 
 
 def _glonass_lines(record: _Record, version: float, usual: int) -> tuple[int, ...]:
-    """How many lines a GLONASS record may have: the fifth came with version 3.05, but programs differ from that."""
+    """Allowed numbers of lines of a GLONASS record: version 3.05 added the fifth, but programs deviate."""
     if version < 3.0:
         return (4,)
     if version >= 4.0:
@@ -537,7 +542,7 @@ def _flags_healthy(path: Path, block: list[tuple[int, str]], version: float) -> 
 
 
 def _flags(path: Path, numbered: tuple[int, str], start: int, most: int, name: str) -> int | None:
-    """Bits written as a number; None where they are blank or not known."""
+    """Bits of a number; None if it is blank or unknown."""
     line, text = numbered
     piece = text[start : start + 19]
     if not piece.strip() or number(path, line, piece, name) == _UNKNOWN:
@@ -546,14 +551,14 @@ def _flags(path: Path, numbered: tuple[int, str], start: int, most: int, name: s
 
 
 _UNKNOWN = 0.999999999999e9
-"""What stands for a value that is not known [2]."""
+"""Code of an unknown value [2]."""
 
 
 _READ: dict[System, Callable[[Path, _Record, float, int, Dropped], _Read]] = {
     GPS: _gps, GLONASS: _glonass, GALILEO: _galileo, BEIDOU: _beidou, QZSS: _qzss,
 }  # fmt: skip
-"""How the messages of systems are read: path, record, version, lines of the system's record before, what is left out
-or doubtful."""
+"""Readers of the systems' messages: path, record, version, lines of the system's record before, omissions and
+doubts."""
 
 
 def _state_vectors(records: list[tuple[float, ...]]) -> StateVectors:

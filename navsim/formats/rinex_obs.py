@@ -37,7 +37,7 @@ _PER_LINE_2 = 5
 _CYCLE_SLIPS = 6
 """Event flag of records like observations, with slips in place of values."""
 _EPOCH_2 = re.compile(r" [ \d]\d(?: [ \d]\d){4}[ \d.]{11}  [ \d][ \d]{2}\d")
-"""What no line of values looks like: those have no blanks between digits of one value."""
+"""Pattern of an epoch line, which no line of values matches: those have no blanks between digits of one value."""
 _CUT_EPOCH_2 = " dd dd dd dd dd" + 11 * "d" + "  dddd"
 _EVENT_2 = re.compile(r" {28}[2-6][ \d]{2}\d")
 _MORE_SATELLITES_2 = re.compile(r" {32}(?:[A-Z ][ \d]\d)+\s*$")
@@ -76,11 +76,11 @@ class Observations:
 
 
 def read_obs(path: Path, lenient: bool = False) -> Observations:
-    """Read a RINEX 2, 3 or 4 observation file, packed or not.
+    """Read a RINEX 2, 3 or 4 observation file, compressed or not.
 
-    lenient: take what is whole of a file with wrong counts, broken lines or no end, and say in `left_out` what was
-    not. Raises FileError, naming the line, for anything but whole records, and for a damaged header in any case;
-    OSError where the file cannot be read.
+    lenient: read the intact part of a file with wrong counts, broken lines or no end, with messages in `left_out`.
+    Raises FileError with the line for damaged records otherwise, and for a damaged header in any case; OSError if the
+    file cannot be read.
     """
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)
@@ -99,7 +99,7 @@ def read_obs(path: Path, lenient: bool = False) -> Observations:
 
 @dataclass(frozen=True)
 class _Layout:
-    """What stands in a satellite's record: codes in their order; of each value the line, the columns, the factor."""
+    """Layout of a satellite's record: codes in their order; line, columns and factor of each value."""
 
     codes: tuple[str, ...]
     fields: list[tuple[int, int, int]]
@@ -107,13 +107,13 @@ class _Layout:
 
     @classmethod
     def of(cls, codes: list[str], factors: list[int], per_line: int) -> _Layout:
-        """The layout with so many values a line."""
+        """Layout with so many values a line."""
         fields = [(i // per_line, 16 * (i % per_line), factor) for i, factor in enumerate(factors)]
         return cls(tuple(codes), fields, -(-len(codes) // per_line))
 
 
 class _Header:
-    """What the header says, and what header lines between the epochs change of it."""
+    """Header, including changes by header lines between the epochs."""
 
     def __init__(self, path: Path, version: float, system: str) -> None:
         self.path, self.version, self.system = path, version, system
@@ -144,7 +144,7 @@ class _Header:
         raise FileError(len(lines), "the file ends within its header: no END OF HEADER", self.path)
 
     def change(self, first: int, lines: list[str]) -> None:
-        """Take what header lines between the epochs say of observation types, scale factors and channels.
+        """Apply header lines between the epochs: observation types, scale factors and channels.
 
         Positions stay those of the beginning. Raises FileError.
         """
@@ -155,11 +155,11 @@ class _Header:
         self.close(first + len(lines))
 
     def layout(self, letter: str) -> _Layout | None:
-        """What a record of a satellite of a system holds; None for systems that the header does not have."""
+        """Layout of a satellite's record; None for systems that the header does not have."""
         return self._layouts.get(letter)
 
     def close(self, line: int) -> None:
-        """Check that all that was announced is there, and settle the layouts. Raises FileError."""
+        """Check that everything announced is present, and complete the layouts. Raises FileError."""
         self._scaled_whole()
         for letter, (where, due) in self._due.items():
             codes = self._codes[letter]
@@ -276,7 +276,7 @@ class _Epoch:
 
 @dataclass(frozen=True)
 class _Row:
-    """What a satellite's record holds, values scaled back, nan for none, and the marks of lost lock."""
+    """Values of a satellite's record without scale factors, nan for none, and the marks of lost lock."""
 
     epoch: int
     name: str
@@ -344,7 +344,7 @@ class _Reader:
         return end
 
     def _next_3(self, at: int) -> int:
-        """Where the next epoch begins, from line index `at` on."""
+        """Line index of the next epoch, from `at` on."""
         while at < len(self.lines) and not self.lines[at].startswith(">"):
             at += 1
         return at
@@ -415,7 +415,7 @@ class _Reader:
         return at, [(t[0] if t[0] != " " else system) + t[1:].replace(" ", "0") for t in triples]
 
     def _next_2(self, at: int, due: int = 0) -> int:
-        """Where the next epoch begins, from line index `at` on; `due`, where it should, ends the search."""
+        """Line index of the next epoch, from `at` on; the expected index `due` ends the search."""
         while at < len(self.lines):
             line = self.lines[at]
             if _EPOCH_2.match(line) or _EVENT_2.match(line):
@@ -472,7 +472,7 @@ class _Reader:
         return end
 
     def _miscounted(self, epoch: _Epoch, found: str, ends: bool) -> FileError:
-        """The error for an epoch whose lines are not those announced; ends: for want of more in the file."""
+        """Error for an epoch with a wrong number of lines; ends: the file ends early."""
         announced = f"{epoch.count} satellites are announced"
         if not ends:
             return FileError(epoch.at + 1, f"{announced}, {found}", self.path)
@@ -492,7 +492,7 @@ class _Reader:
         self.time.append(time)
 
     def _finish(self, epoch: _Epoch) -> None:
-        """Take an epoch back of which nothing is whole."""
+        """Remove an epoch without any intact record."""
         if epoch.count and (not self.rows or self.rows[-1].epoch != len(self.time) - 1):
             self.time.pop()
 

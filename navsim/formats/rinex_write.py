@@ -1,7 +1,7 @@
 """RINEX 3.04 files: observations and navigation messages.
 
-Version 3.04, since its four-line GLONASS records are what most programs read. Source: [1] RINEX 3.04 (2018), section 5
-and tables A2, A3 (observations), A5, A6, A8, A10, A12, A14 (navigation).
+Version 3.04, since most programs read its four-line GLONASS records. Source: [1] RINEX 3.04 (2018), section 5 and
+tables A2, A3 (observations), A5, A6, A8, A10, A12, A14 (navigation).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ VERSION = 3.04
 INAV_SOURCES = 0b10_0000_0101
 """Data sources of a record of I/NAV: E1-B, E5b-I, and their clock [1], table A8."""
 KINDS = "CDS"
-"""What is written of each satellite: pseudorange m, Doppler Hz, C/N0 dB-Hz, all of its system's first signal."""
+"""Values written for each satellite: pseudorange m, Doppler Hz, C/N0 dB-Hz, all of its system's first signal."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Epochs:
     """Simulated observations of a receiver."""
 
     start: float
-    """Whole GPS s from 1980-01-06."""
+    """Full GPS s from 1980-01-06."""
     tag: np.ndarray
     """(e,) by the receiver clock, s after `start` (a single number could not hold tenths of microseconds)."""
     satellites: tuple[str, ...]
@@ -46,7 +46,7 @@ class Epochs:
 
 
 def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made: str) -> list[str]:
-    """The lines of an observation file [1]; marker: its name, comments: sentences, broken to lines, made: by whom."""
+    """Lines of an observation file [1]; marker: its name, comments: sentences, which are wrapped, made: program."""
     first = _calendar(epochs.start, epochs.tag[0], 7)
     last = _calendar(epochs.start, epochs.tag[-1], 7)
     systems = [of for letter, of in BY_LETTER.items() if any(name[0] == letter for name in epochs.satellites)]
@@ -174,7 +174,7 @@ def _record(head: str, first: list[float], rest: list[float]) -> list[str]:
 
 
 def _exponent(x: float, width: int = 19, digits: int = 12) -> str:
-    """D19.12 as other programs write it; blank for what is not known."""
+    """Number as D19.12 in the usual form; blank if unknown."""
     if np.isnan(x):
         return " " * width
     return f"{float(x):{width}.{digits}E}".replace("E", "D")
@@ -198,7 +198,7 @@ def _label(text: str, label: str) -> str:
 
 
 def _calendar(start: float, since: float, digits: int) -> tuple[int, int, int, int, int, float]:
-    """Calendar date and time of `since` seconds after whole GPS seconds, rounded to so many digits of a second."""
+    """Calendar date and time of `since` seconds after full GPS seconds, rounded to so many digits of a second."""
     whole, part = divmod(round(float(since), digits), 1.0)
     t = datetime.datetime.fromtimestamp(timescales.GPS_EPOCH + start + whole, datetime.UTC)
     return t.year, t.month, t.day, t.hour, t.minute, t.second + part

@@ -34,10 +34,10 @@ from navsim.results.findings import several
 from navsim.results.result import Result, scenario_of
 
 FIX_ERROR, RANGE_ERROR = "fix_error_", "range_error_"
-"""What names of states of time-correlated errors of fixes, and of ranges, begin with; each begins with a variance of
+"""Prefixes of the names of states for time-correlated errors of fixes, and of ranges; the initial variance of each is
 one."""
 NEEDED = ("/imu/delta_angle", "/receiver/position_llh", "/filter/start_sigma")
-"""What a result must have of its runs."""
+"""Variables that a result needs for this."""
 _LONGEST = 1e9
 """Longest correlation time of a log, s."""
 _ROOT_HOUR = 60.0
@@ -48,12 +48,12 @@ _SENSORS = {
     "accelerometer": (states.ACCEL, ACCELEROMETER_UNITS["mg"], 1.0,
                       ("bias_mg", "markov_mg", "bias_random_walk_mg_sqrt_h", "vrw_m_s_sqrt_h")),
 }  # fmt: skip
-"""Of each triad: first state, units of its bias and of the integral of its white noise, keys of a constant bias, a
+"""For each triad: first state, units of its bias and of the integral of its white noise, keys of a constant bias, a
 Markov bias, a random walk of the bias and white noise."""
 
 
 def differences(result: Result) -> list[str]:
-    """What the filter of a run does and that of its exported log cannot do, so that their estimates differ."""
+    """Features of a run's filter that its exported log lacks, so that their estimates differ."""
     names = [str(name) for name in result["/filter/state"][states.N :]]
     out = []
     if _is_tight(result):
@@ -111,21 +111,21 @@ def _arrival(result: Result) -> np.ndarray:
 
 
 def _believed(scenario: dict[str, Any], key: str) -> Any:
-    """What the filter takes the receiver's latency or lever arm for."""
+    """The receiver's latency or lever arm in the filter model."""
     own = scenario["filter"].get(key)
     return scenario["receiver"][key] if own is None else own
 
 
 def _fixes(result: Result) -> np.ndarray:
-    """Rows of the table of fixes (e, 7) as the run's filter takes them, or where it takes ranges as the receiver gives
-    them; nan where there is none."""
+    """Rows of the table of fixes (e, 7), as used by the run's filter, or with ranges those of the receiver; nan for
+    none."""
     branch = "/receiver/" if _is_tight(result) else "/filter/fix_"
     llh, velocity = result[f"{branch}position_llh"][0], result[f"{branch}velocity_ned"][0]
     return np.column_stack([_arrival(result), np.degrees(llh[:, :2]), llh[:, 2], velocity])
 
 
 def _lasting(result: Result) -> np.ndarray:
-    """Which states of the filter stand for lasting errors of fixes."""
+    """Filter states for time-correlated errors of fixes."""
     return np.flatnonzero([str(name).startswith(FIX_ERROR) for name in result["/filter/state"]])
 
 

@@ -20,17 +20,17 @@ _MARKS = ((78, "M"), (74, "E"), (79, "P"))
 """Columns and letters that mark, from version c on, a manoeuvre or a jump of the clock since the epoch before, and a
 position that was not measured but predicted [1]."""
 _POOR = 13
-"""Largest code of accuracy that is not told: 2^13 mm are 8 m [1]."""
+"""Largest code of a known accuracy: 2^13 mm are 8 m [1]."""
 _PAD = GPS.satellite(0)
-"""What fills the list of satellites, as a name."""
+"""Name that fills the list of satellites."""
 
 
 def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
-    """Read an SP3 file, packed or not.
+    """Read an SP3 file, compressed or not.
 
-    lenient: take what is whole of a file with wrong counts, broken lines or no end, and say in `left_out` what was
-    not. Raises FileError, naming the line, for anything but whole records, and for a damaged header in any case;
-    OSError where the file cannot be read.
+    lenient: read the intact part of a file with wrong counts, broken lines or no end, with messages in `left_out`.
+    Raises FileError with the line for damaged records otherwise, and for a damaged header in any case; OSError if the
+    file cannot be read.
     """
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)

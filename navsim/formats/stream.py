@@ -1,8 +1,8 @@
-"""Lines that come while they are read: from standard input, UDP, TCP, a serial device, a file or named pipe.
+"""Stream of lines from standard input, UDP, TCP, a serial device, a file or named pipe.
 
-A thread reads and a bounded queue hands over, so that whoever takes lines can wait for a limited time. Every read waits
-on the descriptor for a short time only and holds no lock of the interpreter, so that the thread always ends before the
-program does. Serial devices are opened by the `pyserial` package.
+A thread reads into a bounded queue, so that the consumer can wait with a time-out. Every read waits on the descriptor
+for a short time only and without the interpreter lock, so that the thread always ends before the program does. The
+`pyserial` package opens serial devices.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 LONGEST_LINE = 4096
-"""Bytes of a line that are kept; what a longer one has beyond is left out, and no message is that long."""
+"""Bytes of a line that are kept; a longer one is cut, since no message is that long."""
 MOST_WAITING = 16_000_000
 """Bytes of lines that may wait. A sender faster than that for long is slowed down (TCP, files) or loses lines (UDP)."""
 _COST = 64
@@ -31,7 +31,7 @@ _POLL = 0.1
 """Longest wait of one read, s: so soon a reading thread sees that it is to end."""
 _CHUNK = 65536
 LOOPBACK = "127.0.0.1"
-"""Where is listened when a source names no address: other machines are heard only when that is asked for."""
+"""Default address: other machines are accepted only on request."""
 _MOST_NAMES = 16
 """Other senders of datagrams that are remembered by name."""
 
@@ -74,11 +74,11 @@ class Lines:
 
     @property
     def size(self) -> int:
-        """Bytes that wait, with what each line takes besides."""
+        """Waiting bytes, including the overhead of each line."""
         return self._size
 
     def put(self, data: bytes) -> None:
-        """Bytes as they came; whole lines are handed over."""
+        """Add bytes as they came; complete lines are passed on."""
         first, *others = data.split(b"\n")
         self._gather(first)
         for part in others:
@@ -110,7 +110,7 @@ class Lines:
             self._change.notify_all()
 
     def stop(self) -> None:
-        """No more will be taken: whoever waits for room waits no longer."""
+        """End the consumption: a waiting producer stops waiting."""
         with self._change:
             self._stopped = True
             self._change.notify_all()
@@ -142,10 +142,11 @@ class _Source:
 
 @contextmanager
 def open_source(source: str) -> Iterator[Lines]:
-    """Lines of a source: `-`, udp://HOST:PORT (listens, keeps to the first sender), tcp://HOST:PORT (connects),
-    tcp-listen://HOST:PORT (waits for one sender), serial:///dev/NAME?baud=N, or a file's path.
+    """Lines of a source.
 
-    IPv6 addresses stand in brackets; without a HOST the address is that of the machine itself. Raises StreamError.
+    `-`, udp://HOST:PORT (listens, keeps to the first sender), tcp://HOST:PORT (connects), tcp-listen://HOST:PORT (waits
+    for one sender), serial:///dev/NAME?baud=N, or a file's path. IPv6 addresses are in brackets; without a HOST the
+    address is that of the machine itself. Raises StreamError.
     """
     try:
         link = _open(source, urlsplit(source))
@@ -223,14 +224,14 @@ def _listening(parts: SplitResult, kind: socket.SocketKind) -> tuple[socket.Addr
 
 
 def _alone(parts: SplitResult) -> str:
-    """What to say where no address was named."""
+    """Note for a source without an address."""
     if parts.hostname:
         return ""
     return f"only this machine is heard; {parts.scheme}://0.0.0.0:{parts.port} hears others too"
 
 
 def _udp(parts: SplitResult) -> _Source:
-    """Datagrams of the first sender; whole lines each, whether or not they say so."""
+    """Datagrams of the first sender; each is a complete line even without a line end."""
     family, address = _listening(parts, socket.SOCK_DGRAM)
     datagrams = socket.socket(family, socket.SOCK_DGRAM)
     try:

@@ -11,13 +11,16 @@ from navsim.results.result import Result
 from navsim.results.schema import SWEEP_QUANTITIES, VERDICTS
 
 VERDICT = "_verdict"
-"""How the outputs end that are verdicts on requirements."""
+"""Suffix of outputs that are verdicts on requirements."""
 _REQUIREMENT = re.compile(r"requirement_(\d+)")
 
 
 def outputs(result: Result) -> list[str]:
-    """The outputs of a sweep: quantities in the order of the layout, each with the ends of its interval behind it, then
-    requirements by their numbers, then what this version does not know. A file has its variables by the alphabet."""
+    """Outputs of a sweep in the order of the layout.
+
+    Quantities come first, each followed by the ends of its interval, then requirements by their numbers, then unknown
+    ones. A file has its variables in alphabetical order.
+    """
     found = [path.split("/")[2] for path in result.variables if path.startswith("/sweep/") and path.count("/") == 2]
     order = list(SWEEP_QUANTITIES)
     ends = ("_low", "_high", VERDICT)
@@ -64,7 +67,7 @@ def heads(result: Result) -> list[str]:
 
 
 def rows(result: Result) -> Iterator[tuple[tuple[int, ...], list[object]]]:
-    """Of each combination its place in the cubes and what stands in the columns of `heads`."""
+    """Index of each combination in the cubes, and its values in the columns of `heads`."""
     names, columns = list(keys(result)), outputs(result)
     cubes = [result[f"/sweep/{name}"] for name in columns]
 

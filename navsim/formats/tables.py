@@ -21,7 +21,7 @@ from navsim.formats.text import Dropped, FileError, number
 _SEPARATORS = (",", ";", "\t", "|")
 _COMMENT = ("#", "%")
 _EMPTY = ("", "nan", "na", "null")
-"""What stands, in any case, for no number in cells that may be empty."""
+"""Texts, in any case, for a missing number in cells that may be empty."""
 _UNITS = {
     "°": "deg", "degree": "deg", "degrees": "deg", "sec": "s", "second": "s", "seconds": "s", "meter": "m",
     "meters": "m", "metre": "m", "metres": "m",
@@ -90,9 +90,9 @@ class TextTable:
     def read(
         self, wanted: Sequence[str], optional: Sequence[str], may_be_empty: Collection[str], dropped: Dropped
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Columns `wanted` and `optional` (nan where absent), and the number of each row's line.
+        """Columns `wanted` and `optional` (nan if absent), and the line number of each row.
 
-        may_be_empty: columns whose cells may say nothing, which is nan. dropped: a lenient one takes the rows that can
+        may_be_empty: columns whose cells may be empty, which gives nan. dropped: a lenient one skips rows that cannot
         be read. Raises FileError.
         """
         found = {name: self.find(name) for name in (*wanted, *optional)}
@@ -180,9 +180,9 @@ class TextTable:
 
 
 class StreamedTable:
-    """A table whose lines come one by one: where its wanted columns stand, and what separates cells.
+    """A table whose lines come one by one: positions of its wanted columns, and separator.
 
-    Without a header the columns are in the order in which they are wanted, and the first row shows the separator.
+    Without a header the columns are in the wanted order, and the first row shows the separator.
     """
 
     def __init__(self, wanted: Sequence[str]) -> None:
@@ -191,8 +191,10 @@ class StreamedTable:
         self._separator: str | None = ""
 
     def header(self, line: str) -> list[str] | None:
-        """Take a line if it is a header, one with the first wanted column; return the wanted columns that it lacks,
-        else None. A header that lacks some tells the separator alone."""
+        """Use a line if it is a header, which contains the first wanted column.
+
+        Returns the missing wanted columns, else None. A header with missing columns determines only the separator.
+        """
         text = line.strip().lstrip("".join(_COMMENT)).strip()
         if not text or _is_of_numbers(text):
             return None
@@ -210,7 +212,7 @@ class StreamedTable:
         return lacking
 
     def row(self, line: str) -> list[str] | None:
-        """The wanted cells of a line, with decimal points, None where it has fewer."""
+        """Wanted cells of a line, with decimal points, None if it has fewer."""
         if self._separator == "":
             if not _is_of_numbers(line):
                 return None
@@ -226,7 +228,7 @@ class StreamedTable:
 
 
 def _separator(head: str) -> str | None:
-    """What separates the names of a header: the most frequent one; None for blanks."""
+    """Separator of the names of a header: the most frequent one; None for blanks."""
     bare = re.sub(r'"[^"]*"', "", head)
     most = max(_SEPARATORS, key=bare.count)
     return most if most in bare else None
@@ -248,7 +250,7 @@ def _is_of_numbers(text: str) -> bool:
 
 
 def _canonical(name: str) -> str:
-    """A name in small letters, with what stands in brackets as its unit at its end."""
+    """A name in small letters, with a unit in brackets as its suffix."""
     bracketed = re.fullmatch(r"(.+?)\s*[\[(]([^\[\]()]*)[\])]", name)
     base = re.sub(r"\s+", "_", (bracketed[1] if bracketed else name).strip().lower())
     if not bracketed:

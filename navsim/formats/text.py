@@ -1,12 +1,12 @@
-"""Text files of others: opened whatever their packing and encoding, and refused with a line.
+"""Text files from other programs: decompress and decode them; errors name the line.
 
-All readers of text go through this module. It drops what programs and editors leave around a text: byte order marks,
-Ctrl-Z or zero bytes after its end, invisible characters; blanks of all kinds become plain ones. UTF-8, UTF-16 and
-UTF-32 are told by their marks; a line that is no UTF-8 is read as Latin-1.
+All readers of text use this module. It removes what programs and editors leave around a text: byte order marks, Ctrl-Z
+or zero bytes after its end, invisible characters. Blanks of all kinds become plain ones. Marks identify UTF-8, UTF-16
+and UTF-32; a line that is not UTF-8 is read as Latin-1.
 
-Hatanaka-compressed RINEX (`.crx`, `.??d`) is unpacked by the program of the `hatanaka` package, Unix `.Z` by
-`ncompress`; gzip, bzip2 and zip archives of one file by Python. Packing is told by the content, not by the name. All
-are unpacked piece by piece, and refused as soon as they take more memory than allowed.
+The program of the `hatanaka` package decompresses RINEX (`.crx`, `.??d`), `ncompress` Unix `.Z`; Python gzip, bzip2 and
+zip archives of one file. The content determines the compression, not the name. All are decompressed piece by piece, and
+refused as soon as they need more memory than allowed.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from navsim.gnss import timescales
 from navsim.results import files
 
 MOST_BYTES = 800_000_000
-"""What the lines of a file may take in memory: their bytes, and `LINE` for each. Files that take more are refused, by
-all readers, before more than that is unpacked of them."""
+"""Largest memory for the lines of a file: their bytes, and `LINE` for each. All readers refuse larger files before they
+decompress more."""
 LINE = 100
-"""Bytes that a line takes beside its text: a Python string's own, its place in the list, and what readers add."""
+"""Overhead of a line in memory, bytes: a Python string, its place in the list, and data of the reader."""
 MOST_RATIO, _FREE = 200, 50_000_000
-"""Packed files that take more than `_FREE` bytes may take this many times their size on the disk. Text shrinks by 3 to
-30 when it is packed, whatever packs it; files made to fill the memory, by a thousand and more."""
+"""Largest compression ratio of files above `_FREE` bytes. Text shrinks by 3 to 30 with any compression; malicious files
+expand by a thousand and more."""
 _LONGEST_LINE = 1_000_000
 """Bytes; no format has longer ones."""
 _MOST_MEMBERS = 100_000
@@ -51,7 +51,7 @@ _CHUNK, _SLICE = 1 << 20, 1 << 14
 _MOST_LAYERS = 4
 """Packings one in another that are undone; an archive can be made that holds itself."""
 _MOST_EPOCH_LINES = 100
-"""Lines of a Hatanaka-compressed epoch, at most, in search of the last whole one."""
+"""Largest number of lines of a Hatanaka-compressed epoch, in the search for the last complete one."""
 _MARK = codecs.BOM_UTF8
 _MARKS = (
     (_MARK, "utf-8"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"),
@@ -63,7 +63,7 @@ _PADDING = b"\x00\x1a"
 _BLANKS = "\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a\u202f\u205f\u3000"
 _INVISIBLE = "\ufeff\u200b\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2060"
 _PLAIN = str.maketrans(_BLANKS, " " * len(_BLANKS), _INVISIBLE)
-"""Blanks that do not break or have a width of their own become plain ones; what is not seen goes."""
+"""Blanks that do not break or have a width of their own become plain ones; invisible characters are removed."""
 MINUS_SIGNS = "\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d\x96"
 """Signs that editors and spreadsheets write for a minus; the last is the dash of Windows-1252."""
 _MINUS = str.maketrans(dict.fromkeys(MINUS_SIGNS, "-"))
@@ -72,7 +72,7 @@ _MINUS = str.maketrans(dict.fromkeys(MINUS_SIGNS, "-"))
 class FileError(ValueError):
     """A file that cannot be used; `line` counts from 1, 0 for the file as a whole.
 
-    salvageable: whether a lenient reader would have left the damaged part out and read the rest.
+    salvageable: whether a lenient reader would have omitted the damaged part and read the rest.
     """
 
     def __init__(self, line: int, message: str, path: Path | None = None) -> None:
@@ -90,10 +90,10 @@ class FileError(ValueError):
 
 @dataclass
 class Dropped:
-    """What a reader left out or moved: how often, by reason. Damaged parts are left out only by a `lenient` reader.
+    """Omissions of a reader and their number, by reason. Only a `lenient` reader omits damaged parts.
 
-    outside: the first value outside of physical limits, where the reader was told to go on with it. lines: what readers
-    of other files said.
+    outside: first value outside of physical limits, if the reader keeps such values. lines: messages of readers of
+    other files.
     """
 
     lenient: bool = False
@@ -108,7 +108,7 @@ class Dropped:
             self.counts[reason] = self.counts.get(reason, 0) + int(count)
 
     def damaged(self, what: str, error: FileError) -> None:
-        """Leave one of `what` out for an error, the first of which is quoted. Raises the error if not lenient."""
+        """Omit one of `what` because of an error; the first error is quoted. Raises the error if not lenient."""
         if not self.lenient:
             error.salvageable = True
             raise error
@@ -120,11 +120,10 @@ class Dropped:
 
 
 def read_lines(path: Path, dropped: Dropped | None = None) -> list[str]:
-    """The lines of a text file, without their ends; gzip, bzip2, zip, Unix compress and Hatanaka are unpacked.
+    """Lines of a text file, without their ends; gzip, bzip2, zip, Unix compress and Hatanaka are decompressed.
 
-    dropped: a lenient one takes what a packed file holds that is cut at its end, up to the last whole line. Raises
-    FileError where the file is no text, cannot be unpacked, or takes more memory than `MOST_BYTES`; OSError where it
-    cannot be read.
+    dropped: a lenient one accepts a truncated compressed file, up to the last complete line. Raises FileError if the
+    file is not text, cannot be decompressed, or needs more memory than `MOST_BYTES`; OSError if it cannot be read.
     """
     with files.open_regular(path) as file:
         reading = _Reading(path, file, Dropped() if dropped is None else dropped)
@@ -132,17 +131,16 @@ def read_lines(path: Path, dropped: Dropped | None = None) -> list[str]:
 
 
 def decoded(content: bytes) -> str:
-    """The text of a file that is to be UTF-8, or says by its mark that it is UTF-16 or UTF-32.
+    """Text of a file in UTF-8, or with a mark of UTF-16 or UTF-32.
 
-    Marks and what stands after the end are dropped, and blanks are plain, as of `read_lines`. Raises
-    UnicodeDecodeError.
+    Marks and everything after the end are removed, and blanks are plain, as of `read_lines`. Raises UnicodeDecodeError.
     """
     encoding = next((encoding for mark, encoding in _MARKS if content.startswith(mark)), "utf-8")
     return _without_padding(content.decode(encoding).encode()).decode().translate(_PLAIN)
 
 
 def _without_padding(tail: bytes) -> bytes:
-    """A text, or its end, without what stands after it."""
+    """A text, or its end, without padding after it."""
     end = len(tail.rstrip(_PADDING + string.whitespace.encode()))
     return tail[:end] + re.split(b"[\x00\x1a]", tail[end:], maxsplit=1)[0]
 
@@ -200,7 +198,7 @@ class _Reading:
         return out + self._decoded(held.replace(b"\r", b"\n"))
 
     def _decoded(self, data: bytes) -> list[str]:
-        """The lines of whole lines of bytes, whose ends are those of Unix."""
+        """Lines of complete lines of bytes, whose ends are those of Unix."""
         if data.isascii():
             return data.decode("ascii").split("\n")
         # files put together have the marks of each; names of places and people in comments are often in Latin-1
@@ -210,14 +208,14 @@ class _Reading:
         return lines
 
     def _counted(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
-        """Pieces as they are; raises FileError where what they take in memory is too much."""
+        """The pieces; raises FileError if they need too much memory."""
         for piece in pieces:
             self.cost += len(piece) + LINE * max(piece.count(b"\n"), piece.count(b"\r"))
             self.check(self.cost)
             yield piece
 
     def _unpadded(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
-        """Pieces without what stands after the end of the text."""
+        """The pieces without padding after the end of the text."""
         tail: list[bytes] = []
         for piece in pieces:
             if end := len(piece.rstrip(_PADDING + string.whitespace.encode())):
@@ -234,7 +232,7 @@ class _Reading:
             raise FileError(0, f"{said} ({self.on_disk:,} on the disk)" if self.packed else said, self.path)
 
     def gathered(self, pieces: Iterator[bytes]) -> bytes:
-        """All pieces at once, for what cannot be unpacked piece by piece."""
+        """All pieces at once, for formats that cannot be decompressed piece by piece."""
         out, size = [], 0
         for piece in pieces:
             size += len(piece)
@@ -257,13 +255,13 @@ class _Reading:
         raise FileError(0, f"packed more than {_MOST_LAYERS - 1} times", self.path)
 
     def ends_early(self, what: str, message: str) -> None:
-        """A packed file that is cut: raise its error, or go on with what there is. Raises FileError."""
+        """Truncated compressed file: raise its error, or continue with what there is. Raises FileError."""
         self.dropped.damaged(what, FileError(0, message, self.path))
         self.cut = True
 
 
 def _with_head(pieces: Iterator[bytes]) -> tuple[bytes, Iterator[bytes]]:
-    """The first bytes, 80 where there are so many, and all pieces."""
+    """The first bytes, 80 if there are so many, and all pieces."""
     head = b""
     while len(head) < 80 and (piece := next(pieces, b"")):
         head += piece
@@ -299,7 +297,7 @@ def _text(line: bytes) -> str:
 
 
 def _of_two_bytes(data: bytes) -> str:
-    """What to add of data that seem to be UTF-16 without its mark."""
+    """Addition to a message about data that seem to be UTF-16 without its mark."""
     for first, order in ((1, "little"), (0, "big")):
         zeros, others = data[first:100:2], data[1 - first : 100 : 2]
         if zeros and not zeros.strip(b"\x00") and b"\x00" not in others:
@@ -308,7 +306,7 @@ def _of_two_bytes(data: bytes) -> str:
 
 
 def _gathered_to(size: int, pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """Pieces put together to at least this size, but for the last."""
+    """Pieces joined to at least this size, except the last."""
     out, gathered = [], 0
     for piece in pieces:
         out.append(piece)
@@ -324,7 +322,7 @@ _Unpacker = Callable[[_Reading, Iterator[bytes]], Iterator[bytes]]
 
 
 def _unpacker(head: bytes) -> _Unpacker | None:
-    """What undoes the outermost packing; None for data that are not packed."""
+    """Decompressor for the outermost compression; None for uncompressed data."""
     if head[:2] == b"\x1f\x8b":
         return _gunzip
     if head[:3] == b"BZh" and head[3:4].isdigit():
@@ -347,7 +345,7 @@ def _bunzip(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
 
 
 class _Inflate:
-    """zlib's decompressor with the manners of bzip2's: what is left of the input is its own business."""
+    """zlib's decompressor with the interface of bzip2's; it does not report unused input."""
 
     def __init__(self, wbits: int) -> None:
         self._inner = zlib.decompressobj(wbits=wbits)
@@ -432,7 +430,7 @@ def _unzip(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
 
 
 _ENTRY = b"PK\x01\x02"
-"""How each file of a zip archive begins in its list."""
+"""Signature of a file in the directory of a zip archive."""
 
 
 def _uncompress(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
@@ -486,13 +484,13 @@ def _by_hatanaka(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
 
 
 class _Damaged(Exception):
-    """What the program for Hatanaka's compression said."""
+    """Error message of the program for Hatanaka's compression."""
 
 
 def _hatanaka(reading: _Reading, data: bytes) -> bytes:
-    """What the program for Hatanaka's compression makes of a file, no more than allowed. Raises _Damaged, FileError.
+    """Output of the program for Hatanaka's compression, with a size limit. Raises _Damaged, FileError.
 
-    Its Python interface would take all that the program gives: a hundred bytes may become a hundred kilobytes.
+    Its Python interface has no limit: a hundred bytes may become a hundred kilobytes.
     """
     with (
         importlib.resources.as_file(importlib.resources.files("hatanaka.bin") / "crx2rnx") as program,
@@ -531,8 +529,10 @@ def ends_within(path: Path, line: int, piece: str, name: str) -> FileError:
 
 
 def plain_number(text: str) -> float:
-    """A number as Python reads it, but for underscores between its digits and digits that are not ASCII; the minus may
-    be any of `MINUS_SIGNS`. Raises ValueError."""
+    """A number in Python's syntax without underscores and non-ASCII digits; the minus may be any of `MINUS_SIGNS`.
+
+    Raises ValueError.
+    """
     plain = as_ascii(text)
     if "_" in plain or not plain.isascii():
         raise ValueError(f"could not convert string to float: {text!r}")
@@ -560,7 +560,7 @@ def number(path: Path, line: int, text: str, name: str) -> float:
 
 
 def integer(path: Path, line: int, text: str, name: str) -> int:
-    """A whole number. Raises FileError."""
+    """An integer. Raises FileError."""
     value = number(path, line, text, name)
     if value != int(value):
         raise FileError(line, f"{name} must be a whole number, not {text.strip()[:30]}", path)

@@ -15,12 +15,14 @@ _UNITS = {
     "ppm": "ppm", "ppb": "ppb", "ns": "ns", "us": "µs", "s": "s", "m": "m", "days": "d", "hours": "h",
     "n_m2": "N/m²", "percent": "%", "chips": "chips", "hpa": "hPa", "k": "K",
 }  # fmt: skip
-"""The end of a key's name and the unit it stands for, longer ends before shorter ones."""
+"""Suffix of a key's name and its unit, longer suffixes first."""
 
 
 def unit_of(key: str) -> str:
-    """The unit that the last name in a dotted key ends with, "" for none. Numbers of items are none, nor
-    what stands in lists of keys for them and for names that the user gives."""
+    """Unit suffix of the last name in a dotted key, "" for none.
+
+    Item numbers have none, nor their placeholders in lists of keys, nor names that the user gives.
+    """
     names = [part for part in key.split(".") if not (part.isdigit() or part in ("N", "NAME"))]
     for end, unit in _UNITS.items():
         if names and re.search(rf"(^|_){end}$", names[-1]):

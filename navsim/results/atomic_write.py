@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and one process at a time that writes them."""
+"""Atomic writing of files, with a lock for one process at a time."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _GONE = ".gone"
-"""How the name of a folder ends that is being deleted."""
+"""Suffix of the name of a folder that is being deleted."""
 _TEMPORARY = ".tmp"
-"""How the name of a file ends that is being written."""
+"""Suffix of the name of a file that is being written."""
 _LONG = 60
-"""Most characters of a name that stand in a temporary one."""
+"""Largest number of characters of a name in a temporary one."""
 
 
 class Occupied(Exception):
@@ -28,7 +28,7 @@ class Occupied(Exception):
 
 
 def destination(path: Path) -> Path:
-    """The file that is written for `path`: behind symbolic links, which stay. Raises OSError for what is no file."""
+    """The file to write for `path`: behind symbolic links, which stay. Raises OSError unless it is a file."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
@@ -66,7 +66,7 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
 
 
 def write_atomically(path: Path, *pieces: bytes | memoryview) -> None:
-    """Write a file whole or not at all. Raises OSError."""
+    """Write a file atomically. Raises OSError."""
     with replacing(path) as temporary, open(temporary, "wb") as file:
         for piece in pieces:
             file.write(piece)
@@ -83,8 +83,8 @@ def settle(path: Path) -> None:
 
 
 def _stem(target: Path) -> str:
-    """How the names of what lies beside a file or folder for a while begin; a long name is cut, for names have a limit
-    (255 bytes, usually)."""
+    """Prefix of temporary files beside a file or folder; a long name is cut, since names have a limit (255 bytes,
+    usually)."""
     name = target.name
     if len(name) > _LONG:
         name = f"{name[: _LONG - 9]}-{zlib.crc32(name.encode(errors='surrogateescape')):08x}"
@@ -92,9 +92,9 @@ def _stem(target: Path) -> str:
 
 
 def discard(folder: Path) -> None:
-    """Delete a folder, which is gone from its name at once: a kill under way leaves nothing that looks like work.
+    """Delete a folder, whose name disappears at once: a kill meanwhile leaves nothing that looks like work.
 
-    Raises OSError where it cannot be renamed; what cannot be deleted after that stays as a leftover.
+    Raises OSError if it cannot be renamed; files that cannot be deleted afterwards remain.
     """
     if not folder.is_dir():
         return
@@ -105,9 +105,9 @@ def discard(folder: Path) -> None:
 
 
 def clean(path: Path, *, owned: bool) -> None:
-    """Delete what killed processes left of their work on `path`, where that can be. Raises OSError for what is no file.
+    """Delete remains of killed processes for `path`, if possible. Raises OSError unless it is a file.
 
-    owned: whether the caller has `locked` it, so that nobody is at work there; else what living processes write stays.
+    owned: the caller has `locked` it, so that no other process works on it; otherwise files of running processes stay.
     """
     target = destination(path)
     for process, leftover in _beside(target, _TEMPORARY):
@@ -120,12 +120,12 @@ def clean(path: Path, *, owned: bool) -> None:
 
 
 def partial_folder(target: Path) -> Path:
-    """Where the partial work of a result lies."""
+    """Folder of a result's partial work."""
     return target.with_name(f"{target.name}.partial")
 
 
 def _beside(path: Path, ending: str) -> list[tuple[int, Path]]:
-    """What processes have put beside a file or folder under names of this ending, with their numbers."""
+    """Files of processes beside a file or folder with this suffix, with the process numbers."""
     pattern = re.compile(f"{re.escape(_stem(path))}([0-9]{{1,10}}){re.escape(ending)}")
     try:
         names = os.listdir(path.parent)
@@ -147,9 +147,9 @@ def _is_dead(process: int) -> bool:
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """While it lasts, no other process works on `path`. Raises Occupied, which says who does; OSError.
+    """Context in which no other process works on `path`. Raises Occupied, with that process; OSError.
 
-    The lock is the kernel's, on a file beside `path`, so it ends with its process, however that ends.
+    The lock is the kernel's, on a file beside `path`, so it ends with its process.
     """
     target = destination(path)
     lock = target.with_name(f"{_stem(target)}lock")

@@ -1,4 +1,4 @@
-"""A result while it is made: data come by path, what they are stands in the schema."""
+"""A result under construction: data are added by path, the schema describes them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class ResultBuilder:
-    """The variables of a result so far; it refuses what the schema does not declare, at once, with a Defect.
+    """Variables of a result so far. It raises a Defect at once for those that the schema does not declare.
 
-    layout: of the result, see `schema.LAYOUTS`. words: that come into all units and meanings, see `schema.WORDS`.
-    named: the members of the families that a study names, see `schema.FAMILIES`. Coordinates with the same labels in
-    every result are there from the beginning.
+    - `layout`: of the result, see `schema.LAYOUTS`.
+    - `words`: inserted into all units and meanings, see `schema.WORDS`.
+    - `named`: members of the families that a study names, see `schema.FAMILIES`.
+
+    Coordinates with the same labels in every result are present from the start.
     """
 
     def __init__(self, layout: str, words: Mapping[str, str] = _NONE, **named: Sequence[str]) -> None:
@@ -75,8 +77,10 @@ class ResultBuilder:
                 raise Defect(f"{path}: {length} values along {dim}, which has {due} in {first}")
 
     def result(self, attributes: dict[str, Any]) -> Result:
-        """The result, but for its findings and `LATE` attributes, which are told last. Raises Defect where a variable
-        or a root attribute is lacking, or one too many is given."""
+        """The result without its findings and `LATE` attributes, which come last.
+
+        Raises Defect for a missing variable or root attribute, or one too many.
+        """
         lacking = [path for path in missing(self._declared, self.variables) if not path.startswith(FINDINGS)]
         lacking += [path for path in self._lengths if path not in self.variables]
         if lacking:

@@ -1,9 +1,9 @@
-"""Checksums at the end of a file, and reading a file through them.
+"""Checksums at the end of a file, and reading with checks.
 
-A sealed file is its content, then the SHA-256 of each block of the content, then a footer: the content's length in
-bytes (8 bytes, little-endian), the SHA-256 of checksums and length, `MARK`. HDF5 does not look beyond its own end, so
-other programs read a sealed result as any. Only the blocks that are read are checked, each before anything of it is
-handed on: what is large need not be read as a whole, and HDF5 never meets a damaged byte.
+A file with checksums is its content, then the SHA-256 of each block of the content, then a footer: the content's length
+in bytes (8 bytes, little-endian), the SHA-256 of checksums and length, `MARK`. HDF5 does not look beyond its own end,
+so other programs read such a result as usual. Only blocks that are read are checked, before their data are returned. A
+large file need not be read as a whole, and HDF5 never meets a damaged byte.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _FOOTER = struct.Struct(f"<Q{_DIGEST}s{len(MARK)}s")
 _STRETCH = 64 * BLOCK
 """Bytes that a thread takes on at once."""
 _THREADS = 4
-"""So many compute checksums for a tenth of a second, however many workers flew."""
+"""Number of threads that compute checksums for a tenth of a second, for any number of workers."""
 _REMEMBERED = 64
-"""So many blocks are kept, since HDF5 reads what describes data in small pieces."""
+"""Number of cached blocks, since HDF5 reads its metadata in small pieces."""
 
 
 class CorruptFile(OSError):
@@ -34,8 +34,11 @@ class CorruptFile(OSError):
 
 
 def checksum_trailer(size: int, part: Callable[[int, int], bytes | memoryview]) -> bytes:
-    """What is to follow a content of this size, bytes. part: gives the bytes from one place up to another, to several
-    threads at once. Raises Damaged where it gives fewer, and what it raises."""
+    """Trailer for a content of this size, bytes.
+
+    part: returns the bytes from one position up to another, in several threads at once. Raises Damaged if it returns
+    fewer, and its errors.
+    """
 
     def digests(first: int) -> bytes:
         out = bytearray()
@@ -57,14 +60,14 @@ def _digest(table: bytes, length: int) -> bytes:
 
 
 class Reader(io.RawIOBase):
-    """The content of a file, checked as it is read where the file is sealed.
+    """Content of a file, checked while it is read if the file has checksums.
 
-    sealed: whether it is. size: of the content, bytes. damage: what was found wrong so far; callers look here, for
-    HDF5 may hide that a read has failed.
+    sealed: whether it has. size: of the content, bytes. damage: errors so far; callers check it, since HDF5 may hide a
+    failed read.
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        """file: open for reading, of its own from now on. Raises Damaged where the seal itself is."""
+        """file: open for reading; the reader owns it. Raises Damaged if the checksums themselves are damaged."""
         super().__init__()
         self.damage: str | None = None
         self._file = file

@@ -1,7 +1,7 @@
-"""Files from outside, opened in one way: regular files alone, since devices and pipes may never end, or never begin.
-Files of the kernel's (/proc) say that they are regular and empty: bytes are counted as they are read.
+"""Open files from outside: regular files only, since devices and pipes may block or never end.
 
-Results are opened by `results`; what `navsim live` listens to, which may well be a pipe, by `stream`.
+Files of the kernel (/proc) claim to be regular and empty: bytes are counted while they are read. `results` opens
+results; `stream` opens the sources of `navsim live`, which may be pipes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _NAMES = (
 MOST_ON_DISK = 10_000_000_000
 """Bytes; larger files are refused before anything is read or summed of them."""
 MOST_UNSIZED = 16_000_000
-"""Bytes that are read of a file that says it has none."""
+"""Bytes that are read of a file with a stated size of zero."""
 
 
 class _CountedFile(io.FileIO):
@@ -54,10 +54,10 @@ class _CountedFile(io.FileIO):
 
 
 def open_regular(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
-    """A regular file of at most `most` bytes, open for reading.
+    """Open a regular file of at most `most` bytes for reading.
 
-    Raises OSError, whose `strerror` says what is wrong: not there, a folder, no regular file, too large. So do its
-    reads, of a file that turns out to be larger, or to have nothing for now.
+    Raises OSError with a message in `strerror`: missing, a folder, not a regular file, too large. Its reads raise it,
+    too, for a file that turns out to be larger, or has no data for now.
     """
     # without waiting: a named pipe would keep us until somebody writes to it
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)

@@ -23,7 +23,7 @@ from h5py import h5a, h5d, h5g, h5i, h5l, h5o, h5r, h5s, h5t, h5z
 from navsim.results.checksum import CorruptFile, Reader
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-"""How every HDF5 file of ours begins (HDF5 File Format Specification, section II.A)."""
+"""First bytes of every HDF5 file of navsim (HDF5 File Format Specification, section II.A)."""
 MOST_DEPTH, MOST_OBJECTS, MOST_RANK, MOST_ATTRIBUTES, MOST_VALUES = 8, 10_000, 8, 100, 4096
 """Groups one in another; groups and datasets of a file; axes; attributes of an object, and values of one of them."""
 _NUMBERS = {h5t.INTEGER: (1, 2, 4, 8), h5t.FLOAT: (4, 8)}
@@ -31,16 +31,17 @@ _NUMBERS = {h5t.INTEGER: (1, 2, 4, 8), h5t.FLOAT: (4, 8)}
 _LAYOUTS = (h5d.COMPACT, h5d.CONTIGUOUS, h5d.CHUNKED)
 _POINTERS = ("DIMENSION_LIST", "REFERENCE_LIST")
 _HIDDEN = (*_POINTERS, "CLASS", "NAME", "_Netcdf4Dimid", "_Netcdf4Coordinates", "_NCProperties")
-"""What dimension scales and netCDF-4 need, and nobody else."""
+"""Attributes that only dimension scales and netCDF-4 need."""
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
-"""What is no text, and may mean something to a terminal."""
+"""Control characters, which may act on a terminal."""
 _AT_ONCE = 64e6
 """Bytes of text that may be read before it is counted."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset, judged and not yet read. dims: names of its axes. attributes: those that netCDF-4 does not hide."""
+    """A checked dataset that is not yet read. dims: names of its axes. attributes: those that netCDF-4 does not
+    hide."""
 
     path: str
     shape: tuple[int, ...]
@@ -51,7 +52,7 @@ class Dataset:
 
 @dataclass
 class _PendingDataset:
-    """A dataset on the way: its dimensions are known when all are seen. needed: bytes its data take in the file."""
+    """A dataset whose dimensions are known when all are seen. needed: bytes of its data in the file."""
 
     id: Any
     shape: tuple[int, ...]
@@ -83,7 +84,7 @@ class Tree:
 
     @property
     def sealed(self) -> bool:
-        """Whether the file carries checksums; then all that is read of it is checked."""
+        """Whether the file has checksums; then all that is read of it is checked."""
         return self._source.sealed
 
     @contextlib.contextmanager
@@ -98,7 +99,7 @@ class Tree:
             raise CorruptFile(self._source.damage)
 
     def _spend(self, size: int, path: str) -> None:
-        """Count what is declared. Raises Damaged where it is more than the file can hold."""
+        """Count declared bytes. Raises Damaged if they exceed the file."""
         self._left -= size
         if self._left < 0:
             raise CorruptFile(f"{path}: declares more data than the file can hold")
@@ -118,7 +119,7 @@ class Tree:
             return {path: self._dataset(path, seen, paths) for path, seen in self._seen.items()}
 
     def length(self, name: str) -> int | None:
-        """Rows of a dataset of the root group, found without looking at others; None where there is no such."""
+        """Rows of a dataset of the root group, found without looking at others; None if it is missing."""
         with self._guarded():
             root = h5g.open(self._file.id, b"/")
             if name.encode() not in root:
@@ -130,7 +131,7 @@ class Tree:
         return shape[0]
 
     def _walk(self, group: Any, path: str, depth: int, paths: dict[int, str]) -> None:
-        """Judge a group and what is below it. paths: of all objects met so far by their addresses."""
+        """Check a group and everything below it. paths: of all objects met so far by their addresses."""
         self._meet(group, path or "/", paths)
         if depth > MOST_DEPTH:
             raise CorruptFile(f"{path}: groups more than {MOST_DEPTH} one in another")
@@ -155,7 +156,7 @@ class Tree:
         paths[address] = path
 
     def _judged(self, node: Any, path: str) -> _PendingDataset:
-        """What a dataset declares. Raises Damaged for all that navsim does not write."""
+        """Declaration of a dataset. Raises Damaged for all that navsim does not write."""
         made = node.get_create_plist()
         if made.get_layout() not in _LAYOUTS or made.get_external_count():
             raise CorruptFile(f"{path}: its data are outside of the file")
@@ -175,7 +176,7 @@ class Tree:
         return _PendingDataset(node, shape, needed, attributes, scale)
 
     def _dataset(self, path: str, seen: _PendingDataset, paths: dict[int, str]) -> Dataset:
-        """A judged dataset with the names of its axes, which are scales of the same lengths in the same file."""
+        """A checked dataset with the names of its axes, which are scales of the same lengths in the same file."""
         dims: list[str] = []
         for axis, scale in enumerate([path] if seen.scale else self._scales(path, seen, paths)):
             found = self._seen.get(scale)
@@ -241,7 +242,7 @@ class Tree:
         return flat[0] if count == 1 else values
 
     def read(self, path: str, first: int = 0, last: int | None = None) -> np.ndarray:
-        """A dataset, or its rows first ... last - 1."""
+        """Read a dataset, or its rows first ... last - 1."""
         seen = self._seen[path]
         with self._guarded():
             if seen.id.get_storage_size() < seen.needed:
@@ -256,7 +257,7 @@ class Tree:
             return np.asarray(node[first:last])
 
     def _texts(self, node: Any, path: str, first: int, last: int) -> np.ndarray:
-        """Rows of texts. Many can share one place in the file, so what they take is counted on the way."""
+        """Rows of texts. Several can share one place in the file, so their size is counted while they are read."""
         row = math.prod(node.shape[1:])
         step = int(max(1, _AT_ONCE // max(1, row * self._source.size)))
         parts = [np.empty((0, *node.shape[1:]), dtype=object)]
@@ -284,7 +285,7 @@ def _child(group: Any, name: bytes, path: str) -> Any:
 
 
 def _width(kind: Any, path: str, fixed: bool = False) -> int:
-    """Bytes of one value. fixed: text of one length is taken too. Raises Damaged for what is no number and no text."""
+    """Bytes of one value. fixed: accept text of constant length, too. Raises Damaged unless it is a number or text."""
     of = kind.get_class()
     if of == h5t.STRING and (fixed or kind.is_variable_str()):
         return int(kind.get_size())
@@ -300,7 +301,7 @@ def _shape(space: Any, path: str) -> tuple[int, ...]:
 
 
 def _text(value: str | bytes, path: str) -> str:
-    """Text from a file. Raises Damaged where it is none."""
+    """Text from a file. Raises Damaged unless it is text."""
     try:
         text = value.decode() if isinstance(value, bytes) else value
         found = _CONTROL.search(text)

@@ -1,8 +1,8 @@
-"""netCDF-4 as HDF5 sees it, written with h5py: dimensions that are scales, and the two attributes netCDF adds.
+"""netCDF-4 written with h5py: dimensions as scales, and the two attributes that netCDF adds.
 
-h5netcdf writes the same at five times the cost: it looks every object up by its path, anew for each attribute.
-Sources: [1] NetCDF Users' Guide, appendix "NetCDF-4 file format": dimension scales, `_Netcdf4Dimid` (the order of the
-dimensions), `_NCProperties` (who wrote the file).
+h5netcdf writes the same at five times the cost, since it looks every object up by its path for each attribute. Sources:
+[1] NetCDF Users' Guide, appendix "NetCDF-4 file format": dimension scales, `_Netcdf4Dimid` (the order of the
+dimensions), `_NCProperties` (the writer of the file).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 _ORDERED = {"track_order": True}
-"""netCDF-4 wants objects and attributes in the order in which they were made [1]."""
+"""netCDF-4 requires objects and attributes in the order of their creation [1]."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Writer:
     """Makes variables in an empty HDF5 file, coordinates before the variables that lie along them."""
 
     def __init__(self, file: Any) -> None:
-        """file: a path, or what h5py takes for an open file."""
+        """file: a path, or an open file for h5py."""
         self._file = h5py.File(file, "w", **_ORDERED)
         self._groups: dict[str, Any] = {"": self._file}
         self._scales: dict[str, _Scale] = {}
@@ -42,11 +42,11 @@ class Writer:
 
     @property
     def root(self) -> Any:
-        """What has the attributes of the file."""
+        """Root group, which has the attributes of the file."""
         return self._file
 
     def finish(self) -> None:
-        """Say who wrote the file, as netCDF-4 libraries do."""
+        """Write the name of the software, as netCDF-4 libraries do."""
         made = f"version=2,h5py={h5py.__version__},hdf5={h5py.version.hdf5_version}".encode()
         self._file.attrs["_NCProperties"] = np.bytes_(made)
 
@@ -91,5 +91,5 @@ class Writer:
 
 
 def set_attribute(node: Any, name: str, value: Any) -> None:
-    """A text, or numbers; netCDF-4 keeps one number as an array of one [1]. Raises what h5py raises."""
+    """Write a text, or numbers; netCDF-4 keeps one number as an array of one [1]. Raises errors of h5py."""
     node.attrs[name] = np.atleast_1d(value) if np.isscalar(value) and not isinstance(value, str) else value

@@ -40,7 +40,7 @@ class ResultError(Exception):
 
 @dataclass(frozen=True)
 class Stream:
-    """Numbers too many to hold at once: blocks along the first axis, made anew each time they are asked for."""
+    """Numbers too large for memory: blocks along the first axis, computed each time they are requested."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -57,7 +57,7 @@ class Stream:
 
 
 BLOCK_BYTES = 16_000_000
-"""Size of the blocks in which what is stored is read, bytes."""
+"""Size of the blocks in which stored data are read, bytes."""
 
 
 class Stored(Stream):
@@ -84,7 +84,7 @@ class Stored(Stream):
         return self._read(first, last)  # type: ignore[attr-defined]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        """All of it; kept for the next who asks, unless it is large, and then not to be changed."""
+        """All of it; cached unless it is large, and then read-only."""
         whole: np.ndarray | None = self._whole  # type: ignore[attr-defined]
         if whole is None:
             whole = self._read(None, None)  # type: ignore[attr-defined]
@@ -95,7 +95,7 @@ class Stored(Stream):
 
 
 def part(data: Any, first: int, last: int) -> Any:
-    """Entries first ... last - 1 along the first axis of an array or a Stream; what is stored is still read later."""
+    """Entries first ... last - 1 along the first axis of an array or a Stream; stored data are still read later."""
     if not isinstance(data, Stored):
         return np.asarray(data)[first:last]
 
@@ -149,7 +149,7 @@ class ResultKind:
 
 
 MOST_WHOLE = int(np.iinfo(np.int64).max)
-"""Largest whole number that a result holds, such as that of a run."""
+"""Largest integer in a result, such as the number of a run."""
 ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
 
 
@@ -161,7 +161,7 @@ def scenario_of(result: Result) -> Any:
 
 
 def check_writable(path: Path) -> None:
-    """Raise ResultError, before any work is done, where `path` could not be written, with partial work beside it."""
+    """Raise ResultError, before any work, if `path` or partial work beside it cannot be written."""
     try:
         target = destination(path)
         with contextlib.suppress(FileNotFoundError):
@@ -185,7 +185,7 @@ def check_writable(path: Path) -> None:
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
-    """Write a file whole or not at all. Raises ResultError."""
+    """Write a file atomically. Raises ResultError."""
     try:
         clean(path, owned=False)
         write_atomically(path, content)
@@ -194,12 +194,12 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all, line ends as they are. Raises ResultError."""
+    """Write a text file atomically, with unchanged line ends. Raises ResultError."""
     write_bytes(path, text.encode())
 
 
 CHUNK_BYTES = 524_288
-"""Most bytes of a chunk, unless a row has more: half of what HDF5 keeps of a dataset."""
+"""Largest size of a chunk, unless a row is larger: half of HDF5's cache of a dataset."""
 _WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,39}")
 """Kinds and versions."""
 IN_MEMORY = 64e6
@@ -207,12 +207,11 @@ IN_MEMORY = 64e6
 
 
 def write(path: Path, result: Result) -> None:
-    """Write the result under a temporary name beside `path`, then rename it; its name is on the disk by then, so that
-    what it was made of can go. Raises ResultError.
+    """Write the result under a temporary name beside `path`, then rename it. Raises ResultError.
 
-    HDF5 does not survive a full disk, it crashes the process while closing the file. So a small file is built
-    in memory and written by plain system calls; for a large one, which is written block by block, the space is
-    claimed first.
+    The name is on the disk afterwards, so that partial work can be deleted. On a full disk HDF5 crashes the process
+    while it closes the file. So a small file is built in memory and written by plain system calls. For a large one,
+    which is written block by block, the space is allocated first.
     """
     size = sum(v.data.nbytes for v in result.variables.values() if isinstance(v.data, Stream))
     try:
@@ -291,7 +290,7 @@ def _store(tree: Writer, path: str, variable: Variable) -> Any:
 
 
 def _ahead(blocks: Iterable[np.ndarray]) -> Generator[np.ndarray, None, None]:
-    """The same blocks, each made on another thread while the one before it is in use."""
+    """The same blocks, each computed on another thread while the one before it is in use."""
     source = iter(blocks)
     with ThreadPoolExecutor(1) as maker:
         coming = maker.submit(next, source, None)
@@ -310,8 +309,10 @@ def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) 
 
 
 def _checked(data: np.ndarray | Stream, first: np.ndarray) -> dict[str, Any]:
-    """How numbers are stored with checksums, which HDF5 keeps by chunks of rows along the first axis. Chunks divide the
-    blocks that come: one written in two pieces would be read again for the second."""
+    """Storage of numbers with checksums, which HDF5 keeps by chunks of rows along the first axis.
+
+    Chunks divide the blocks, since a chunk written in two pieces would be read again for the second.
+    """
     if not data.shape or 0 in data.shape:
         return {}
     most = max(1, CHUNK_BYTES // (data.dtype.itemsize * int(np.prod(data.shape[1:]))))
@@ -333,8 +334,8 @@ def _describe(node: Any, path: str, attributes: dict[str, Any]) -> None:
 
 
 def read(path: Path) -> Result:
-    """Read a result file: what it holds now, its numbers when they are asked for. Raises ResultError for anything
-    that is no result of navsim's, or damaged, now and then."""
+    """Read a result file: metadata now, numbers on request. Raises ResultError for any other file, or damage, now or
+    later."""
     tree = _open_tree(path)
     with _damage_of(path):
         attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != CHECKSUMS}
@@ -352,7 +353,7 @@ def _variable(path: Path, tree: Tree, found: Dataset) -> Variable:
 
 
 def read_kind(path: Path) -> ResultKind:
-    """The sort of a result file. Raises ResultError for anything else."""
+    """Kind of a result file. Raises ResultError for any other file."""
     tree = _open_tree(path)
     with _damage_of(path):
         method = str(tree.attributes.get("method", ""))

@@ -1,13 +1,13 @@
-"""Every variable that a result may hold: path, dimensions, unit, meaning, in which layouts of results, and when.
+"""Schema of results: path, dimensions, unit, meaning of every variable, layouts that contain it, and conditions.
 
-Studies hand in data by path (`results.builder`); what stands here is written into the file, published in
-docs/reference/results, and held against the files that studies make (`tests/layout.py`).
+Studies add data by path (`results.builder`). The schema is written into the file, published in docs/reference/results,
+and compared with the files of studies (`tests/layout.py`).
 
-A `{name}` in a path stands for each member of a family: those that the entry lists, or those that a study names (its
-sensors, its axes). In units and meanings it stands for the member, or for a word that comes with the data (`WORDS`).
-A dimension `*axes` stands for all axes of a sweep; `run` falls out of the dimensions where a flight is one of a kind
-(`ONE_FLIGHT`). A variable named like its only dimension is that dimension's coordinate; in a group it hides one of
-the same name above.
+A `{name}` in a path represents each member of a family: those that the entry lists, or those that a study names (its
+sensors, its axes). In units and meanings it represents the member, or a word that comes with the data (`WORDS`). A
+dimension `*axes` represents all axes of a sweep. `run` is omitted where there is a single flight (`ONE_FLIGHT`). A
+variable with the name of its only dimension is that dimension's coordinate; in a group it hides one of the same name
+above.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from functools import cache
 from types import MappingProxyType
 
 SCHEMA_VERSION = 4
-"""Of the names and meanings on this page; root attribute of every result."""
+"""Version of the names and meanings on this page; root attribute of every result."""
 LANDING, COVARIANCE, RARE, REPLAY, LIVE = "landing", "covariance", "rare", "replay", "live"
 SWEEP, OPTIMIZE, TABLE2, INTEGRITY_TABLE = "sweep", "optimize", "table2", "integrity-table"
 ELEVATION, ATC, AZIMUTH = "mls-elevation", "atc-tracking", "azimuth-tracking"
@@ -38,12 +38,12 @@ LAYOUTS = {
     ATC: "the companion paper on tracking by an air traffic control radar",
     AZIMUTH: "the companion paper on azimuth tracking",
 }
-"""Layouts of results, and what each is."""
+"""Layouts of results, with descriptions."""
 ONE_FLIGHT = (REPLAY, LIVE)
 """Layouts that have one flight and no axis `run`."""
 NUMBER, WHOLE, TEXT, ANY = "number", "whole number", "text", "number or text"
 DTYPES = {NUMBER: "f", WHOLE: "iu", TEXT: "UO", ANY: "fiuUO"}
-"""Kinds of numpy's types by what an entry holds."""
+"""Types of numpy by the content of an entry."""
 WORDS = {
     "mixed": "the units of the states",
     "unit": "its own",
@@ -56,7 +56,7 @@ WORDS = {
     "statement": "the requirement in words",
     "moving": "the speed from which on the tuning counts fixes",
 }
-"""Words that come with the data into units and meanings, and what they stand for."""
+"""Words that come with the data into units and meanings, and their meaning."""
 FAMILIES = {
     "sensor": "sensor beside the receiver",
     "system": "satellite system",
@@ -85,7 +85,7 @@ class Entry:
     attributes: tuple[str, ...] = ()
     """In addition to units and long_name."""
     labels: tuple[str, ...] = ()
-    """Of a coordinate that is the same in every result."""
+    """Labels of a coordinate that is the same in every result."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def _a(
     labels: tuple[str, ...] = (),
     **each: tuple[str, ...],
 ) -> Entry:
-    """An entry; dims: names with blanks between; when: one for all layouts, or by layout where it is not always."""
+    """An entry; dims: names with blanks between; when: one for all layouts, or by layout if it is not always there."""
     names = (layouts,) if isinstance(layouts, str) else tuple(layouts)
     conditions = {name: when if isinstance(when, str) else when.get(name, "") for name in names}
     return Entry(path, tuple(dims.split()), units, meaning, conditions, of, each, attributes, labels)
@@ -136,9 +136,9 @@ _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
 """Length of the stretch before touchdown over which RMS errors are taken, s."""
 HEIGHTS = {"touchdown": 0, "50ft": 50, "100ft": 100, "200ft": 200}
-"""Heights above the runway at which errors are told, ft."""
+"""Heights above the runway at which errors are evaluated, ft."""
 SKY_TIMES = 25
-"""Most instants at which the directions to all sources are kept."""
+"""Largest number of times at which the directions to all sources are kept."""
 _HEIGHTS = ", ".join(HEIGHTS).replace("ft", " ft")
 RUNWAY_AXES = ("lateral", "along", "vertical")
 """Axes of the runway: to the right, along the landing, up."""
@@ -692,7 +692,7 @@ _INTEGRITY = Chapter(
 )  # fmt: skip
 
 VERDICTS = ("not met", "undecided", "met")
-"""What is said of a requirement, by its number in a sweep."""
+"""Verdicts on a requirement, by number in a sweep."""
 _ASKED_FOR = "where the scenario has `requirements`"
 _REQUIREMENTS = Chapter(
     "Requirements",
@@ -815,7 +815,7 @@ COUNTS = {
     "no_separation": "fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid",
     "other": "whole sentences of kinds that have no fix",
 }
-"""What a live run counts of its stream."""
+"""Counters of a live run for its stream."""
 
 _LIVE = Chapter(
     "A live run",
@@ -849,7 +849,7 @@ DOP_QUANTITIES = {
     **{f"fix_{part}": ("m", f"{part} RMS of a fix, mean over the glide") for part in ("horizontal", "vertical")},
     "epochs_without_fix": ("1", "epochs of the glide without a fix"),
 }
-"""Unit and meaning of what every method has for placements: DOPs, SKO of a fix, lost epochs."""
+"""Unit and meaning of quantities of placements for every method: DOPs, SKO of a fix, lost epochs."""
 FILTER_QUANTITIES = {
     **{part: ("m", f"root mean square {part} position error {_LATE}") for part in ("horizontal", "vertical")},
     **{
@@ -858,9 +858,9 @@ FILTER_QUANTITIES = {
         for height in HEIGHTS
     },
 }
-"""The same of the methods that fly a filter."""
+"""Quantities of methods with a filter."""
 QUANTITIES = DOP_QUANTITIES | FILTER_QUANTITIES
-"""Unit and meaning of what placements are judged by."""
+"""Unit and meaning of quantities for the evaluation of placements."""
 LEVEL_QUANTITIES = {
     **{
         f"{level}_{part}": ("m", f"{level.upper()} on the glide, {words}")
@@ -869,23 +869,23 @@ LEVEL_QUANTITIES = {
     },
     "level_share": ("1", "share of the epochs of the glide with protection levels"),
 }
-"""Of scenarios whose fixes are watched, by every method."""
+"""Quantities of scenarios with monitored fixes, for every method."""
 WATCHED_QUANTITIES = {
     "availability": ("1", "share of the epochs of the glide that is available"),
     "approaches": ("1", "share of runs available throughout"),
     "continuity_risk": ("1", "share of stretches of 15 s that begin available and do not stay so"),
     "hmi": ("1", "share of runs with hazardously misleading information"),
 }
-"""The same of runs, where limits are given."""
+"""Quantities of runs with monitored fixes and limits."""
 OBJECTIVE_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES
-"""What placements may be made best by."""
+"""Possible objectives of placements."""
 LARGE = ("level_share", "availability", "approaches")
-"""Those of them that are the better the larger they are."""
+"""Objectives that are maximised."""
 SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES
-"""What sweeps are made of."""
+"""Possible outputs of sweeps."""
 
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
-"""What became of a combination of a sweep, by its number."""
+"""Outcome of a combination of a sweep, by number."""
 
 _OF_REQUIREMENTS = "where `requirements` is one of `outputs`"
 _CONFIRMED = "with method covariance, where it is one of `outputs`, unless `--runs 0`"
@@ -1377,7 +1377,7 @@ _AZIMUTH = Chapter(
 )  # fmt: skip
 
 PART = "/part"
-"""The group of what `navsim merge` makes the whole of an ensemble from."""
+"""Group with the data for `navsim merge`."""
 _PART = Chapter(
     "Part of an ensemble",
     "Data that `navsim merge` needs, whatever `--keep` left out: statistics of every run, and sums over runs by "
@@ -1395,7 +1395,7 @@ _PART = Chapter(
 )  # fmt: skip
 
 FINDINGS = "/findings"
-"""The group of what the user of a result must hear about."""
+"""Group with the findings."""
 _FINDINGS = Chapter(
     "Findings",
     "Warnings with counts, in every result; of length 0 where there is nothing to say.",
@@ -1421,7 +1421,7 @@ SECTIONS = (
 """All entries, in the order of the documentation."""
 
 CHECKSUMS = "checksums"
-"""Root attribute of files that carry checksums; `results.result` writes it."""
+"""Root attribute of files with checksums; `results.result` writes it."""
 ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "kind": (tuple(LAYOUTS), "kind of result; landing for landing, covariance and rare"),
     "schema_version": (tuple(LAYOUTS), "version of this page's contents"),
@@ -1454,7 +1454,7 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "largest_pdop_of_case_6_printed": ((TABLE2,), "what the paper prints for case 6, rounding in favour"),
     CHECKSUMS: (tuple(LAYOUTS), "that the file carries checksums"),
 }
-"""Root attributes: of which layouts, and what they say."""
+"""Root attributes: layouts and meanings."""
 LATE = ("verdict", CHECKSUMS)
 """Root attributes that are given when the rest of the result is there."""
 

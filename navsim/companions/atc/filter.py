@@ -28,7 +28,7 @@ NAMES = (
     "track_rate", "elevation", "elevation_rate", "azimuth", "azimuth_rate",
 )  # fmt: skip
 MEASURED = 9
-"""D, V, th, phi, ev, eg, then V', w_th, w_phi where they are measured on board."""
+"""D, V, th, phi, ev, eg, then V', w_th, w_phi if they are measured on board."""
 REPORTED = 3
 """The first pairs, V, th, phi, are reported by the aircraft; elevation and azimuth are the radar's."""
 FULL, ADAPT, FIX = range(3)
@@ -258,7 +258,7 @@ def singer_range(measured, variance, phi, q, first, start_variance, truth, error
 
 @kernel
 def _expected(x, value, h):
-    """What a Cartesian state (9,) predicts of D, V, th, phi, ev, eg: value (6,), and the rows h (6, 9)."""
+    """Prediction of D, V, th, phi, ev, eg from a Cartesian state (9,): value (6,), and the rows h (6, 9)."""
     n, up, e = x[0], x[1], x[2]
     vn, vu, ve = x[3], x[4], x[5]
     h[:] = 0.0

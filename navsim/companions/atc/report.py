@@ -74,7 +74,7 @@ _RANGE = ("range", "range_rate")
 
 
 def _link(result: Result) -> list[Table | str]:
-    """What reports by data link cost: one table for each of what is reported."""
+    """Cost of data link reports: one table for each reported quantity."""
     filters = [str(name) for name in result["/link/link_filter"]]
     parts: list[Table | str] = []
     for r, reports in enumerate(map(str, result["/link/reports"])):
@@ -98,7 +98,7 @@ _COLOURS = {"singer": "#999999", "fix": "#0072B2", "adapt": "#D55E00", "full": "
 
 
 def case_label(case: object) -> str:
-    """`T1_angles` as people write it."""
+    """`T1_angles` as text."""
     period, measured = str(case).removeprefix("T").split("_")
     return f"T = {period} s, {'angles and rates' if measured == 'rates' else 'angles'}"
 

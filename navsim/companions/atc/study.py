@@ -166,12 +166,12 @@ def multiplications(states: int, measurements: int) -> int:
 
 
 def run_count(scenario: Atc, runs: int | None) -> int:
-    """How many runs are flown; runs: instead of the scenario's."""
+    """Number of runs; runs: replaces the scenario's."""
     return 1 if scenario.noise == "none" else runs or scenario.runs
 
 
 def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
-    """The whole study as a result; runs: instead of the scenario's."""
+    """The whole study as a result; runs: replaces the scenario's."""
     count = run_count(scenario, runs)
     flight = fly(scenario.circuit.circuit())
     cases = [(scenario.period_s, scenario.onboard_rates),
@@ -242,7 +242,8 @@ LINK_FILTERS = ("full", "adapt", "fix", "cartesian")
 
 
 def _link(draft: ResultBuilder, scenario: Atc, flight: CircuitFlight, seed: int) -> None:
-    """What age and quantisation of reports cost in the manoeuvre, over exact reports of the same runs."""
+    """Write the cost of age and quantisation of reports in the manoeuvre, relative to exact reports of the same
+    runs."""
     section = scenario.link
     exact = section.model_copy(
         update={"latency_s": 0.0, "quantised": False, "assumed_latency_s": 0.0, "assumed_quantised": False}
@@ -274,7 +275,7 @@ def _link(draft: ResultBuilder, scenario: Atc, flight: CircuitFlight, seed: int)
 
 
 def _case(draft: ResultBuilder, label: str, time: np.ndarray, found: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
-    """Time and filters of a case; label: "" for the first, the others are kept with fewer digits."""
+    """Write time and filters of a case; label: "" for the first, the others are kept with fewer digits."""
     place = f"/cases/{label}" if label else ""
     if label:
         draft[f"{place}/scan_{label}"] = np.arange(time.size)

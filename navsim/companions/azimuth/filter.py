@@ -98,10 +98,10 @@ def azimuth_filter(
 
 @kernel
 def range_filter(period, measured, variance, residual, push0, push1, rate, truth, error, deviation):
-    """One run of [Dh, Dh'] driven by the radial acceleration push0, push1 (n,) m/s2 at the scan before and at this one.
+    """One run of [Dh, Dh'] with the radial acceleration push0, push1 (n,) m/s2 at the scan before and at this one.
 
-    First-order hold. measured, truth (n,) m; residual (n,): 1 sigma of what is left over, m/s2; rate: the first
-    estimate of Dh', m/s, believed to 5 m/s. Out: error, deviation (n,).
+    First-order hold. measured, truth (n,) m; residual (n,): 1 sigma of the residual acceleration, m/s2; rate: initial
+    estimate of Dh', m/s, with a sigma of 5 m/s. Out: error, deviation (n,).
     """
     x, p, q = np.empty(2), np.zeros((2, 2)), np.empty((2, 2))
     phi, work, gain = np.zeros((2, 2)), np.empty((2, 2)), np.empty(2)

@@ -20,9 +20,9 @@ _WORDS = {
     "L4 track rate": "L4 from BDS 5,0 track rate", "L4 roll stamped": "L4 from roll, age known",
 }  # fmt: skip
 CLAIM = (1.5, 1.8)
-"""What the paper claims: 1.5 to 1.8 times smaller errors."""
+"""The paper's claim: 1.5 to 1.8 times smaller errors."""
 GROWTH = (1.5, 2.0)
-"""What the paper claims of Singer's filter: errors 1.5 to 2 times larger in a manoeuvre."""
+"""The paper's claim about Singer's filter: errors 1.5 to 2 times larger in a manoeuvre."""
 
 
 def tables(result: Result) -> list[Table | str]:
@@ -117,7 +117,7 @@ def _growth(result: Result) -> list[Table | str]:
 
 
 def filter_labels(result: Result) -> dict[str, str]:
-    """What each filter is."""
+    """Description of each filter."""
     from navsim.report.summary_tables import setting
 
     sigmas = setting(result, "filters", "singer_sigma_m_s2")
@@ -150,8 +150,7 @@ def _errors(result: Result) -> Figure:
 
 
 def shown_acceleration(result: Result) -> float:
-    """How far the accelerations of the azimuth are shown, 1e-3 deg/s2: close to the radar it runs away; the rest is
-    what the filters live on."""
+    """Range of the azimuth accelerations in figures, 1e-3 deg/s2: close to the radar they are much larger."""
     most = 1.3e3 * float(np.percentile(np.abs(result["/truth/azimuth_acceleration"]), 95))
     return max(most, 1.1e3 * float(np.abs(result["/truth/azimuth_acceleration_literal"]).max()))
 

@@ -35,8 +35,11 @@ _KINDS = {"L1": LITERAL, "L2": TANGENT, "L3": HELD, "L4": FIRST}
 
 @dataclass(frozen=True)
 class Scans:
-    """What all filters of one case see: n scans of `runs` runs. azimuth, ground_range (run, n) measured, rad, m; nodes
-    by source (run, n, 4), as `companions.reports.nodes`; truth (n,)."""
+    """Inputs of all filters of one case: n scans of `runs` runs.
+
+    azimuth, ground_range (run, n) measured, rad, m; nodes by source (run, n, 4), as `companions.reports.nodes`; truth
+    (n,).
+    """
 
     period: float
     time: np.ndarray
@@ -139,7 +142,7 @@ def peak_growth(manoeuvre: np.ndarray, straight: np.ndarray) -> float:
 
 
 def run_count(scenario: Azimuth, runs: int | None) -> int:
-    """How many runs are flown; runs: instead of the scenario's."""
+    """Number of runs; runs: replaces the scenario's."""
     return 1 if scenario.noise == "none" else runs or scenario.runs
 
 
@@ -149,7 +152,7 @@ def mapped(scenario: Azimuth) -> bool:
 
 
 def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
-    """The whole study as a result; runs: instead of the scenario's."""
+    """The whole study as a result; runs: replaces the scenario's."""
     count = run_count(scenario, runs)
     flight = fly(scenario.circuit.circuit())
     periods = [scenario.period_s, *scenario.further_periods_s]
@@ -204,8 +207,10 @@ def _tuned(scenario: Azimuth, name: str, case: Scans) -> Errors:
 
 
 def _case(draft: ResultBuilder, label: str, case: Scans, found: dict[str, Errors]) -> None:
-    """Time and filters of a case; label: "" for the first, the others keep the variants of L4 to themselves. A case has
-    scans of its own: another dimension than that of the root, which it would be taken for."""
+    """Write time and filters of a case; label: "" for the first, the others omit the variants of L4.
+
+    A case has its own scans: a dimension different from that of the root.
+    """
     place = f"/cases/{label}" if label else ""
     if label:
         draft[f"{place}/scan_{label}"] = np.arange(case.time.size)
@@ -244,7 +249,7 @@ def _truth(draft: ResultBuilder, flight: CircuitFlight) -> None:
 
 
 def _model_errors(draft: ResultBuilder, scenario: Azimuth, flight: CircuitFlight) -> None:
-    """How far the paper's acceleration is from the true one, window by window, without a filter."""
+    """Write the error of the paper's acceleration, window by window, without a filter."""
     ahead, right = flight.level_acceleration()
     d = flight.track - flight.azimuth
     tangent = (ahead * np.sin(d) + right * np.cos(d)) / flight.ground_range

@@ -82,8 +82,11 @@ def tables(result: Result) -> list[Table | str]:
 
 
 def order_verdict(peak: float, recovery: float) -> str:
-    """Verdict on the paper's claim of a first-order filter, from its largest bias and the time that its bias takes to
-    settle after the capture of the glide, each over those of the second-order filter."""
+    """Verdict on the paper's claim of a first-order filter.
+
+    It uses the filter's largest bias and the settling time of its bias after glide-slope capture, each relative to the
+    second-order filter.
+    """
     errors = "larger dynamic error" if peak > 1.0 else "no larger dynamic error"
     if not np.isfinite(recovery):
         return errors
@@ -263,7 +266,7 @@ def _proof(result: Result) -> Figure:
 
 
 def judged(result: Result) -> np.ndarray:
-    """Which times of the nominal approach are judged: those after settling."""
+    """Times of the nominal approach after settling."""
     settling = float(result.variables["/nominal/time"].attributes["settling_s"])
     return result["/nominal/time"] >= float(setting(result, "nominal", "from_s")) + settling
 
@@ -333,7 +336,7 @@ def order_curves(result: Result) -> list[Curve]:
 
 
 def channel_curves(result: Result) -> list[Curve]:
-    """Root mean square error of the azimuth, and of the angle in the flare by what guides, after settling."""
+    """Root mean square error of the azimuth, and of the angle in the flare by guidance source, after settling."""
     settling = float(result.variables["/nominal/time"].attributes["settling_s"])
     out = []
     time = result["/azimuth/time"]

@@ -25,7 +25,7 @@ from navsim.statistics import chi_square
 from navsim.statistics.random_streams import generator
 
 BANDS = ("std_theory", "std_sample", "variance")
-"""Ways to read "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the
+"""Interpretations of "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the
 variance."""
 G = 9.80665
 
@@ -39,7 +39,8 @@ def band_limits(band: str, delta: float) -> tuple[float, float]:
 
 
 def coverage(band: str, delta: float, degrees: int) -> float:
-    """Chance that a sample variance of so many degrees of freedom lies within the band, where the filter is right."""
+    """Probability that a sample variance of so many degrees of freedom lies within the band, for a consistent
+    filter."""
     low, high = band_limits(band, delta)
     reach_low, reach_high = (chi_square.probability_below(limit * degrees, degrees) for limit in (low, high))
     return reach_high - reach_low
@@ -115,7 +116,7 @@ def prove(scenario: Elevation, seed: int, runs: int, experiments: int, done: Cal
 
 
 def covariance_of_innovation(m: Model, covariances: np.ndarray, p0: np.ndarray) -> np.ndarray:
-    """What the filter expects of its innovations (k,), deg2."""
+    """Innovation variance of the filter (k,), deg2."""
     before = np.concatenate([p0[None], covariances[:-1]])
     predicted = m.phi @ before @ m.phi.T + m.q
     return (m.h @ predicted @ m.h.T + m.r)[:, 0, 0]
@@ -140,8 +141,8 @@ def _initial(
 class ChannelRun:
     """A channel's filters on its true angle, a filter for each process noise Q, deg.
 
-    time (k,), s, angle (k,). sigma (q,): 1 sigma in the limit. bias (q, k): estimate minus truth; noise (q, k): 1 sigma
-    of what measurement noise adds.
+    time (k,), s, angle (k,). sigma (q,): steady-state 1 sigma. bias (q, k): estimate minus truth; noise (q, k): 1 sigma
+    due to measurement noise.
     """
 
     time: np.ndarray
@@ -173,7 +174,7 @@ def nominal(scenario: Elevation) -> ChannelRun:
 def without_noise(
     m: Model, p0: np.ndarray, first: tuple[float, ...], angle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A filter on a true angle (k,), deg: its bias, estimate minus truth, and 1 sigma of what noise adds, (k,)."""
+    """Bias of a filter on a true angle (k,), deg, estimate minus truth, and 1 sigma due to noise, (k,)."""
     _, gains = covariance_sequence(m.phi, m.q, m.h, m.r, p0, angle.size)
     estimate = np.empty((angle.size, p0.shape[0]))
     follow(m.phi, gains[:, :, 0], np.array(first), angle, estimate)
@@ -189,7 +190,7 @@ ORDERS = ("second order", "first order, rate white", "first order, same sigma", 
 """The filter of the scenario, and three first-order filters. Their process noise is: that of a white rate with the
 initial variance of the rate; that for the second-order filter's sigma; that for the least error on this approach."""
 TENTH = 0.1
-"""A bias has settled where it stays below this share of its largest value."""
+"""Fraction of its largest value below which a bias has settled."""
 
 
 @dataclass(frozen=True)
@@ -224,9 +225,9 @@ def least_error_gain(rate: float, period: float, r: float) -> float:
 
 
 def orders(scenario: Elevation, flown: ChannelRun) -> list[OrderRun]:
-    """First-order filters beside the second-order one of the scenario, on the nominal approach.
+    """First-order filters compared with the second-order one of the scenario, on the nominal approach.
 
-    In the limit a first-order filter of the gain K has the process noise K P- = K^2 R/(1 - K).
+    In steady state a first-order filter of the gain K has the process noise K P- = K^2 R/(1 - K).
     """
     f = scenario.filter
     r, m = f.measurement_variance_deg2, _model(scenario)
@@ -304,7 +305,7 @@ class Limits:
 
 
 def limits(scenario: Elevation, correlation_time: float) -> Limits:
-    """The exact model beside its limits; the density of the acceleration is that of the filter."""
+    """Comparison of the exact model with its limits; the density of the acceleration is that of the filter."""
     f = scenario.filter
     t, density = f.period_s, f.rate_variance_deg2_s2 / f.period_s
     variance = 0.5 * density / correlation_time
@@ -391,7 +392,7 @@ def flare_guidance(scenario: Elevation) -> FlareRun:
 
 @dataclass(frozen=True)
 class Checked:
-    """A number of the paper beside ours."""
+    """A number of the paper with ours."""
 
     statement: str
     published: float
@@ -444,7 +445,7 @@ def audit() -> list[Checked]:
 
 
 def compute(scenario: Elevation, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
-    """The whole study as a result. runs: of each experiment, instead of the scenario's."""
+    """The whole study as a result. runs: of each experiment, replaces the scenario's."""
     section = scenario.montecarlo
     count = runs or section.runs
     proof = prove(scenario, seed, count, section.experiments, done)
@@ -529,7 +530,7 @@ def _orders(draft: ResultBuilder, scenario: Elevation, flown: ChannelRun) -> Non
 
 
 def _worst(draft: ResultBuilder, place: str, time: np.ndarray, settled: np.ndarray) -> None:
-    """The largest bias of each filter, its time, and the largest root mean square error, of what is in the draft."""
+    """Write the largest bias of each filter, its time, and the largest root mean square error, from the data so far."""
     bias, noise = draft[f"{place}/bias"][..., settled], draft[f"{place}/noise"][..., settled]
     peak = np.argmax(np.abs(bias), axis=-1)
     draft[f"{place}/peak_bias"] = np.take_along_axis(bias, peak[..., None], axis=-1)[..., 0]
