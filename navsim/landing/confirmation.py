@@ -10,19 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from navsim.landing.result import result
-from navsim.landing.study import Case
-from navsim.landing.study import fly_all as fly_landing
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import CONSISTENT, Finding, of, several
 from navsim.results.result import Result
 from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS
 from navsim.runner.checkpoint import Arrays
 from navsim.runner.executor import Executor
+
+if TYPE_CHECKING:
+    from navsim.landing.case import Case
 
 RUNS = 200
 """Runs of a recommended flight: the interval of an RMS error is 10 % wide to each side."""
@@ -70,7 +70,10 @@ def filter_outputs(tree: Result | ResultBuilder) -> dict[str, float]:
 
 def fly_case(case: Case, seed: int, first: int, runs: int, executor: Executor) -> Result:
     """The result of runs first ... first + runs - 1, statistics alone."""
-    return result(case, fly_landing(case, seed, first, runs, executor, keep="none"), seed, keep="none")
+    from navsim.landing.ensemble import fly_all
+    from navsim.landing.result import result
+
+    return result(case, fly_all(case, seed, first, runs, executor, keep="none"), seed, keep="none")
 
 
 def of_runs(found: Result) -> OfRuns:

@@ -8,10 +8,10 @@ from navsim.compiler.lanes import WIDTH
 from navsim.filter.states import MOST, clock_states
 from navsim.gnss.constellations.systems import OWN
 from navsim.gnss.events import PSEUDOLITES
-from navsim.gnss.receiver import epochs
 from navsim.gnss.signals import Environment
 from navsim.integrity.fix_exclusion import MOST_KEPT, STRETCH
 from navsim.landing.ensemble import HISTORIES, history_bytes
+from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
 from navsim.results.schema import SKY_TIMES
 from navsim.runner.batches import BATCH, TASK_BYTES
 from navsim.runner.estimate import (
@@ -29,12 +29,6 @@ from navsim.simulation.aiding import believed_latency, times_of
 from navsim.simulation.inertial_states import true_states
 from navsim.simulation.landing_covariance import SOURCES
 
-SAMPLE_MEMORY = 3200
-"""Memory for an IMU sample in the shared inputs and their computation, bytes."""
-SIGNAL_MEMORY = 300
-"""A source of signals at an epoch, bytes."""
-ANALYSED_MEMORY = 12_000
-"""An epoch of a covariance analysis, bytes."""
 STATISTICS = 288
 """Memory for the statistics of a run, bytes; three times while they are computed."""
 COLUMNS = 52
@@ -104,27 +98,26 @@ class Extent:
 
 def extent(scenario: Landing, sources: Environment) -> Extent:
     """The numbers of a scenario under a sky."""
-    fixes = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
+    size = simulation_size(scenario, sources)
+    fixes, names = size.epochs, size.sources
     clocks = {int(number) for group in sources.satellites for number in group.clock[group.chosen]}
     of_ground = len(sources.pseudolites.names)
-    names = sum(len(group.names) for group in sources.satellites) + of_ground
     if sources.listed is not None:
         clocks |= {int(number) for number in sources.listed.clock[sources.listed.chosen]}
-        names += len(sources.listed.names)
     if of_ground:
         clocks.add(sources.pseudolites.clock)
     scales = 1 if sources.effects.one_clock else len(clocks)
     jamming = sources.jamming
     lasting = scenario.lasting_states(names // 2)  # about half of a sky is received
     return Extent(
-        epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
+        size.samples, fixes, names, scales,
         scenario.filter.states(scales, scenario.gain_states + lasting + scenario.height_states),
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
-        fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
-        0 if scenario.integrity is None else fixes.size,
-        0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes.size,
+        fixes * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
+        0 if scenario.integrity is None else fixes,
+        0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes,
         names if scenario.filter.tight else 0,
-        0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes.size,
+        0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes,
         # one for each source that is received, about half of a sky, for each system, and some for two at once
         0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4,
         scenario.draws_of_way(),

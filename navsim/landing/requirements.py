@@ -23,7 +23,7 @@ from navsim.landing.integrity import (
     share_of_alike,
 )
 from navsim.results.builder import ResultBuilder
-from navsim.results.schema import COVARIANCE, HEIGHTS, RARE, VERDICTS
+from navsim.results.schema import COVARIANCE, HEIGHTS, MET, NOT_MET, RARE, UNDECIDED
 from navsim.runner.statistics import rms_interval_of_means, share_interval
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import (
@@ -43,7 +43,6 @@ from navsim.scenario.requirements import (
 from navsim.simulation.landing_covariance import folded_quantile
 from navsim.statistics import normal
 
-NOT_MET, UNDECIDED, MET = VERDICTS
 MOST_RUNS = 10**12
 """Largest number of runs that is proposed."""
 _AXES = ("lateral", "along", "vertical")

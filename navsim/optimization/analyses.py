@@ -17,13 +17,18 @@ from navsim.gnss.constellations.constellation import Remembering
 from navsim.gnss.signals import Environment, build_signals
 from navsim.gnss.sky import enu_matrix
 from navsim.landing import integrity
-from navsim.landing.case import world_of
+from navsim.landing.case import Case, world_of
 from navsim.landing.confirmation import filter_outputs
+from navsim.landing.covariance import (
+    covariance_analysis,
+    covariance_findings,
+    covariance_summary,
+    judged_without_runs,
+)
 from navsim.landing.integrity import spread_over
 from navsim.landing.requirements import Fulfilment, sizes_of
 from navsim.landing.sources import touchdown_time
-from navsim.landing.study import Case, covariance_analysis, covariance_findings, covariance_summary, judged_without_runs
-from navsim.optimization.placement import Rules, RunwayPlane
+from navsim.optimization.placement import ObjectiveFunction, Rules, RunwayPlane
 from navsim.optimization.scenario import LEVEL_OBJECTIVES
 from navsim.results.findings import Finding
 from navsim.results.schema import LARGE
@@ -37,8 +42,6 @@ from navsim.scenario.requirements import (
 from navsim.simulation.landing_covariance import Analysis
 from navsim.trajectory.kinematics import Motion
 
-ObjectiveFunction = Callable[[np.ndarray], np.ndarray]
-"""Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""
 COARSE_FIXES = 1.0
 """Rate of fixes of the coarse analysis, Hz."""
 COARSE_IMU = 10.0

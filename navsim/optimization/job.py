@@ -6,7 +6,7 @@ import math
 
 from navsim.gnss.signals import Environment
 from navsim.landing.confirmation import RUNS
-from navsim.landing.estimate import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, extent
+from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
 from navsim.landing.sources import glide_epochs
 from navsim.optimization import study as optimize
 from navsim.optimization.problem import PENALTY_REQUIREMENT, PlacementProblem, load_of, problem
@@ -59,7 +59,7 @@ class OptimizeJob:
     def estimate(self, scenario: Landing, sources: Environment) -> Budget:
         """Estimated memory and disk of a search for placements."""
         study = self.section
-        here = extent(scenario, sources)
+        here = simulation_size(scenario, sources)
         starts = 1 if study.period is None else study.period.count
         most = max(study.counts)
         # a map is judged at one go, choices of sites in chunks

@@ -6,6 +6,7 @@ Source: [1] ICAO Annex 14, vol. I, 3.4 (runway strip) and table 4-1 (approach an
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,9 @@ from navsim.results import files
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Place, Problem
+
+ObjectiveFunction = Callable[[np.ndarray], np.ndarray]
+"""Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""
 
 
 @dataclass(frozen=True)

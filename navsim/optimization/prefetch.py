@@ -12,8 +12,7 @@ from concurrent.futures import FIRST_COMPLETED, wait
 
 import numpy as np
 
-from navsim.optimization.analyses import ObjectiveFunction
-from navsim.optimization.placement import Rules
+from navsim.optimization.placement import ObjectiveFunction, Rules
 from navsim.optimization.search_log import SearchLog
 from navsim.runner.executor import RemoteExecutor
 

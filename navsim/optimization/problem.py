@@ -27,25 +27,21 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.signals import Environment
-from navsim.landing.case import Ask, crossing_times
 from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
 from navsim.landing.plausibility import implausible
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
-from navsim.landing.requirements import MET, Fulfilment
 from navsim.landing.sources import environment, glide_epochs, touchdown_time
-from navsim.landing.study import Case, prepare
-from navsim.optimization.analyses import FidelityEvaluator, LevelScreen, ObjectiveFunction, flown, screened, watched
-from navsim.optimization.placement import Rules, rules
+from navsim.optimization.placement import ObjectiveFunction, Rules, rules
 from navsim.optimization.scenario import DOP_OBJECTIVES, FILTER_DISTANCE, LEVEL_OBJECTIVES, Optimize
 from navsim.results.findings import Finding
-from navsim.results.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
+from navsim.results.schema import HEIGHTS, LARGE, MET, MOST_LEVELS, RMS_WINDOW
 from navsim.runner.executor import threads
 from navsim.scenario.base import KeyedError, validated
 from navsim.scenario.landing import Landing
@@ -53,6 +49,11 @@ from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singl
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.placement_geometry import Geometry, glide_geometry
 from navsim.sweeps.scenario import FILTER_OUTPUTS
+
+if TYPE_CHECKING:
+    from navsim.landing.case import Ask, Case
+    from navsim.landing.requirements import Fulfilment
+    from navsim.optimization.analyses import FidelityEvaluator, LevelScreen
 
 PENALTY_CONSTRAINT = 1e9
 """Objective of a placement that breaks a rule by nothing; more for worse."""
@@ -298,6 +299,10 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     fly = partial(_fly, study, bare, document)
     if study.objective in DOP_OBJECTIVES and not study.constraints.requirements:
         return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly)
+    # the filter and its monitors, which objectives of the geometry do without
+    from navsim.landing.case import prepare
+    from navsim.optimization.analyses import FidelityEvaluator, LevelScreen, flown, screened, watched
+
     watches = study.constraints.requirements or study.objective in LEVEL_OBJECTIVES
     if watches and scenario.integrity is not None and scenario.integrity.method == "filter":
         text = "levels of filters take seconds each and are not searched; use integrity.method mhss, then navsim run"
@@ -383,6 +388,8 @@ def _fly(
     sites = [{"s_m": float(s), "l1_m": float(l1), "height_m": study.height_m} for s, l1 in places]
     for key, value in (("method", "monte-carlo"), ("pseudolites.frame", "runway"), ("pseudolites.sites", sites)):
         set_value(own, key, value, document.place(("base",)), document.folder)
+    from navsim.landing.case import prepare
+
     case = prepare(validated(Landing, own), own)
     return of_runs(fly_case(case, seed, first, runs, threads()))
 
@@ -449,6 +456,8 @@ def of_geometry(name: str, geometry: Geometry, sites: np.ndarray) -> np.ndarray:
 
 def _read_at(name: str, case: Case) -> float:
     """Time at which an error of the filter is read, or the end of the stretch it is taken over, s."""
+    from navsim.landing.case import crossing_times
+
     _, _, height = name.partition("_")
     return (
         crossing_times(case)[list(HEIGHTS).index(height)] if height else touchdown_time(case.scenario, case.trajectory)

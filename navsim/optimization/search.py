@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from navsim.landing.confirmation import APART, CANDIDATES
-from navsim.optimization.analyses import ObjectiveFunction
+from navsim.optimization.placement import ObjectiveFunction
 from navsim.optimization.problem import (
     PENALTY_CONSTRAINT,
     PENALTY_REQUIREMENT,

@@ -10,13 +10,13 @@ import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.confirmation import Candidate, Confirmation, confirm
-from navsim.landing.requirements import MET, Fulfilment
-from navsim.optimization.analyses import ObjectiveFunction
+from navsim.optimization.placement import ObjectiveFunction
 from navsim.optimization.prefetch import ObjectiveFunctions, Prefetcher
 from navsim.optimization.problem import (
     PENALTY_CONSTRAINT,
@@ -31,13 +31,16 @@ from navsim.optimization.search_log import SearchLog
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
-from navsim.results.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
+from navsim.results.schema import MET, OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.runner import findings as judging
 from navsim.runner.attributes import root_attributes
 from navsim.runner.checkpoint import Arrays, code_key
 from navsim.runner.executor import RemoteExecutor
 from navsim.scenario.load import resolved_yaml
-from navsim.sweeps.study import dop_outputs
+from navsim.sweeps.outputs import dop_outputs
+
+if TYPE_CHECKING:
+    from navsim.landing.requirements import Fulfilment
 
 BEARINGS = np.arange(0.0, 360.0, 45.0)
 """Directions in which the neighbourhood is explored, degrees from the landing direction, clockwise."""

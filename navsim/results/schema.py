@@ -691,7 +691,7 @@ _INTEGRITY = Chapter(
     ),
 )  # fmt: skip
 
-VERDICTS = ("not met", "undecided", "met")
+VERDICTS = NOT_MET, UNDECIDED, MET = ("not met", "undecided", "met")
 """Verdicts on a requirement, by number in a sweep."""
 _ASKED_FOR = "where the scenario has `requirements`"
 _REQUIREMENTS = Chapter(

@@ -6,14 +6,8 @@ from functools import partial
 from typing import Any
 
 from navsim.landing.confirmation import RUNS
-from navsim.landing.estimate import (
-    ANALYSED_MEMORY,
-    SIGNAL_MEMORY,
-    STATISTICS,
-    extent,
-    shared_memory,
-    sums_bytes,
-)  # fmt: skip
+from navsim.landing.estimate import STATISTICS, extent, shared_memory, sums_bytes
+from navsim.landing.simulation_size import ANALYSED_MEMORY, SIGNAL_MEMORY
 from navsim.results.result import ResultKind
 from navsim.runner.batches import BATCH
 from navsim.runner.checkpoint import CheckpointStore

@@ -35,7 +35,7 @@ from navsim.landing.confirmation import (
 )
 from navsim.landing.plausibility import implausible, one_direction
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
-from navsim.landing.requirements import UNDECIDED, Fulfilment, Statement, statements
+from navsim.landing.requirements import Statement, statements
 from navsim.landing.result_groups import geometry_summary
 from navsim.landing.sources import environment, files_of, glide_epochs, on_glide
 from navsim.landing.study import (
@@ -50,7 +50,7 @@ from navsim.results import files
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import FIX, Finding, kept, of
 from navsim.results.result import Result
-from navsim.results.schema import OUTCOMES, SWEEP, VERDICTS
+from navsim.results.schema import OUTCOMES, SWEEP, UNDECIDED, VERDICTS
 from navsim.runner.attributes import root_attributes
 from navsim.runner.batches import Ensemble, fly_all
 from navsim.runner.checkpoint import Arrays, CheckpointError, CheckpointStore, code_key
@@ -64,8 +64,15 @@ from navsim.scenario.signals import PseudolitesSection
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.placement_geometry import Geometry, glide_geometry
+from navsim.sweeps.outputs import (
+    NUMBERED,
+    dop_outputs,
+    landing_outputs,
+    outputs_of_fulfilments,
+    requirement_outputs,
+    watched_outputs,
+)
 from navsim.sweeps.scenario import (
-    DOP_OUTPUTS,
     FILTER_OUTPUTS,
     LEVEL_OUTPUTS,
     REQUIREMENTS,
@@ -418,7 +425,7 @@ class SweepStudy:
             rows["outcome"][i] = NO_FIX if unfixed else COMPUTED
             for name in names:
                 # that there are no levels, and what follows from that, is known of flights without a fix too
-                if not unfixed or name == "level_share" or name.startswith(_NUMBERED):
+                if not unfixed or name == "level_share" or name.startswith(NUMBERED):
                     rows[name][i] = found[name]
         return rows, {}, {}
 
@@ -466,7 +473,7 @@ class SweepStudy:
         warned, alone = bool(self.plan.warnings_of(case)), bool(case.foreseen.lone_pseudolite)
         glide = on_glide(case.scenario, case.trajectory, case.world.signals.time)
         lost = int(np.isnan(case.world.dop[glide, 1]).sum())
-        out = _of_landing(geometry_summary(case), lost)
+        out = landing_outputs(geometry_summary(case), lost)
         _check_watched(self.plan.study, scenario, document)
         if set(self.plan.study.wanted()) & set(LEVEL_OUTPUTS):
             out |= integrity.level_outputs(case)
@@ -474,14 +481,14 @@ class SweepStudy:
             analysis = covariance_analysis(case)
             outputs = out | filter_outputs(covariance_summary(case, analysis))
             if self.plan.asked:
-                outputs |= _of_fulfilments(judged_without_runs(case, analysis))
+                outputs |= outputs_of_fulfilments(judged_without_runs(case, analysis))
             return outputs, site, covariance_findings(case, analysis), warned, alone
         if method == "monte-carlo":
             flown = fly_case(case, self.plan.seed, 0, self.plan.study.runs, threads(1))
-            outputs = out | filter_outputs(flown) | _watched_outputs(flown)
-            return outputs | _requirement_outputs(flown), site, of(flown), warned, alone
+            outputs = out | filter_outputs(flown) | watched_outputs(flown)
+            return outputs | requirement_outputs(flown), site, of(flown), warned, alone
         if self.plan.asked:
-            out |= _of_fulfilments(judged_without_runs(case, None))
+            out |= outputs_of_fulfilments(judged_without_runs(case, None))
         epochs = int(glide.sum())
         found = []
         if lost:
@@ -490,56 +497,6 @@ class SweepStudy:
         if not epochs:
             found.append(Finding("no_fix", "no fix epoch in the glide", (FIX,)))
         return out, site, found, warned, alone
-
-
-def dop_outputs(geometry: Geometry, sites: np.ndarray) -> dict[str, np.ndarray]:
-    """The outputs of every method for placements (p, k, 3), ECEF m: each (p,)."""
-    dops, lost = geometry.dops(sites)
-    sigmas, _ = geometry.fix_sigmas(sites)
-    values = [*dops[:, 0], *dops[:, 2], sigmas[1, 0], sigmas[2, 0], lost.astype(float)]
-    return dict(zip(DOP_OUTPUTS, values, strict=True))
-
-
-def _of_landing(summary: ResultBuilder, lost: int) -> dict[str, float]:
-    """Outputs of a landing from its result; lost: epochs of the glide without a fix."""
-    dops = [summary[f"/summary/dop/{name}"] for name in ("pdop", "hdop", "vdop")]
-    sigmas = [summary[f"/summary/fix/rms_{name}"] for name in ("horizontal", "vertical")]
-    values = [*(d[0] for d in dops), *(d[2] for d in dops), *(s[0] for s in sigmas), lost]
-    return dict(zip(DOP_OUTPUTS, map(float, values), strict=True))
-
-
-def _watched_outputs(flown: Result) -> dict[str, float]:
-    """Counts of monitored fixes, if any, with the ends of the intervals."""
-    out: dict[str, float] = {}
-    for name in WATCHED_OUTPUTS:
-        if (path := f"/summary/integrity/{name}") in flown:
-            out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, flown[path]), strict=True))
-    return out
-
-
-_NUMBERED = "requirement_"
-
-
-def _requirement_outputs(flown: Result) -> dict[str, float]:
-    """Values of requirements, in the order of the scenario, as in a result; empty without any."""
-    branch = "/summary/requirements"
-    if f"{branch}/verdict" not in flown:
-        return {}
-    return _numbered(flown[f"{branch}/value"], [str(word) for word in flown[f"{branch}/verdict"]])
-
-
-def _of_fulfilments(found: Sequence[Fulfilment]) -> dict[str, float]:
-    """Values of requirements without a result."""
-    return _numbered(np.array([one.value for one in found]), [one.verdict() for one in found])
-
-
-def _numbered(values: np.ndarray, words: Sequence[str]) -> dict[str, float]:
-    out: dict[str, float] = {}
-    for i, (interval, word) in enumerate(zip(values, words, strict=True), start=1):
-        name = f"{_NUMBERED}{i}"
-        out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
-        out[f"{name}_verdict"] = VERDICTS.index(word)
-    return out
 
 
 def _check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
@@ -565,7 +522,7 @@ def columns(planned: Plan) -> list[str]:
         if name == REQUIREMENTS:
             for i in range(1, len(planned.asked) + 1):
                 ends = ("", "_low", "_high", "_verdict") if flown else ("", "_verdict")
-                out += [f"{_NUMBERED}{i}{end}" for end in ends]
+                out += [f"{NUMBERED}{i}{end}" for end in ends]
             continue
         out.append(name)
         if flown and name in (*FILTER_OUTPUTS, *WATCHED_OUTPUTS):
@@ -575,7 +532,7 @@ def columns(planned: Plan) -> list[str]:
 
 def verdicts(planned: Plan) -> list[str]:
     """Columns with verdicts, as numbers of `schema.VERDICTS`."""
-    return [f"{_NUMBERED}{i}_verdict" for i in range(1, len(planned.asked) + 1)]
+    return [f"{NUMBERED}{i}_verdict" for i in range(1, len(planned.asked) + 1)]
 
 
 def compute(
@@ -677,7 +634,7 @@ def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirm
             draft.put(f"/sweep/axes/{short(study, key)}", values, key=key, of_axis=axis.name)
     for name in columns(planned):
         cube = found.per_run(name).reshape(planned.shape)
-        if name.startswith(_NUMBERED):
+        if name.startswith(NUMBERED):
             said = planned.asked[int(name.split("_")[1]) - 1]
             plain = name.count("_") == 1
             attributes = {"limit": said.limit, "least": int(said.least)} if plain else {}

@@ -1,0 +1,67 @@
+"""Outputs of a combination of a sweep, by name: of its geometry, its landing, its watched fixes, its requirements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.results.schema import VERDICTS
+from navsim.sweeps.scenario import DOP_OUTPUTS, WATCHED_OUTPUTS
+
+if TYPE_CHECKING:
+    from navsim.landing.requirements import Fulfilment
+    from navsim.results.builder import ResultBuilder
+    from navsim.results.result import Result
+    from navsim.simulation.placement_geometry import Geometry
+
+NUMBERED = "requirement_"
+"""Beginning of the names of outputs of requirements."""
+
+
+def dop_outputs(geometry: Geometry, sites: np.ndarray) -> dict[str, np.ndarray]:
+    """The outputs of every method for placements (p, k, 3), ECEF m: each (p,)."""
+    dops, lost = geometry.dops(sites)
+    sigmas, _ = geometry.fix_sigmas(sites)
+    values = [*dops[:, 0], *dops[:, 2], sigmas[1, 0], sigmas[2, 0], lost.astype(float)]
+    return dict(zip(DOP_OUTPUTS, values, strict=True))
+
+
+def landing_outputs(summary: ResultBuilder, lost: int) -> dict[str, float]:
+    """Outputs of a landing from its result; lost: epochs of the glide without a fix."""
+    dops = [summary[f"/summary/dop/{name}"] for name in ("pdop", "hdop", "vdop")]
+    sigmas = [summary[f"/summary/fix/rms_{name}"] for name in ("horizontal", "vertical")]
+    values = [*(d[0] for d in dops), *(d[2] for d in dops), *(s[0] for s in sigmas), lost]
+    return dict(zip(DOP_OUTPUTS, map(float, values), strict=True))
+
+
+def watched_outputs(flown: Result) -> dict[str, float]:
+    """Counts of monitored fixes, if any, with the ends of the intervals."""
+    out: dict[str, float] = {}
+    for name in WATCHED_OUTPUTS:
+        if (path := f"/summary/integrity/{name}") in flown:
+            out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, flown[path]), strict=True))
+    return out
+
+
+def requirement_outputs(flown: Result) -> dict[str, float]:
+    """Values of requirements, in the order of the scenario, as in a result; empty without any."""
+    branch = "/summary/requirements"
+    if f"{branch}/verdict" not in flown:
+        return {}
+    return _numbered(flown[f"{branch}/value"], [str(word) for word in flown[f"{branch}/verdict"]])
+
+
+def outputs_of_fulfilments(found: Sequence[Fulfilment]) -> dict[str, float]:
+    """Values of requirements without a result."""
+    return _numbered(np.array([one.value for one in found]), [one.verdict() for one in found])
+
+
+def _numbered(values: np.ndarray, words: Sequence[str]) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for i, (interval, word) in enumerate(zip(values, words, strict=True), start=1):
+        name = f"{NUMBERED}{i}"
+        out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
+        out[f"{name}_verdict"] = VERDICTS.index(word)
+    return out
