@@ -18,7 +18,8 @@ from navsim.filter.measurement_models import FIX, Measurements
 from navsim.filter.records import ESKF, TFG, ImuData, Truth, empty_account, start
 from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
-from navsim.simulation.landing import exact_start, table_of_fixes
+from navsim.simulation.landing import exact_start
+from navsim.simulation.measurement_tables import table_of_fixes
 
 RIVAL_SECONDS = (12.0, 2.0)
 """Length of flight given to the slowest rival, s, in full and in brief; its time per step does not depend on it."""

@@ -34,7 +34,7 @@ from navsim.landing import study as landing
 from navsim.scenario.load import read
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.sensors import imu
-from navsim.simulation.landing import measured, receiver_fixes
+from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"

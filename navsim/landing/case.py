@@ -30,15 +30,10 @@ from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import followed_errors as followed_heights
 from navsim.simulation.correlated_errors import fix_blocks, followed_errors
 from navsim.simulation.inertial_states import followed, gains_that_matter
-from navsim.simulation.landing import (
-    Flight,
-    InitialErrors,
-    Run,
-    World,
-    build_world,
-    fly,
-)
+from navsim.simulation.landing import Flight, InitialErrors, fly
 from navsim.simulation.landing import prepare as prepare_flight
+from navsim.simulation.run import Run
+from navsim.simulation.shared_truth import World, build_world
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.kinematics import Moving
 

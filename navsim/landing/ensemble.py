@@ -35,7 +35,7 @@ from navsim.runner.findings import Flaws
 from navsim.runner.statistics import rms_interval
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
-from navsim.simulation.landing import Run
+from navsim.simulation.run import Run
 from navsim.statistics.consistency import sum_ratios
 from navsim.words import option
 

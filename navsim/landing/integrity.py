@@ -37,7 +37,7 @@ from navsim.runner.statistics import mean_interval, share_interval
 from navsim.scenario.base import DEG
 from navsim.scenario.requirements import LevelRequirement, singles
 from navsim.simulation.filter_bank import FilterBank
-from navsim.simulation.landing import Run
+from navsim.simulation.run import Run
 
 WINDOW = 15.0
 """Length of the stretches for which continuity is counted, s: as ICAO Annex 10, table 3.7.2.4-1 has it."""

@@ -17,7 +17,8 @@ from navsim.filter.evaluation import judge
 from navsim.filter.measurement_models import FIX, Measurements
 from navsim.filter.records import TIME_TOLERANCE, History, ImuData, Judgement, State, Truth, schedule, start
 from navsim.filter.states import MOST
-from navsim.simulation.landing import Flight, table_of_all_fixes
+from navsim.simulation.landing import Flight
+from navsim.simulation.measurement_tables import table_of_all_fixes
 from navsim.trajectory.kinematics import Moving
 
 

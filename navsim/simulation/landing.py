@@ -3,8 +3,8 @@
     route -> signal simulator with pseudolites -> receiver -> fix ┐
     route -> inertial sensors -> SINS ────────────────────────────┴-> Kalman filter -> accuracy
 
-`World` contains what all runs of a scenario share: the route, and the signals (`gnss.signals`). `fly` simulates one
-run. If the air moves each run off the route, `simulation.dispersed_trajectory` has its own trajectory.
+`shared_truth.World` contains what all runs of a scenario share: the route, and the signals. `fly` simulates one run.
+If the air moves each run off the route, `simulation.dispersed_trajectory` has its own trajectory.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -23,9 +22,8 @@ from navsim.filter import eskf, states
 from navsim.filter.design import Beliefs, clock_sigma
 from navsim.filter.estimate import fly as fly_filter
 from navsim.filter.estimate import in_all_lanes, is_smoother
-from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter.measurement_models import FIX, RANGE, FixTable
 from navsim.filter.records import (
-    Account,
     Events,
     FilterModel,
     ImuData,
@@ -38,40 +36,28 @@ from navsim.filter.records import (
 )
 from navsim.filter.states import MOST
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
-from navsim.geodesy.earth import llh_from_ecef
-from navsim.gnss import dll, pseudorange
 from navsim.gnss.dll import ReflectionErrors
-from navsim.gnss.dop import MAX_CLOCKS, dops, geometry_covariance
-from navsim.gnss.heavy_tailed import HeavyTailedNoise
-from navsim.gnss.receiver import Receiver, wander
-from navsim.gnss.signals import Environment, build_signals, true_positions
-from navsim.gnss.sky import enu_matrix
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
-from navsim.integrity.fix_exclusion import Excluder, SettledFixes
-from navsim.integrity.fixes import ReceiverFixes, range_residuals, solved
+from navsim.integrity.fix_exclusion import Excluder
 from navsim.sensors import imu
-from navsim.simulation.aiding import Aid, aids_of
-from navsim.simulation.correlated_errors import FixErrors, RangeErrors, as_noise
-from navsim.simulation.dispersed_trajectory import Flown, Ways
+from navsim.simulation.correlated_errors import RangeErrors, as_noise
+from navsim.simulation.dispersed_trajectory import Flown
 from navsim.simulation.inertial_states import true_values
+from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
+from navsim.simulation.measurements import draw_measurements, generators, lasting_errors, receiver_fixes
 from navsim.simulation.range_curvature import (
     NEGLIGIBLE,
     Curvature,
     NearPass,
-    diagonal_bound,
     has_near_sources,
     near_passes,
-    shifted,
 )
-from navsim.statistics import noise
+from navsim.simulation.run import Run, Watched
+from navsim.simulation.shared_truth import Wander, World, smoothed
 from navsim.statistics.random_streams import generator
-from navsim.trajectory.air import Air
 from navsim.trajectory.guidance import Held
-from navsim.trajectory.kinematics import Motion, Moving, Trajectory
-
-CARRIER_SIGMA = 3e-3
-"""1 sigma of a carrier phase measurement, m."""
+from navsim.trajectory.kinematics import Motion
 
 
 @dataclass(frozen=True)
@@ -83,230 +69,6 @@ class InitialErrors:
     position: float
     velocity: float
     fixed: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class World:
-    """Simulation inputs that all runs of a scenario share."""
-
-    imu_time: np.ndarray
-    """(n + 1,) s."""
-    dtheta: np.ndarray
-    """(n, 3) exact angle increments, rad."""
-    dv: np.ndarray
-    """(n, 3) exact velocity increments, m/s."""
-    truth: Motion
-    """Motion at `imu_time`."""
-    signals: pseudorange.Signals
-    clock: np.ndarray
-    """(e, 2) receiver clock offset (m) and drift (m/s) at the fixes, without noise."""
-    clock_density: tuple[float, float]
-    """Noise densities of the clock (`gnss.receiver.wander`)."""
-    clock_at_filter: np.ndarray
-    """(e + 1, 2) clock at the filter's outputs, without noise."""
-    scale_offsets: np.ndarray
-    """(MAX_CLOCKS,) offset of each time scale in the pseudoranges of its sources, m."""
-    start: np.ndarray
-    at_filter: Motion
-    """Motion at the filter's e + 1 output times: 0, and every fix epoch plus latency."""
-    filter_index: np.ndarray
-    """(e + 1,) index of the IMU sample at or just before them."""
-    aids: tuple[Aid, ...]
-    """Sensors beside the receiver."""
-    heavier: HeavyTailedNoise | None
-    """Distribution of the ranging noise if it is not Gaussian."""
-    ways: Ways | None = None
-    """Common data of the trajectories of runs that deviate from the route; None if all runs fly the route."""
-
-    @property
-    def filter_time(self) -> np.ndarray:
-        """Times of the filter's output, s (e + 1,)."""
-        return self.at_filter.time
-
-    @cached_property
-    def scales(self) -> tuple[int, ...]:
-        """Numbers of the time scales of the sources that are ever received."""
-        return tuple(sorted(set(self.signals.clock[self.signals.used.any(axis=0)].tolist())))
-
-    @cached_property
-    def dop(self) -> np.ndarray:
-        """`dops` of the signals (e, 5)."""
-        return dops(self.signals.los, self.signals.clock)
-
-    @cached_property
-    def fix_errors(self) -> FixErrors:
-        """Effect of ranging errors on fixes."""
-        return FixErrors.of(self.start, self.signals, *believed_measurements(self))
-
-    @cached_property
-    def antenna_enu(self) -> np.ndarray:
-        """Rows (e, 3, 3) that resolve ECEF along east, north and up at the antenna."""
-        return enu_matrix(llh_from_ecef(self.signals.antenna))
-
-    @cached_property
-    def fix_covariance(self) -> np.ndarray:
-        """Weighted covariance of the position fixes from the signals (e, 3, 3), ENU, m2."""
-        weight = 1.0 / self.signals.fix_sigma**2
-        return geometry_covariance(self.signals.los, self.signals.clock, weight)[0][:, :3, :3]
-
-
-def build_world(
-    trajectory: Moving,
-    environment: Environment,
-    receiver: Receiver,
-    *,
-    utc: float,
-    duration: float,
-    imu_rate: float,
-    aiding: Sequence[Any] = (),
-    air: Air | None = None,
-) -> World:
-    """Route and geometry of the signals.
-
-    utc: of time 0, s from 1970-01-01. duration: s. imu_rate: Hz. Fixes after the end are omitted. aiding: models of
-    sensors beside the receiver. air: disturbances that give each run its own trajectory around a `Trajectory`.
-    """
-    imu_time = np.arange(int(np.floor(duration * imu_rate + 1e-9)) + 1) / imu_rate
-    dtheta, dv = trajectory.increments(imu_time)
-    fix_time = receiver.epochs(duration, imu_rate)
-    at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + receiver.latency]))
-    at_fixes = trajectory.motion(fix_time)
-    signals, ways = build_signals(at_fixes, utc, environment), None
-    if air is not None:
-        assert isinstance(trajectory, Trajectory)
-        sources = true_positions(environment, signals.position)
-        ways = Ways.of(air, trajectory, imu_time, at_filter, at_fixes, signals, sources, environment.lever_arm)
-    return World(
-        imu_time=imu_time,
-        dtheta=dtheta,
-        dv=dv,
-        truth=trajectory.motion(imu_time),
-        signals=signals,
-        clock=receiver.clock(fix_time),
-        clock_density=receiver.clock_density,
-        clock_at_filter=receiver.clock(at_filter.time),
-        scale_offsets=environment.scale_offsets,
-        start=trajectory.frame.origin,
-        at_filter=at_filter,
-        filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
-        aids=aids_of(aiding, trajectory, duration, imu_rate),
-        heavier=environment.effects.heavier,
-        ways=ways,
-    )
-
-
-@dataclass(frozen=True)
-class Wander:
-    """The noise of the receiver's clock in runs: offset, m, and drift, m/s, at the fixes (e, 2, W) and at the filter's
-    outputs (e + 1, 2, W)."""
-
-    at_fixes: np.ndarray
-    at_filter: np.ndarray
-
-    @classmethod
-    def of(cls, world: World, seed: int, runs: Sequence[int], lanes: int) -> Wander | None:
-        """Receiver clocks of runs, in the first of so many lanes; None without clock noise."""
-        if not any(world.clock_density):
-            return None
-        fixed, answered = world.signals.time, world.filter_time
-        time, where = np.unique(np.concatenate([fixed, answered]), return_inverse=True)
-        wandered = np.empty((fixed.size + answered.size, 2, lanes))
-        for lane, run in enumerate(runs):
-            wandered[..., lane] = wander(world.clock_density, time, generator(seed, run, "clock"))[where]
-        wandered[..., len(runs) :] = wandered[..., len(runs) - 1 : len(runs)]
-        return cls(wandered[: fixed.size], wandered[fixed.size :])
-
-
-@dataclass(frozen=True)
-class Run:
-    """Output of one run, or of several along a first axis. Shapes and units are those of the result file without the
-    run axis.
-
-    Arrays of n samples, e fixes, o outputs, s sources, a aiding measurements. Those that do not apply are empty.
-    """
-
-    pseudorange: np.ndarray
-    """(e, s) m; empty if measurements are not kept."""
-    range_rate: np.ndarray
-    """(e, s) m/s, likewise."""
-    fix_llh: np.ndarray
-    """(e, 3) fixes of the receiver."""
-    fix_velocity: np.ndarray
-    """(e, 3) NED, m/s."""
-    fix_clock: np.ndarray
-    """Clock estimates of the fixes, m."""
-    error: np.ndarray
-    """(e + 1, n) truth minus estimate at the outputs."""
-    sigma: np.ndarray
-    """(e + 1, n) filter sigma."""
-    cross: np.ndarray
-    """(e + 1, 6) elements NE, ND, ED of the covariance of position, then of attitude: they allow a later rotation of
-    axes."""
-    nees: np.ndarray
-    """(e + 1,) of all states."""
-    nees_position_velocity: np.ndarray
-    """(e + 1,) of position and velocity."""
-    nees_group: np.ndarray
-    """(e + 1, g) of each group of three states."""
-    innovation_squared: np.ndarray
-    """(e,) normalised innovation squared."""
-    degrees: np.ndarray
-    """(e,) its degrees of freedom."""
-    status: np.ndarray
-    """(e,) not used, used or rejected."""
-    range_status: np.ndarray
-    """(e, s) status of each range; empty unless the filter is tightly coupled."""
-    aided: np.ndarray
-    """(a, MOST) measurements of sensors beside the receiver, in the order of `World.aids`; nan after their numbers."""
-    aided_squared: np.ndarray
-    """(a,) as of the fixes."""
-    aided_degrees: np.ndarray
-    """(a,) as of the fixes."""
-    aided_status: np.ndarray
-    """(a,) as of the fixes."""
-    monitor_statistic: np.ndarray
-    """(e,) test statistic of the monitor, see `Watched`."""
-    monitor_status: np.ndarray
-    """(e,) result of the test."""
-    watched_error: np.ndarray
-    """(e, 2) sizes of the monitored horizontal and vertical errors, m."""
-    monitor_excluded: np.ndarray
-    """(e,) number of the exclusion candidate, -1 for none; empty without exclusion."""
-    monitor_level: np.ndarray
-    """(e, 2) protection levels of the fixes after exclusion, nan without a test; empty without exclusion."""
-    innovation_ratio: np.ndarray
-    """(e,) see `InnovationTest`; empty without the test."""
-    deviation: np.ndarray
-    """(o, 3) of the trajectory from the route, lateral, along, vertical, m. Empty if all runs fly the route."""
-    attitude: np.ndarray
-    """(o, 3) true roll, pitch, yaw, rad, likewise."""
-    antenna: np.ndarray
-    """(e, 3) true antenna position at fixes, ECEF, m, likewise."""
-    gust: np.ndarray
-    """Wind minus the mean wind (o, 3), m/s: right of the course, along it, up. Empty if all runs fly the route."""
-    delta_angle: np.ndarray
-    """Angle increments measured by the gyros (n, 3), rad. Empty if measurements are not kept."""
-    delta_velocity: np.ndarray
-    """Velocity increments measured by the accelerometers (n, 3), m/s. Empty if measurements are not kept."""
-    start_llh: np.ndarray
-    """Initial position of the filter (3,), rad, rad, m."""
-    start_velocity: np.ndarray
-    """Initial velocity of the filter (3,), NED, m/s."""
-    start_rpy: np.ndarray
-    """Initial roll, pitch, yaw of the filter (3,), rad."""
-    filter_fix_llh: np.ndarray
-    """Fixes (e, 3) used by a loosely coupled filter, nan where it uses none. Empty if measurements are not kept, or the
-    filter is tightly coupled."""
-    filter_fix_velocity: np.ndarray
-    """Velocities (e, 3) of these fixes, NED, m/s, nan where the filter uses none."""
-    filter_fix_covariance: np.ndarray
-    """Their covariance (e, 6, 6) in the filter model, position and velocity, NED."""
-    clipped: np.ndarray
-    """(2,) samples of gyros and of accelerometers beyond their range; empty without a range."""
-
-    def one(self, which: int) -> Run:
-        """One of several runs."""
-        return Run(**{name: getattr(self, name)[which] for name in self.__dataclass_fields__})
 
 
 def initial_errors(flight: Flight, seed: int, run: int) -> np.ndarray:
@@ -358,136 +120,6 @@ def exact_start(truth: Motion) -> np.ndarray:
     nav[states.NAV_VEL : states.NAV_QUAT] = truth.velocity_ned[0]
     nav[states.NAV_QUAT : states.NAV_HELD] = truth.quaternion[0]
     return nav
-
-
-def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pseudoranges (m) and range rates (m/s) of a run on the route (e, s), nan if missing."""
-    ranges, rates, phases = _measure(
-        world, seed, (run,), 1, Wander.of(world, seed, (run,), 1), lasting_errors(world, seed, (run,)), None
-    )
-    return smoothed(world, ranges, phases)[..., 0], rates[..., 0]
-
-
-def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.ndarray:
-    """Pseudoranges (e, s, W) as the receiver uses them: smoothed by the carrier where it does that."""
-    if phases is None or world.signals.smoothing is None:
-        return ranges
-    each = range(ranges.shape[-1])
-    return np.stack([dll.smooth(ranges[..., k], phases[..., k], world.signals.smoothing) for k in each], axis=-1)
-
-
-def lasting_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray | None:
-    """Time-correlated ranging errors of so many runs, in the sigma of their kinds (k, e, s, W); None without."""
-    if world.signals.lasting is None:
-        return None
-    return world.signals.lasting.drawn(world.signals.time, [generator(seed, run, "lasting") for run in runs])
-
-
-def _measure(
-    world: World,
-    seed: int,
-    runs: Sequence[int],
-    lanes: int,
-    wandered: Wander | None,
-    lasting: np.ndarray | None,
-    flown: Flown | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`.
-
-    lasting: from `lasting_errors`.
-    """
-    signals = world.signals
-    e, s = signals.range.shape
-    # what is added below goes to idle lanes, too, where no noise does
-    ranges, rates = np.zeros((e, s, lanes)), np.zeros((e, s, lanes))
-    delay = signals.delay[..., None]
-    if signals.space is not None:
-        of_space = (generator(seed, run, "space").standard_normal((s, 4)) for run in runs)
-        late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in of_space]
-        delay = np.stack(late, axis=-1)
-    if signals.offset is not None:
-        scales = signals.offset.shape[1]
-        apart = [signals.offset @ generator(seed, run, "space", 1).standard_normal(scales) for run in runs]
-        delay = delay + np.stack(apart, axis=-1)[None]
-    if lasting is not None and signals.lasting is not None:
-        # as they are after smoothing: in code and carrier alike
-        late = [np.sum(signals.lasting.sigma * lasting[..., lane], axis=0) for lane in range(len(runs))]
-        delay = delay + np.stack(late, axis=-1)
-    faster = None
-    if signals.wandering is not None:
-        rngs = [generator(seed, run, "clock", 2) for run in runs]
-        late, faster = signals.wandering.drawn(signals.time, rngs)
-        delay = delay + late
-    sigma = signals.sigma[..., None]
-    if world.heavier is not None:
-        # of a branch: the stream itself is that of Gaussian noise
-        of_runs = (generator(seed, run, "measurements", 1) for run in runs)
-        sigma = sigma * np.stack([world.heavier.scales(rng, (e, s)) for rng in of_runs], axis=-1)
-    true = (signals.range[..., None], signals.range_rate[..., None]) if flown is None else (flown.ranges, flown.rates)
-    noise.measure(
-        _generators(seed, runs, "measurements", lanes), len(runs), true[0], delay, sigma, true[1], signals.rate_sigma,
-        signals.used, world.clock, ranges, rates,
-    )  # fmt: skip
-    if faster is not None:
-        rates[..., : len(runs)] += faster
-    if wandered is not None:
-        ranges += wandered.at_fixes[:, None, 0]
-        rates += wandered.at_fixes[:, None, 1]
-    if signals.smoothing is None:
-        return ranges, rates, None
-    phases = np.zeros((e, s, lanes))
-    for lane, run in enumerate(runs):
-        drawn = generator(seed, run, "carrier").standard_normal((e, s))
-        longer = delay[..., min(lane, delay.shape[2] - 1)]
-        if flown is not None:
-            longer = longer + (flown.ranges[..., lane] - signals.range)
-        phases[..., lane] = carrier(world, longer) + CARRIER_SIGMA * drawn
-    if wandered is not None:
-        phases += wandered.at_fixes[:, None, 0]
-    return ranges, rates, phases
-
-
-def _generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple[np.random.Generator, ...]:
-    """A random stream of each run; further lanes get that of the last run and draw nothing."""
-    own = [generator(seed, run, stream) for run in runs]
-    return (*own, *(own[-1] for _ in range(lanes - len(own))))
-
-
-def carrier(world: World, delay: np.ndarray) -> np.ndarray:
-    """Carrier phases without noise (e, s), m, where the code is late by delay (e, s), m; ambiguities are left out."""
-    return world.signals.range + delay - world.signals.divergence + world.clock[:, :1]
-
-
-def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
-    """`measured` without random errors: systematic errors only."""
-    ranges, rates, phases = expected_measurements(world)
-    return smoothed(world, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
-
-
-def believed_measurements(world: World) -> tuple[np.ndarray, np.ndarray]:
-    """Pseudoranges and range rates (e, s) without any error: they agree with the receiver's own positions of the
-    sources."""
-    signals = world.signals
-    offset = signals.position - signals.antenna[:, None]
-    distance = np.linalg.norm(offset, axis=2)
-    rate = np.sum(offset * (signals.velocity - signals.antenna_velocity[:, None]), axis=2) / distance
-    ranges = np.where(signals.used, distance + world.clock[:, :1], np.nan)
-    return ranges, np.where(signals.used, rate + world.clock[:, 1:], np.nan)
-
-
-def expected_measurements(world: World) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Pseudoranges, range rates and carrier phases (e, s) as of `Inputs` where nothing is drawn."""
-    signals = world.signals
-    ranges = np.where(signals.used, signals.range + signals.delay + world.clock[:, :1], np.nan)
-    rates = np.where(signals.used, signals.range_rate + world.clock[:, 1:], np.nan)
-    return ranges, rates, None if signals.smoothing is None else carrier(world, signals.delay)
-
-
-def receiver_fixes(world: World, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
-    """The receiver's fixes from measurements (e, s), or of lanes (e, s, W)."""
-    lanes = (m if m.ndim == 3 else in_all_lanes(m) for m in (ranges, rates))
-    out = solved(world.start, world.signals, *lanes)
-    return out if ranges.ndim == 3 else ReceiverFixes(*(m[..., 0].copy() for m in out))
 
 
 @dataclass(frozen=True)
@@ -792,71 +424,6 @@ def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
     return events, weighed
 
 
-def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
-    """Fixes (m, 3), (m, 3), (m, 6, 6) as the filter takes them."""
-    used = velocity if beliefs.velocity else np.full_like(velocity, np.nan)
-    believed = covariance if beliefs.sigma_scale == 1.0 else beliefs.sigma_scale**2 * covariance
-    return FixTable(llh, used, believed, beliefs.lever_arm)
-
-
-def table_of_all_fixes(
-    flight: Flight, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray, epochs: slice = slice(None)
-) -> FixTable:
-    """Table of the fixes (e, 3), (e, 3), (e, 6, 6) of one run, or of lanes, with time-correlated errors of the filter
-    model.
-
-    epochs: their epochs.
-    """
-    lasting, bias, lanes = flight.beliefs.lasting, flight.fix_bias, covariance.ndim == 4
-    noise = flight.noise_along_route
-    if noise is not None:
-        # a fix of another receiver may come where the scenario's has none
-        known = flight.world.fix_errors.fixed[epochs, None, None]
-        covariance = in_all_lanes(noise[epochs]) if lanes else np.where(known, noise[epochs], covariance)
-    elif lasting is not None:
-        more = flight.world.fix_errors.of_kinds(lasting.factor - 1.0)[epochs]
-        covariance = covariance + (more[..., None] if lanes else more)
-    if flight.reflection_sigma is not None:
-        more = flight.world.fix_errors.of_ranges(flight.reflection_sigma)[epochs]
-        covariance = covariance + (more[..., None] if lanes else more)
-    if bias is not None:
-        mean, route = bias[epochs], llh_from_ecef(flight.world.signals.antenna[epochs])
-        llh = shifted(llh, -mean[:, : states.VEL], route)
-        velocity = velocity - mean[:, states.VEL :].reshape(-1, 3, *(1,) * (velocity.ndim - 2))
-    table = table_of_fixes(flight.beliefs, llh, velocity, covariance)
-    return table if lasting is None else table._replace(lasting=flight.lasting_roots[epochs])
-
-
-def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> RangeTable:
-    """Table of the pseudoranges and range rates (e, s) of one run, or of lanes, for a tightly coupled filter."""
-    signals, beliefs, heard = flight.world.signals, flight.beliefs, flight.world.signals.used
-    bias = np.full(MAX_CLOCKS, -1)
-    bias[list(flight.scales)] = np.arange(len(flight.scales))
-    source, curvature = np.nonzero(heard)[1], flight.range_curvature
-    sigma = np.stack([flight.range_sigma[heard], signals.fix_rate_sigma[heard]], axis=1)
-    off = flight.range_bias[heard].reshape(-1, *(1,) * (ranges.ndim - 2))
-    given = np.stack([ranges[heard] - off, rates[heard]], axis=1)
-    if curvature is not None:
-        sigma = np.sqrt(sigma**2 + diagonal_bound(curvature.noise))
-        given = given - curvature.mean.reshape(*curvature.mean.shape, *(1,) * (given.ndim - 2))
-    sigma = beliefs.sigma_scale * sigma
-    return RangeTable(
-        signals.position[heard], signals.velocity[heard], signals.range[heard], sigma[:, 0].copy(), sigma[:, 1].copy(),
-        source, bias[signals.clock[source]], given[:, 0].copy(),
-        given[:, 1].copy() if beliefs.velocity else np.full_like(given[:, 1], np.nan), beliefs.lever_arm,
-        beliefs.sigma_scale * flight.range_error_sigma[heard],
-    )  # fmt: skip
-
-
-def measurements(flight: Flight, own: FixTable | RangeTable, aided: Sequence[np.ndarray]) -> Measurements:
-    """All that the filter is given: fixes or ranges, and what each sensor beside the receiver measured (m, k); of one
-    run, or of lanes."""
-    of_aids = zip(flight.world.aids, aided, strict=True)
-    kind, shape = (FIX, own.llh.shape[2:]) if isinstance(own, FixTable) else (RANGE, own.pseudorange.shape[1:])
-    tables = {kind: own, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}}
-    return Measurements.of(tables, *shape)
-
-
 @dataclass(frozen=True)
 class Inputs:
     """Everything drawn for WIDTH landings, one in each SIMD lane."""
@@ -902,12 +469,12 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = No
     dt = world.imu_time[1] - world.imu_time[0]
     exact = (world.dtheta, world.dv) if flown is None else (flown.dtheta, flown.dv)
     dtheta, dv, errors = imu.simulate_lanes(
-        _generators(seed, runs, "imu", WIDTH), len(runs), *exact, dt, flight.gyro, flight.accel, world.filter_index
+        generators(seed, runs, "imu", WIDTH), len(runs), *exact, dt, flight.gyro, flight.accel, world.filter_index
     )
     sensors = true_values(beliefs.sensors.blocks, errors)
     wandered = Wander.of(world, seed, runs, WIDTH)
     lasting = lasting_errors(world, seed, runs)
-    ranges, rates, phases = _measure(world, seed, runs, WIDTH, wandered, lasting, flown)
+    ranges, rates, phases = draw_measurements(world, seed, runs, WIDTH, wandered, lasting, flown)
     if lasting is not None:
         sensors = np.concatenate([sensors, _lasting_of(flight, lasting)], axis=1)
     sensors = np.concatenate([sensors, _aided_errors(world, seed, runs)], axis=1)
@@ -1084,77 +651,6 @@ def begun(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
     """Initial state of a flight's filter; nav (NAV,), covariance (n, n), of one run or of lanes."""
     sources = len(flight.world.signals.names) if flight.beliefs.tight else 0
     return start(nav, covariance, flight.model.components, sources)
-
-
-@dataclass(frozen=True)
-class Watched:
-    """Output of a monitor of fixes, or of filters, in lanes; empty without a monitor."""
-
-    statistic: np.ndarray
-    """(e, W)."""
-    status: np.ndarray
-    """(e, W)."""
-    error: np.ndarray
-    """(e, 2, W) sizes of the horizontal and vertical errors, m."""
-    excluded: np.ndarray
-    """(e, W) see `Run`."""
-    level: np.ndarray
-    """(e, 2, W) see `Run`."""
-
-    @classmethod
-    def of_filter(
-        cls, flight: Flight, account: Account, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
-    ) -> Watched:
-        """Monitor output for a filter, from its history and its fixes from ranges and rates (e, s, W)."""
-        bank, none = flight.bank, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
-        assert bank is not None
-        statistic = bank.statistic(account.innovation, fixes, ranges, rates)
-        aided = np.repeat(bank.aided[:, None], WIDTH, axis=1)
-        said = monitoring.status(bank.tested, bank.threshold, statistic, aided)
-        # what is no number is no silence; nor do levels hold where the filter knows much less than they are of
-        sigma = account.sigma[1:, states.POS : states.POS + 3]
-        lost = np.isnan(statistic) | (sigma > monitoring.DOUBTED * bank.sigma[..., None]).any(axis=1)
-        said = np.where(lost & aided, monitoring.ALARM, said)
-        error = np.abs(account.judgement.error[1:, states.POS : states.POS + 3])
-        off = np.stack([np.hypot(error[:, 0], error[:, 1]), error[:, 2]], axis=1)
-        return cls(statistic, said.astype(float), off, *none)
-
-    @classmethod
-    def of_fixes(cls, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, fixes: ReceiverFixes) -> Watched:
-        """Monitor output for fixes from ranges (e, s, W); antenna: (e, 3, W) true position, ECEF, m."""
-        monitor, none = flight.snapshot, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
-        if monitor is None:
-            return cls(none[0], *none, *none)
-        signals, axes = flight.world.signals, flight.world.antenna_enu
-        left, error = range_residuals(signals, antenna, axes, ranges, fixes.llh, fixes.clocks)
-        fixed = ~np.isnan(fixes.llh[:, 0])
-        statistic = np.where(fixed, monitor.statistic(left), np.nan)
-        said = monitoring.status(monitor.tested, monitor.threshold, statistic, fixed)
-        return cls(statistic, said.astype(float), error, *none)
-
-    def settled(
-        self, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, rates: np.ndarray, fixes: ReceiverFixes
-    ) -> Watched:
-        """After exclusions, which change the fixes."""
-        excluder, monitor = flight.excluder, flight.snapshot
-        if excluder is None or monitor is None:
-            return self
-        levels = np.repeat(monitoring.tested_levels(monitor)[..., None], WIDTH, axis=2)
-        now = SettledFixes(fixes, self.error.copy(), levels, np.full(self.status.shape, float(NOTHING)))
-        excluder.settle(self.status == monitoring.ALARM, ranges, rates, antenna, now)
-        status = np.where(now.excluded == NOTHING, self.status, monitoring.EXCLUDED)
-        return Watched(self.statistic, status, now.error, now.excluded, now.level)
-
-    def trusted(self, flight: Flight, ranges: np.ndarray) -> np.ndarray:
-        """Ranges (e, s, W) with nan for excluded ones, and for epochs with an alarm if the filter ignores them."""
-        out = ranges
-        if self.excluded.size:
-            for number, candidate in enumerate(flight.candidates):
-                taken = np.isin(flight.world.signals.names, candidate.sources)
-                out = np.where((self.excluded == number)[:, None] & taken[:, None], np.nan, out)
-        if flight.drops:
-            out = np.where((self.status == monitoring.ALARM)[:, None], np.nan, out)
-        return out
 
 
 def _of_events(

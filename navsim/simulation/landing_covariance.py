@@ -44,22 +44,11 @@ from navsim.gnss.pseudorange import Signals
 from navsim.integrity.fix_slopes import slopes
 from navsim.simulation.aiding import Aid
 from navsim.simulation.inertial_states import TrueState, followed, true_states
-from navsim.simulation.landing import (
-    CARRIER_SIGMA,
-    Flight,
-    InitialErrors,
-    begun,
-    believed_measurements,
-    exact_clock,
-    exact_start,
-    measurements,
-    receiver_fixes,
-    table_of_all_fixes,
-    table_of_ranges,
-    with_clock,
-    without_noise,
-)
+from navsim.simulation.landing import Flight, InitialErrors, begun, exact_clock, exact_start, with_clock
+from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
+from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.range_curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
+from navsim.simulation.shared_truth import CARRIER_SIGMA, believed_measurements, without_noise
 
 SOURCES = (
     "initial_position",
@@ -402,7 +391,7 @@ def _densities(flight: Flight) -> np.ndarray:
 
 
 def along_belief(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongTruth:
-    """Linearise a filter along measurements without any error (`landing.believed_measurements`), with noise-free
+    """Linearise a filter along measurements without any error (`shared_truth.believed_measurements`), with noise-free
     sensors.
 
     without: (s,) bool, sources that are missing.

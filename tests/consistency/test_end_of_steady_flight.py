@@ -29,6 +29,8 @@ from navsim.landing.case import Case
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads
 from navsim.simulation import landing
+from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
+from navsim.simulation.measurements import receiver_fixes
 from tests.helpers import case
 
 SEED = 3821
@@ -46,9 +48,9 @@ class Batch:
     def tables(self) -> Measurements:
         flight, inputs = self.flight, self.inputs
         if flight.beliefs.tight:
-            return landing.measurements(flight, landing.table_of_ranges(flight, inputs.ranges, inputs.rates), ())
-        llh, velocity, _, covariance = landing.receiver_fixes(flight.world, inputs.ranges, inputs.rates)
-        return landing.measurements(flight, landing.table_of_all_fixes(flight, llh, velocity, covariance), ())
+            return measurements(flight, table_of_ranges(flight, inputs.ranges, inputs.rates), ())
+        llh, velocity, _, covariance = receiver_fixes(flight.world, inputs.ranges, inputs.rates)
+        return measurements(flight, table_of_all_fixes(flight, llh, velocity, covariance), ())
 
     @property
     def state(self) -> State:

@@ -24,6 +24,7 @@ from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.runner.statistics import share_interval
 from navsim.simulation import landing as simulation
+from navsim.simulation import measurements
 from tests.consistency.test_tight_landings import flown
 from tests.consistency.test_watched_fixes import anew, brief, reference
 from tests.helpers import SCENARIOS
@@ -254,7 +255,7 @@ def test_a_fix_without_a_pseudolite_has_none_of_its_reflections() -> None:
     without = run.monitor_excluded == number
     assert without.sum() > 20
     np.testing.assert_array_equal(shifted, ~without)
-    _, _, _, cov = simulation.receiver_fixes(
+    _, _, _, cov = measurements.receiver_fixes(
         watched.world, np.where(np.array(watched.world.signals.names) == "PL1", np.nan, run.pseudorange[0]),
         run.range_rate[0],
     )  # fmt: skip

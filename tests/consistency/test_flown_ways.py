@@ -21,7 +21,8 @@ from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.dispersed_trajectory import Flown, Ways
-from navsim.simulation.landing import World, fly
+from navsim.simulation.landing import fly
+from navsim.simulation.shared_truth import World
 from navsim.trajectory.dispersion import Departure
 from navsim.trajectory.guidance import Held, steered
 from navsim.trajectory.kinematics import integrate

@@ -16,7 +16,7 @@ from navsim.gnss.constellations.constellation import carriers
 from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.scenario.source import InputError
-from navsim.simulation import landing as simulation
+from navsim.simulation import measurements
 from tests.helpers import SCENARIOS, case, scenario
 from tests.layout import as_declared
 from tests.product.test_run import navsim
@@ -85,7 +85,7 @@ def test_signals_are_lost_and_come_back() -> None:
     expected = (time >= 8.5 - 1e-9) & (time < 20.0 - 1e-9)
     np.testing.assert_array_equal(lost, np.broadcast_to(expected[:, None], lost.shape))
     # the others' noise is drawn as ever
-    drawn = [simulation.measured(world, 1, 0)[0] for world in (c.world, plain.world)]
+    drawn = [measurements.measured(world, 1, 0)[0] for world in (c.world, plain.world)]
     np.testing.assert_array_equal(drawn[0][before], drawn[1][before])
     assert np.isnan(drawn[0][~s.used]).all()
 

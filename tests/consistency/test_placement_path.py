@@ -29,9 +29,10 @@ from navsim.scenario.base import Section
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read_study
 from navsim.scenario.source import InputError
-from navsim.simulation.landing import World, receiver_fixes
 from navsim.simulation.landing_covariance import AnalysisError
+from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.placement_geometry import Geometry
+from navsim.simulation.shared_truth import World
 from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.sweeps.study import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs, plan
 from tests.helpers import SCENARIOS, case, scenario

@@ -17,6 +17,8 @@ from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
+from navsim.simulation import measurements, shared_truth
+from navsim.simulation.run import Watched
 from navsim.statistics.random_streams import generator
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
@@ -27,22 +29,22 @@ BRIEF = ("duration_s=20", "receiver.rate_hz=2", "filter.kind=eskf")
 
 def ranges_of(c: Case, seed: int, runs: int) -> np.ndarray:
     """Pseudoranges of runs (run, e, s), m."""
-    return np.stack([simulation.measured(c.world, seed, run)[0] for run in range(runs)])
+    return np.stack([measurements.measured(c.world, seed, run)[0] for run in range(runs)])
 
 
 def range_errors(c: Case, seed: int, runs: int) -> np.ndarray:
     """What is drawn of them by its believed sigma (run, e, s), of sources that are received throughout."""
     used = c.world.signals.used.all(axis=0)
-    errors = (ranges_of(c, seed, runs) - simulation.without_noise(c.world)[0]) / c.world.signals.fix_sigma
+    errors = (ranges_of(c, seed, runs) - shared_truth.without_noise(c.world)[0]) / c.world.signals.fix_sigma
     return np.asarray(errors[..., used])
 
 
-def watched(c: Case, ranges: np.ndarray) -> simulation.Watched:
+def watched(c: Case, ranges: np.ndarray) -> Watched:
     """What the monitor says of the fixes from ranges (run, e, s), as many runs as there are lanes."""
     lanes = np.ascontiguousarray(np.moveaxis(ranges, 0, -1))
-    rates = in_all_lanes(simulation.without_noise(c.world)[1])
-    fixes = simulation.receiver_fixes(c.world, lanes, rates)
-    return simulation.Watched.of_fixes(c.flight, in_all_lanes(c.world.signals.antenna), lanes, fixes)
+    rates = in_all_lanes(shared_truth.without_noise(c.world)[1])
+    fixes = measurements.receiver_fixes(c.world, lanes, rates)
+    return Watched.of_fixes(c.flight, in_all_lanes(c.world.signals.antenna), lanes, fixes)
 
 
 def alarms(c: Case, seed: int, runs: int) -> tuple[int, int]:
@@ -106,7 +108,7 @@ def test_believed_noise_is_what_it_was() -> None:
     c = case(*BRIEF, "integrity={method: chi2, p_fa: 1.0e-2, error_model: gaussian}")
     s, run = c.world.signals, 3
     drawn = generator(20263, run, "measurements").standard_normal((*s.range.shape, 2))
-    ranges, rates = simulation.measured(c.world, 20263, run)
+    ranges, rates = measurements.measured(c.world, 20263, run)
     expected = s.range + s.delay + c.world.clock[:, :1] + s.sigma * drawn[..., 0]
     np.testing.assert_array_equal(ranges, np.where(s.used, expected, np.nan))
     expected = s.range_rate + c.world.clock[:, 1:] + s.rate_sigma * drawn[..., 1]
@@ -116,11 +118,11 @@ def test_believed_noise_is_what_it_was() -> None:
 def test_heavier_noise_is_the_believed_one_wider_here_and_there() -> None:
     """The same normal numbers, times core or tail; range rates to the bit the same, runs independent of neighbours."""
     believed, heavier = case(*BRIEF), case(*BRIEF, HEAVIER)
-    exact = simulation.without_noise(believed.world)[0]
+    exact = shared_truth.without_noise(believed.world)[0]
     used = believed.world.signals.used
     wide = 0
     for run in range(20):
-        (plain, rates), (wider, same) = (simulation.measured(c.world, 20264, run) for c in (believed, heavier))
+        (plain, rates), (wider, same) = (measurements.measured(c.world, 20264, run) for c in (believed, heavier))
         np.testing.assert_array_equal(rates, same)
         ratio = ((wider - exact) / (plain - exact))[used]
         is_tail = ratio > 2.0
@@ -129,7 +131,7 @@ def test_heavier_noise_is_the_believed_one_wider_here_and_there() -> None:
         wide += int(is_tail.sum())
     assert within_99(wide, 20 * int(used.sum()), SHARE)
     together = simulation.draw(heavier.flight, 20264, [0, 1, 2]).ranges
-    np.testing.assert_array_equal(together[..., 2], simulation.measured(heavier.world, 20264, 2)[0])
+    np.testing.assert_array_equal(together[..., 2], measurements.measured(heavier.world, 20264, 2)[0])
 
 
 def test_heavier_noise_exceeds_sizes_as_often_as_the_mixture() -> None:

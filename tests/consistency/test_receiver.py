@@ -11,8 +11,9 @@ from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.dop import MAX_CLOCKS, geometry_covariance
 from navsim.gnss.position_fix import fixes
 from navsim.scenario.source import InputError
-from navsim.simulation.landing import World, measured
 from navsim.simulation.landing_covariance import Analysis, analyse
+from navsim.simulation.measurements import measured
+from navsim.simulation.shared_truth import World
 from navsim.statistics.noise import measure
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.kinematics import Motion

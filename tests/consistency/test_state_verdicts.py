@@ -21,7 +21,7 @@ from navsim.results.result import Result
 from navsim.runner.consistency import Ratios
 from navsim.runner.executor import threads
 from navsim.runner.requirements import ExitRequirements, unmet_requirements
-from navsim.simulation.landing import Run
+from navsim.simulation.run import Run
 from tests.helpers import case
 
 # small errors, in which one Gaussian is true

@@ -14,7 +14,7 @@ from navsim.integrity.monitoring import ALARM
 from navsim.landing.result import result
 from navsim.landing.study import Case, covariance_analysis, fly_all
 from navsim.runner.executor import threads
-from navsim.simulation.landing import Run
+from navsim.simulation.run import Run
 from navsim.statistics import chi_square
 from tests.helpers import case
 

@@ -27,6 +27,8 @@ from navsim.report import figure_data
 from navsim.results.result import read
 from navsim.runner.statistics import share_interval
 from navsim.simulation import landing as simulation
+from navsim.simulation import measurements, shared_truth
+from navsim.simulation.run import Watched
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
@@ -82,11 +84,11 @@ def test_separations_are_those_of_fixes_without_the_fault() -> None:
     """The largest difference of fixes by its threshold, each fault's sources really left out. Ranges are not linearised
     there, so errors are made small: ten metres beside a pseudolite 1 km away turn its direction by a hundredth."""
     c = brief(MHSS)
-    exact, rates = simulation.without_noise(c.world)
-    measured = exact + 0.01 * (simulation.measured(c.world, 5, 3)[0] - exact)
+    exact, rates = shared_truth.without_noise(c.world)
+    measured = exact + 0.01 * (measurements.measured(c.world, 5, 3)[0] - exact)
     lanes = in_all_lanes(measured)
-    fixes = simulation.receiver_fixes(c.world, lanes, in_all_lanes(rates))
-    said = simulation.Watched.of_fixes(c.flight, in_all_lanes(c.world.signals.antenna), lanes, fixes)
+    fixes = measurements.receiver_fixes(c.world, lanes, in_all_lanes(rates))
+    said = Watched.of_fixes(c.flight, in_all_lanes(c.world.signals.antenna), lanes, fixes)
     monitor = c.flight.monitor
     assert isinstance(monitor, SeparationMonitor)
     names = [fault.name for fault in c.flight.expected]
@@ -107,7 +109,7 @@ def test_levels_of_a_landing_by_plain_matrices() -> None:
     c = brief(CHI2)
     monitor, s = c.flight.monitor, c.world.signals
     assert monitor is not None
-    exact, _ = simulation.without_noise(c.world)
+    exact, _ = shared_truth.without_noise(c.world)
     for e in (0, 20, s.time.size - 1):
         _, _, rows = anew(c, exact, e)
         sigma = s.fix_sigma[e, s.used[e]]

@@ -11,8 +11,9 @@ from navsim.compiler.lanes import WIDTH
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
-from navsim.simulation.landing import believed_measurements, receiver_fixes
+from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.range_curvature import Curvature, fix_forms, shifted
+from navsim.simulation.shared_truth import believed_measurements
 from tests.conftest import SCENARIOS
 
 SITE = ("receiver.rate_hz=2", "imu.rate_hz=10", "receiver.lever_arm_m=[0, 0, 0]", "pseudolites.count=1",

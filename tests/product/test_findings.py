@@ -21,7 +21,7 @@ from navsim.runner.batches import Batch, Ensemble
 from navsim.runner.executor import threads
 from navsim.scenario.load import read as read_scenario
 from navsim.scenario.load import read_study
-from navsim.simulation.landing import Run
+from navsim.simulation.run import Run
 from navsim.sweeps import study as sweep
 from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS

@@ -38,7 +38,8 @@ from navsim.replays.source_clock import start_time
 from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.sensors import imu
-from navsim.simulation.landing import measured, receiver_fixes, table_of_fixes
+from navsim.simulation.measurement_tables import table_of_fixes
+from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator
 from tests.forks import shared
 from tests.helpers import SCENARIOS, case

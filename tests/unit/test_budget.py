@@ -17,7 +17,7 @@ from navsim.landing.estimate import extent
 from navsim.runner import machine as having
 from navsim.runner.estimate import Budget, Machine, duration, estimate_text, lacking, size
 from navsim.scenario.load import read_any
-from navsim.simulation.landing import Run
+from navsim.simulation.run import Run
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

@@ -10,8 +10,9 @@ from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter.sensitivity_propagation import Route, carry_columns, carry_covariances
 from navsim.filter.states import MOST, SENSORS
 from navsim.gnss.clock_noise import step_covariance
-from navsim.simulation.landing import receiver_fixes, without_noise
 from navsim.simulation.landing_covariance import along_truth
+from navsim.simulation.measurements import receiver_fixes
+from navsim.simulation.shared_truth import without_noise
 from tests.helpers import case
 
 N, SIZE = 15, 21

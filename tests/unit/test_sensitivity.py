@@ -12,9 +12,10 @@ import pytest
 from navsim.compiler.lanes import WIDTH
 from navsim.gnss.dll import smooth, smoothed_variance, smoothing_slopes
 from navsim.landing.study import Case
-from navsim.simulation.landing import Flight, Inputs, draw, expected_measurements, fly_inputs
+from navsim.simulation.landing import Flight, Inputs, draw, fly_inputs
 from navsim.simulation.landing_covariance import AlongTruth, along_truth, analyse
 from navsim.simulation.sensitivity import Slopes, carried, deviations, sensitivity
+from navsim.simulation.shared_truth import expected_measurements
 from tests.helpers import case
 
 AT = 30.0

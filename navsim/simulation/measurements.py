@@ -1,0 +1,106 @@
+"""Ranges and range rates that runs measure, from shared truth and drawn errors, and the receiver's fixes from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from navsim.filter.estimate import in_all_lanes
+from navsim.integrity.fixes import ReceiverFixes, solved
+from navsim.simulation.dispersed_trajectory import Flown
+from navsim.simulation.shared_truth import CARRIER_SIGMA, Wander, World, carrier, smoothed
+from navsim.statistics import noise
+from navsim.statistics.random_streams import generator
+
+
+def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pseudoranges (m) and range rates (m/s) of a run on the route (e, s), nan if missing."""
+    ranges, rates, phases = draw_measurements(
+        world, seed, (run,), 1, Wander.of(world, seed, (run,), 1), lasting_errors(world, seed, (run,)), None
+    )
+    return smoothed(world, ranges, phases)[..., 0], rates[..., 0]
+
+
+def lasting_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray | None:
+    """Time-correlated ranging errors of so many runs, in the sigma of their kinds (k, e, s, W); None without."""
+    if world.signals.lasting is None:
+        return None
+    return world.signals.lasting.drawn(world.signals.time, [generator(seed, run, "lasting") for run in runs])
+
+
+def draw_measurements(
+    world: World,
+    seed: int,
+    runs: Sequence[int],
+    lanes: int,
+    wandered: Wander | None,
+    lasting: np.ndarray | None,
+    flown: Flown | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`.
+
+    lasting: from `lasting_errors`.
+    """
+    signals = world.signals
+    e, s = signals.range.shape
+    # what is added below goes to idle lanes, too, where no noise does
+    ranges, rates = np.zeros((e, s, lanes)), np.zeros((e, s, lanes))
+    delay = signals.delay[..., None]
+    if signals.space is not None:
+        of_space = (generator(seed, run, "space").standard_normal((s, 4)) for run in runs)
+        late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in of_space]
+        delay = np.stack(late, axis=-1)
+    if signals.offset is not None:
+        scales = signals.offset.shape[1]
+        apart = [signals.offset @ generator(seed, run, "space", 1).standard_normal(scales) for run in runs]
+        delay = delay + np.stack(apart, axis=-1)[None]
+    if lasting is not None and signals.lasting is not None:
+        # as they are after smoothing: in code and carrier alike
+        late = [np.sum(signals.lasting.sigma * lasting[..., lane], axis=0) for lane in range(len(runs))]
+        delay = delay + np.stack(late, axis=-1)
+    faster = None
+    if signals.wandering is not None:
+        rngs = [generator(seed, run, "clock", 2) for run in runs]
+        late, faster = signals.wandering.drawn(signals.time, rngs)
+        delay = delay + late
+    sigma = signals.sigma[..., None]
+    if world.heavier is not None:
+        # of a branch: the stream itself is that of Gaussian noise
+        of_runs = (generator(seed, run, "measurements", 1) for run in runs)
+        sigma = sigma * np.stack([world.heavier.scales(rng, (e, s)) for rng in of_runs], axis=-1)
+    true = (signals.range[..., None], signals.range_rate[..., None]) if flown is None else (flown.ranges, flown.rates)
+    noise.measure(
+        generators(seed, runs, "measurements", lanes), len(runs), true[0], delay, sigma, true[1], signals.rate_sigma,
+        signals.used, world.clock, ranges, rates,
+    )  # fmt: skip
+    if faster is not None:
+        rates[..., : len(runs)] += faster
+    if wandered is not None:
+        ranges += wandered.at_fixes[:, None, 0]
+        rates += wandered.at_fixes[:, None, 1]
+    if signals.smoothing is None:
+        return ranges, rates, None
+    phases = np.zeros((e, s, lanes))
+    for lane, run in enumerate(runs):
+        drawn = generator(seed, run, "carrier").standard_normal((e, s))
+        longer = delay[..., min(lane, delay.shape[2] - 1)]
+        if flown is not None:
+            longer = longer + (flown.ranges[..., lane] - signals.range)
+        phases[..., lane] = carrier(world, longer) + CARRIER_SIGMA * drawn
+    if wandered is not None:
+        phases += wandered.at_fixes[:, None, 0]
+    return ranges, rates, phases
+
+
+def generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple[np.random.Generator, ...]:
+    """A random stream of each run; further lanes get that of the last run and draw nothing."""
+    own = [generator(seed, run, stream) for run in runs]
+    return (*own, *(own[-1] for _ in range(lanes - len(own))))
+
+
+def receiver_fixes(world: World, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
+    """The receiver's fixes from measurements (e, s), or of lanes (e, s, W)."""
+    lanes = (m if m.ndim == 3 else in_all_lanes(m) for m in (ranges, rates))
+    out = solved(world.start, world.signals, *lanes)
+    return out if ranges.ndim == 3 else ReceiverFixes(*(m[..., 0].copy() for m in out))

@@ -1,0 +1,197 @@
+"""What all runs of a landing share: trajectory, exact IMU increments, signals, true heights, receiver clock noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from navsim.geodesy.earth import llh_from_ecef
+from navsim.gnss import dll, pseudorange
+from navsim.gnss.dop import dops, geometry_covariance
+from navsim.gnss.heavy_tailed import HeavyTailedNoise
+from navsim.gnss.receiver import Receiver, wander
+from navsim.gnss.signals import Environment, build_signals, true_positions
+from navsim.gnss.sky import enu_matrix
+from navsim.simulation.aiding import Aid, aids_of
+from navsim.simulation.correlated_errors import FixErrors
+from navsim.simulation.dispersed_trajectory import Ways
+from navsim.statistics.random_streams import generator
+from navsim.trajectory.air import Air
+from navsim.trajectory.kinematics import Motion, Moving, Trajectory
+
+CARRIER_SIGMA = 3e-3
+"""1 sigma of a carrier phase measurement, m."""
+
+
+@dataclass(frozen=True)
+class World:
+    """Simulation inputs that all runs of a scenario share."""
+
+    imu_time: np.ndarray
+    """(n + 1,) s."""
+    dtheta: np.ndarray
+    """(n, 3) exact angle increments, rad."""
+    dv: np.ndarray
+    """(n, 3) exact velocity increments, m/s."""
+    truth: Motion
+    """Motion at `imu_time`."""
+    signals: pseudorange.Signals
+    clock: np.ndarray
+    """(e, 2) receiver clock offset (m) and drift (m/s) at the fixes, without noise."""
+    clock_density: tuple[float, float]
+    """Noise densities of the clock (`gnss.receiver.wander`)."""
+    clock_at_filter: np.ndarray
+    """(e + 1, 2) clock at the filter's outputs, without noise."""
+    scale_offsets: np.ndarray
+    """(MAX_CLOCKS,) offset of each time scale in the pseudoranges of its sources, m."""
+    start: np.ndarray
+    at_filter: Motion
+    """Motion at the filter's e + 1 output times: 0, and every fix epoch plus latency."""
+    filter_index: np.ndarray
+    """(e + 1,) index of the IMU sample at or just before them."""
+    aids: tuple[Aid, ...]
+    """Sensors beside the receiver."""
+    heavier: HeavyTailedNoise | None
+    """Distribution of the ranging noise if it is not Gaussian."""
+    ways: Ways | None = None
+    """Common data of the trajectories of runs that deviate from the route; None if all runs fly the route."""
+
+    @property
+    def filter_time(self) -> np.ndarray:
+        """Times of the filter's output, s (e + 1,)."""
+        return self.at_filter.time
+
+    @cached_property
+    def scales(self) -> tuple[int, ...]:
+        """Numbers of the time scales of the sources that are ever received."""
+        return tuple(sorted(set(self.signals.clock[self.signals.used.any(axis=0)].tolist())))
+
+    @cached_property
+    def dop(self) -> np.ndarray:
+        """`dops` of the signals (e, 5)."""
+        return dops(self.signals.los, self.signals.clock)
+
+    @cached_property
+    def fix_errors(self) -> FixErrors:
+        """Effect of ranging errors on fixes."""
+        return FixErrors.of(self.start, self.signals, *believed_measurements(self))
+
+    @cached_property
+    def antenna_enu(self) -> np.ndarray:
+        """Rows (e, 3, 3) that resolve ECEF along east, north and up at the antenna."""
+        return enu_matrix(llh_from_ecef(self.signals.antenna))
+
+    @cached_property
+    def fix_covariance(self) -> np.ndarray:
+        """Weighted covariance of the position fixes from the signals (e, 3, 3), ENU, m2."""
+        weight = 1.0 / self.signals.fix_sigma**2
+        return geometry_covariance(self.signals.los, self.signals.clock, weight)[0][:, :3, :3]
+
+
+def build_world(
+    trajectory: Moving,
+    environment: Environment,
+    receiver: Receiver,
+    *,
+    utc: float,
+    duration: float,
+    imu_rate: float,
+    aiding: Sequence[Any] = (),
+    air: Air | None = None,
+) -> World:
+    """Route and geometry of the signals.
+
+    utc: of time 0, s from 1970-01-01. duration: s. imu_rate: Hz. Fixes after the end are omitted. aiding: models of
+    sensors beside the receiver. air: disturbances that give each run its own trajectory around a `Trajectory`.
+    """
+    imu_time = np.arange(int(np.floor(duration * imu_rate + 1e-9)) + 1) / imu_rate
+    dtheta, dv = trajectory.increments(imu_time)
+    fix_time = receiver.epochs(duration, imu_rate)
+    at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + receiver.latency]))
+    at_fixes = trajectory.motion(fix_time)
+    signals, ways = build_signals(at_fixes, utc, environment), None
+    if air is not None:
+        assert isinstance(trajectory, Trajectory)
+        sources = true_positions(environment, signals.position)
+        ways = Ways.of(air, trajectory, imu_time, at_filter, at_fixes, signals, sources, environment.lever_arm)
+    return World(
+        imu_time=imu_time,
+        dtheta=dtheta,
+        dv=dv,
+        truth=trajectory.motion(imu_time),
+        signals=signals,
+        clock=receiver.clock(fix_time),
+        clock_density=receiver.clock_density,
+        clock_at_filter=receiver.clock(at_filter.time),
+        scale_offsets=environment.scale_offsets,
+        start=trajectory.frame.origin,
+        at_filter=at_filter,
+        filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
+        aids=aids_of(aiding, trajectory, duration, imu_rate),
+        heavier=environment.effects.heavier,
+        ways=ways,
+    )
+
+
+@dataclass(frozen=True)
+class Wander:
+    """The noise of the receiver's clock in runs: offset, m, and drift, m/s, at the fixes (e, 2, W) and at the filter's
+    outputs (e + 1, 2, W)."""
+
+    at_fixes: np.ndarray
+    at_filter: np.ndarray
+
+    @classmethod
+    def of(cls, world: World, seed: int, runs: Sequence[int], lanes: int) -> Wander | None:
+        """Receiver clocks of runs, in the first of so many lanes; None without clock noise."""
+        if not any(world.clock_density):
+            return None
+        fixed, answered = world.signals.time, world.filter_time
+        time, where = np.unique(np.concatenate([fixed, answered]), return_inverse=True)
+        wandered = np.empty((fixed.size + answered.size, 2, lanes))
+        for lane, run in enumerate(runs):
+            wandered[..., lane] = wander(world.clock_density, time, generator(seed, run, "clock"))[where]
+        wandered[..., len(runs) :] = wandered[..., len(runs) - 1 : len(runs)]
+        return cls(wandered[: fixed.size], wandered[fixed.size :])
+
+
+def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.ndarray:
+    """Pseudoranges (e, s, W) as the receiver uses them: smoothed by the carrier where it does that."""
+    if phases is None or world.signals.smoothing is None:
+        return ranges
+    each = range(ranges.shape[-1])
+    return np.stack([dll.smooth(ranges[..., k], phases[..., k], world.signals.smoothing) for k in each], axis=-1)
+
+
+def carrier(world: World, delay: np.ndarray) -> np.ndarray:
+    """Carrier phases without noise (e, s), m, where the code is late by delay (e, s), m; ambiguities are left out."""
+    return world.signals.range + delay - world.signals.divergence + world.clock[:, :1]
+
+
+def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
+    """`measured` without random errors: systematic errors only."""
+    ranges, rates, phases = expected_measurements(world)
+    return smoothed(world, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
+
+
+def believed_measurements(world: World) -> tuple[np.ndarray, np.ndarray]:
+    """Pseudoranges and range rates (e, s) without any error: they agree with the receiver's own positions of the
+    sources."""
+    signals = world.signals
+    offset = signals.position - signals.antenna[:, None]
+    distance = np.linalg.norm(offset, axis=2)
+    rate = np.sum(offset * (signals.velocity - signals.antenna_velocity[:, None]), axis=2) / distance
+    ranges = np.where(signals.used, distance + world.clock[:, :1], np.nan)
+    return ranges, np.where(signals.used, rate + world.clock[:, 1:], np.nan)
+
+
+def expected_measurements(world: World) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Pseudoranges, range rates and carrier phases (e, s) as of `Inputs` where nothing is drawn."""
+    signals = world.signals
+    ranges = np.where(signals.used, signals.range + signals.delay + world.clock[:, :1], np.nan)
+    rates = np.where(signals.used, signals.range_rate + world.clock[:, 1:], np.nan)
+    return ranges, rates, None if signals.smoothing is None else carrier(world, signals.delay)
