@@ -170,6 +170,11 @@ class RangeTable(NamedTuple):
         return self._replace(pseudorange=change(self.pseudorange), range_rate=change(self.range_rate))
 
 
+def _contiguous(table: Any) -> Any:
+    """The table with contiguous arrays: numba compiles a filter once more for an array with steps."""
+    return table._make(np.ascontiguousarray(m) if isinstance(m, np.ndarray) else m for m in table)
+
+
 class Measurements(NamedTuple):
     """Tables of all kinds of measurements, empty without measurements."""
 
@@ -193,11 +198,11 @@ class Measurements(NamedTuple):
             return np.empty((0, *shape, *lanes))
 
         return cls(
-            tables.get(FIX, tables.get(PROBE, FixTable(none(3), none(3), none(6, 6), np.zeros(3)))),
-            tables.get(ALTITUDE, AltitudeTable(none(), none())),
-            tables.get(RANGE, _NO_RANGES._replace(pseudorange=none(), range_rate=none())),
-            tables.get(ABOVE_GROUND, _NO_GROUND._replace(height=none())),
-            tables.get(PRESSURE, PressureTable(none(), none(), 0.0)),
+            _contiguous(tables.get(FIX, tables.get(PROBE, FixTable(none(3), none(3), none(6, 6), np.zeros(3))))),
+            _contiguous(tables.get(ALTITUDE, AltitudeTable(none(), none()))),
+            _contiguous(tables.get(RANGE, _NO_RANGES._replace(pseudorange=none(), range_rate=none()))),
+            _contiguous(tables.get(ABOVE_GROUND, _NO_GROUND._replace(height=none()))),
+            _contiguous(tables.get(PRESSURE, PressureTable(none(), none(), 0.0))),
         )
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Measurements:

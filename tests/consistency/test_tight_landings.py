@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import typeof
 
 from navsim.filter import states
+from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.filter.records import NOT_USED, REJECTED, USED
 from navsim.integrity.monitoring import ALARM
 from navsim.landing.result import result
 from navsim.landing.study import Case, covariance_analysis, fly_all
 from navsim.runner.executor import threads
+from navsim.simulation.measurement_tables import table_of_ranges
 from navsim.simulation.run import Run
 from navsim.statistics import chi_square
 from tests.helpers import case
@@ -33,10 +36,27 @@ def band(runs: int) -> tuple[float, float]:
     return tuple(chi_square.quantile(p, 6 * runs) / (6 * runs) for p in (5e-5, 1.0 - 5e-5))
 
 
+def one_fix() -> FixTable:
+    return FixTable(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 6, 6)), np.zeros(3))
+
+
+def ranges() -> RangeTable:
+    """The ranges of a landing."""
+    flight = case(*SHORT).flight
+    signals = flight.world.signals
+    return table_of_ranges(flight, signals.range, np.zeros(signals.range.shape))
+
+
 def silence(*kept: str, begin: float, end: float) -> str:
     names = case("duration_s=5").world.signals.names
     event = {"what": "silence", "sources": [n for n in names if n not in kept], "at_s": begin, "until_s": end}
     return f"events={json.dumps([event])}"
+
+
+def test_ranges_are_of_the_types_that_no_ranges_are_of() -> None:
+    """A filter of fixes is compiled with an empty table of ranges; the same machine code flies ranges."""
+    loose, tight = (Measurements.of({kind: table}) for kind, table in ((FIX, one_fix()), (RANGE, ranges())))
+    assert typeof(loose) == typeof(tight)
 
 
 @pytest.mark.parametrize(
