@@ -1,4 +1,4 @@
-"""`kind: optimize`: where pseudolites should stand, under constraints."""
+"""`kind: optimize`: positions of pseudolites under constraints."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS
 DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_fix")
 """Objectives from the geometry alone."""
 LEVEL_OBJECTIVES = LEVEL_OUTPUTS
-"""Objectives by the levels of watched fixes, which follow from the geometry too."""
+"""Objectives from the levels of monitored fixes, which also follow from the geometry."""
 OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS, *LEVEL_OBJECTIVES)
 FILTER_DISTANCE = (100.0, 100_000.0)
 """Default of `constraints.distance_m` if a filter error is the objective, m. With fix errors of 3 m, the third-order
 term of a range is then at most 3 % of the second-order term, and that 5 % of the range's sigma."""
 Number = Annotated[int, Field(ge=1, le=12)]
-"""Of pseudolites."""
+"""Number of pseudolites."""
 
 
 class Numbers(Section):
@@ -53,7 +53,7 @@ def _written(value: Any) -> str:
 
 
 class Area(Section):
-    """Where pseudolites may stand, in runway axes."""
+    """Area for pseudolites, in runway axes."""
 
     s_m: Pair
     """from, to across the runway, positive to the right of landing"""
@@ -70,7 +70,7 @@ class Area(Section):
 
 
 class Strip(Section):
-    """The runway strip, kept clear (ICAO Annex 14, 3.4)."""
+    """Runway strip, kept clear (ICAO Annex 14, 3.4)."""
 
     half_width_m: Size = 75.0
     """from the axis of the runway to the edge of the strip"""
@@ -105,7 +105,7 @@ class SiteChoice(Section):
 
 
 class Constraints(Section):
-    """What a placement must keep; what is left out is no constraint."""
+    """Constraints on a placement; an omitted key is no constraint."""
 
     runway_strip: Strip | None = None
     """keep out of the runway strip"""
@@ -161,18 +161,18 @@ class Optimize(Section):
         Annotated[ListOf[Number], Tag("list")] | Annotated[Numbers, Tag("range")],
         Discriminator(_written),
     ]
-    """numbers of pseudolites to place, a list or first and last; several give the front of accuracy against number"""
+    """numbers of pseudolites to place, a list or first and last; several give the trade-off of accuracy and number"""
     objective: Literal[OBJECTIVES]  # type: ignore[valid-type]
     """quantity that navsim minimises: a mean or (…_max) worst DOP or SKO of the glide, an error of the filter, or a
     protection level, if all of the glide has it. It maximises level_share, the share of epochs that have levels"""
     area: Area | None = None
-    """where pseudolites may stand; give this or sites"""
+    """area for pseudolites; give this or sites"""
     sites: ListOf[SiteChoice] = ()
     """instead of area: the places there are; the choice is then combinatorial"""
     height_m: Signed = 0.0
     """height of the antennas above the runway"""
     constraints: Constraints = Constraints()
-    """what a placement must keep"""
+    """constraints on a placement"""
     period: Period | None = None
     """start times over which a geometric objective is taken; left out: the base scenario's epoch alone"""
     effort: Annotated[int, Field(ge=1, le=100)] = 3

@@ -76,7 +76,7 @@ def _columns(names: tuple[str, ...]) -> Any:
 
 
 class Sensors(Section):
-    """The inertial samples, and what kind of sensors made them."""
+    """Inertial samples, and the class of their sensors."""
 
     file: str
     """table with t_s, gx_rad_s, gy_rad_s, gz_rad_s, ax_m_s2, ay_m_s2, az_m_s2, body axes forward-right-down;
@@ -84,7 +84,7 @@ class Sensors(Section):
     file_sha256: Checksum | None = None
     """checksum of the file; when given, another file is refused"""
     columns: _columns(conventions.IMU_COLUMNS) = Field(default_factory=dict)  # type: ignore[valid-type]
-    """names of the columns in the file where they are others: {gx_rad_s: GyrX, ...}"""
+    """names of the columns in the file if they differ: {gx_rad_s: GyrX, ...}"""
     time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
     """unit of the column t_s"""
     gyro_unit: _unit(conventions.GYRO_UNITS) = "rad/s"  # type: ignore[valid-type]
@@ -94,7 +94,7 @@ class Sensors(Section):
     axes: BodyAxes = "FRD"  # type: ignore[valid-type]
     """where the columns x, y, z point: F or B, R or L, D or U. FLU: forward, left, up"""
     gyro_axes: BodyAxes | None = None  # type: ignore[valid-type]
-    """the same for the gyros alone (positive by the right-hand rule), where they differ"""
+    """axes of the gyros alone (positive by the right-hand rule), if they differ"""
     accelerometer_axes: BodyAxes | None = None  # type: ignore[valid-type]
     """the same for the accelerometers alone; at rest an axis that points up shows +9.8. BLU: a log that has gravity
     instead of specific force"""
@@ -105,8 +105,8 @@ class Sensors(Section):
     accelerometer: Accelerometer = Accelerometer()
     """errors of the accelerometers that differ from the class's"""
     samples: Literal["instantaneous", "averaged", "increments"] = "instantaneous"
-    """what a sample is: the value at its time, the mean since the sample before, or the angle and velocity gained since
-    then, in the units times s"""
+    """meaning of a sample: the value at its time, the mean since the sample before, or the change of angle and velocity
+    since then, in the units times s"""
     longest_gap_s: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
     """samples farther apart than this are a gap; default: five sample intervals"""
 
@@ -126,7 +126,7 @@ class Sensors(Section):
         return self
 
     def convention(self) -> ImuConvention:
-        """How the table is written."""
+        """Convention of the table."""
         return ImuConvention(
             time_unit=self.time_unit,
             gyro_unit=self.gyro_unit,
@@ -138,7 +138,7 @@ class Sensors(Section):
         )
 
     def resolved(self) -> tuple[Gyro, Accelerometer]:
-        """The sensors with the class's values where none are given."""
+        """The sensors with the class's values for omitted keys."""
         of_class = SENSOR_CLASSES[self.sensor_class]
         gyro = filled(of_class["gyro"], self.gyro.model_dump(exclude_none=True))
         accel = filled(of_class["accelerometer"], self.accelerometer.model_dump(exclude_none=True))
@@ -146,8 +146,8 @@ class Sensors(Section):
 
 
 class FixError(Section):
-    """An error of the fixes that lasts, which the filter follows as states: three of a Gauss-Markov process, along
-    north, east and down, or as many as the table has columns of."""
+    """A time-correlated error of the fixes that the filter estimates: three Gauss-Markov states along north, east and
+    down, or as many as the table has columns."""
 
     time_s: CorrelationTime
     """correlation time"""
@@ -165,7 +165,7 @@ class FixError(Section):
 
 
 class Gnss(Section):
-    """The fixes. What is left out is tuned (`tuning: likelihood`), or as written below without tuning."""
+    """The fixes. Omitted keys are tuned (`tuning: likelihood`), or have the values below without tuning."""
 
     file: str
     """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty). It may have nsat and the
@@ -191,7 +191,7 @@ class Gnss(Section):
     file_sha256: Checksum | None = None
     """checksum of the file; when given, another file is refused"""
     columns: _columns((*conventions.GNSS_COLUMNS, *conventions.GNSS_OPTIONAL)) = Field(default_factory=dict)  # type: ignore[valid-type]
-    """names of the columns in the file where they are others; not for NMEA, as the units and axes"""
+    """names of the columns in the file if they differ; not for NMEA, nor units and axes"""
     time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
     """unit of the column t_s"""
     time_offset_s: LogTime = 0.0
@@ -203,7 +203,7 @@ class Gnss(Section):
     speed_unit: _unit(conventions.SPEED_UNITS) = "m/s"  # type: ignore[valid-type]
     """unit of the velocity columns"""
     vertical_speed_unit: _unit(conventions.VERTICAL_SPEED_UNITS) | None = None  # type: ignore[valid-type]
-    """unit of the vertical velocity where it is another one, such as ft/min"""
+    """unit of the vertical velocity if it differs, such as ft/min"""
     velocity_axes: LevelAxes = "NED"  # type: ignore[valid-type]
     """where the columns vn, ve, vd point: N or S, E or W, D or U. ENU: east, north, up"""
     latency_s: RecordedLatency | None = None
@@ -221,11 +221,11 @@ class Gnss(Section):
     """time-correlated errors of the fixes (satellite orbits, atmosphere), which the filter estimates as states, in
     addition to the noise of each fix; for `coupling: loose`"""
     spacing_s: NonNegative = 0.45
-    """fixes closer than this to the last one used are left out: their errors are nearly the same"""
+    """fixes closer than this to the last one used are omitted: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0, le=1000)] = 4
     """fixes from fewer (column nsat) are left out"""
     simulator_fixes: bool = False
-    """take NMEA fixes that the receiver says are a simulator's (quality 8, mode S)"""
+    """accept NMEA fixes that the receiver marks as a simulator's (quality 8, mode S)"""
 
     @model_validator(mode="after")
     def _ranges(self) -> Self:
@@ -251,7 +251,7 @@ class Gnss(Section):
 
     @property
     def of_table(self) -> int:
-        """How many lasting errors have columns of their effects."""
+        """Number of time-correlated errors with columns of their effects."""
         return sum(error.states or 0 for error in self.errors)
 
     def wanted(self) -> tuple[System, ...]:
@@ -259,7 +259,7 @@ class Gnss(Section):
         return tuple(system for system in SYSTEMS if system.name in self.systems) or USUAL
 
     def convention(self) -> GnssConvention:
-        """How the table is written."""
+        """Convention of the table."""
         return GnssConvention(
             time_unit=self.time_unit,
             time_offset=self.time_offset_s,
@@ -274,8 +274,7 @@ class Gnss(Section):
 
 
 class KnownSection(Section):
-    """State of the navigation at a time of the recording, where it is known: the filter starts there and aligns
-    nothing."""
+    """Known navigation state at a time of the recording: the filter starts there without alignment."""
 
     time_s: LogTime
     """time of the recording at which the state is known, and the filter starts"""
@@ -302,13 +301,12 @@ class KnownSection(Section):
 
 
 class AlignmentSection(Section):
-    """How the attitude is found: level at rest, heading from the changes of velocity once it moves."""
+    """Initial alignment: level at rest, heading from the changes of velocity once it moves."""
 
     known: KnownSection | None = None
-    """state of the navigation at a time, instead of an alignment; the other keys are then for a filter that is lost and
-    starts anew"""
+    """navigation state at a time, instead of an alignment; the other keys then serve a restart of a lost filter"""
     heading_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
-    """heading at the start, where it is known; needs a standstill"""
+    """known heading at the start; needs a standstill"""
     heading_sigma_deg: Annotated[float, Field(ge=1e-6, le=30.0)] = 10.0
     """the heading must be good to this, 1 sigma; with heading_deg: how good it is"""
     longest_s: Annotated[float, Field(ge=5.0, le=600.0)] = 120.0
@@ -322,13 +320,13 @@ class AlignmentSection(Section):
 
 
 class ReplayGate(Section):
-    """Rejection of fixes that cannot be true, and the way back of a filter that is lost."""
+    """Rejection of implausible fixes, and restart of a lost filter."""
 
     probability: Annotated[float, Field(ge=0.0, lt=0.5)] = 1e-6
     """chance of rejecting a good fix; 0: no gate"""
     restart_s: Annotated[float, Field(ge=1.0, le=1e9)] = 10.0
-    """a filter that rejects its fixes, or most ranges of each epoch, for so long starts anew from them; longer than the
-    flight: it never does"""
+    """a filter that rejects its fixes, or most ranges of each epoch, for so long restarts from them; longer than the
+    flight: never"""
     max_rejected: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
     """rejections in a row after which a fix, or a source's range, is taken nevertheless; left out: none is"""
 
@@ -352,7 +350,7 @@ class ReplayFilterSection(Section):
 
 
 class Outage(Section):
-    """Fixes withheld on purpose: one outage for every start and every duration, each flown by itself."""
+    """Simulated outages: one for every start and every duration, each in a separate pass."""
 
     start_s: Times
     """time of the recording at which fixes are withheld from on; one or a list"""
@@ -374,7 +372,7 @@ class Replay(Section):
     epoch: Utc = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
     """UTC of t_s = 0"""
     imu: Sensors
-    """the inertial samples, and what kind of sensors made them"""
+    """inertial samples, and the class of their sensors"""
     gnss: Gnss
     """the fixes, or the observations they are solved from"""
     lenient: bool = False
@@ -384,20 +382,20 @@ class Replay(Section):
     end_s: LogTime | None = None
     """time of the recording at which to stop; default: its end"""
     checks: Literal["refuse", "warn", "off"] = "refuse"
-    """what becomes of a recording that seems to have wrong units, axes, signs or times"""
+    """reaction to a recording that seems to have wrong units, axes, signs or times"""
     alignment: AlignmentSection = AlignmentSection()
     """how the attitude at the start is found"""
     tuning: Literal["likelihood", "none"] = "likelihood"
     """likelihood: noise of fixes and sensors, and latency, as make the innovations of the fixes in motion most likely;
     where hardly any moves nothing is tuned"""
     filter: ReplayFilterSection = ReplayFilterSection()
-    """what the filter does"""
+    """the filter"""
     outages: ListOf[Outage] = ()
     """fixes withheld on purpose, to see the drift"""
 
     @property
     def begin(self) -> float | None:
-        """Where the flight is to begin, s, if the log says so."""
+        """Start of the flight, s, if the log has one."""
         return self.start_s if self.alignment.known is None else self.alignment.known.time_s
 
     @model_validator(mode="after")

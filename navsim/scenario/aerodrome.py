@@ -1,6 +1,6 @@
-"""What follows from published data of a runway, before a scenario is read: `auto` and derived numbers written out.
+"""Derived data of a published runway, written out before a scenario is checked: `auto` and derived numbers.
 
-The resolved scenario has the numbers, so that it reads back to the same flight without the extras that they came from.
+The resolved scenario contains the numbers, so that it gives the same flight without the extras that computed them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from navsim.scenario.base import DEG, reject
 
 STEEPEST = 5.0
-"""Of runways, percent."""
+"""Largest slope of a runway, percent."""
 LONGEST_RUNWAY = 20e3
 """Distance between thresholds, m, that no runway comes near."""
 _SAME = 1e-6
@@ -22,8 +22,10 @@ _SAME = 1e-6
 
 
 def with_published(data: Any) -> Any:
-    """The data of a landing with the runway's derived numbers. Raises ValueError (`reject`) where there are none; data
-    that the sections will refuse are left to them."""
+    """Data of a landing with the runway's derived numbers. Raises ValueError (`reject`) if there are none.
+
+    Invalid data are left to the sections, which refuse them.
+    """
     runway = data.get("runway") if isinstance(data, dict) else None
     if not isinstance(runway, dict):
         return data
@@ -112,7 +114,7 @@ def _write(runway: dict[str, Any], key: str, value: float, source: str) -> None:
 
 
 def _write_length(runway: dict[str, Any]) -> None:
-    """The length of the runway from both thresholds, where none is given."""
+    """Write the length of the runway from both thresholds, if it is missing."""
     first, end = _point(runway.get("threshold")), _point(runway.get("end"))
     if first is not None and end is not None and "length_m" not in runway:
         length = distance(first, end)
@@ -148,7 +150,7 @@ def distance(first: tuple[float, float], end: tuple[float, float]) -> float:
 
 
 def _apart(first: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
-    """How far north and east a place is from another, m."""
+    """Position north and east of another, m."""
     from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 
     a, b = (np.array([*(math.radians(value) for value in each), 0.0]) for each in (first, end))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from navsim.trajectory.air import Gust, MeanWind, Response, Turbulence
 
 Speed = Annotated[float, Field(ge=0.0, le=50.0)]
-"""Of a wind, m/s."""
+"""Wind speed, m/s."""
 
 
 def beside(keys: Sequence[tuple[str, ...]]) -> str:
@@ -42,9 +42,9 @@ class TurbulenceSection(Section):
     """Dryden turbulence of low altitude, another in each run; up to 1000 ft above the runway."""
 
     severity: Literal["light", "moderate", "severe"] | None = None
-    """how strong: as with 15, 30 or 45 kt 20 ft above the runway; null: w20_m_s, or the mean wind, says it"""
+    """strength: as with 15, 30 or 45 kt 20 ft above the runway; null: from w20_m_s, or from the mean wind"""
     w20_m_s: Annotated[float, Field(gt=0.0, le=50.0)] | None = None
-    """wind 20 ft above the runway that its strength goes by; null: severity says it, or the mean wind's there is it"""
+    """wind 20 ft above the runway that determines its strength; null: from severity, or the mean wind there"""
     specification: Literal["mil-f-8785c", "mil-hdbk-1797"] = "mil-f-8785c"
     """whose lengths and spectra: two forms of one model, which give the same"""
 
@@ -68,7 +68,7 @@ class TurbulenceSection(Section):
 
 
 class GustSection(Section):
-    """A gust of the form 1 - cosine: it rises, stays, and falls as it rose; the same in all runs."""
+    """A 1 - cosine gust: it rises, stays, and falls as it rose; the same in all runs."""
 
     amplitude_m_s: Annotated[float, Field(ge=-50.0, le=50.0)]
     """speed of the air that is reached; negative: the other way"""
@@ -78,9 +78,9 @@ class GustSection(Section):
     start_s: Annotated[float, Field(ge=0.0, le=1e5)]
     """when it begins"""
     ramp_s: Annotated[float, Field(ge=0.1, le=1e3)] | None = None
-    """time in which it rises; null: ramp_m says it"""
+    """time in which it rises; null: use ramp_m"""
     ramp_m: Annotated[float, Field(ge=5.0, le=1e5)] | None = None
-    """way through the air in which it rises, at the airspeed of its begin; null: ramp_s says it"""
+    """distance through the air in which it rises, at the airspeed of its start; null: use ramp_s"""
     hold_s: Annotated[float, Field(ge=0.0, le=1e5)] | None = None
     """time before it falls; null: it never does"""
 
@@ -104,7 +104,7 @@ class GustSection(Section):
 
 
 class ResponseSection(Section):
-    """What the aircraft makes of gusts and turbulence; the defaults are examples, of no aircraft in particular."""
+    """Response of the aircraft to gusts and turbulence; the defaults are examples, of no aircraft in particular."""
 
     wing_loading_n_m2: Annotated[float, Field(ge=10.0, le=1e4)] = 200.0
     """weight by wing area"""
@@ -142,8 +142,8 @@ class WindSection(Section):
     from_deg: Azimuth = 0.0
     """direction the wind comes from, clockwise from true north"""
     profile: Literal["constant", "log", "power", "table"] = "constant"
-    """how the wind changes with height: not at all, by the logarithmic law of MIL-F-8785C, by a power law, as `levels`
-    say; below 3 ft it is constant"""
+    """change of the wind with height: none, logarithmic law of MIL-F-8785C, power law, or `levels`; below 3 ft it is
+    constant"""
     roughness_m: Annotated[float, Field(ge=1e-4, le=2.0)] = 0.04572
     """roughness length of profile log; MIL-F-8785C has 0.15 ft = 0.04572 m for approach and landing, 2 ft = 0.6096 m
     for other phases"""
@@ -156,7 +156,7 @@ class WindSection(Section):
     gusts: Annotated[ListOf[GustSection], Field(max_length=100)] = ()
     """gusts of the form 1 - cosine, that add up, with turbulence (3 sigma) to less than the airspeed"""
     response: ResponseSection = ResponseSection()
-    """what the aircraft makes of gusts and turbulence"""
+    """response of the aircraft to gusts and turbulence"""
 
     @model_validator(mode="after")
     def _of_its_profile(self) -> Self:

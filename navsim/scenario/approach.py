@@ -1,4 +1,4 @@
-"""The runway and the ways to it: sections `runway`, `approach`."""
+"""Runway and approach: sections `runway`, `approach`."""
 
 from __future__ import annotations
 
@@ -67,16 +67,16 @@ class Runway(Section):
     bearing_deg: Azimuth | None = None
     """published direction of landing; null: heading_deg"""
     bearing_is: Literal["true", "magnetic"] = "true"
-    """what bearing_deg is counted from; magnetic north needs declination_deg"""
+    """reference of bearing_deg; magnetic north needs declination_deg"""
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | Literal["auto"] | None = None
     """magnetic north from true north, east positive, when bearing_deg was measured; auto: of the World Magnetic Model,
     which needs the extra `magnetic`; the stored scenario has the number"""
     bearing_year: Annotated[float, Field(ge=1990.0, le=2100.0)] | None = None
     """decimal year of bearing_deg, for `declination_deg: auto`; null: that of epoch"""
     height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] = 0.0
-    """height above the WGS-84 ellipsoid, or above the geoid, as height_above says"""
+    """height above the WGS-84 ellipsoid, or above the geoid, see height_above"""
     height_above: Literal["ellipsoid", "geoid"] = "ellipsoid"
-    """what height_m is above; geoid: sea level, as published heights of runways are"""
+    """reference of height_m; geoid: sea level, as in published heights of runways"""
     geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | Literal["auto"] | None = None
     """height of the geoid above the ellipsoid at the runway; auto: that of EGM96 at runway.threshold or approach.start,
     which needs the extra `geoid`; the stored scenario has the number"""
@@ -84,7 +84,8 @@ class Runway(Section):
     """rise of the runway in the direction of landing, from the threshold on, which height_m is of; with end_height_m it
     follows from it"""
     end_height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] | None = None
-    """height of runway.end, above what height_m is above, as published for both thresholds; null: slope_percent"""
+    """height of runway.end with the same reference as height_m, as published for both thresholds; null:
+    slope_percent"""
     length_m: Size = 1000.0
     """length of the runway, for drawings, and, where runway.end is not given, for how far it rises by slope_percent; by
     default to runway.end where that is given"""
@@ -97,7 +98,8 @@ class Runway(Section):
     threshold: Point | None = None
     """where the runway begins; leave out to derive it from approach.start"""
     end: Point | None = None
-    """threshold of the other direction: heading_deg is the direction to it, whatever was published; null: none"""
+    """threshold of the other direction; heading_deg becomes the direction to it and replaces the published one; null:
+    none"""
 
     @model_validator(mode="after")
     def _above_geoid(self) -> Self:
@@ -125,7 +127,7 @@ class Runway(Section):
 
     @property
     def misprint_deg(self) -> float:
-        """By how much the published direction is off that between the thresholds, deg; 0 where it is not known."""
+        """Published direction minus that between the thresholds, deg; 0 if unknown."""
         if self.bearing_deg is None or self.end is None:
             return 0.0
         magnetic = self.declination_deg if self.bearing_is == "magnetic" else 0.0
@@ -134,7 +136,7 @@ class Runway(Section):
 
     @property
     def undulation_m(self) -> float:
-        """Height of the geoid above the ellipsoid, m. Raises ValueError where it is not given."""
+        """Height of the geoid above the ellipsoid, m. Raises ValueError if it is missing."""
         if not isinstance(self.geoid_undulation_m, float):
             raise ValueError("the undulation of the geoid is not given")
         return self.geoid_undulation_m
@@ -145,8 +147,10 @@ class Runway(Section):
         return self.height_m + (self.undulation_m if self.height_above == "geoid" else 0.0)
 
     def doubted_height(self, key: str, height: float) -> str:
-        """Warning of a pseudolite's height above the runway, m, that is likely one above the ellipsoid or the geoid, or
-        is none of a pseudolite on the ground; empty where it is neither."""
+        """Warning about a pseudolite's height above the runway, m, that is implausible; else empty.
+
+        It is probably one above the ellipsoid or the geoid, or not that of a pseudolite on the ground.
+        """
         meant = (h for h in (self.ellipsoidal_m, self.height_m) if h > _LOW and 0.0 <= height - h <= _MAST)
         other = next(meant, None)
         if other is None and _DEEPEST <= height <= _HIGHEST:
@@ -172,8 +176,8 @@ class Runway(Section):
 
     @property
     def surface(self) -> tuple[tuple[float, float], ...]:
-        """Distances beyond the threshold, m, and heights above it, m, between which the runway is straight; none where
-        it is level."""
+        """Distances beyond the threshold, m, and heights above it, m, between which the runway is straight; empty if it
+        is level."""
         if self.slope_percent == 0.0:
             return ()
         length = self.length_m
@@ -228,7 +232,7 @@ class DeviationSection(Section):
 
 
 class FlightTechnicalErrorSection(Section):
-    """How far an aircraft is off its route, in each run anew; what is left out is none."""
+    """Deviation of an aircraft from its route, drawn for each run; omitted keys mean none."""
 
     lateral: DeviationSection | None = None
     """to the right of the course; null: none"""
@@ -237,8 +241,8 @@ class FlightTechnicalErrorSection(Section):
     vertical: DeviationSection | None = None
     """in height; it ends on the ground; null: none"""
     bank_lag_s: Annotated[float, Field(ge=0.1, le=5.0)] = 0.3
-    """time constant of each of the two lags by which the bank is behind the acceleration to the side, and with
-    follow_estimate_s the way behind what guidance commands"""
+    """time constant of each of two lags of the bank behind the lateral acceleration, and with follow_estimate_s of the
+    trajectory behind guidance commands"""
     follow_estimate_s: Annotated[float, Field(ge=1.0, le=300.0)] | None = None
     """time constant of a guidance that keeps the estimate on the route, so that navigation errors take the aircraft off
     it (each run flies twice); null: guidance has the truth"""
@@ -263,13 +267,13 @@ class _Approach(Section):
     speed_touchdown_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 80.0
     """speed at touchdown, along the path, over ground, or through the air by speed_is"""
     speed_is: Literal["ground", "air"] = "ground"
-    """what speeds are meant against: over ground, whatever the wind; through the air, which is held along the path"""
+    """reference of speeds: ground, whatever the wind; or air, in which case the airspeed along the path is kept"""
     angle_of_attack_deg: Annotated[float, Field(ge=-10.0, le=30.0)] = 3.0
     """constant angle of attack; pitch = path angle relative to the air + angle of attack"""
     pitch: Literal["path", "level"] = "path"
     """path: the nose follows the path; level: it keeps angle_of_attack_deg above the horizon"""
     flight_technical_error: FlightTechnicalErrorSection | None = None
-    """how far the way of each run is off the route; null: all fly the route"""
+    """deviation of each run from the route; null: all fly the route"""
 
 
 S_TURN_LASTS = 3600.0
@@ -289,7 +293,7 @@ class STurn(_Approach):
     """time to roll from one side to the other"""
 
     def path(self, rise: float = 0.0) -> Path:
-        """The path in the tangent plane of its first point, an hour long. Raises ValueError where there is none."""
+        """Path in the tangent plane of its first point, an hour long. Raises ValueError if there is none."""
         from navsim.trajectory.approach import s_turn
 
         return s_turn(
@@ -306,9 +310,9 @@ class GoAroundSection(Section):
     """A landing that is broken off: a pull-up by a load factor, thrust for a constant speed, a climb straight ahead."""
 
     height_m: Annotated[float, Field(ge=0.1, le=5000.0)] | None = None
-    """height above the runway, coming down, at which it begins; null: at_s says when"""
+    """height above the runway at which it begins during the descent; null: use at_s"""
     at_s: FlightTime | None = None
-    """when it begins; null: height_m says where"""
+    """time at which it begins; null: use height_m"""
     load_factor: Annotated[float, Field(ge=1.01, le=5.0)] = 1.2
     """lift by weight in the pull-up; less where easing on and off turns it to the climb already"""
     climb_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 5.0
@@ -358,7 +362,7 @@ class PaperApproach(_ToTheGround):
     """time within which the glide turns into level flight (instantaneous in the paper)"""
 
     def path(self, rise: float = 0.0) -> Path:
-        """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
+        """Path in the tangent plane of the touchdown point. Raises ValueError if there is none."""
         from navsim.trajectory.approach import paper_profile
 
         path = paper_profile(
@@ -372,7 +376,7 @@ class PaperApproach(_ToTheGround):
 
 
 class _Captured(_ToTheGround):
-    """What the ways onto the slope from level flight, and off it, have in common."""
+    """Common part of the approaches from level flight onto the slope, and of their ends."""
 
     capture_s: Stretch = 6.0
     """duration of the transition onto the slope"""
@@ -387,10 +391,9 @@ class _Captured(_ToTheGround):
     rollout_deceleration_m_s2: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
     """deceleration by the brakes after touchdown"""
     taxi_speed_kmh: Annotated[float, Field(ge=0.0, le=1000.0)] | None = None
-    """speed over ground that the roll-out is slowed to; 0 or null: the brakes stay on until the aircraft stops and
-    stands"""
+    """ground speed at the end of the roll-out; 0 or null: the brakes stay on until the aircraft stops"""
     taxi_s: Stretch | None = None
-    """time at taxi_speed_kmh before the aircraft stops and stands; null: it taxies on"""
+    """time at taxi_speed_kmh before the aircraft stops; null: it continues to taxi"""
     brake_ease_s: Stretch = 1.0
     """time in which brakes are let go at taxi_speed_kmh, and come on and off at the stop"""
 
@@ -423,8 +426,7 @@ class _Captured(_ToTheGround):
         return lands and bool(path.jet(np.array([duration]))[0, 1, 0] < SLOWEST)
 
     def flared(self, speed: float, height: float, lead_in: float, rise: float) -> Path:
-        """The path from level flight at a speed, m/s, and a height, m, after so many seconds of it; rise: of the
-        runway, m a m."""
+        """Path from level flight at a speed, m/s, and a height, m, for so many seconds; rise: of the runway, m a m."""
         from navsim.trajectory.approach import Ending, smooth_profile
 
         return smooth_profile(
@@ -455,8 +457,8 @@ class SmoothApproach(_Captured):
     """level flight before the capture of the glide slope"""
 
     def path(self, rise: float = 0.0) -> Path:
-        """The path in the tangent plane of the touchdown point, onto a runway that rises so, m a m. Raises ValueError
-        where there is none."""
+        """Path in the tangent plane of the touchdown point, onto a runway with this rise, m a m. Raises ValueError if
+        there is none."""
         return self._ended(self.flared(self.speed_start_kmh * KMH, self.start_height_m, self.lead_in_s, rise))
 
 
@@ -513,8 +515,8 @@ class WaypointApproach(_Captured):
     roll_s: Stretch = 3.0
     """time to roll from level into a turn, and out of it"""
     ending: Literal["flare", "paper", "none"] = "flare"
-    """flare: capture of the slope, glide, flare, roll-out, as of `profile: smooth`; paper: capture, and from there as
-    of `profile: paper`; none: straight on over the last waypoint, no landing"""
+    """flare: capture of the slope, glide, flare, roll-out, as with `profile: smooth`; paper: capture, then as with
+    `profile: paper`; none: straight over the last waypoint, no landing"""
     corner_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
     """with `ending: paper`, time within which the glide turns into level flight"""
 
@@ -586,7 +588,7 @@ class FileApproach(Section):
     file: str
     """the file. With `profile: recorded`: a result of a replay, best with smoothing (filter.kind: rts). With `profile:
     track`: a table with the columns t_s, lat_deg, lon_deg, h_m, and optionally roll_deg, pitch_deg, yaw_deg.
-    `runway.height_above` says what h_m is above"""
+    `runway.height_above` is the reference of h_m"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
     start_s: LogTime | None = None
@@ -596,7 +598,7 @@ class FileApproach(Section):
 
     @property
     def start(self) -> Point | None:
-        """Nothing: the recording says where it starts."""
+        """None: the recording has its own start."""
         return None
 
 

@@ -1,4 +1,4 @@
-"""What all scenario sections share: strictness, unit conversions, validation with places and hints."""
+"""Common base of all scenario sections: strict keys, unit conversions, validation with places and hints."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ KMH = 1.0 / 3.6
 
 
 def as_tuple(value: Any) -> Any:
-    """A list as a tuple, anything else as it is."""
+    """A list as a tuple, anything else unchanged."""
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -37,7 +37,7 @@ _FORMS = {
     r"^[A-Za-z0-9_-]{1,16}$": "1 to 16 of the letters A to Z and a to z, digits, - and _",
     r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*$": "a key: names with dots between them",
 }
-"""Forms of texts, and what they are in words."""
+"""Forms of texts, with their names."""
 _SHA, _NAME, _DOTTED = _FORMS
 Checksum = Annotated[str, Field(pattern=_SHA)]
 """SHA-256 of a file."""
@@ -58,7 +58,7 @@ def _several(value: Any) -> Any:
 
 @PlainSerializer
 def one_or_list(value: tuple[Any, ...]) -> Any:
-    """A tuple as it would be written: a single value by itself."""
+    """Written form of a tuple: a single value alone."""
     return value[0] if len(value) == 1 else list(value)
 
 
@@ -71,24 +71,24 @@ Signed = Annotated[float, Field(ge=-1e6, le=1e6)]
 """A place, an offset, an error, in the unit of its key."""
 Variance = Annotated[float, Field(ge=1e-18, le=1e12)]
 LONGEST_FLIGHT = 1e6
-"""Of a simulation, s. Memory bounds flights earlier: the budget is asked before they are flown."""
+"""Longest simulation, s. The memory estimate limits flights further."""
 FlightTime = Annotated[float, Field(ge=0.0, le=LONGEST_FLIGHT)]
 """A time in a flight, s after time 0."""
 EndTime = Annotated[float, Field(gt=0.0, le=LONGEST_FLIGHT)]
 """When a flight, or a part of it, ends, s after time 0."""
 Stretch = Annotated[float, Field(ge=0.01, le=LONGEST_FLIGHT)]
-"""How long a part of a flight takes, s."""
+"""Duration of a part of a flight, s."""
 ScanPeriod = Annotated[float, Field(ge=0.001, le=60.0)]
 """Between measurements, s."""
 CorrelationTime = Annotated[float, Field(ge=1e-3, le=1e9)]
-"""Of an exponentially correlated error, s."""
+"""Correlation time of an exponentially correlated error, s."""
 Latency = Annotated[float, Field(ge=0.0, le=30.0)]
 FIX_LATENCIES = (-1.0, 5.0)
 """Bounds of the latency of fixes, s; below zero they are stamped before the time they are valid."""
 FixLatency = Annotated[float, Field(ge=0.0, le=FIX_LATENCIES[1])]
 """From the time a fix is valid to the time the filter gets it, s."""
 RecordedLatency = Annotated[float, Field(ge=FIX_LATENCIES[0], le=FIX_LATENCIES[1])]
-"""The same of a recorded fix, by the time that it is stamped with, s."""
+"""Latency of a recorded fix relative to its time stamp, s."""
 Decay = Annotated[float, Field(ge=1e-9, le=1e3)]
 """Its reciprocal, 1/s."""
 Size = Annotated[float, Field(ge=0.1, le=1e5)]
@@ -141,7 +141,7 @@ TripleOf = Annotated[tuple[T, T, T], BeforeValidator(as_tuple)]
 ListOf = Annotated[tuple[T, ...], BeforeValidator(as_tuple)]
 """A YAML list of a type, kept as a tuple."""
 DistinctListOf = Annotated[tuple[T, ...], BeforeValidator(as_tuple), AfterValidator(_distinct)]
-"""The same of values of which none is given twice."""
+"""A YAML list of distinct values of a type, kept as a tuple."""
 
 
 def _as_integer(value: Any) -> Any:
@@ -151,13 +151,13 @@ def _as_integer(value: Any) -> Any:
 
 
 whole = BeforeValidator(_as_integer)
-"""For choices of whole numbers, among which Python finds false, true and 2.0 too."""
+"""For choices of integers, for which Python would also accept false, true and 2.0."""
 Version = Annotated[Literal[1], whole]
 
 
 @cache
 def _docstrings(model: type[BaseModel]) -> dict[str, str]:
-    """What stands below the fields in a class's own source."""
+    """Docstrings of the fields in a class's source."""
     (written,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
     out = {}
     for field, below in itertools.pairwise(getattr(written, "body", [])):
@@ -168,8 +168,11 @@ def _docstrings(model: type[BaseModel]) -> dict[str, str]:
 
 
 def _describe(schema: dict[str, Any], model: type[BaseModel]) -> None:
-    """Add the docstrings of the fields to a schema. pydantic's `use_attribute_docstrings` would read every class's
-    source at every start, though nobody but `navsim schema` asks."""
+    """Add the docstrings of the fields to a schema.
+
+    pydantic's `use_attribute_docstrings` would read every class's source at every start, although only `navsim schema`
+    needs it.
+    """
     _count_items(schema)
     for part in model.__mro__:
         if issubclass(part, Section) and part is not Section:
@@ -222,7 +225,8 @@ def validated(model: type[S], document: Document) -> S:
 
 
 def _told_once(document: Document, errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Without what is said of a text as a number, or of a number as one of some words, where a key takes either."""
+    """Errors without repeated ones about a text as a number, or a number as one of some words, for keys that accept
+    either."""
     words, numbers = {"literal_error"}, ("float", "int", "greater", "less", "finite", "multiple")
     out = []
     for one in errors:
@@ -342,7 +346,7 @@ _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 
 
 def _of_number(key: str, text: str) -> str:
-    """What is wrong with a text that begins with a number, where a number is needed; "" where it does not."""
+    """Error about a text that begins with a number, where a number is needed; "" for other texts."""
     unit = unit_of(key)
     if _THOUSANDS.fullmatch(text):
         decimals, thousands = text.replace(",", "."), text.replace(",", "")
@@ -363,11 +367,11 @@ _FOREIGN = re.compile(
     "ft|feet|inch|in|nm|nmi|mi|miles|kt|kts|knots?|mph|kmh|kph|fpm|mps|m_s|ms|km|cm|mm|m|deg|rad|mrad|arcmin|"
     "min|hours?|h|days?|ns|us|s|hz|khz|mhz|ghz|g|mg|ug|hpa|mbar|pa|inhg|c|f|k|w|mw|dbm|dbw|db|ppm|percent"
 )
-"""How names of keys might end in units that people write."""
+"""Suffixes of key names with units that users write."""
 
 
 def _nearest_key(given: str, allowed: list[str]) -> str:
-    """What may stand there instead of a key: the same in the unit that there is, else what is spelt alike."""
+    """Suggested key: the same one with the existing unit, else a similar spelling."""
     for key in allowed:
         begins, unit = without_unit(key), unit_of(key)
         if unit and given.startswith(f"{begins}_") and _FOREIGN.fullmatch(given.removeprefix(f"{begins}_").lower()):
@@ -398,7 +402,7 @@ def hint(given: str, allowed: list[str]) -> str:
 def _data_path(data: Any, location: tuple[str | int, ...], absent_leaf: bool) -> KeyPath:
     """pydantic's location without the tags of unions, which are no keys of the file.
 
-    absent_leaf: the last part is a key that the file lacks.
+    absent_leaf: the last part is a missing key.
     """
     path: KeyPath = ()
     for index, part in enumerate(location):

@@ -26,8 +26,7 @@ class BoxSection(Section):
     none."""
 
     height_m: NonNegative = 0.0
-    """true height above the runway at which the error is judged, when the aircraft last comes down through it; 0:
-    touchdown"""
+    """true height above the runway at which the error is evaluated, at the last descent through it; 0: touchdown"""
     error: Literal["navigation", "total"] = "navigation"
     """error that must stay inside: the filter's position error, or with total also the run's distance from its route.
     An aircraft that steers by its estimate ends there. `total` is counted over runs that leave their route"""

@@ -1,4 +1,4 @@
-"""What happens to signals during a landing: the list `events`, which reads like a story.
+"""Events that affect signals during a landing: the list `events`.
 
 Source: `docs/theory/integrity.md`, section 8.
 """
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from navsim.gnss.events import Event, Happening
 
 Error = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""Of a range, m, or its change, m/s."""
+"""Error of a range, m, or its change, m/s."""
 _NONE = (0.0, 0.0, 0.0)
 
 
 class EventSection(Section):
-    """Something that happens to the signals of some sources for some time; every kind has its own word for `what`."""
+    """An event that affects the signals of some sources for some time; `what` selects its kind."""
 
     what: str
-    """what happens"""
+    """kind of event"""
     sources: Annotated[DistinctListOf[str], Field(min_length=1)]
     """names of satellites and pseudolites, of satellite systems, `pseudolites`, `all`"""
     at_s: FlightTime = 0.0
@@ -39,7 +39,7 @@ class EventSection(Section):
         return self
 
     def happening(self) -> Happening:
-        """The model of what happens."""
+        """Model of the event."""
         raise NotImplementedError
 
     def model(self) -> Event:
@@ -62,7 +62,7 @@ class SilenceSection(EventSection):
 
 
 class RangeSection(EventSection):
-    """An error of ranges by itself."""
+    """An error of ranges alone."""
 
     code_only: bool = False
     """whether it is an error of the code alone: range rates and carriers have none"""
@@ -102,12 +102,12 @@ class RampSection(RangeSection):
 
 
 class SurveySection(EventSection):
-    """They stand elsewhere than the receiver believes."""
+    """Sources at positions other than those that the receiver assumes."""
 
     what: Literal["survey"]
-    """the sources stand elsewhere than believed"""
+    """the sources are not at the positions that the receiver assumes"""
     ned_m: Triple
-    """true place less the one believed in: north, east, down at the receiver"""
+    """true position minus the assumed one: north, east, down at the receiver"""
 
     def happening(self) -> Happening:
         import numpy as np
@@ -151,7 +151,7 @@ class MeaconSection(EventSection):
     what: Literal["meacon"]
     """signals are received at a place and sent again from there"""
     place: Point
-    """where they are received and sent again"""
+    """where they are received and retransmitted"""
     height_m: Annotated[float, Field(ge=-1000.0, le=1e5)] = 0.0
     """height of the antennas above the ellipsoid"""
     delay_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0

@@ -1,4 +1,4 @@
-"""What a filter does and believes: section `filter`."""
+"""Filter and its model: section `filter`."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class FilterInitial(Section):
 
 
 class FilterSensors(Section):
-    """Sensor errors the filter believes in; a sensor left out is as `imu` says."""
+    """Sensor errors in the filter model; an omitted sensor is as in `imu`."""
 
     gyro: Gyro | None = None
-    """errors of the gyros that the filter believes in"""
+    """errors of the gyros in the filter model"""
     accelerometer: Accelerometer | None = None
-    """errors of the accelerometers that the filter believes in"""
+    """errors of the accelerometers in the filter model"""
 
 
 class Gate(Section):
@@ -59,7 +59,7 @@ Kind = Literal[
     "gaussian-sum", "tfg", "eskf", "first-estimates", "observability-constrained", "left-invariant", "rts", "map"
 ]
 Coupling = Literal["loose", "tight"]
-"""How a filter and a satellite receiver work together."""
+"""Coupling of filter and satellite receiver."""
 SUM = "gaussian-sum"
 """The kind that is a sum of components."""
 SMOOTHERS = ("rts", "map")
@@ -67,7 +67,7 @@ SMOOTHERS = ("rts", "map")
 
 
 class FilterSection(Section):
-    """What the filter does and believes; what is left out follows from the truth."""
+    """Filter and its model; omitted keys follow from the truth."""
 
     kind: Kind = "gaussian-sum"
     """gaussian-sum: several tfg filters side by side while heading is uncertain; tfg: two-frames group; eskf:
@@ -78,19 +78,19 @@ class FilterSection(Section):
     """loose: the receiver's fixes are measurements; tight: pseudoranges and range rates of each source are, with the
     receiver's clock as states, and the filter also uses fewer sources than a fix needs"""
     clock: ClockNoise | None = None
-    """noise of the receiver's clock that a tight filter believes in; left out: that of receiver.clock"""
+    """noise of the receiver clock in the model of a tightly coupled filter; omitted: that of receiver.clock"""
     velocity: bool = True
     """use the velocity of the fixes as well as their position, or the range rates as well as the pseudoranges"""
     latency_s: FixLatency | None = None
-    """latency of the fixes that the filter believes in; default: receiver.latency_s"""
+    """latency of the fixes in the filter model; default: receiver.latency_s"""
     lever_arm_m: Triple | None = None
-    """lever arm that the filter believes in; default: receiver.lever_arm_m"""
+    """lever arm in the filter model; default: receiver.lever_arm_m"""
     fix_errors: Literal["states", "inflate", "none"] | None = None
     """how the filter handles time-correlated errors (`signals.errors`). With states it estimates them: six for each
-    group of kinds, or with `coupling: tight` those of each satellite. With inflate it takes fixes or ranges for noisier
-    than they are. With none it takes the errors for noise of their size. Left out: inflate if the filter is tightly
-    coupled and watched (`integrity.method: filter`), else states. The filter takes
-    reflections (`pseudolites.multipath`) for noise of their size and memory; with none it does not know them"""
+    group of kinds, or with `coupling: tight` those of each satellite. With inflate it increases the assumed noise of
+    fixes or ranges. With none it treats the errors as white noise of their size. Omitted: inflate if the filter is
+    tightly coupled and monitored (`integrity.method: filter`), else states. The filter treats reflections
+    (`pseudolites.multipath`) as noise of their size and correlation time; with none it does not know them"""
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()
@@ -102,11 +102,11 @@ class FilterSection(Section):
     barometric_altimeter: FilterBarometricAltimeter = FilterBarometricAltimeter()
     """barometric altimeter that the filter assumes; omitted keys: those of `barometric_altimeter`"""
     scale_factors: bool | None = None
-    """follow the scale factors of gyros and accelerometers, three more states each where they have some; their 1 sigma
-    at the start is that of imu. Left out: of each sensor whose scale factors are large for this flight"""
+    """estimate the scale factors of gyros and accelerometers, three more states each if they have some; their initial 1
+    sigma is that of imu. Omitted: of each sensor whose scale factors are large for this flight"""
     misalignments: bool | None = None
-    """follow the gains from one axis of gyros and accelerometers to another, six more states each where they have some;
-    their 1 sigma at the start is that of imu. Left out: of each sensor whose misalignments are large for this flight"""
+    """estimate the cross-axis gains of gyros and accelerometers, six more states each if they have some; their initial
+    1 sigma is that of imu. Omitted: of each sensor whose misalignments are large for this flight"""
     steady_force: bool = True
     """in steady flight, couple attitude errors to velocity errors by the steady part of the specific force alone, so
     that the accelerometers' noise does not look like information about heading; false: by the measured force"""
@@ -124,8 +124,7 @@ class FilterSection(Section):
         return self.coupling == "tight"
 
     def states(self, scales: int, others: int) -> int:
-        """How many errors it follows where sources keep so many time scales, and it follows so many others beside
-        navigation and biases."""
+        """Number of states for so many time scales of the sources and so many states besides navigation and biases."""
         from navsim.filter import states
 
         clock = states.clock_states(scales) if self.tight else 0

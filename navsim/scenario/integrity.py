@@ -1,4 +1,4 @@
-"""What watches the fixes of a landing, and what is asked of it: section `integrity`.
+"""Monitor of the fixes of a landing, and its requirements: section `integrity`.
 
 Source of structure and defaults: `docs/theory/integrity.md`, section 7.
 """
@@ -40,7 +40,7 @@ smaller of 10 to 15 m); doi:10.1186/s43020-020-00010-2, table 1 (LPV-200); RTCA 
 
 
 class LimitsSection(Section):
-    """What position errors and protection levels are not to exceed, and how soon an alarm is due."""
+    """Limits of position errors and protection levels, and time to alert."""
 
     operation: Operation | None = None
     """operation whose alert limits are taken; or give hal_m, val_m or both"""
@@ -73,16 +73,16 @@ class GroundGroup(Section):
 
 
 class TailsSection(Section):
-    """Where it is sampled how often fixes are beyond their levels and nothing is said."""
+    """Sampling of the probability that errors exceed their levels without an alarm."""
 
     at_s: Annotated[ListOf[FlightTime], Field(min_length=1, max_length=20)]
-    """times at which tails are sampled; of each the last fix epoch up to then"""
+    """times at which tails are sampled; for each the last fix epoch until then"""
     samples: Annotated[int, Field(ge=1000, le=1_000_000)] = 100_000
     """samples of each fault at each of the times"""
 
 
 class InnovationsSection(Section):
-    """A test of the filter's innovations, which sees what no single fix shows."""
+    """Test of the filter's innovations, which detects what no single fix shows."""
 
     window_s: FlightTime = 30.0
     """how long innovations are added up; 0: single epochs"""
@@ -95,9 +95,9 @@ class HeavierSection(Section):
     normal distribution."""
 
     core: Annotated[float, Field(ge=0.01, le=10.0)] = 1.0
-    """1 sigma of most ranges by the one that is believed"""
+    """1 sigma of most ranges relative to the assumed one"""
     tail: Annotated[float, Field(ge=1.0, le=100.0)] = 3.0
-    """1 sigma of the other ranges by the one that is believed"""
+    """1 sigma of the other ranges relative to the assumed one"""
     share: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.1
     """share of the other ranges among all"""
 
@@ -108,7 +108,7 @@ class HeavierSection(Section):
         return self
 
     def model(self) -> HeavyTailedNoise:
-        """What noise is drawn from."""
+        """Distribution of the noise."""
         from navsim.gnss.heavy_tailed import HeavyTailedNoise
 
         return HeavyTailedNoise(self.core, self.tail, self.share)
@@ -120,7 +120,7 @@ class GroundStationSection(Section):
     receivers: Annotated[int, Field(ge=2, le=4)]
     """number of reference receivers"""
     ground_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)]
-    """1 sigma of what the ground leaves in each range: a part of the range's own, not above the least of them"""
+    """1 sigma of the ground station's part of each range error, at most the least sigma of the ranges"""
     b_m: Bias
     """bound of the B values of each range, taken with the signs that hurt most"""
     glide_path_deg: Annotated[float, Field(ge=0.5, le=15.0)] | None = None
@@ -143,18 +143,18 @@ class ComparisonSection(Section):
 
 
 class IntegritySection(Section):
-    """What watches the fixes, which faults it expects, and what is asked of it."""
+    """Monitor of the fixes, its fault list, and its requirements."""
 
     method: Literal["mhss", "chi2", "filter"] = "mhss"
-    """mhss: solution separation, the fix without each fault against the whole one. `chi2`: sum of squared residuals,
-    one fault at a time. `filter`: solution separation between the filter and filters without each fault; levels, errors
-    and alarms are then the filter's"""
+    """mhss: solution separation, the fix without each fault against the full one. `chi2`: sum of squared residuals, one
+    fault at a time. `filter`: solution separation between the filter and filters without each fault; levels, errors and
+    alarms are then the filter's"""
     limits: LimitsSection | None = None
     """null: levels and alarms are computed, and nothing is asked"""
     tails: TailsSection | None = None
     """null: levels are computed, and how often they are exceeded is not sampled"""
     innovations: InnovationsSection | None = None
-    """null: the filter's innovations are not watched"""
+    """null: the filter's innovations are not monitored"""
     comparison: ComparisonSection | None = None
     """null: no levels of other systems' forms"""
     decision_height_m: NonNegative | None = None
@@ -183,15 +183,14 @@ class IntegritySection(Section):
     p_satellite: Prior = 1e-5
     """mhss and filter: probability that a satellite is faulty"""
     p_constellation: Prior = 1e-4
-    """mhss and filter: probability that a whole satellite system is faulty"""
+    """mhss and filter: probability that all satellites of a system are faulty"""
     p_constellations: dict[Name, Prior] = Field(default_factory=dict)
     """mhss and filter: that of single satellite systems, by name, in place of p_constellation"""
     p_pseudolite: Prior | Literal["monitored", "unmonitored"] = 1e-4
     """mhss and filter: probability that a pseudolite is faulty. monitored: 4.3e-5, it has a monitor that shuts it down
     within 6 s; unmonitored: 1.04e-3, where a fault is found after an hour"""
     ground_groups: Annotated[ListOf[GroundGroup], Field(max_length=20)] | None = None
-    """pseudolites that can fail together; null: all of them are one group where there are several, with its default
-    prior"""
+    """pseudolites that can fail together; null: several pseudolites are one group, with its default prior"""
     b_nom_m: Bias = 0.75
     """bound of the bias of a satellite's range without a fault"""
     b_nom_pseudolite_m: Bias = 0.25
@@ -201,8 +200,8 @@ class IntegritySection(Section):
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
     """independent samples of an approach, by which the probabilities are divided"""
     error_model: Literal["gaussian", "heavier"] = "gaussian"
-    """of the noise of ranges in runs. gaussian: of the sigmas that receiver, filter and monitor believe in; heavier: of
-    `heavier`, of which they know nothing: a test of the bound"""
+    """noise of ranges in runs. gaussian: with the sigmas that receiver, filter and monitor assume; heavier: of
+    `heavier`, which they do not know: a test of the bound"""
     heavier: HeavierSection = HeavierSection()
     """the two Gaussians of `error_model: heavier`"""
 
@@ -252,8 +251,7 @@ class IntegritySection(Section):
         return 1.0 if self.method == "chi2" else self.p_hmi_v + self.p_hmi_h + self.p_unmonitored_max
 
     def unused(self, systems: Collection[str] | None = None) -> list[str]:
-        """What is given and changes nothing, in words. systems: of the satellites there are, None where they are not
-        known."""
+        """Keys without effect, as messages. systems: of the satellites, None if unknown."""
         of_residuals = ("p_fa", "p_md")
         of_separation = (
             "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max", "p_satellite", "p_constellation",

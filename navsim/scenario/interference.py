@@ -1,4 +1,4 @@
-"""Jammers beside a flight, and how the receiver holds signals against them: section `interference`.
+"""Jammers near a flight, and the receiver's tolerance: section `interference`.
 
 Source of structure and defaults: `docs/theory/interference.md`, section 7.
 """
@@ -51,7 +51,7 @@ class JammerSection(Section):
     name: Annotated[str, Field(min_length=1, max_length=40)]
     """name of the jammer, in tables and figures"""
     place: Point
-    """where the jammer stands"""
+    """position of the jammer"""
     height_m: Annotated[float, Field(ge=0.0, le=2e4)] = 2.0
     """height of its antenna over the ground, which is as high as the runway"""
     eirp_dbw: Annotated[float, Field(ge=-100.0, le=100.0)]
@@ -64,10 +64,10 @@ class JammerSection(Section):
     bandwidth_mhz: Annotated[float, Field(ge=1e-3, le=1000.0)] | None = None
     """width of its spectrum, for noise and sweeps"""
     sweep_s: Annotated[float, Field(ge=1e-6, le=3600.0)] | None = None
-    """time of a sweep from the lower end to the upper one, from time 0 on, again and again; left out: so fast that
-    only the mean is felt"""
+    """duration of a sweep from the lower to the upper end, repeated from time 0; omitted: so fast that only the mean
+    matters"""
     shadow_db: NonNegative = 0.0
-    """loss by what hides it from the aircraft"""
+    """loss by obstacles between it and the aircraft"""
     on_s: ListOf[PairOf[FlightTime]] = ()
     """when it sends: from, to, one or several times; left out: always"""
 
@@ -131,16 +131,16 @@ class PulseSection(Section):
 
 
 class NearFarSection(Section):
-    """Pseudolites as jammers of satellites, and of each other: as strong as they are received."""
+    """Pseudolites as jammers of satellites, and of each other, at their received power."""
 
     pulses: PulseSection | None = None
     """pulses of the pseudolites; left out: they send always"""
     lines: bool | None = None
     """signals with the codes and the carrier of pseudolites are lost, too, while the highest line of a code, 23.94 dB
-    below its peak, exceeds them; null: where they send always. Lines of pulsed codes are not modelled"""
+    below its peak, exceeds them; null: for continuous transmission. Lines of pulsed codes are not modelled"""
     isolation_db: Annotated[float, Field(ge=0.0, le=80.0)] | None = None
-    """with lines: how much stronger a pseudolite may be than such a signal; null: 23.94, of codes without Doppler.
-    21.1: of all whole kHz of Doppler; more: of longer integrations, or a pseudolite off the carrier"""
+    """with lines: how much stronger a pseudolite may be than such a signal; null: 23.94, for codes without Doppler.
+    21.1: for all whole kHz of Doppler; more: for longer integrations, or a pseudolite off the carrier"""
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -151,7 +151,7 @@ class NearFarSection(Section):
         return self
 
     def model(self) -> NearFar:
-        """How they jam."""
+        """Model of their interference."""
         from navsim.gnss.interference.jamming import ISOLATION, NearFar
 
         if self.pulses is not None:
@@ -162,14 +162,14 @@ class NearFarSection(Section):
 
 
 class InterferenceSection(Section):
-    """Who jams, what hides jammers, and what the receiver does about weak signals."""
+    """Jammers, obstacles that hide them, and the receiver's handling of weak signals."""
 
     jammers: Annotated[ListOf[JammerSection], Field(max_length=50)] = ()
     """transmitters that jam"""
     pseudolites: NearFarSection | None = None
     """pseudolites jam, too; null: they do not"""
     horizon: Annotated[ListOf[RidgeSection], Field(max_length=100)] = ()
-    """what hides jammers alone, beside `terrain`; of several edges on a path the worst counts alone"""
+    """obstacles that hide only jammers, in addition to `terrain`; of several edges on a path only the worst counts"""
     front_end_mhz: Annotated[ListOf[PairOf[Megahertz]], Field(max_length=10)] = ()
     """from, to: bands that the receiver passes, each signal by the one that its carrier is in; left out: everything"""
     lock: LockSection = LockSection()

@@ -48,14 +48,15 @@ def published(kind: str) -> dict[str, Any]:
 
 
 def _example(kind: str) -> Any:
-    """The first shipped file of a kind, as it is written."""
+    """First shipped file of a kind, as it is written."""
     from navsim.scenario.source import load
 
     return load(shipped.path(next(name for name in shipped.names() if shipped.kind(name) == kind))).data
 
 
 def installed(kind: str) -> Path:
-    """Where the copy of a schema lies, or would lie, in the user's data folder (XDG Base Directory Specification)."""
+    """Path of the copy of a schema in the user's data folder (XDG Base Directory Specification), which need not
+    exist."""
     given = os.environ.get("XDG_DATA_HOME", "")
     data = Path(given) if Path(given).is_absolute() else Path.home() / ".local" / "share"
     return data / "navsim" / "schema" / f"{kind}.json"

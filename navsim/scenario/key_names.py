@@ -1,5 +1,8 @@
-"""The names of keys as completion offers them: `keys.json`, made by `scripts/key_names.py`, so that the shell need not
-wait for the models. What they mean is left to `navsim keys`, which asks the models."""
+"""Names of keys for completion: `keys.json`, written by `scripts/key_names.py`, so that the shell need not load the
+models.
+
+`navsim keys` has the meanings, from the models.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ def key_names() -> dict[str, dict[str, list[str]]]:
 
 
 def collected() -> dict[str, dict[str, list[str]]]:
-    """As `key_names`, from the models."""
+    """`key_names` from the models."""
     from navsim.kinds import OF_FILES
     from navsim.scenario.keys import rows
     from navsim.scenario.load import section
@@ -38,7 +41,7 @@ def _yaml(choice: Any) -> str:
 
 
 def text(names: dict[str, dict[str, list[str]]]) -> str:
-    """What stands in `FILE`, a key a line."""
+    """Content of `FILE`, a key a line."""
     kinds = []
     for kind, keys in names.items():
         lines = ",\n".join(f"  {json.dumps(key)}: {json.dumps(choices)}" for key, choices in keys.items())

@@ -1,5 +1,7 @@
-"""The keys of scenario files as rows: read once from a JSON Schema, shown by `navsim keys`, by completion, and by the
-pages of the reference. Imports no model: whoever has a schema, from `published` or from a file, may ask."""
+"""Keys of scenario files as rows: read from a JSON Schema, shown by `navsim keys`, completion, and the reference pages.
+
+Imports no model: any schema will do, from `json_schema` or from a file.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from navsim.formats.units import unit_of
 Schema = Mapping[str, Any]
 
 ITEM, NAME = "N", "NAME"
-"""What stands in a dotted key for the number of an item of a list (from 0), and for a name that the user gives."""
+"""Placeholders in a dotted key for the number of an item of a list (from 0), and for a name that the user gives."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,13 @@ def rows(schema: Schema) -> list[KeyRow]:
 
 
 def matching(all_rows: Sequence[KeyRow], word: str) -> list[KeyRow]:
-    """Those whose key or meaning has the word, in any case."""
+    """Rows whose key or meaning contains the word, in any case."""
     low = word.lower()
     return [row for row in all_rows if low in row.key.lower() or low in row.meaning.lower()]
 
 
 def nearest(all_rows: Sequence[KeyRow], word: str, most: int = 5) -> list[str]:
-    """The keys that are most like a word: whole, or in their last name or a part of it."""
+    """Keys that are most similar to a word, as a whole, or in their last name or a part of it."""
     by_name: dict[str, list[str]] = {}
     for row in all_rows:
         last = row.key.rpartition(".")[2]
@@ -83,8 +85,11 @@ def nearest(all_rows: Sequence[KeyRow], word: str, most: int = 5) -> list[str]:
 
 
 def _properties(schema: Schema, node: Schema, prefix: str, above: Mapping[str, Any]) -> Iterator[KeyRow]:
-    """The keys of a section. schema: the whole, for references. node: of the section. above: defaults of its keys where
-    the section that holds it sets them."""
+    """Keys of a section.
+
+    schema: the whole, for references. node: of the section. above: defaults of its keys if the section that contains it
+    sets them.
+    """
     required = node.get("required", ())
     for name, written in node.get("properties", {}).items():
         own = {**written, "default": above[name]} if above.get(name) is not None else written
@@ -115,7 +120,7 @@ def _key(schema: Schema, written: Schema, key: str, required: bool) -> Iterator[
 
 
 def _meaning(schema: Schema, written: Schema, forms: Sequence[Schema]) -> str:
-    """What the key says of itself, else what its one section does."""
+    """Meaning of the key itself, else of its one section."""
     if "description" in written or len(forms) != 1:
         return str(written.get("description", ""))
     (form,) = forms
@@ -197,7 +202,7 @@ def _choices(form: Schema) -> list[Any]:
 
 
 def _kind(schema: Schema, form: Schema) -> str:
-    """What a value is, in words."""
+    """Type of a value, in words."""
     if "const" in form or "enum" in form:
         return "choice"
     given = form.get("type")
@@ -235,7 +240,7 @@ def _range(schema: Schema, form: Schema) -> str:
 
 
 def number(value: float) -> str:
-    """A number as people write it."""
+    """A number as text."""
     return f"{value:g}"
 
 

@@ -1,8 +1,8 @@
-"""`kind: landing`: a landing scenario as a whole, and the models it stands for.
+"""`kind: landing`: a complete landing scenario, and its models.
 
-Source of structure and defaults: `docs/theory/landing.md`. A section is the only declaration of its
-parameters; where a key may be left out, its default is written there and nowhere else. Sections: `approach`, `sensors`,
-`sky`, `signals`, `events`, `terrain`, `interference`, `filter`, `integrity`, `requirements`.
+Source of structure and defaults: `docs/theory/landing.md`. A section is the only declaration of its parameters; the
+default of an optional key is there and nowhere else. Sections: `approach`, `sensors`, `sky`, `signals`, `events`,
+`terrain`, `interference`, `filter`, `integrity`, `requirements`.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
 
 
 _WIND_STEP = 0.1
-"""Between times at which the wind is held against the airspeed, s."""
+"""Interval of the comparison of wind and airspeed, s."""
 
 
 class Landing(Section):
@@ -98,7 +98,7 @@ class Landing(Section):
         PaperApproach | SmoothApproach | STurn | WaypointApproach | RecordedApproach | TrackApproach,
         Field(discriminator="profile")
     ]
-    """the way of the aircraft, by `profile`"""
+    """trajectory of the aircraft, by `profile`"""
     wind: WindSection = WindSection()
     """the mean wind, which turns the nose, gusts and turbulence, which take the aircraft off its route"""
     imu: Imu = Imu()
@@ -118,7 +118,7 @@ class Landing(Section):
     signals: SignalsSection = SignalsSection()
     """errors of the ranging signals of satellites"""
     events: Annotated[ListOf[AnyEvent], Field(max_length=100)] = ()
-    """what happens to signals, and when"""
+    """events that affect signals, with their times"""
     terrain: Annotated[ListOf[RidgeSection], Field(max_length=100)] = ()
     """ridges and skylines: satellites and pseudolites behind them are not received, jammers are received more weakly"""
     interference: InterferenceSection | None = None
@@ -126,18 +126,18 @@ class Landing(Section):
     receiver: ReceiverSection = ReceiverSection()
     """the satellite receiver: epochs, antenna, clock"""
     filter: FilterSection = FilterSection()
-    """what the filter does and assumes; omitted keys follow from the truth"""
+    """filter and its model; omitted keys follow from the truth"""
     box: BoxSection | None = None
     """where the position error has to be at the end of a landing; null: anywhere"""
     integrity: IntegritySection | None = None
-    """what watches the fixes; null: nothing"""
+    """monitor of the fixes; null: none"""
     requirements: Annotated[ListOf[AnyRequirement], Field(max_length=100)] = ()
-    """what the landing has to meet: a verdict on each"""
+    """requirements on the landing: a verdict on each"""
 
     @model_validator(mode="before")
     @classmethod
     def _with_published(cls, data: Any) -> Any:
-        """Write out what follows from the runway's published data."""
+        """Write out numbers derived from the runway's published data."""
         return with_published(data)
 
     @model_validator(mode="after")
@@ -238,7 +238,7 @@ class Landing(Section):
         return self
 
     def _checked_aiding(self) -> None:
-        """What sensors and states of the filter have to do with each other."""
+        """Check that sensors and states of the filter fit together."""
         for name in ("altimeter", "radio_altimeter", "barometric_altimeter"):
             section = getattr(self, name)
             if section is None:
@@ -260,7 +260,7 @@ class Landing(Section):
         self._checked_gains("misalignments", "misalignment_mrad")
 
     def _checked_pressure(self, its: FilterBarometricAltimeter) -> None:
-        """What a filter can follow of the errors of the barometric altimeter."""
+        """Check which errors of the barometric altimeter a filter can estimate."""
         if its.errors == "states":
             if not self.height_states:
                 text = "there are none: give barometric_altimeter.qnh_sigma_hpa or drift_m, or those of the filter"
@@ -277,7 +277,7 @@ class Landing(Section):
 
     @property
     def height_states(self) -> int:
-        """How many errors of the barometric altimeter the filter follows."""
+        """Number of states for errors of the barometric altimeter."""
         sensor, its = self.barometric_altimeter, self.filter.barometric_altimeter
         if sensor is None or its.errors == "none":
             return 0
@@ -285,7 +285,8 @@ class Landing(Section):
         return int(setting > 0.0) + int(drift > 0.0)
 
     def _checked_gains(self, name: str, key: str) -> None:
-        """What a filter that follows gains of the inertial sensors (its key `name`) is told of them, by `key`."""
+        """Check that a filter that estimates gains of the inertial sensors (its key `name`) has their sigmas, from
+        `key`."""
         sensors = ("gyro", "accelerometer")
         beliefs = [(s, part) for s in sensors if (part := getattr(self.filter.imu, s)) is not None]
         given = {s: value for s, part in beliefs if (value := getattr(part, key)) is not None}
@@ -297,7 +298,7 @@ class Landing(Section):
             raise reject(f"is for `filter.{name}: true`", "filter", "imu", next(iter(given)), key)
 
     def _known_gains(self, key: str) -> int:
-        """Of how many of the inertial sensors a filter takes a gain, by `key`, for more than none."""
+        """Number of inertial sensors with a gain, by `key`, in the filter model."""
         truth: list[Gyro | Accelerometer] = [self.imu.gyro, self.imu.accelerometer]
         given: list[Gyro | Accelerometer | None] = [self.filter.imu.gyro, self.filter.imu.accelerometer]
         sizes = (getattr(t if g is None else believed(t, g), key) for t, g in zip(truth, given, strict=True))
@@ -305,12 +306,12 @@ class Landing(Section):
 
     @property
     def gain_states(self) -> int:
-        """How many gains of the inertial sensors the filter follows at most: by default only those that are large."""
+        """Largest number of gains of the inertial sensors that the filter estimates: by default only large ones."""
         scales = 0 if self.filter.scale_factors is False else 3 * self._known_gains("scale_ppm")
         return scales + (0 if self.filter.misalignments is False else 6 * self._known_gains("misalignment_mrad"))
 
     def _checked_lasting(self) -> None:
-        """What a filter can do about errors that last."""
+        """Check the filter's handling of time-correlated errors."""
         watched = self.watches_filter
         drawn = [key for key in ("survey_sigma_m", "clock_sigma_ns", "clock_noise") if getattr(self.pseudolites, key)]
         lasts = "lasts, and the filter's levels take errors for independent in time"
@@ -342,15 +343,15 @@ class Landing(Section):
 
     @property
     def watches_filter(self) -> bool:
-        """Whether a monitor watches the filter."""
+        """Whether the monitor is one of the filter."""
         return self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
 
     def about_lasting_errors(self) -> Literal["states", "inflate", "none"]:
-        """What the filter does about time-correlated errors of ranges, where there are any."""
+        """The filter's handling of time-correlated ranging errors, if there are any."""
         return self.filter.fix_errors or ("inflate" if self.filter.tight and self.watches_filter else "states")
 
     def lasting_states(self, sources: int) -> int:
-        """How many errors of fixes the filter follows, or of the ranges of so many sources."""
+        """Number of states for time-correlated errors of fixes, or of the ranges of so many sources."""
         from navsim.gnss.correlated_errors import SUMS
 
         if self.about_lasting_errors() != "states":
@@ -359,7 +360,7 @@ class Landing(Section):
         return groups * (sources if self.filter.tight else SUMS)
 
     def check_analysable(self) -> None:
-        """Raise for what the covariance analysis cannot tell."""
+        """Raise for scenarios that the covariance analysis cannot handle."""
         if self.method == "rare" and (air := self.air()) is not None:
             raise reject(
                 "method rare pushes what sensors draw, not yet the way that is flown; use method monte-carlo"
@@ -405,7 +406,7 @@ class Landing(Section):
             )
 
     def _checked_path(self) -> AnyPath:
-        """The path that is flown. Raises where there is none, or none in this wind."""
+        """The path. Raises if there is none, or none in this wind."""
         import numpy as np
 
         from navsim.trajectory.air import HIGHEST, AirError
@@ -542,7 +543,7 @@ class Landing(Section):
         return sites
 
     def track(self, trajectory: Moving) -> Track:
-        """Where the aircraft is during the simulation, its IMU and its antenna."""
+        """Trajectory during the simulation, of the IMU and the antenna."""
         import numpy as np
 
         from navsim.gnss.pseudolite import TRACK_STEP, Track
@@ -581,7 +582,7 @@ class Landing(Section):
         return self.approach.glide_slope_deg * DEG
 
     def effects(self, pseudolites: Pseudolites) -> Effects:
-        """What becomes of the signals of satellites and of these pseudolites, on their way and in the receiver."""
+        """Effects on the signals of satellites and of these pseudolites, in propagation and in the receiver."""
         from navsim.geodesy.earth import SPEED_OF_LIGHT
         from navsim.gnss.signal_errors import Effects
 
@@ -611,11 +612,11 @@ class Landing(Section):
         )
 
     def unused(self) -> list[str]:
-        """What is given and, whatever the files have that it names, changes nothing, in words."""
+        """Keys without effect, whatever the files contain, as messages."""
         return self.sky.unused() + self.unused_of_flight() + ([] if self.integrity is None else self.integrity.unused())
 
     def unused_of_flight(self) -> list[str]:
-        """The same of the way that is flown, the sensors and the pseudolites."""
+        """Keys without effect of the trajectory, the sensors and the pseudolites."""
         out = self.pseudolites.unused() + self.doubted_heights()
         if self.method == "covariance" and (air := self.air()) is not None:
             out += [f"{'.'.join(key)} changes nothing here: the covariance analysis is of the route" for key in air[1]]
@@ -637,7 +638,7 @@ class Landing(Section):
         return [text for key, height in keys.items() if (text := self.runway.doubted_height(key, height))]
 
     def aiding(self) -> list[Any]:
-        """The models of the sensors beside the receiver that there are."""
+        """Models of the sensors beside the receiver."""
         out: list[Any] = [] if self.altimeter is None else [self.altimeter.model()]
         if self.radio_altimeter is not None:
             out.append(self.radio_altimeter.model(self.runway, self.filter.radio_altimeter))
@@ -659,8 +660,10 @@ class Landing(Section):
         )
 
     def path(self) -> AnyPath:
-        """The way over ground, in the tangent plane of the touchdown point; recorded approaches are read elsewhere.
-        Raises ValueError where there is none, AirError where there is none in this wind."""
+        """Path over ground, in the tangent plane of the touchdown point; recorded approaches are read elsewhere.
+
+        Raises ValueError if there is none, AirError if there is none in this wind.
+        """
         from navsim.trajectory.airspeed_path import held_airspeed
         from navsim.trajectory.approach import sloped
 
@@ -689,7 +692,7 @@ class Landing(Section):
         return f"{duration}, is shorter than one fix interval, {interval:g} s (receiver.rate_hz)"
 
     def air(self) -> tuple[Air, tuple[tuple[str, ...], ...]] | None:
-        """What takes runs off the route, and the keys that say so; None where all fly it."""
+        """Disturbances that move runs off the route, and their keys; None if all fly it."""
         wind, technical = self.wind, None
         if not isinstance(self.approach, FileApproach):
             technical = self.approach.flight_technical_error
@@ -717,7 +720,7 @@ class Landing(Section):
         return air is not None and air[0].follow is not None
 
     def draws_of_way(self) -> int:
-        """Numbers that are drawn at each sample of the IMU for the way of a run."""
+        """Random numbers at each IMU sample for the trajectory of a run."""
         found = self.air()
         return 0 if found is None else found[0].draws
 

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", bound=Section)
 Source = Path | Document
-"""A file, or what would stand in one."""
+"""A file, or its content."""
 Assignment = str | Setting
-"""Of a value to a key: `a.b=value` as text, or the two."""
+"""Assignment of a value to a key: `a.b=value` as text, or the two."""
 
 
 class OverLandings(Protocol):
@@ -75,7 +75,7 @@ def own_method(path: Source, assignments: Sequence[Assignment] = ()) -> str | No
 
 
 def _read(path: Source, assignments: Sequence[Assignment], wanted: Sequence[str]) -> tuple[Any, Document]:
-    """As `read_any`, for the wanted kinds alone; a file of another kind is sent to its command."""
+    """`read_any` for the wanted kinds alone; the error for another kind names its command."""
     scenario, document = read_any(path, assignments)
     kind = str(document.data["kind"])
     if kind not in wanted:
@@ -86,17 +86,17 @@ def _read(path: Source, assignments: Sequence[Assignment], wanted: Sequence[str]
 
 
 def read_for(command: str, path: Source, assignments: Sequence[Assignment] = ()) -> tuple[Section, Document]:
-    """As `read_any`, for the kinds that a command of `navsim` computes."""
+    """`read_any` for the kinds that a command of `navsim` computes."""
     return _read(path, assignments, [kind for kind in OF_FILES if KINDS[kind].command == command])
 
 
 def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document]:
-    """As `read_any`, for landings."""
+    """`read_any` for landings."""
     return _read(path, assignments, ("landing",))
 
 
 def read_replay(path: Path, assignments: Sequence[str] = ()) -> tuple[Any, Document]:
-    """As `read_any`, for recorded flights."""
+    """`read_any` for recorded flights."""
     return _read(path, assignments, ("replay",))
 
 
@@ -110,9 +110,9 @@ def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tu
 
 
 def base_of(study: OverLandings, document: Document) -> Document:
-    """The document of a study's base scenario with the study's `set` in it.
+    """Document of a study's base scenario with the study's `set`.
 
-    It need not be whole before the varied keys are in too. Raises InputError.
+    It may be incomplete without the varied keys. Raises InputError.
     """
     try:
         base = load(document.resolve(("base",), study.base))

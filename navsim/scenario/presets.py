@@ -95,7 +95,7 @@ IMU_SHEETS = {
     "mti-1": "Xsens MTi-1, table in Transactions on Aerospace Research 2023 (doi:10.2478/tar-2023-0022)",
     "icm-42688-p": "TDK InvenSense ICM-42688-P data sheet 1.7, as quoted in the package imu-error-model 0.1.3",
 }
-"""Where the numbers of `IMU_PRESETS` that are a data sheet's were seen."""
+"""Sources of those `IMU_PRESETS` that come from data sheets."""
 
 SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
     # The landing paper: white noise of pseudoranges (variance 5 m2 at the zenith), nothing that lasts.

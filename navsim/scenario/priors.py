@@ -1,8 +1,8 @@
-"""Probabilities that a pseudolite is faulty, by who watches it.
+"""Probabilities that a pseudolite is faulty, by type of monitoring.
 
-A source fails at a rate and stays faulty until that is found: prior = rate * (mean time a fault lives + exposure); rate
-1e-3 an hour, 150 s of an approach. Monitored: shut down within 6 s; unmonitored: found after an hour. No standard has
-such figures; the rate is a choice.
+A source fails at a rate and stays faulty until that is detected: prior = rate * (mean time a fault lives + exposure);
+rate 1e-3 an hour, 150 s of an approach. Monitored: shut down within 6 s; unmonitored: found after an hour. No standard
+has such figures; the rate is a choice.
 
 Source of the form: WG-C ARAIM Algorithm Description Document, multiplier 1 + T_exp / MFD; `docs/theory/integrity.md`.
 """

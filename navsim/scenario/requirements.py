@@ -1,4 +1,4 @@
-"""What a landing has to meet: the list `requirements`, statements that a study ends with a verdict on."""
+"""Requirements on a landing: the list `requirements`, each with a verdict at the end of a study."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from navsim.scenario.base import Section, reject
 from navsim.scenario.integrity import OPERATIONS, IntegritySection, LimitsSection, Operation
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
-"""Of runs, or of epochs, that is asked for."""
+"""Required fraction of runs, or of epochs."""
 Risk = Annotated[float, Field(ge=1e-12, le=0.5)]
 """A probability that is allowed."""
 Length = Annotated[float, Field(ge=1e-3, le=1e6)]
@@ -19,12 +19,14 @@ Height = Literal["touchdown", "50ft", "100ft", "200ft"]
 
 
 class RequirementSection(Section):
-    """A statement that is to hold; every kind has its own word for `what`. needs: the section that it speaks of, "",
-    `box`, `integrity` or `integrity.limits`."""
+    """A requirement; `what` selects its kind.
+
+    needs: section that it refers to, "", `box`, `integrity` or `integrity.limits`.
+    """
 
     needs: ClassVar[str] = ""
     what: str
-    """what the statement is about"""
+    """quantity of the requirement"""
 
 
 class ErrorRequirement(RequirementSection):
@@ -35,7 +37,7 @@ class ErrorRequirement(RequirementSection):
     of: Literal["lateral", "along", "vertical"]
     """axis of the runway"""
     at: Height = "touchdown"
-    """height above the runway at which the error is judged"""
+    """height above the runway at which the error is evaluated"""
     below_m: Length
     """size that the error stays below"""
     share: Share = 0.95
@@ -43,7 +45,7 @@ class ErrorRequirement(RequirementSection):
 
 
 class RmsRequirement(RequirementSection):
-    """The root mean square of the filter's error over the last seconds before touchdown."""
+    """Root mean square of the filter's error over the last seconds before touchdown."""
 
     what: Literal["rms"]
     """the root mean square of the filter's error over the last 20 s before touchdown"""
@@ -82,7 +84,7 @@ class ThresholdRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity"
     what: Literal["emt"]
-    """effective monitor threshold of solution separation: what a fault that is not rare may move the height by"""
+    """effective monitor threshold of solution separation: largest effect on the height of a fault that is not rare"""
     below_m: Length
     """size that the threshold stays within"""
     share: Share = 0.99
@@ -153,13 +155,13 @@ of CAT I the smaller of 4 to 6 m), and for LPV-200 the same description of ARAIM
 
 
 class PresetRequirement(RequirementSection):
-    """What an operation asks for: its alert limits at a share of the epochs, vertical accuracy without a fault,
-    continuity, integrity, and LPV-200 the effective monitor threshold. Horizontal accuracy (16 m, 95 %) and the time to
-    alert are not in it."""
+    """Requirements of an operation: its alert limits at a fraction of the epochs, vertical accuracy without a fault,
+    continuity, integrity, and for LPV-200 the effective monitor threshold. Horizontal accuracy (16 m, 95 %) and the
+    time to alert are not included."""
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["preset"]
-    """what an operation asks for: alert limits, vertical accuracy, continuity, integrity; LPV-200 also emt"""
+    """requirements of an operation: alert limits, vertical accuracy, continuity, integrity; LPV-200 also emt"""
     operation: Operation
     """the operation"""
     availability: Share = 0.99
@@ -176,7 +178,8 @@ class PresetRequirement(RequirementSection):
         return self
 
     def counts_by(self, limits: LimitsSection | None) -> bool:
-        """Whether what these limits count, continuity and hazardously misleading information, is counted by its own."""
+        """Whether continuity and hazardously misleading information are counted with its own limits, if these are the
+        given ones."""
         return limits is not None and limits.limits() == OPERATIONS[self.operation]
 
     def levels_are_its_own(self, section: IntegritySection) -> bool:
@@ -214,7 +217,7 @@ AnyRequirement = Annotated[AnySingle | PresetRequirement, Field(discriminator="w
 
 
 def singles(requirements: Sequence[AnySingle | PresetRequirement]) -> list[tuple[str, AnySingle]]:
-    """Single requirements, presets as their parts, and what stands before each in words."""
+    """Single requirements, presets as their parts, with a prefix in words."""
     out: list[tuple[str, AnySingle]] = []
     for one in requirements:
         if isinstance(one, PresetRequirement):

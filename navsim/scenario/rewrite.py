@@ -17,7 +17,7 @@ import yaml
 from navsim.scenario.source import InputError, compose, parse
 
 _BESIDE = 2
-"""Columns by which what belongs to a key stands to the right of it."""
+"""Indentation of the value of a key, columns."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Rewritten:
 
 @dataclass(frozen=True)
 class _Piece:
-    """Characters start ... end - 1 of a text, and what stands there instead."""
+    """Characters start ... end - 1 of a text, and their replacement."""
 
     start: int
     end: int
@@ -42,9 +42,9 @@ class _Entangled(Exception):
 
 
 def rewritten(text: str, after: dict[str, Any]) -> Rewritten:
-    """The YAML text, changed to say `after`.
+    """The YAML text, changed to mean `after`.
 
-    Raises InputError where the text is no YAML.
+    Raises InputError for text that is not YAML.
     """
     before = parse(text, "", Path()).data
     if _same(before, after):
@@ -69,7 +69,7 @@ def _says(text: str, data: Any) -> bool:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Alike, with whole numbers, other numbers and booleans told apart."""
+    """Equality with distinct integers, other numbers and booleans."""
     if type(one) is not type(other):
         return False
     if isinstance(one, dict):
@@ -98,16 +98,16 @@ class _Text:
         self.end_of_line = "\r\n" if "\r\n" in text else "\n"
 
     def line(self, at: int) -> int:
-        """Where the line begins that a character stands in."""
+        """Start of the line that contains a character."""
         return self.text.rfind("\n", 0, at) + 1
 
     def after(self, at: int) -> int:
-        """Where the line after it begins."""
+        """Start of the line after it."""
         end = self.text.find("\n", at)
         return len(self.text) if end < 0 else end + 1
 
     def begins(self, at: int, opening: str = " ") -> bool:
-        """Whether nothing but these characters stands before a character in its line."""
+        """Whether only these characters precede a character in its line."""
         return not self.text[self.line(at) : at].strip(opening)
 
     def lines(self, at: int, said: list[str]) -> _Piece:
@@ -118,7 +118,7 @@ class _Text:
 
 
 def _end(node: yaml.Node) -> int:
-    """Where a node's last character is passed; the parser counts blank lines and comments after a block to it."""
+    """End of a node; the parser includes blank lines and comments after a block."""
     below = [n for pair in node.value for n in pair] if isinstance(node, yaml.MappingNode) else node.value
     if not isinstance(node, yaml.CollectionNode) or node.flow_style or not below:
         end: int = node.end_mark.index
@@ -127,7 +127,7 @@ def _end(node: yaml.Node) -> int:
 
 
 def _changes(of: _Text, node: yaml.Node, before: Any, after: Any) -> Iterator[_Piece]:
-    """What makes a node that says `before` say `after`, as little as there is."""
+    """Smallest changes that turn a node with the content `before` into `after`."""
     if _same(before, after):
         return
     if isinstance(node, yaml.MappingNode) and isinstance(after, dict) and not node.flow_style and after:
@@ -190,7 +190,7 @@ def _of_list(of: _Text, node: yaml.SequenceNode, before: list[Any], after: list[
 
 
 def _least(of: _Text, node: yaml.SequenceNode, before: list[Any], after: list[Any]) -> tuple[int, list[_Piece]]:
-    """Which item is gone where one is, and what else is changed then: what asks for the least."""
+    """Item to remove if one is missing, and the other changes: the choice with the fewest changes."""
     ways = []
     for gone in range(len(before)):
         rest = [i for i in range(len(before)) if i != gone]
@@ -209,7 +209,7 @@ def _least(of: _Text, node: yaml.SequenceNode, before: list[Any], after: list[An
 
 
 def _sections(of: _Text, node: yaml.MappingNode, before: Any, after: Any) -> Iterator[_Piece]:
-    """What writes every section anew that is changed, and lets the others stand."""
+    """Changes that write every changed section anew, and keep the others."""
     if node.flow_style:
         raise _Entangled
     for key, value in node.value:
@@ -234,11 +234,11 @@ def block(key: str, value: Any, column: int) -> list[str]:
 
 
 _FLOW = re.compile(r"[,\[\]{}#&*!|>'\"%@`:?]|^[-\s]|\s$")
-"""What a plain word must not have, where it is to mean itself anywhere."""
+"""Characters that a plain scalar must not contain, to be safe anywhere."""
 
 
 def inline(value: Any) -> str:
-    """A value in one line, as people write it."""
+    """A value in one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{inline(key)}: {inline(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list):

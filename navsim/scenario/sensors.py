@@ -37,15 +37,15 @@ if TYPE_CHECKING:
 PPM = 1e-6
 G = 1e3 * MG
 USUAL_TIME = 100.0
-"""Correlation time of what data sheets give as bias instability, s, of which they say nothing: that of other open
-simulators (gnss-ins-sim, NaveGo)."""
+"""Correlation time of the bias instability of data sheets, which omit it, s: that of other open simulators
+(gnss-ins-sim, NaveGo)."""
 USUAL_DAMPING = math.sqrt(0.5)
 Frequency = Annotated[float, Field(ge=1e-4, le=1e5)]
 Damping = Annotated[float, Field(ge=0.05, le=5.0)]
 
 
 class Gyro(Section):
-    """Errors of three like gyros; what is left out comes from the preset."""
+    """Errors of three equal gyros; omitted keys come from the preset."""
 
     drift_deg_h: NonNegative | None = None
     """1 sigma of the constant drift, drawn per run and axis"""
@@ -65,8 +65,8 @@ class Gyro(Section):
     """in-run bias stability of the data sheet: the lowest point of the Allan deviation. Up to four exponentially
     correlated terms make flicker noise, which keeps it there from where white noise ends to 1.89 markov_time_s"""
     markov_time_s: CorrelationTime | None = None
-    """correlation time of the exponentially correlated drift; with bias_instability_deg_h: default 100 s, which no
-    data sheet says"""
+    """correlation time of the exponentially correlated drift; with bias_instability_deg_h: default 100 s, which data
+    sheets omit"""
     rate_random_walk_deg_h_sqrt_h: NonNegative | None = None
     """rate random walk: the root of the density of the drift's random walk, from 0 on"""
 
@@ -77,13 +77,16 @@ class Gyro(Section):
         return self
 
     def check(self, rate: float | None, *path: str) -> None:
-        """Raise, about the section at `path`, for a correlated drift that is not whole, or that cannot be beside so
-        much white noise; rate: of the samples, Hz, where it is known."""
+        """Raise, about the section at `path`, for an incomplete correlated drift, or one that the white noise
+        contradicts.
+
+        rate: of the samples, Hz, if known.
+        """
         _check_markov(self.markov_deg_h, self.markov_time_s, *path)
         _check_lowest(self, "bias_instability_deg_h", "arw_deg_sqrt_h", rate, DEG_H, *path)
 
     def density(self, rate: float | None) -> float:
-        """Of the white noise, rad/sqrt(s); nan where it is given a sample and their rate (Hz) is not known."""
+        """White noise density, rad/sqrt(s); nan if it is given per sample and their rate (Hz) is unknown."""
         return _density(self.noise_deg_h, DEG_H, _si(self.arw_deg_sqrt_h, DEG_SQRT_H), rate)
 
     def triad(self, rate: float) -> Triad:
@@ -102,7 +105,7 @@ class Gyro(Section):
         return _with_flicker(triad, self.bias_instability_deg_h, DEG_H, self.markov_time_s, rate)
 
     def further(self) -> ImuErrorModel:
-        """What else there is, in SI units."""
+        """Further errors, in SI units."""
         from navsim.sensors.imu_errors import ImuErrorModel
 
         walk = _si(self.rate_random_walk_deg_h_sqrt_h, DEG_H) / 60.0
@@ -110,7 +113,7 @@ class Gyro(Section):
 
 
 class TrueGyro(Gyro):
-    """Errors of three like gyros as they really are; what is left out comes from the preset, or is not there."""
+    """True errors of three equal gyros; omitted keys come from the preset, or mean no error."""
 
     asymmetry_ppm: NonNegative | None = None
     """1 sigma of the difference of the scale factor from one sense of turning to the other, halved, drawn per run and
@@ -144,7 +147,7 @@ class TrueGyro(Gyro):
         return self
 
     def further(self) -> ImuErrorModel:
-        """What else there is, in SI units, but for where the sensors are."""
+        """Further errors, in SI units, without those of the mounting point."""
         hour = DEG_H / 3600.0
         return replace(
             super().further(),
@@ -163,7 +166,7 @@ class TrueGyro(Gyro):
 
 
 class Accelerometer(Section):
-    """Errors of three like accelerometers; what is left out comes from the preset."""
+    """Errors of three equal accelerometers; omitted keys come from the preset."""
 
     bias_mg: NonNegative | None = None
     """1 sigma of the constant bias, drawn per run and axis"""
@@ -183,8 +186,8 @@ class Accelerometer(Section):
     """in-run bias stability of the data sheet: the lowest point of the Allan deviation. Up to four exponentially
     correlated terms make flicker noise, which keeps it there from where white noise ends to 1.89 markov_time_s"""
     markov_time_s: CorrelationTime | None = None
-    """correlation time of the exponentially correlated bias; with bias_instability_mg: default 100 s, which no data
-    sheet says"""
+    """correlation time of the exponentially correlated bias; with bias_instability_mg: default 100 s, which data sheets
+    omit"""
     bias_random_walk_mg_sqrt_h: NonNegative | None = None
     """root of the density of the bias's random walk, from 0 on"""
 
@@ -195,13 +198,16 @@ class Accelerometer(Section):
         return self
 
     def check(self, rate: float | None, *path: str) -> None:
-        """Raise, about the section at `path`, for a correlated bias that is not whole, or that cannot be beside so much
-        white noise; rate: of the samples, Hz, where it is known."""
+        """Raise, about the section at `path`, for an incomplete correlated bias, or one that the white noise
+        contradicts.
+
+        rate: of the samples, Hz, if known.
+        """
         _check_markov(self.markov_mg, self.markov_time_s, *path)
         _check_lowest(self, "bias_instability_mg", "vrw_m_s_sqrt_h", rate, MG, *path)
 
     def density(self, rate: float | None) -> float:
-        """Of the white noise, m/s/sqrt(s); nan where it is given a sample and their rate (Hz) is not known."""
+        """White noise density, m/s/sqrt(s); nan if it is given per sample and their rate (Hz) is unknown."""
         return _density(self.noise_mg, MG, _si(self.vrw_m_s_sqrt_h, 1.0) / 60.0, rate)
 
     def triad(self, rate: float) -> Triad:
@@ -220,7 +226,7 @@ class Accelerometer(Section):
         return _with_flicker(triad, self.bias_instability_mg, MG, self.markov_time_s, rate)
 
     def further(self) -> ImuErrorModel:
-        """What else there is, in SI units."""
+        """Further errors, in SI units."""
         from navsim.sensors.imu_errors import ImuErrorModel
 
         walk = _si(self.bias_random_walk_mg_sqrt_h, MG) / 60.0
@@ -228,8 +234,7 @@ class Accelerometer(Section):
 
 
 class TrueAccelerometer(Accelerometer):
-    """Errors of three like accelerometers as they really are; what is left out comes from the preset, or is not
-    there."""
+    """True errors of three equal accelerometers; omitted keys come from the preset, or mean no error."""
 
     asymmetry_ppm: NonNegative | None = None
     """1 sigma of the difference of the scale factor from one sense to the other, halved, drawn per run and axis"""
@@ -260,7 +265,7 @@ class TrueAccelerometer(Accelerometer):
         return self
 
     def further(self) -> ImuErrorModel:
-        """What else there is, in SI units, but for where the sensors are."""
+        """Further errors, in SI units, without those of the mounting point."""
         return replace(
             super().further(),
             asymmetry=_si(self.asymmetry_ppm, PPM),
@@ -286,7 +291,7 @@ class VibrationLine(Section):
 
 
 class VibrationSection(Section):
-    """Vibration where the inertial sensors are, along each axis alike. It is in what they measure, not in the path."""
+    """Vibration at the inertial sensors, the same along each axis. It is in their measurements, not in the path."""
 
     lines: Annotated[ListOf[VibrationLine], Field(max_length=20)] = ()
     """single frequencies"""
@@ -312,7 +317,7 @@ class VibrationSection(Section):
 
 
 class TemperatureSection(Section):
-    """How much warmer than at the start the inertial sensors become."""
+    """Rise of the inertial sensors' temperature after the start."""
 
     ramp_k_min: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
     """kelvin a minute"""
@@ -367,7 +372,7 @@ def _density(per_sample: float | None, unit: float, density: float, rate: float 
 
 
 def _with_flicker(triad: Triad, lowest: float | None, unit: float, time: float | None, rate: float) -> Triad:
-    """A triad with the flicker noise of a bias instability at samples of a rate, Hz; as it is where none is given."""
+    """A triad with flicker noise of a bias instability for samples of a rate, Hz; unchanged without one."""
     from navsim.sensors.imu import flicker_of_lowest
 
     if not lowest:
@@ -402,11 +407,11 @@ _SPELLINGS = (
     ("noise_deg_h", "arw_deg_sqrt_h"), ("noise_mg", "vrw_m_s_sqrt_h"),
     ("markov_deg_h", "bias_instability_deg_h"), ("markov_mg", "bias_instability_mg"),
 )  # fmt: skip
-"""Keys of which a sensor has one or the other."""
+"""Alternative keys of a sensor."""
 
 
 def filled(values: dict[str, float], given: dict[str, Any]) -> dict[str, Any]:
-    """What is given of a sensor, with values where nothing is; what is given in one spelling displaces the other."""
+    """Given keys of a sensor, completed with values; a given key displaces its alternatives."""
     spoken_for = {key for pair in _SPELLINGS if set(pair) & given.keys() for key in pair}
     return {key: value for key, value in values.items() if key not in spoken_for} | given
 
@@ -430,15 +435,15 @@ NEEDED = {
     "accelerometer": (("bias_mg", "bias_fixed_mg"), ("vrw_m_s_sqrt_h", "noise_mg"),
                       ("bias_instability_mg", "markov_mg")),
 }  # fmt: skip
-"""What a sensor cannot be without, each by one of its keys; the last of a data sheet alone."""
+"""Required properties of a sensor, each by its alternative keys; the last is required only of a data sheet."""
 
 
 class _Sensors(Section):
     preset: ImuPreset = "paper"
     """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample. `perfect`: no errors. `none`: only the
     errors under gyro and accelerometer, which must give constant errors and white noise, even if 0. All others: the
-    values of the sensor's data sheet; you must give those that it lacks. Left out: none if gyro or
-    accelerometer has keys, else paper"""
+    values of the sensor's data sheet; you must give those that it lacks. Omitted: none if gyro or accelerometer has
+    keys, else paper"""
     gyro: TrueGyro = TrueGyro()
     """errors of the gyros, in place of the preset's"""
     accelerometer: TrueAccelerometer = TrueAccelerometer()
@@ -492,7 +497,8 @@ class _Sensors(Section):
 
 _PUSHED = ("drift_", "bias_mg", "bias_fixed", "noise_", "arw_", "vrw_", "scale_", "markov_", "bias_instability")
 _ANALYSED = (*_PUSHED, "misalignment_", "g_sensitivity_", "range_")
-"""How the keys of errors begin that pushed runs and the covariance analysis know; it looks whether a range is met."""
+"""Prefixes of the error keys that importance sampling and the covariance analysis include; the analysis checks the
+range."""
 
 
 class Imu(_Sensors):
@@ -501,7 +507,7 @@ class Imu(_Sensors):
     rate_hz: Annotated[float, Field(ge=10.0, le=2000.0)] = 100.0
     """samples of the inertial sensors a second"""
     vibration: VibrationSection | None = None
-    """vibration where they are"""
+    """vibration at the sensors"""
     temperature: TemperatureSection | None = None
     """how much warmer they become"""
 
@@ -538,8 +544,7 @@ class Imu(_Sensors):
         return self.gyro.range_deg_s is not None or self.accelerometer.range_g is not None
 
     def triads(self, gyro: Gyro | None = None, accelerometer: Accelerometer | None = None) -> tuple[Triad, Triad]:
-        """The error models of gyros and accelerometers in SI units, as they really are, or with what a filter believes
-        of them put in."""
+        """True error models of gyros and accelerometers in SI units, or with the values of the filter model."""
         from navsim.sensors.imu_errors import Vibration, Warming
 
         vibration = Vibration() if self.vibration is None else self.vibration.model()
@@ -554,7 +559,7 @@ class Imu(_Sensors):
 
 
 class AltimeterSection(Section):
-    """An altimeter beside the receiver: the height of the IMU above the ellipsoid."""
+    """An altimeter for the height of the IMU above the ellipsoid."""
 
     rate_hz: Annotated[float, Field(ge=0.1, le=100.0)] = 10.0
     """heights a second"""
@@ -563,7 +568,7 @@ class AltimeterSection(Section):
     offset_m: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
     """how much too high it reads; the filter does not know it"""
     believed_sigma_m: Sigma | None = None
-    """1 sigma of the noise that the filter believes in; default: sigma_m"""
+    """1 sigma of the noise in the filter model; default: sigma_m"""
 
     def model(self) -> Altimeter:
         """The sensor in SI units."""
@@ -588,7 +593,7 @@ def check_profile(ground: tuple[tuple[float, float], ...], *path: str) -> None:
 
 
 def profile_of(ground: tuple[tuple[float, float], ...]) -> Ground:
-    """The profile of these points; level with the threshold where there are none."""
+    """Profile through these points; without points level with the threshold."""
     import numpy as np
 
     from navsim.sensors.altimeter import Ground
@@ -629,7 +634,7 @@ class RadioAltimeterSection(Section):
         return self
 
     def model(self, runway: Runway, given: FilterRadioAltimeter) -> RadioAltimeter:
-        """The sensor in SI units on a runway, and what a filter takes it for."""
+        """The sensor in SI units on a runway, and its filter model."""
         import numpy as np
 
         from navsim.sensors.altimeter import RadioAltimeter, RadioBeliefs
@@ -660,18 +665,18 @@ class RadioAltimeterSection(Section):
 
 
 class FilterRadioAltimeter(Section):
-    """What the filter takes the radio altimeter for; what is left out is as `radio_altimeter` says."""
+    """Filter model of the radio altimeter; omitted keys are as in `radio_altimeter`."""
 
     sigma_floor_m: Sigma | None = None
-    """1 sigma of the noise near the ground that the filter believes in"""
+    """1 sigma of the noise near the ground in the filter model"""
     sigma_share: Share | None = None
-    """1 sigma as a share of the height that the filter believes in"""
+    """1 sigma as a share of the height in the filter model"""
     latency_s: Late | None = None
-    """latency that the filter believes in"""
+    """latency in the filter model"""
     lever_arm_m: Triple | None = None
-    """lever arm of the antenna that the filter believes in"""
+    """lever arm of the antenna in the filter model"""
     ground: Annotated[ListOf[PairOf[Signed]], Field(max_length=200)] | None = None
-    """profile of the ground that the filter believes in; []: all is level with the threshold"""
+    """profile of the ground in the filter model; []: level with the threshold"""
     from_m: Signed | None = None
     """distance beyond the threshold from which on the filter uses heights above ground; 0: over the runway alone;
     left out: everywhere"""
@@ -687,7 +692,7 @@ Lag = Annotated[float, Field(ge=0.0, le=10.0)]
 
 
 class BarometricAltimeterSection(Section):
-    """A barometric altimeter: the height above sea level that the static pressure at the IMU stands for."""
+    """A barometric altimeter: height above sea level from the static pressure at the IMU."""
 
     rate_hz: Annotated[float, Field(ge=0.1, le=100.0)] = 10.0
     """heights a second"""
@@ -701,7 +706,7 @@ class BarometricAltimeterSection(Section):
     """by how much it is set too high, about 8.3 m each; the filter knows it only with
     filter.barometric_altimeter.errors"""
     qnh_sigma_hpa: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
-    """1 sigma of what comes to qnh_error_hpa in each run"""
+    """1 sigma of the setting error in each run, in addition to qnh_error_hpa"""
     drift_m: NonNegative = 0.0
     """1 sigma of a Gauss-Markov error that drifts"""
     drift_time_s: CorrelationTime = 600.0
@@ -715,8 +720,11 @@ class BarometricAltimeterSection(Section):
         return self
 
     def lasting(self, given: FilterBarometricAltimeter) -> tuple[float, float, float]:
-        """What a filter that follows its errors takes for 1 sigma of its setting, hPa, a known mistake with its size,
-        and of its drift, m, with its correlation time, s."""
+        """1 sigma of the setting error, hPa, including the known one, and of the drift, m, with its correlation time,
+        s.
+
+        For the model of a filter that estimates them.
+        """
         setting = math.hypot(self.qnh_error_hpa, self.qnh_sigma_hpa)
         return (
             setting if given.qnh_sigma_hpa is None else given.qnh_sigma_hpa,
@@ -725,7 +733,7 @@ class BarometricAltimeterSection(Section):
         )
 
     def model(self, runway: Runway, given: FilterBarometricAltimeter) -> BarometricAltimeter:
-        """The sensor in SI units at a runway, and what a filter takes it for."""
+        """The sensor in SI units at a runway, and its filter model."""
         from navsim.sensors.barometer import SLOPE, AirColumn, BarometricAltimeter, PressureBeliefs
 
         warmer = self.isa_deviation_k if given.isa_deviation_k is None else given.isa_deviation_k
@@ -745,25 +753,25 @@ class BarometricAltimeterSection(Section):
 
 
 class FilterBarometricAltimeter(Section):
-    """What the filter takes the barometric altimeter for; what is left out is as `barometric_altimeter` says."""
+    """Filter model of the barometric altimeter; omitted keys are as in `barometric_altimeter`."""
 
     sigma_m: Sigma | None = None
-    """1 sigma of the noise that the filter believes in"""
+    """1 sigma of the noise in the filter model"""
     lag_s: Lag | None = None
-    """lag that the filter believes in"""
+    """lag in the filter model"""
     isa_deviation_k: Warmer | None = None
     """how much warmer than the standard atmosphere the filter assumes the air to be; 0: no correction"""
     geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | None = None
-    """height of the geoid above the ellipsoid that the filter believes in; default: runway.geoid_undulation_m"""
+    """height of the geoid above the ellipsoid in the filter model; default: runway.geoid_undulation_m"""
     errors: Literal["states", "none"] = "none"
-    """what the filter does about errors that last: states: follow the setting and the drift, those that it believes
-    in, by a state each; none: nothing"""
+    """how the filter handles time-correlated errors: states: estimate the setting and the drift, if they are in its
+    model, with a state each; none: not at all"""
     qnh_sigma_hpa: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
-    """1 sigma of the wrong setting that the filter believes in; default: qnh_error_hpa and qnh_sigma_hpa together"""
+    """1 sigma of the setting error in the filter model; default: qnh_error_hpa and qnh_sigma_hpa together"""
     drift_m: NonNegative | None = None
-    """1 sigma of the drift that the filter believes in"""
+    """1 sigma of the drift in the filter model"""
     drift_time_s: CorrelationTime | None = None
-    """correlation time of the drift that the filter believes in"""
+    """correlation time of the drift in the filter model"""
 
 
 class Vectors(Section):

@@ -45,7 +45,7 @@ def needs(name: str) -> list[str]:
 
 
 def content(file: str) -> bytes:
-    """What stands in a file of `needs`."""
+    """Content of a file of `needs`."""
     return (_folder() / file).read_bytes()
 
 

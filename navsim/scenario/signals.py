@@ -84,7 +84,7 @@ class IonosphereSection(Section):
     """the receiver takes the model off"""
 
     def model(self) -> signal_errors.Ionosphere:
-        """What it does to signals."""
+        """Model of its effect on signals."""
         import numpy as np
 
         from navsim.gnss import signal_errors
@@ -98,10 +98,10 @@ class TroposphereSection(Section):
     truth_scale: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.02
     """the real delay is this many times the climatology's"""
     correction: Literal["none", "saastamoinen", "mops"] = "saastamoinen"
-    """what the receiver takes off: nothing, Saastamoinen's standard atmosphere, or the climatology itself"""
+    """the receiver's correction: none, Saastamoinen's standard atmosphere, or the climatology itself"""
 
     def model(self) -> signal_errors.Troposphere:
-        """What it does to signals."""
+        """Model of its effect on signals."""
         from navsim.gnss import signal_errors
 
         return signal_errors.Troposphere(self.truth_scale, self.correction)
@@ -125,32 +125,32 @@ class Ephemeris(Section):
 
 
 class LastingErrorSection(Section):
-    """Errors of one kind, of each satellite its own, drawn per run: a Gauss-Markov process."""
+    """Time-correlated errors of one kind, drawn for each satellite and run: a Gauss-Markov process."""
 
     sigma_m: NonNegative
     """1 sigma at the zenith"""
     time_s: CorrelationTime
     """correlation time"""
     mapping: Literal["none", "ionosphere", "troposphere", "multipath"] | None = None
-    """how it grows towards the horizon: not at all, as the ionosphere's, the troposphere's or the multipath of an
-    aircraft does; left out: as its name says, orbits and clocks not at all"""
+    """increase towards the horizon: none, or as of the ionosphere, the troposphere or the multipath of an aircraft;
+    omitted: by its name, orbits and clocks none"""
 
 
 class LastingErrorsSection(Section):
-    """Errors of satellites that last, as they are in the pseudoranges that the receiver uses; what is left out there is
-    not, but for the preset's."""
+    """Time-correlated errors of satellites in the pseudoranges that the receiver uses; omitted kinds are absent, except
+    the preset's."""
 
     orbit_clock: LastingErrorSection | None = None
-    """what the message leaves of orbits and clocks"""
+    """residual errors of broadcast orbits and clocks"""
     ionosphere: LastingErrorSection | None = None
-    """what the receiver's model leaves of the ionosphere"""
+    """residual errors after the receiver's model of the ionosphere"""
     troposphere: LastingErrorSection | None = None
-    """what the receiver's model leaves of the troposphere"""
+    """residual errors after the receiver's model of the troposphere"""
     multipath: LastingErrorSection | None = None
     """reflections, of the aircraft itself and of the ground"""
 
     def models(self) -> tuple[LastingError, ...]:
-        """The kinds that there are."""
+        """Kinds of errors that are present."""
         from navsim.gnss.correlated_errors import LastingError
 
         own: dict[str, Mapping] = {
@@ -203,7 +203,7 @@ class GroundMultipath(Section):
 
 
 class Differential(Section):
-    """Corrections from a station at the pseudolite's site: what it sees wrong of each satellite."""
+    """Corrections from a station at the pseudolite's site: the errors that it measures for each satellite."""
 
     latency_s: Annotated[float, Field(ge=0.0, le=60.0)] = 1.0
     """age of the corrections"""
@@ -221,7 +221,7 @@ class Differential(Section):
 
 
 Gain = Annotated[float, Field(ge=-100.0, le=100.0)]
-"""Of an antenna, dB."""
+"""Antenna gain, dB."""
 
 
 def _check_rising(values: tuple[float, ...], key: str) -> None:
@@ -236,7 +236,7 @@ class AntennaSection(Section):
     mount: Literal["top", "belly"] = "top"
     """top: its axis is up in body axes; belly: down"""
     elevation_deg: Annotated[ListOf[Elevation], Field(min_length=2, max_length=200)] = (0.0, 90.0)
-    """elevations over its own horizon, rising; straight between them, beyond them as at the last"""
+    """elevations over its own horizon, increasing; linear between them, constant beyond the last"""
     gain_dbi: Annotated[ListOf[Gain], Field(min_length=2, max_length=200)] = (0.0, 0.0)
     """gain at each of them. Satellites have the difference to that at 90, where cn0_dbhz is meant"""
     mask_deg: Elevation = -90.0
@@ -260,12 +260,12 @@ class AntennaSection(Section):
 
 
 class PatternSection(Section):
-    """Where pseudolites send to: gain by azimuth and elevation, relative to eirp_dbm."""
+    """Antenna pattern of pseudolites: gain by azimuth and elevation, relative to eirp_dbm."""
 
     azimuth_deg: Annotated[ListOf[Azimuth], Field(min_length=1, max_length=360)] = (0.0,)
     """azimuths from north, rising, within one turn; straight between them, all around; one: the same everywhere"""
     elevation_deg: Annotated[ListOf[Elevation], Field(min_length=2, max_length=200)]
-    """elevations, rising; straight between them, beyond them as at the last"""
+    """elevations, increasing; linear between them, constant beyond the last"""
     gain_db: Annotated[ListOf[ListOf[Gain]], Field(min_length=1, max_length=360)]
     """for each azimuth a list, of each elevation"""
 
@@ -295,7 +295,7 @@ class PatternSection(Section):
 
 class ClockNoiseSection(Section):
     """Noise of each pseudolite's clock, by Allan variance coefficients of its oscillator; it begins clock_age_s before
-    time 0, and each run draws its own of each pseudolite. The receiver weighs ranges and range rates by it."""
+    time 0, and is drawn for each run and pseudolite. The receiver weights ranges and range rates by it."""
 
     h0: Annotated[float, Field(ge=0.0, le=1e-12)]
     """white frequency noise, Allan variance coefficient, s; h0/(2 t) of the Allan variance"""
@@ -316,7 +316,7 @@ class ClockNoiseSection(Section):
 
 
 class PseudolitesSection(Section):
-    """Transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
+    """Transmitters at the runway: none, one at +S, two at +-S, or any number by `sites`."""
 
     count: Annotated[Literal[0, 1, 2], whole] = 0
     """one at +s_m, two at +s_m and -s_m, all l1_m before the threshold"""
@@ -341,8 +341,8 @@ class PseudolitesSection(Section):
     """1 sigma, along each axis, of the random true minus surveyed position of each pseudolite in each run, in addition
     to survey_error_m; the receiver weights the ranges with it"""
     clock_sigma_ns: NonNegative = 0.0
-    """1 sigma of what calibration leaves of each pseudolite's clock, drawn for each run; the receiver weighs their
-    ranges by it"""
+    """1 sigma of each pseudolite's clock error after calibration, drawn for each run; the receiver weights their ranges
+    by it"""
     clock_noise: ClockNoiseSection | None = None
     """how the pseudolites' clocks wander from where calibration left them; null: not at all"""
     clock_age_s: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
@@ -359,9 +359,9 @@ class PseudolitesSection(Section):
     """distance at which cn0_dbhz is meant; it then falls with distance. Left out: the same everywhere"""
     eirp_dbm: Annotated[float, Field(ge=-150.0, le=100.0)] | None = None
     """equivalent isotropically radiated power, of pulses while they last: the carrier to noise density ratio follows
-    from it, the distance, both antennas and receiver.noise_figure_db. Left out: cn0_dbhz"""
+    from it, the distance, both antennas and receiver.noise_figure_db. Omitted: cn0_dbhz"""
     pattern: PatternSection | None = None
-    """where they send to, with eirp_dbm; left out: evenly"""
+    """antenna pattern, with eirp_dbm; omitted: isotropic"""
     carrier_mhz: Annotated[float, Field(ge=1000.0, le=2000.0)] = 1575.42
     """carrier of their signals, which have the chips of GPS"""
     multipath: GroundMultipath | None = None
@@ -407,7 +407,7 @@ class PseudolitesSection(Section):
         return self
 
     def with_clock(self, used: Collection[str]) -> Self:
-        """The same with a time scale, where it has none: the first of the satellites', by the names of those in use."""
+        """Copy with a time scale: by default the first of the satellites', by the names of those in use."""
         return self if self.clock else self.model_copy(update={"clock": first_time_scale(used)})
 
     @property
@@ -416,7 +416,7 @@ class PseudolitesSection(Section):
         return self.eirp_dbm is not None or self.cn0_reference_m is not None
 
     def unused(self) -> list[str]:
-        """What is given and changes nothing, or makes signals vanish, in words."""
+        """Keys without effect, or that suppress signals, as messages."""
         out = []
         if self.eirp_dbm is not None and self.cn0_dbhz != type(self).model_fields["cn0_dbhz"].default:
             out.append("pseudolites.cn0_dbhz: not used, the strength follows from eirp_dbm")
@@ -430,7 +430,7 @@ class PseudolitesSection(Section):
         return out
 
     def placed(self) -> tuple[Site, ...]:
-        """Every pseudolite as a site of its own."""
+        """Every pseudolite as a separate site."""
         if self.sites:
             return self.sites
         if not self.count:
@@ -475,8 +475,8 @@ class SignalsSection(Section):
     """Errors of the ranging signals of satellites."""
 
     preset: Literal["white", "open-sky", "sbas", "differential"] = "white"
-    """sizes of range_sigma_m, range_law and errors where they are left out. In order: the paper's white noise; a
-    receiver alone; one with satellite-based augmentation; one with corrections of a station at the aerodrome"""
+    """defaults of range_sigma_m, range_law and errors. In order: the paper's white noise; a receiver alone; one with
+    satellite-based augmentation; one with corrections of a station at the aerodrome"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of pseudoranges at the zenith (the paper's variance of 5 m2)"""
     range_law: Literal["constant", "inverse-sine", "exponential", "cn0"] = "inverse-sine"
@@ -496,7 +496,7 @@ class SignalsSection(Section):
     ephemeris: Ephemeris | None = None
     """errors of orbits and clocks; left out: none"""
     errors: LastingErrorsSection = LastingErrorsSection()
-    """errors that last, whatever they come from, in place of the preset's"""
+    """time-correlated errors from any cause, in place of the preset's"""
     gps_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """GPS time less GLONASS time, which a receiver with a clock unknown for each does not notice"""
     system_offsets_ns: dict[Name, Annotated[float, Field(ge=-1e9, le=1e9)] | Literal["broadcast"]] = Field(
@@ -535,14 +535,14 @@ class SignalsSection(Section):
         return filled
 
     def law(self) -> ErrorLaw:
-        """How the noise of satellite signals grows towards the horizon."""
+        """Increase of the noise of satellite signals towards the horizon."""
         from navsim.gnss.signals import ErrorLaw
 
         scale = self.range_scale_deg * DEG
         return ErrorLaw(self.range_law, self.range_sigma_m, scale, self.range_rate_sigma_m_s, self.cn0_dbhz)
 
     def offsets(self) -> tuple[float, ...]:
-        """What the offsets of time scales add to the pseudoranges of each clock, m."""
+        """Offsets of time scales in the pseudoranges of each clock, m."""
         from navsim.geodesy.earth import SPEED_OF_LIGHT
 
         # a clock ahead of the other makes its signals seem to come earlier
@@ -582,8 +582,8 @@ class ReceiverSection(Section):
     clock_drift_ppb: Signed = 50.0
     """constant frequency offset of the receiver's clock"""
     clock: ClockNoise | None = None
-    """noise of the clock; left out: that of `{}` where the filter is tightly coupled, else none, since every fix solves
-    for the clock anew"""
+    """noise of the clock; omitted: that of `{}` if the filter is tightly coupled, else none, since every fix solves for
+    the clock anew"""
     smoothing_s: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     """memory of the carrier-smoothed code; 0: bare code"""
     noise_figure_db: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
@@ -591,7 +591,7 @@ class ReceiverSection(Section):
     antenna: AntennaSection | None = None
     """the antenna's gain in body axes; left out: that of signals.tracking.gain_horizon_db, however the aircraft lies"""
     one_clock: bool = False
-    """take all time scales for one: one unknown less, and gps_offset_ns is felt"""
+    """treat all time scales as one: one unknown less, and gps_offset_ns has an effect"""
 
     def model(self, clock: ClockNoise | None = None) -> Receiver:
         """The receiver in SI units; clock: its noise where the section leaves it out, if any."""

@@ -1,4 +1,4 @@
-"""Where satellites are and which are received: section `sky`."""
+"""Satellites and their reception: section `sky`."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ Checksums = Annotated[tuple[Checksum, ...], one_or_more(Checksum), one_or_list]
 
 
 class Sky(Section):
-    """Where the satellites are, and which of them are received."""
+    """Positions of satellites, and their reception."""
 
     source: Source = f"nominal-{GLONASS.name}"
     """nominal: design constellations of `systems`; almanac, navigation, orbits: real satellites from files"""
@@ -84,7 +84,7 @@ class Sky(Section):
     almanac_sha256: Checksums | None = None
     """checksum of the file, or a list in their order; when given, another file is refused"""
     almanac_system: Name | None = None
-    """whose satellites two-line elements without names are; names tell it themselves"""
+    """system of two-line elements without names; names identify it themselves"""
     navigation: Files | None = None
     """for `source: navigation`: RINEX 2, 3 or 4 broadcast messages, one file or a list; .gz, .bz2, .zip, .Z too"""
     navigation_sha256: Checksums | None = None
@@ -98,10 +98,10 @@ class Sky(Section):
     systems: DistinctListOf[Name] = ()
     """use only these, each with its own clock unknown; left out: GPS and GLONASS, or that of `nominal-...`"""
     galileo_message: Literal["inav", "fnav"] = "inav"
-    """for `source: navigation`: what Galileo satellites fly by, I/NAV (of E1, E5b) or F/NAV (of E5a)"""
+    """for `source: navigation`: message of Galileo satellites, I/NAV (of E1, E5b) or F/NAV (of E5a)"""
     broadcast: bool = False
-    """satellites fly what their messages would say: GLONASS by state vectors each 30 minutes, integrated as receivers
-    do; so that files exported from the run are exact"""
+    """satellites follow their simulated broadcast messages: GLONASS by state vectors each 30 minutes, integrated as
+    receivers do; files exported from the run are then exact"""
     directions: ListOf[Direction] = ()
     """sources X01, X02, ... in fixed directions from the receiver, for `source: directions`"""
     mask_deg: Elevation = 5.0
@@ -110,7 +110,7 @@ class Sky(Section):
     mask_upper_deg: Elevation = 90.0
     """highest usable elevation"""
     horizon: str | None = None
-    """file with a table azimuth_deg,elevation_deg of what stands around: nothing below its lines is received"""
+    """file with a table azimuth_deg,elevation_deg of obstacles: signals below its lines are not received"""
     horizon_sha256: Checksum | None = None
     """checksum of that file; when given, another file is refused"""
     interference: ListOf[Interference] = ()
@@ -152,7 +152,7 @@ class Sky(Section):
         return {GALILEO: GALILEO.other_messages[0]} if self.galileo_message == "fnav" else {}
 
     def unused(self) -> list[str]:
-        """What is given and changes nothing, in words."""
+        """Keys without effect, as messages."""
         names = (*SOURCES_FROM_FILES, "directions")
         given = [name for name in names if name != self.source and getattr(self, name)]
         out = [f"sky.{name} is not used: sky.source is {self.source}" for name in given]

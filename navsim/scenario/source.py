@@ -28,27 +28,28 @@ from navsim.words import seen, setting
 
 KeyPath = tuple[str | int, ...]
 MOST_BYTES = 1_000_000
-"""Of a file."""
+"""Largest size of a file."""
 MOST_NODES = 20_000
 """Keys and values."""
 MOST_DEPTH = 40
 """Mappings and lists one in another."""
 MOST_CHARACTERS = 4096
-"""Of a key or a value that is text."""
+"""Largest size of a key or a value that is text."""
 MOST_DIGITS = 60
 """Characters of a number."""
 LARGEST, SMALLEST = 1e50, 1e-50
-"""Sizes of numbers other than 0: what is beyond them overflows or vanishes when squared twice. Each key has bounds of
-its own besides."""
+"""Range of magnitudes of numbers other than 0: others overflow or vanish when squared twice. Each key has its own
+bounds besides."""
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
-"""What is no text: control characters but tabs and line ends, halves of surrogate pairs, noncharacters."""
+"""Characters that are not text: control characters except tabs and line ends, halves of surrogate pairs,
+noncharacters."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-"""How every HDF5 file begins (HDF5 File Format Specification, section II.A)."""
+"""First bytes of every HDF5 file (HDF5 File Format Specification, section II.A)."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where something stands: file and line, or the command-line option that says it."""
+    """Place of an item: file and line, or the command-line option that sets it."""
 
     file: str
     line: int = 0
@@ -59,12 +60,12 @@ class Place:
 
 
 NOWHERE = Place("")
-"""Where what is wrong stands in no file."""
+"""Place of an error outside of any file."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong with the input: where, which key, what, and what would be right."""
+    """An error in the input: place, key, message with the correct form."""
 
     place: Place
     key: str
@@ -76,12 +77,12 @@ class Problem:
 
     @property
     def file(self) -> str:
-        """The file, or the option, it stands in; empty where there is none."""
+        """The file, or the option; empty if there is none."""
         return self.place.file
 
     @property
     def line(self) -> int:
-        """The line it stands on, from 1; 0 where there is none."""
+        """The line, from 1; 0 if there is none."""
         return self.place.line
 
 
@@ -114,7 +115,7 @@ class Document:
         )
 
     def place(self, path: KeyPath) -> Place:
-        """The key of `path` if it stands in the text, else the nearest enclosing one."""
+        """Place of the key of `path` if it is in the text, else of the nearest enclosing one."""
         for length in range(len(path), 0, -1):
             found = self.keys.get(path[:length]) or self.values.get(path[:length])
             if found:
@@ -194,7 +195,7 @@ def _number(text: str) -> int | float:
 
 
 def _bounded(value: int | float, text: str, vanished: bool = False) -> int | float:
-    """A number as it is; text: how it was written. Raises ValueError for one too large, too small, or not finite."""
+    """A checked number; text: its written form. Raises ValueError for one too large, too small, or not finite."""
     if math.isnan(value):
         raise ValueError("a finite number is needed, not nan")
     if vanished or abs(value) > LARGEST or 0 < abs(value) < SMALLEST:
@@ -203,7 +204,7 @@ def _bounded(value: int | float, text: str, vanished: bool = False) -> int | flo
 
 
 def _text(value: str) -> str:
-    """Text as it is. Raises ValueError for what is none, or too long."""
+    """A checked text. Raises ValueError for a value that is not text, or too long."""
     if len(value) > MOST_CHARACTERS:
         raise ValueError(f"a text of {len(value)} characters; allowed are {MOST_CHARACTERS}")
     found = _CONTROL.search(value)
@@ -224,7 +225,7 @@ def _scalar(node: yaml.Node) -> Any:
 
 
 class _Builder:
-    """Turns the node graph into data, noting places and finding duplicate keys on the way."""
+    """Turns the node graph into data, notes places and finds duplicate keys."""
 
     def __init__(self, document: Document, place: Callable[[yaml.Mark], Place]) -> None:
         self.document = document
@@ -297,12 +298,12 @@ def compose(text: str) -> yaml.Node | None:
 
 
 def dotted(path: KeyPath) -> str:
-    """`("a", 0, "b")` as people write it: `a.0.b`."""
+    """`("a", 0, "b")` as text: `a.0.b`."""
     return ".".join(str(part) for part in path)
 
 
 def _missing(path: Path) -> str:
-    """What to write for a file that is not there: one of a similar name, or the command that makes one."""
+    """Advice for a missing file: one of a similar name, or the command that makes one."""
     from navsim.scenario import shipped
 
     if not path.parent.is_dir():
@@ -343,7 +344,7 @@ def load(path: Path) -> Document:
 
 
 def parse(text: str, name: str, folder: Path) -> Document:
-    """Parse YAML text; `name` stands for it in messages. Raises InputError as `load`."""
+    """Parse YAML text; `name` identifies it in messages. Raises InputError as `load`."""
     document = Document(file=name, folder=folder, data=None)
 
     def place(line: int, column: int) -> Place:
@@ -358,9 +359,9 @@ def parse(text: str, name: str, folder: Path) -> Document:
 
 
 def _built(text: str, document: Document, place: Callable[[int, int], Place]) -> bool:
-    """Put what a YAML text holds into a document; False for a text that holds nothing.
+    """Put the content of a YAML text into a document; False for an empty text.
 
-    place: where a line and a column, both from 0, are said to be. Raises InputError.
+    place: converts a line and a column, both from 0, to a place. Raises InputError.
     """
 
     def of(mark: yaml.Mark | None) -> Place:
@@ -391,12 +392,11 @@ _OPENED = {
     "while parsing a flow sequence": "the '[' here is not closed by ']'",
     "while scanning a quoted scalar": "the quotation mark here has no second one",
 }
-"""What PyYAML was about when it found no end, and what that means."""
+"""Contexts in which PyYAML misses an end, and their explanation."""
 
 
 def _misread(error: yaml.MarkedYAMLError) -> tuple[yaml.Mark | None, str]:
-    """Where a text is no YAML, and why: of what is opened and not closed, where it was opened, since the parser only
-    notices further down."""
+    """Place and reason of a YAML error: for an unclosed item its start, since the parser notices only further down."""
     begun, noticed = error.context_mark, error.problem_mark
     if "\\t" in str(error.problem):
         return noticed, "a tab begins this value; YAML takes no tabs there: write spaces instead"
@@ -412,14 +412,14 @@ def _misread(error: yaml.MarkedYAMLError) -> tuple[yaml.Mark | None, str]:
 
 
 class _Taker:
-    """Takes data of Python as if they had stood in a file, finding what could not."""
+    """Converts Python data to plain data as in a file, and finds values that cannot be converted."""
 
     def __init__(self) -> None:
         self.problems: list[tuple[KeyPath, str]] = []
         self._count = 0
 
     def take(self, value: Any, path: KeyPath = ()) -> Any:
-        """The plain data of a value. Raises ValueError where there are too many of them."""
+        """Plain data of a value. Raises ValueError for too many of them."""
         self._count += 1
         if self._count > MOST_NODES:
             raise ValueError(_TOO_MANY)
@@ -450,7 +450,7 @@ class _Taker:
 
 
 def _plain(value: object) -> Any:
-    """A single value as it would stand in a file. Raises ValueError for what has no place there."""
+    """Plain form of a single value. Raises ValueError for an unsuitable one."""
     if value is None or isinstance(value, bool):
         return value
     if isinstance(value, int | float):
@@ -465,15 +465,17 @@ def _plain(value: object) -> Any:
 
 
 def of_data(data: Mapping[str, Any], name: str) -> Document:
-    """A document of Python's data; `name` stands for it in messages, files named in it are relative to the working
-    folder. Raises InputError."""
+    """A document from Python data; `name` identifies it in messages, file names are relative to the working folder.
+
+    Raises InputError.
+    """
     document = Document(name, Path.cwd(), _taken(data, Place(name)))
     document.values[()] = Place(name)
     return document
 
 
 def _taken(value: Any, place: Place, path: KeyPath = ()) -> Any:
-    """A value of Python's that stands at `path` as plain data. Raises InputError."""
+    """A Python value at `path` as plain data. Raises InputError."""
     taker = _Taker()
     try:
         taken = taker.take(value)
@@ -486,7 +488,7 @@ def _taken(value: Any, place: Place, path: KeyPath = ()) -> Any:
 
 @dataclass(frozen=True)
 class Setting:
-    """The assignment of a value to a dotted key, as it is and not as text."""
+    """Assignment of a Python value, not text, to a dotted key."""
 
     key: str
     value: Any
@@ -516,9 +518,9 @@ def assign(document: Document, assignment: str | Setting) -> None:
 
 
 def set_value(document: Document, key: str, value: Any, place: Place, folder: Path) -> None:
-    """Set the value at a dotted key; `place` stands for it in messages, file names in it are relative to `folder`.
+    """Set the value at a dotted key; `place` identifies it in messages, file names in it are relative to `folder`.
 
-    Raises InputError where the key leads through a single value or a missing list item.
+    Raises InputError if the key leads through a single value or a missing list item.
     """
 
     def fail(message: str) -> InputError:

@@ -17,11 +17,11 @@ from navsim.results.schema import (
 from navsim.scenario.base import DistinctListOf, Dotted, ListOf, Section, Version, reject
 
 DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(SWEEP_QUANTITIES)
-"""Outputs of every method; of those that fly a filter besides; all that there are."""
+"""Outputs of every method; further ones of methods with a filter; all outputs."""
 REQUIREMENTS = "requirements"
-"""The output that stands for a figure and a verdict of each requirement of the base scenario."""
+"""Output that adds a value and a verdict for each requirement of the base scenario."""
 LEVEL_OUTPUTS, WATCHED_OUTPUTS = tuple(LEVEL_QUANTITIES), tuple(WATCHED_QUANTITIES)
-"""Outputs of every method where fixes are watched; of runs besides, where limits are given."""
+"""Outputs of every method with monitored fixes; further ones of runs with limits."""
 MOST_VALUES = 100_000
 """Most values an axis may have, counted before they are made."""
 MOST_COMBINATIONS = 100_000_000
@@ -49,7 +49,7 @@ class Grid(Section):
 
 
 class Range(Section):
-    """Values by a step, up to the last."""
+    """Values with a constant step, up to the last."""
 
     first: Value
     """first value, in the unit of the key"""
@@ -72,7 +72,7 @@ class Range(Section):
 
     @property
     def count(self) -> int:
-        """How many values there are."""
+        """Number of values."""
         return int(self._steps()) + 1
 
     def numbers(self) -> tuple[float, ...]:
@@ -81,7 +81,7 @@ class Range(Section):
 
 
 class Interval(Section):
-    """What a Latin hypercube spreads its samples over."""
+    """Interval of a Latin hypercube's samples."""
 
     first: Value
     """lower end, in the unit of the key"""
@@ -204,7 +204,7 @@ class Sweep(Section):
 
     @property
     def combinations(self) -> int:
-        """How many combinations there are."""
+        """Number of combinations."""
         return math.prod(self.shape)
 
     def wanted(self) -> tuple[str, ...]:

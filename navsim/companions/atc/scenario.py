@@ -35,7 +35,7 @@ class Sigmas(Section):
 
 
 class Group(Section):
-    """How a rate varies: exponentially correlated."""
+    """Exponentially correlated rate."""
 
     alpha_1_s: Decay
     """decay of the rate, the reciprocal of its correlation time"""
@@ -44,7 +44,7 @@ class Group(Section):
 
 
 class Groups(Section):
-    """The five pairs beside the range."""
+    """The five pairs besides the range."""
 
     speed: Group = Group(alpha_1_s=0.05, rate_sigma=0.5)
     """speed and its rate"""
@@ -68,8 +68,8 @@ class SingerSection(Section):
 
 
 class DataLink(Section):
-    """Reports of speed, path angle, track and their rates that come by the addressed data link, Mode S: their age and
-    quantisation in truth, and what the filters take for them. Steps are those of BDS registers 5,0 and 6,0."""
+    """Reports of speed, path angle, track and their rates by the addressed data link, Mode S: their true age and
+    quantisation, and those in the filter model. Steps are those of BDS registers 5,0 and 6,0."""
 
     latency_s: Latency = 0.0
     """age of a report's content when a scan uses it"""
@@ -88,13 +88,13 @@ class DataLink(Section):
     track_rate_lsb_deg_s: NonNegative = 0.03125
     """least significant bit of the track rate, 8/256 deg/s (BDS 5,0); 0: not quantised"""
     study_latencies_s: ListOf[Latency] = (0.0, 0.5, 1.0, 2.0)
-    """ages of quantised reports, of which a study tells the cost, unknown to the filters and known"""
+    """ages of quantised reports for a cost study, unknown to the filters and known"""
     study_runs: Annotated[int, Field(ge=0, le=10_000)] = 100
     """Monte Carlo runs of the study of the data link; 0: no study"""
 
 
 class AtcCase(Section):
-    """A case computed beside the main one."""
+    """A case computed in addition to the main one."""
 
     period_s: ScanPeriod
     """time between scans"""

@@ -32,7 +32,7 @@ class Radar(Section):
 
 
 class Report(Section):
-    """What the aircraft reports by Mode S: noise, quantisation (after the noise), age."""
+    """Mode S reports of the aircraft: noise, quantisation (after the noise), age."""
 
     latency_s: Latency = 0.5
     """age of a report's content when a scan uses it"""
@@ -61,14 +61,14 @@ class Report(Section):
 
 
 class Filters(Section):
-    """How the filters are tuned."""
+    """Tuning of the filters."""
 
     alpha_1_s: Decay = 0.05
     """decay of Singer's acceleration"""
     singer_sigma_m_s2: PairOf[Sigma] = (1.074264684, 2.504689245)
     """1 sigma of Singer's acceleration of S1 (0.2 g in Singer's formula) and S2 (the turn's own g tan 25 deg)"""
     residual_sigma_m_s2: Sigma = 0.2
-    """1 sigma of what reported accelerations leave over, L1-L4"""
+    """1 sigma of the residual acceleration beside reported ones, L1-L4"""
 
 
 class Map(Section):
@@ -112,7 +112,7 @@ class Azimuth(Section):
     radar: Radar = Radar()
     """the plots"""
     report: Report = Report()
-    """what the aircraft reports by Mode S"""
+    """Mode S reports of the aircraft"""
     filters: Filters = Filters()
     """how the filters are tuned"""
     latencies_s: ListOf[Latency] = (0.0, 0.5, 1.0, 2.0)

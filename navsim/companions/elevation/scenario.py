@@ -24,9 +24,9 @@ from navsim.scenario.base import (
 )
 
 SETTLING = 5.0
-"""Runs on the nominal trajectory are judged after this time, s."""
+"""Time after which runs on the nominal trajectory are evaluated, s."""
 LONGEST_PERIOD = 5.0
-"""Longest period of the filter, s: the flare of 15 s has a measurement that is judged."""
+"""Longest period of the filter, s: the flare of 15 s then has a measurement after settling."""
 Steps = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
@@ -83,7 +83,7 @@ class NominalSection(Section):
     to_s: EndTime = 110.0
     """end of the run, on the nominal trajectory"""
     rate_variances_deg2_s2: ListOf[Variance] = (1e-4, 7.462188e-6, 1.19395e-8)
-    """the paper's Q, and what its formula gives for accelerations up and along"""
+    """the paper's Q, and the values of its formula for accelerations up and along"""
     first_order_variances_deg2: ListOf[Variance] = ()
     """further process noises of the first-order filter, variance of the angle's increment over a period"""
 
