@@ -89,7 +89,7 @@ class Beliefs:
         return self.clock is not None
 
     def followed(self, scales: Sequence[int]) -> tuple[int, ...]:
-        """Those of the sources' time scales for which the filter estimates a clock bias."""
+        """Time scales of the sources for which the filter estimates a clock bias."""
         return tuple(scales) if self.tight else ()
 
     def with_range_errors(self, errors: Sequence[Block]) -> Beliefs:

@@ -1,8 +1,9 @@
 """Measurement update with all ranges of one epoch together, like a fix.
 
 The gate tests each range, given those before it. All ranges use one estimate, which is corrected once. A correction by
-each range would also rotate what is still unknown: charts rotate positions with attitude. A correction in one direction
-would then correlate the other directions with the heading error, and the next ranges would wrongly correct attitude.
+each range would also rotate unknown directions, since charts rotate positions with attitude. A correction in one
+direction would then correlate the other directions with the heading error, and the next ranges would wrongly correct
+attitude.
 
 Near a source one linearisation is not enough. Ranges are then predicted from the estimate after the ranges before them,
 and all are processed again from the corrected estimate.

@@ -44,11 +44,11 @@ from navsim.geodesy.attitude_kernels import dcm, difference, half_sinc, rotate_l
 _WINDOW = 40.0
 """Least memory of the line and of the mean force, s."""
 _WINDOW_MEMORIES = 12.0
-"""The same in memories of the filter's velocity."""
+"""Length of the window in memories of the filter's velocity."""
 _YOUNG = 2.0
 """Age that the line needs before it is used, s."""
 _YOUNG_MEMORIES = 1.3
-"""The same in memories of the filter's velocity."""
+"""Age of a young line in memories of the filter's velocity."""
 _SLOWEST = 8.0
 """Longest memory of the filter's velocity with which steady flight may begin, s. Beyond it the noise contains little
 information."""

@@ -1,7 +1,7 @@
 """Ranging noise with heavier tails than the receiver's Gaussian model.
 
-Each range is drawn, at each epoch anew, from one of two Gaussians, a core and a tail. This is the contaminated normal
-distribution [1]. Two components are also fitted to errors of differentially corrected ranges [2].
+Each range is drawn independently at each epoch from one of two Gaussians, a core and a tail. This is the contaminated
+normal distribution [1]. Two components are also fitted to errors of differentially corrected ranges [2].
 
 Sources:
 

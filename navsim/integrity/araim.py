@@ -123,7 +123,7 @@ class Levels:
     level: np.ndarray
     """(e, 3) m."""
     spread: SolutionSpread
-    """Of the solutions."""
+    """Spread of the solutions."""
     emt: np.ndarray
     """(e,) effective monitor threshold, m."""
 

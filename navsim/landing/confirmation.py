@@ -1,6 +1,6 @@
-"""Confirmation of the best placements by runs: errors by Monte Carlo beside those of the covariance analysis.
+"""Confirmation of the best placements by runs: errors by Monte Carlo compared with the covariance analysis.
 
-A covariance analysis is right to some order alone. A search looks for the position where it is smallest, so it ends
+A covariance analysis is right only to some order. A search looks for the position where it is smallest, so it ends
 where the analysis is wrong, if it is wrong anywhere. navsim therefore flies the best placements before it prints them.
 It rejects one whose runs are worse than the analysis, and flies the next best with other runs.
 """

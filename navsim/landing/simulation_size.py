@@ -21,11 +21,11 @@ class SimulationSize:
     """Sizes of a simulation without regard to its filter."""
 
     samples: int
-    """Of the inertial sensors."""
+    """Samples of the inertial sensors."""
     epochs: int
     """Fix epochs."""
     sources: int
-    """Of signals."""
+    """Sources of signals."""
 
 
 def simulation_size(scenario: Landing, sources: Environment) -> SimulationSize:

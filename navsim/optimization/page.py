@@ -110,7 +110,7 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
 
 
 def _requirements(k: int, name: str, result: Result, several: bool) -> Drawing:
-    """How much of what is allowed each requirement takes, by the number of pseudolites."""
+    """Utilisation of each requirement, by number of pseudolites."""
     on = plot("", "pseudolites", "size kept as often as asked for, by the size asked for", 320)
     counts, statements, used = report.used(result)
     marks = []

@@ -1,4 +1,5 @@
-"""Placements found: tables of where pseudolites stand and how flat the optimum is, the plan, the front."""
+"""Report of an optimisation: tables of positions and of the sensitivity of the optimum, plan, accuracy against
+number."""
 
 from __future__ import annotations
 
@@ -70,7 +71,7 @@ def tables(result: Result) -> list[Table | str]:
 
 
 def flown(result: Result) -> list[Table | str]:
-    """What runs say of the best placements, beside the covariance analysis; those that they spoke against."""
+    """Runs of the best placements compared with the covariance analysis, and placements that runs contradicted."""
     counts, runs = result["/pseudolites"], result["/flown/runs"]
     if not runs.any():
         return ["The best placements were not flown (--runs 0); --runs 200 compares them with the errors of a filter."]
@@ -125,7 +126,7 @@ def _fewest(number: int) -> str:
 
 
 def requirements(result: Result) -> Table:
-    """Every requirement with each number of pseudolites: the verdict, the figure, and what is left of the size."""
+    """Every requirement with each number of pseudolites: verdict, value, and margin."""
     counts = [0, *(int(count) for count in result["/pseudolites"])]
     heads = ("requirement", "limit", *(f"{count} pseudolite{'' if count == 1 else 's'}" for count in counts))
     out = Table("Requirements: verdict, what was found (room within the size asked for)", heads)
@@ -182,7 +183,7 @@ def best_plain(result: Result) -> dict[str, Any]:
 
 
 def _flown_plain(result: Result, i: int) -> dict[str, Any] | None:
-    """What runs say of the i-th placement as plain data, each with its interval; None where it was not flown."""
+    """Runs of the i-th placement as plain data, each with its interval; None without runs."""
     runs = int(result["/flown/runs"][i])
     if not runs:
         return None
@@ -212,7 +213,7 @@ def _requirements_plain(result: Result, i: int) -> list[dict[str, Any]]:
 
 
 _NEAR = 1.0
-"""A pseudolite this close to the border of its area stands on it, m."""
+"""Distance from the border of its area within which a pseudolite counts as on the border, m."""
 
 
 def _on_border(result: Result, i: int) -> list[str]:
@@ -229,7 +230,7 @@ def _on_border(result: Result, i: int) -> list[str]:
 
 
 def plan_title(result: Result, i: int) -> str:
-    """What the i-th placement comes to, and what is to be known of it."""
+    """Objective of the i-th placement, with notes."""
     count = int(result["/pseudolites"][i])
     many = "1 pseudolite" if count == 1 else f"{count} pseudolites"
     stopped = "" if result["/front/finished"][i] else " (search stopped)"
@@ -241,14 +242,16 @@ def plan_title(result: Result, i: int) -> str:
 
 
 def label(result: Result) -> str:
-    """What is optimised, with its unit."""
+    """Name of the objective, with its unit."""
     variable = result.variables["/front/objective"]
     return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
 
 
 def front_points(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Numbers of pseudolites, none of them among them where that is known, what was reached with each, and whether
-    requirements are met, None where none are asked for."""
+    """Numbers of pseudolites, including none if known, values reached with each, and whether requirements are met.
+
+    The last is None without requirements.
+    """
     none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
     counts, values = result["/pseudolites"].astype(int), result["/front/objective"]
     met = result["/front/met"].astype(bool) if "/front/met" in result else None
@@ -259,8 +262,7 @@ def front_points(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray | N
 
 
 def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
-    """Numbers of pseudolites (n,), the requirements that placements are judged by, and how much of what is allowed each
-    takes (n, r), nan where that is no number."""
+    """Numbers of pseudolites (n,), decided requirements, and utilisation of each (n, r), nan if it is not finite."""
     branch = "/requirements"
     chosen = np.flatnonzero(result[f"{branch}/decided"])
     counts = np.append(0, result["/pseudolites"].astype(int))
@@ -350,7 +352,7 @@ def front(result: Result) -> Figure:
 
 
 def utilisation(result: Result) -> Figure:
-    """How much of what is allowed each requirement takes that placements are judged by, against their number."""
+    """Utilisation of each decided requirement against the number of pseudolites."""
     from navsim.report.figures import legend_above
     from navsim.report.printing import COLUMN, marked, new_figure
 

@@ -90,7 +90,7 @@ class PartStart:
     age: float
     """Time of extrapolation, s."""
     derived: np.ndarray
-    """(3,) s over which positions gave the components of that velocity, 0 where they are measured."""
+    """(3,) interval of the positions from which components of that velocity were computed, s, 0 for measured ones."""
     own: np.ndarray
     """(6,) 1 sigma of the fix from the receiver, nan if missing."""
     effect: np.ndarray

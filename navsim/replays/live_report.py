@@ -1,4 +1,4 @@
-"""A live run: what came over the line, and what the filter made of it."""
+"""Report of a live run: messages received, and the filter's use of them."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def _three_sigma(results: Sequence[Named]) -> Key:
 
 
 def replays(results: Sequence[Named]) -> list[Drawing]:
-    """Of recorded flights: track, innovations, attitude with its uncertainty and the biases, drift in outages."""
+    """Figures of recorded flights: track, innovations, attitude with its sigma and the biases, drift in outages."""
     out = [_track(results), _innovations(results), _attitude(results)]
     if any(np.isfinite(r["/outages/horizontal_error"]).any() for _, r in results):
         out.append(_outages(results))
@@ -84,7 +84,7 @@ def _track(results: Sequence[Named]) -> Drawing:
 
 
 def _shade_lost(panels: Sequence[figure], results: Sequence[Named]) -> list[Key]:
-    """Shade the times at which the output is worthless; what the legend says of it."""
+    """Shade the times at which the output is useless; returns the text of the legend."""
     spans = [(i, span) for i, (_, result) in enumerate(results) for span in report.lost_spans(result)]
     for on in panels:
         for i, (begin, end) in spans:
@@ -194,7 +194,7 @@ def _outages(results: Sequence[Named]) -> Drawing:
 
 
 def lives(results: Sequence[Named]) -> list[Drawing]:
-    """Of flights with a real block in the loop: errors of position with their 3 sigma."""
+    """Figures of flights with a real block in the loop: position errors with their 3 sigma."""
     panels: list[figure] = []
     thinned = []
     for k, axis in enumerate(_NED):

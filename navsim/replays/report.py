@@ -203,7 +203,7 @@ def _attitude(result: Result) -> Figure:
 
 
 def drifts(result: Result) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """For each length of outages, s: their horizontal drifts in order, m, and the share of outages each stands for."""
+    """For each length of outages, s: their horizontal drifts in order, m, and the cumulative fraction of outages."""
     length = np.round(result["/outages/end"] - result["/outages/start"], 6)
     out = []
     for duration in map(float, result["/summary/duration"]):

@@ -87,7 +87,7 @@ class Job(Protocol):
     """Name of the kernels that the work uses, as far as known in advance; jobs with the same kernels have the same
     name."""
     suffix: str
-    """Of the result's name, if this is not the usual work of the file."""
+    """Suffix of the result's name, if this is not the usual work of the file."""
     unit: str
     """Unit of progress; with an extent of 0, progress is text."""
     even: bool

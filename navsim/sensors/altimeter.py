@@ -116,7 +116,7 @@ class RadioAltimeter:
     lever_arm: np.ndarray
     """(3,) IMU to antenna, body axes, m."""
     aim_point: float
-    """Of the runway, as `height`; see `Centreline.of`."""
+    """Aim point of the runway, see `Centreline.of`, also for `height`."""
     height: float
     believed: RadioBeliefs
     """Filter model."""

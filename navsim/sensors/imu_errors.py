@@ -99,7 +99,7 @@ class ImuErrorModel:
     """
 
     misalignment: float = 0.0
-    """Of each cross-axis gain."""
+    """Each cross-axis gain."""
     asymmetry: float = 0.0
     """Error as a fraction of the input's magnitude."""
     nonlinearity: float = 0.0
@@ -124,7 +124,7 @@ class ImuErrorModel:
     """-3 dB frequency, Hz, with `damping`."""
     damping: float = math.sqrt(0.5)
     vibration: Vibration = Vibration()
-    """Of the mounting point, as is `warming`."""
+    """Vibration at the mounting point, where `warming` is, too."""
     warming: Warming = Warming()
     flicker: tuple[tuple[float, float], ...] = ()
     """1 sigma and correlation time, s, of the Gauss-Markov terms of flicker noise except the slowest, which is the

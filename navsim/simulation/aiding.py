@@ -41,7 +41,7 @@ class Sensor:
     numbers: tuple[str, ...]
     """Name of each number that it measures."""
     unit: str
-    """Of the numbers."""
+    """Unit of the numbers."""
     exact: Callable[[Any, Moving, np.ndarray], np.ndarray]
     """Noise-free measurements (m, k) on a flight at times (m,), s; nan where it measures nothing."""
     sigma: Callable[[Any, np.ndarray], np.ndarray]

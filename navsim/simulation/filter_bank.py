@@ -74,7 +74,7 @@ class FilterBank(SeparationWatch):
     scale: np.ndarray
     """(o, f, 3) inverse thresholds of the differences north, east, down."""
     solutions: tuple[FilterSolution, ...]
-    """Of the filter and of the others; they give levels along other axes."""
+    """Solutions of the filter and of the others; they give levels along other axes."""
     aided: np.ndarray
     """(e,) bool, whether the filter has a fix or, tightly coupled, a range."""
     idle: np.ndarray

@@ -114,7 +114,7 @@ class Tilt:
     """Shifts of the inputs of a flight towards the faces of a box."""
 
     slopes: Slopes
-    """Of the K errors that the box bounds."""
+    """Slopes of the K errors that the box bounds."""
     shifts: Slopes
     """Covariance of the inputs times the slopes."""
     mean: np.ndarray

@@ -396,7 +396,7 @@ def prepare(
     start: InitialErrors,
     watching: monitoring.Monitoring | None = None,
 ) -> Flight:
-    """A flight; start: 1 sigma of the initial errors that the filter believes in."""
+    """Create a flight; start: 1 sigma of the initial errors in the filter model."""
     if beliefs.tight and beliefs.lasting is not None and beliefs.lasting.followed:
         step = float(world.imu_time[1] - world.imu_time[0])
         errors = () if world.signals.lasting is None else RangeErrors(world.signals, beliefs.lasting).blocks(step)
@@ -453,8 +453,10 @@ class Inputs:
 
 
 def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = None) -> Inputs:
-    """The inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; lanes that are left over have
-    those of the last one. known: see `Ways.flown`. Raises ValueError for more."""
+    """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.
+
+    known: see `Ways.flown`. Raises ValueError for more.
+    """
     if not 0 < len(runs) <= WIDTH:
         raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
     world, beliefs = flight.world, flight.beliefs

@@ -370,7 +370,7 @@ class AlongTruth(NamedTuple):
     """The filter of a flight, linearised along the truth."""
 
     steps: Steps
-    """Of its events (`filter.linearised`)."""
+    """Steps of its events (`filter.linearised`)."""
     lin: Linearised
     """Likewise."""
     by_range: np.ndarray

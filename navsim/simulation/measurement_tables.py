@@ -1,4 +1,4 @@
-"""Tables of measurements as a filter takes them: fixes, ranges, sensors beside the receiver."""
+"""Tables of measurements for a filter: fixes, ranges, sensors beside the receiver."""
 
 from __future__ import annotations
 
@@ -80,8 +80,10 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
 
 
 def measurements(flight: Flight, own: FixTable | RangeTable, aided: Sequence[np.ndarray]) -> Measurements:
-    """All that the filter is given: fixes or ranges, and what each sensor beside the receiver measured (m, k); of one
-    run, or of lanes."""
+    """All measurements for the filter: fixes or ranges, and those of each sensor beside the receiver (m, k).
+
+    Of one run, or of lanes.
+    """
     of_aids = zip(flight.world.aids, aided, strict=True)
     kind, shape = (FIX, own.llh.shape[2:]) if isinstance(own, FixTable) else (RANGE, own.pseudorange.shape[1:])
     tables = {kind: own, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}}

@@ -51,9 +51,9 @@ EDGE_N = 13
 _AT = 0
 """Receiver, x, y, z."""
 _A = 3
-"""As SAT_A."""
+"""See SAT_A."""
 _B = 9
-"""As SAT_B."""
+"""See SAT_B."""
 _SHARED = 12
 """-1/n, with the pseudolites on it; 0 for a clock without sources."""
 _UP = 13

@@ -115,7 +115,7 @@ class NearPass:
     """A source at the epoch of its closest approach."""
 
     name: str
-    """Of the source."""
+    """Name of the source."""
     distance: float
     """m."""
     sigma: float

@@ -1,4 +1,5 @@
-"""What all runs of a landing share: trajectory, exact IMU increments, signals, true heights, receiver clock noise."""
+"""Inputs that all runs of a landing share: trajectory, exact IMU increments, signals, true heights, receiver clock
+noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outputs of a combination of a sweep, by name: of its geometry, its landing, its watched fixes, its requirements."""
+"""Outputs of a combination of a sweep, by name: of its geometry, its landing, its monitored fixes, its requirements."""
 
 from __future__ import annotations
 

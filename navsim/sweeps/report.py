@@ -290,7 +290,7 @@ _CALLED = {
     "pseudolites count": "pseudolites", "pseudolites s": "distance from the axis",
     "pseudolites l1": "distance before the threshold",
 }  # fmt: skip
-"""Names of keys whose last part says too little."""
+"""Names of keys whose last part is not clear enough."""
 _LETTERS = {"s": "distance right of the axis", "l1": "distance before the threshold", "lat": "latitude",
             "lon": "longitude"}  # fmt: skip
 

@@ -37,7 +37,7 @@ TURBULENCE_LOWEST = 10.0 * FOOT
 _ROUNDING = 1.0 * FOOT
 """Half the stretch, m, over which a corner of a profile is rounded: a nose cannot follow a corner."""
 AIR_DENSITY = 1.225
-"""Of the standard atmosphere at sea level, kg/m3."""
+"""Density of the standard atmosphere at sea level, kg/m3."""
 GRAVITY = 9.80665
 
 
@@ -491,7 +491,7 @@ class Air:
     """Disturbances that move aircraft off the route, and the aircraft's response."""
 
     response: Response
-    """Of the aircraft."""
+    """Response of the aircraft."""
     lateral: Deviation | None = None
     """Flight-technical error across the course."""
     along: Deviation | None = None

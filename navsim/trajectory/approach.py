@@ -97,7 +97,7 @@ class Ending:
     settle: float
     """Time in which the landing gear absorbs it, s."""
     deceleration: float
-    """Of the roll-out, m/s2."""
+    """Deceleration of the roll-out, m/s2."""
     taxi: Taxi | None = None
     """End of the roll-out; None: the speed stays."""
     rise: float = 0.0

@@ -38,7 +38,7 @@ class Buffeting:
     rows: np.ndarray
     """(m, n) output rows of the turbulence, m/s, from the first n states of its `walk`; n is 0 without turbulence."""
     walk: Walk | None
-    """Of the turbulence; None without."""
+    """Random walk of the turbulence; None without."""
     gust: np.ndarray
     """(k,) discrete gusts, m/s."""
     met: np.ndarray

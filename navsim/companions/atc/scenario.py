@@ -128,7 +128,7 @@ class Atc(Section):
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     """Monte Carlo runs of each case"""
     noise: Literal["as-given", "none"] = "as-given"
-    """as-given: as `sigmas` says; none: no noise, no quantisation, no latency; the deterministic run"""
+    """as-given: values of `sigmas`; none: no noise, no quantisation, no latency; the deterministic run"""
     sigmas: Sigmas = Sigmas()
     """1 sigma of the measurements of each scan"""
     link: DataLink = DataLink()

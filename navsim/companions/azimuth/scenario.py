@@ -68,7 +68,7 @@ class Filters(Section):
     singer_sigma_m_s2: PairOf[Sigma] = (1.074264684, 2.504689245)
     """1 sigma of Singer's acceleration of S1 (0.2 g in Singer's formula) and S2 (the turn's own g tan 25 deg)"""
     residual_sigma_m_s2: Sigma = 0.2
-    """1 sigma of the residual acceleration beside reported ones, L1-L4"""
+    """1 sigma of the acceleration that reports do not contain, L1-L4"""
 
 
 class Map(Section):

@@ -1,9 +1,11 @@
-"""The MLS elevation filter: models of the angle's acceleration, and its errors flown many times.
+"""The MLS elevation filter: models of the angle's acceleration, and its errors over many runs.
 
-The acceleration of the angle is exponentially correlated, 1 sigma s and time tau; what the filter makes of it:
+The acceleration of the angle is exponentially correlated, 1 sigma s and time tau. Filter models:
+
     paper   [beta, beta'], the acceleration white, Q = diag(0, q T) with q = 2 s^2 tau: the first power of T alone
     full    the same with all powers, q [T^3/3 T^2/2; T^2/2 T]
     singer  [beta, beta', a], exact
+
 Source: `docs/theory/elevation.md`, sections 2, 3. Degrees throughout.
 """
 

@@ -181,7 +181,7 @@ class Jamming:
     def js(self, received: Received) -> np.ndarray:
         """Jammer to signal power ratio (j, e, s), dB, of jammers, then of pseudolites if they jam.
 
-        -inf if nothing of the jammer is received, nan if nothing of the signal.
+        -inf without power from the jammer, nan without signal.
         """
         parts = [self._of_jammers(received)]
         if self.pseudolites is not None:
