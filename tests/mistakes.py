@@ -102,6 +102,8 @@ MISTAKES = [
         _place(lambda p: p[:, [1, 0, 2]]),
         {"gnss.columns": {"lat_deg": "lon_deg", "lon_deg": "lat_deg"}},
     ),
+    Made("longitude's sign", _place(lambda p: p * [1, -1, 1]), {"gnss.position_axes": "NW"}, needs("turns")),
+    Made("latitude's sign", _place(lambda p: p * [-1, 1, 1]), {"gnss.position_axes": "SE"}, needs("turns")),
     Made(
         "height in feet", _place(lambda p: p / [1.0, 1.0, FEET]), {"gnss.height_unit": "ft"},
         needs("climbs", "vertical"),

@@ -44,6 +44,8 @@ ACCELEROMETER_UNITS = {
 """Each in m/s2."""
 ANGLE_UNITS = {"deg": 1.0, "rad": 180.0 / math.pi, "1e-7 deg": 1e-7}
 """Each in degrees."""
+POSITION_AXES = {"NE": (1.0, 1.0), "NW": (1.0, -1.0), "SE": (-1.0, 1.0), "SW": (-1.0, -1.0)}
+"""Directions in which latitude and longitude increase, and their signs."""
 HEIGHT_UNITS = {"m": 1.0, "ft": 0.3048, "mm": 1e-3}
 """Each in m."""
 SPEED_UNITS = {
@@ -101,6 +103,8 @@ class GnssConvention:
     time_offset: float = 0.0
     """Added to their times, s."""
     angle_unit: str = "deg"
+    position_axes: str = "NE"
+    """Directions in which the columns of latitude and longitude increase."""
     height_unit: str = "m"
     speed_unit: str = "m/s"
     vertical_speed_unit: str | None = None

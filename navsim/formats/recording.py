@@ -116,7 +116,10 @@ def read_fixes(
         table, numbers = _columns(TextTable.of(path, lines), wanted, GNSS_OPTIONAL, dropped, convention.columns)
         table = np.hstack([table[:, :due], table[:, due + len(effects) :], table[:, due : due + len(effects)]])
         table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
-        table[:, 1:3] *= conventions.ANGLE_UNITS[convention.angle_unit]
+        signs = np.array(conventions.POSITION_AXES[convention.position_axes])
+        table[:, 1:3] *= signs * conventions.ANGLE_UNITS[convention.angle_unit]
+        if signs[1] < 0.0:
+            table[table[:, 2] < -180.0, 2] += 360.0  # west longitudes from 0 to 360
         table[:, 3] *= conventions.HEIGHT_UNITS[convention.height_unit]
         axes = conventions.axes_matrix(convention.velocity_axes, conventions.LEVEL_AXES)
         # by columns, since a matrix product would spread an unknown component over all

@@ -180,12 +180,13 @@ def examine(log: Log) -> Diagnosis:
     if apart or any(not mistake.remedies for mistake in found):
         return Diagnosis(found + apart, [*unseen, f"{_OF_SENSORS}: other mistakes come first"])
     more, log = motion(log, unseen)
-    return Diagnosis(found + more, unseen)
+    return Diagnosis(found + _without_mirrors(more, log), unseen)
 
 
 NEVER_JUDGED = (
     "lever arm, scale factors of the sensors, datum of the heights (ellipsoid or mean sea level): no check covers them"
 )
+NOTHING_EXPLAINS = "nothing explains the velocities, not as written either"
 _OF_HEIGHTS = "sign of the vertical velocity, unit of the height"
 _OF_SENSORS = "signs, columns and axes of the sensors, unit of the gyros, clocks"
 
@@ -341,8 +342,10 @@ def ways(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     found: list[Mistake] = []
     if not log.sentences:  # their positions are on Earth, or they are corrupt
         found, log = _angles(log)
-    more, log = _level(log)
-    found += more
+    more, cures = _level(log)
+    if len(cures) > 1 and not overlap(log):
+        more, cures = _decided_by_motion(more, cures)
+    found, log = found + more, cures[0]
     known = bool(np.isfinite(log.fixes.velocity[:, 2]).any())
     way, summed = _moved(log.fixes)
     for what, axes, shortest in (
@@ -358,7 +361,8 @@ def ways(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         # east, north, down is rare, but the vertical velocity does not show it
         axes = more[-1].remedies[0]["gnss.velocity_axes"]
         other = axes[:2] + ("U" if axes[2] == "D" else "D")
-        found[-1] = replace(more[-1], remedies=({"gnss.velocity_axes": axes}, {"gnss.velocity_axes": other}))
+        either = ({"gnss.velocity_axes": axes}, {"gnss.velocity_axes": other})
+        found[-1] = replace(more[-1], remedies=(*either, *more[-1].remedies[1:]))
     if known:
         more, log = _vertical(log, unseen)
         found += more
@@ -412,6 +416,34 @@ def _exchanged(log: Log) -> tuple[Log, dict[str, Any]]:
     return replace(log, fixes=fixes, gnss=replace(log.gnss, columns=columns)), {"gnss.columns": columns}
 
 
+def _with_position_axes(log: Log, axes: str) -> Log:
+    """Fixes whose latitude and longitude increase along `axes`."""
+    now, due = (np.array(conventions.POSITION_AXES[each]) for each in (log.gnss.position_axes, axes))
+    llh = log.fixes.llh * [*(now * due), 1.0]
+    return replace(log, fixes=replace(log.fixes, llh=llh), gnss=replace(log.gnss, position_axes=axes))
+
+
+def _position_readings(log: Log) -> list[tuple[Log, Mapping[str, Any], str, np.ndarray]]:
+    """Other interpretations of the columns of latitude and longitude: the log, keys, what seems to be the case, and the
+    scale (3,) of the motion."""
+    same = np.ones(3)
+    exchanged, columns = _exchanged(log)
+    out: list[tuple[Log, Mapping[str, Any], str, np.ndarray]] = [
+        (exchanged, columns, "latitude and longitude seem to be exchanged", same)
+    ]
+    for axes, signs in conventions.POSITION_AXES.items():
+        if axes != log.gnss.position_axes:
+            changed = np.array(signs) != conventions.POSITION_AXES[log.gnss.position_axes]
+            names = " and ".join(np.array(["latitude", "longitude"])[changed])
+            seems = f"{names} {'seem' if changed.all() else 'seems'} to have the other sign"
+            out.append((_with_position_axes(log, axes), {"gnss.position_axes": axes}, seems, same))
+    for unit, factor in _relative(conventions.ANGLE_UNITS, log.gnss.angle_unit).items():
+        scale = np.array([factor, factor, 1.0])
+        seems = f"latitude and longitude seem to be in {unit}"
+        out.append((_with_angles(log, unit, factor), {"gnss.angle_unit": unit}, seems, scale))
+    return [entry for entry in out if np.degrees(np.abs(entry[0].fixes.llh[:, 0])).max() <= 90.0]
+
+
 def _moved(fixes: Fixes) -> tuple[np.ndarray, np.ndarray]:
     """Position changes and integrated velocity (w, 3), NED m, over pieces of `WINDOW` seconds without holes.
 
@@ -457,28 +489,23 @@ _LEVEL = [m for m in (axes_matrix(name, LEVEL_AXES) for name in conventions.all_
 """The eight ways to assign two columns to north and east, the third down."""
 
 
-def _level(log: Log) -> tuple[list[Mistake], Log]:
+def _level(log: Log) -> tuple[list[Mistake], list[Log]]:
+    """Mistake in the horizontal positions or velocities, and the log corrected by each of its remedies."""
     way, summed = _moved(log.fixes)
     as_written, count, certain = _relative_residual(way[:, :2], summed[:, :2], SHORTEST_WAYS)
     if np.isnan(as_written):
-        return [], log
+        return [], [log]
     if as_written <= MISFITS:
-        return _speed(log, way[:, :2], summed[:, :2])
+        found, log = _speed(log, way[:, :2], summed[:, :2])
+        return found, [log]
     written = "kn" if log.sentences else log.gnss.speed_unit
     speeds = {written: 1.0, **_relative(conventions.SPEED_UNITS, written)}
     options: list[tuple[int, float, Log, dict[str, Any], str]] = []
-    places: list[tuple[int, Log, dict[str, Any], str]] = [(0, log, {}, "")]
+    places: list[tuple[int, Log, Mapping[str, Any], str]] = [(0, log, {}, "")]
     if not log.sentences:
-        exchanged, columns = _exchanged(log)
-        places.append((1, exchanged, columns, "latitude and longitude seem to be exchanged"))
-        for unit, factor in _relative(conventions.ANGLE_UNITS, log.gnss.angle_unit).items():
-            if np.degrees(np.abs(log.fixes.llh[:, 0] * factor)).max() <= 90.0:
-                other = _with_angles(log, unit, factor)
-                places.append((1, other, {"gnss.angle_unit": unit}, f"latitude and longitude seem to be in {unit}"))
+        places += [(1, placed, remedy, seems) for placed, remedy, seems, _ in _position_readings(log)]
     axes_now = axes_matrix(log.gnss.velocity_axes, LEVEL_AXES)
     for changes, placed, remedy, seems in places:
-        if np.degrees(np.abs(placed.fixes.llh[:, 0])).max() > 90.0:
-            continue
         moved, added = _moved(placed.fixes)
         for matrix, (unit, factor) in itertools.product([np.eye(3)] if log.sentences else _LEVEL, speeds.items()):
             turned = not np.array_equal(matrix, np.eye(3))
@@ -510,10 +537,33 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
     )
     chosen = _simplest([(changes, residual) for changes, residual, *_ in options], as_written)
     if not chosen:
-        return [Mistake(evidence, "position and velocity contradict each other", (), "gnss")][: int(certain)], log
+        return [Mistake(evidence, "position and velocity contradict each other", (), "gnss")][: int(certain)], [log]
     told = " or ".join(options[i][4] for i in chosen)
     remedies = () if log.sentences else tuple(options[i][3] for i in chosen)
-    return [Mistake(evidence, told, remedies, "gnss")], options[chosen[0]][2]
+    return [Mistake(evidence, told, remedies, "gnss")], [options[i][2] for i in chosen]
+
+
+def _decided_by_motion(found: list[Mistake], cures: list[Log]) -> tuple[list[Mistake], list[Log]]:
+    """Of equally good remedies those after which the sensors need the fewest corrections.
+
+    Negating the longitude and mirroring the velocity explain the same contradiction. Only one of them leaves a
+    trajectory that turns as the gyros do.
+    """
+    (mistake,) = found
+    corrections = []
+    for log in cures:
+        unseen: list[str] = []
+        more, _ = motion(_vertical(log, [])[1], unseen)
+        unexplained = any(NOTHING_EXPLAINS in each for each in unseen)
+        corrections.append(np.inf if unexplained else max((len(m.remedies[0]) for m in more if m.remedies), default=0))
+    kept = [i for i, count in enumerate(corrections) if count == min(corrections)]
+    if len(kept) == len(cures) or not mistake.remedies:
+        return found, [cures[i] for i in kept]
+    seems = mistake.seems.split(" or ")
+    decided = replace(
+        mistake, seems=" or ".join(seems[i] for i in kept), remedies=tuple(mistake.remedies[i] for i in kept)
+    )
+    return [decided], [cures[i] for i in kept]
 
 
 def _speed(log: Log, way: np.ndarray, summed: np.ndarray) -> tuple[list[Mistake], Log]:
@@ -659,6 +709,71 @@ def _vertical(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     return [
         Mistake(evidence, " or ".join(options[i][4] for i in chosen), tuple(options[i][3] for i in chosen))
     ], options[chosen[0]][2]
+
+
+# --- mirrored trajectories
+
+
+def _without_mirrors(found: list[Mistake], log: Log) -> list[Mistake]:
+    """Replace axes that together make a mirrored trajectory consistent by the wrong sign that mirrors it.
+
+    A negated longitude mirrors positions. Left-handed axes of velocities and accelerometers, with gyros of the other
+    sense, mirror all else: the two worlds cannot be told apart. navsim takes the one with fewer departures from the
+    usual axes. found: mistakes of the sensors; log: as written and corrected before these.
+    """
+    remedy = dict(found[0].remedies[0]) if found and found[0].remedies else {}
+    axes = remedy.pop("imu.axes", None)
+    gyro = remedy.pop("imu.gyro_axes", axes or log.imu.gyro_axes)
+    accelerometer = remedy.pop("imu.accelerometer_axes", axes or log.imu.accelerometer_axes)
+    if log.sentences or not np.isfinite(log.fixes.velocity[:, :2]).any():
+        return found
+    written = (log.gnss.position_axes, log.gnss.velocity_axes, gyro, accelerometer)
+    mirrored = [each for axis in (0, 1) if _departures(*(each := _mirrored(axis, written))) < _departures(*written)]
+    if not mirrored:
+        return found
+    least = min(_departures(*each) for each in mirrored)
+    keys = ("gnss.position_axes", "gnss.velocity_axes", "imu.gyro_axes", "imu.accelerometer_axes")
+    now = (log.gnss.position_axes, log.gnss.velocity_axes, log.imu.gyro_axes, log.imu.accelerometer_axes)
+    chosen = [each for each in mirrored if _departures(*each) == least]
+    seems = [
+        f"{name} seems to have the other sign"
+        for name, axis in (("latitude", 0), ("longitude", 1))
+        if any(each[0][axis] != written[0][axis] for each in chosen)
+    ]
+    remedies = tuple(
+        {key: value for key, value, before in zip(keys, each, now, strict=True) if value != before} | remedy
+        for each in chosen
+    )
+    evidence = (
+        f"velocity_axes {written[1]} needs gyro_axes {gyro} and accelerometer_axes {accelerometer}: together they "
+        "mirror the world"
+    )
+    return [Mistake(evidence, " or ".join(seems), remedies, "gnss")]
+
+
+_Axes = tuple[str, str, str, str]
+"""Axes of positions, velocities, gyros and accelerometers."""
+
+
+def _mirrored(axis: int, written: _Axes) -> _Axes:
+    """The same recording with north (axis 0) or east (1) reversed: only the fixes' positions differ. The body is
+    mirrored left to right, which keeps forward and down; a mirror reverses the sense of rotations."""
+    position, velocity, gyro, accelerometer = written
+    level, body = np.eye(3), np.diag([1.0, -1.0, 1.0])
+    level[axis, axis] = -1.0
+    signs = np.array(conventions.POSITION_AXES[position]) * np.diag(level)[:2]
+    return (
+        next(name for name, each in conventions.POSITION_AXES.items() if np.array_equal(each, signs)),
+        axes_letters(level @ axes_matrix(velocity, LEVEL_AXES), LEVEL_AXES),
+        axes_letters(-body @ axes_matrix(gyro, BODY_AXES), BODY_AXES),
+        axes_letters(body @ axes_matrix(accelerometer, BODY_AXES), BODY_AXES),
+    )
+
+
+def _departures(position: str, velocity: str, gyro: str, accelerometer: str) -> int:
+    """Number of declarations that differ from the usual axes; one mounting of both triads counts once."""
+    sensors = int(gyro != "FRD") if gyro == accelerometer else (gyro != "FRD") + (accelerometer != "FRD")
+    return (position != "NE") + (velocity != "NED") + sensors
 
 
 # --- specific force against velocities
@@ -914,12 +1029,7 @@ def _readings(log: Log) -> list[_Interpretation]:
     logs: list[tuple[Log, Mapping[str, Any], str, np.ndarray]] = [(log, {}, "", same)]
     known = np.isfinite(log.fixes.velocity)
     if not known[:, :2].all() and not log.sentences:
-        for unit, factor in _relative(conventions.ANGLE_UNITS, log.gnss.angle_unit).items():
-            said = f"latitude and longitude seem to be in {unit}"
-            scale = np.array([factor, factor, 1.0])
-            logs.append((_with_angles(log, unit, factor), {"gnss.angle_unit": unit}, said, scale))
-        exchanged, remedy = _exchanged(log)
-        logs.append((exchanged, remedy, "latitude and longitude seem to be exchanged", same))
+        logs += _position_readings(log)
     if not known[:, 2].all():
         for unit, factor in _relative(conventions.HEIGHT_UNITS, log.gnss.height_unit).items():
             scale = np.array([1.0, 1.0, factor])
@@ -1130,7 +1240,8 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     fits = judge.fits(plain, clocks, none)
     home = fits[0]
     starts = [at] if abs(at - usual) < 0.25 else [at, usual]
-    fits += judge.fits(plain, [_Hypothesis(offset=at, reading=r) for r in range(1, len(readings))], none)
+    others_read = itertools.product(starts, range(1, len(readings)))
+    fits += judge.fits(plain, [_Hypothesis(offset=start, reading=reading) for start, reading in others_read], none)
     factors = [1.0, *_relative(conventions.GYRO_UNITS, log.imu.gyro_unit).values()]
     rough = []
     for factor, offset in itertools.product((sign * value for value in factors for sign in (1.0, -1.0)), starts):
@@ -1160,7 +1271,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     due = judge.targets[0].gained[judge.windows]
     signal = float(np.mean(np.var(due, axis=1)))
     if 0 not in in_question and best > max(0.25 * signal, 2.0 * VELOCITY_SIGMA**2):
-        unseen.append(f"{_OF_SENSORS}: nothing explains the velocities, not as written either")
+        unseen.append(f"{_OF_SENSORS}: {NOTHING_EXPLAINS}")
         return [], log
     options = [e for i in in_question for e in _explained(log, readings, fits[i], float(levels[i]), tolerated)]
     if not options:
@@ -1193,7 +1304,8 @@ _OF_TIMES = {"gnss.time_offset_s", "gnss.latency_s"}
 
 def _without_seem(words: str) -> str:
     """The statement of a mistake as a noun phrase."""
-    for seem, is_so in ((" seem to have ", " with "), (" seem to be ", " "), (" seem to ", " "), (" seems ", " ")):
+    has = ((" seem to have ", " with "), (" seems to have ", " with "))
+    for seem, is_so in (*has, (" seem to be ", " "), (" seem to ", " "), (" seems ", " ")):
         words = words.replace(seem, is_so)
     return words
 

@@ -198,6 +198,9 @@ class Gnss(Section):
     """added to the times of the fixes: GPS time less UTC is 18 s since 2017"""
     angle_unit: _unit(conventions.ANGLE_UNITS) = "deg"  # type: ignore[valid-type]
     """unit of the columns of latitude and longitude"""
+    position_axes: Literal["NE", "NW", "SE", "SW"] = "NE"
+    """directions in which the columns of latitude and longitude increase: N or S, E or W. NW: west longitudes are
+    positive; SW: hemisphere letters S and W were lost"""
     height_unit: _unit(conventions.HEIGHT_UNITS) = "m"  # type: ignore[valid-type]
     """unit of the column of height"""
     speed_unit: _unit(conventions.SPEED_UNITS) = "m/s"  # type: ignore[valid-type]
@@ -264,6 +267,7 @@ class Gnss(Section):
             time_unit=self.time_unit,
             time_offset=self.time_offset_s,
             angle_unit=self.angle_unit,
+            position_axes=self.position_axes,
             height_unit=self.height_unit,
             speed_unit=self.speed_unit,
             vertical_speed_unit=self.vertical_speed_unit,

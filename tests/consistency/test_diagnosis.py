@@ -328,6 +328,92 @@ def test_no_fix_of_a_sound_recording_is_wild() -> None:
     np.testing.assert_array_equal(plausible(moved), (moved.velocity == fixes.velocity).all(axis=1))
 
 
+MIRROR_EAST = np.array([1.0, -1.0, 1.0])
+
+
+@pytest.mark.parametrize("axes", ["NWD", "SED"])
+def test_gyros_tell_mirrored_velocities_from_a_wrong_sign_of_the_position(axes: str) -> None:
+    """The velocities contradict the positions alike in both; the sensors agree with one of the two."""
+    samples, fixes = aircraft()
+    mirror = np.diag(conventions.axes_matrix(axes, conventions.LEVEL_AXES))
+    (found,) = diagnose(Log(samples, replace(fixes, velocity=fixes.velocity * mirror)))
+    assert found.remedies == ({"gnss.velocity_axes": axes},)
+    (found,) = diagnose(Log(samples, replace(fixes, llh=fixes.llh * mirror)))
+    assert found.remedies == ({"gnss.position_axes": axes[:2]},)
+
+
+def test_two_wrong_signs_of_the_position_are_a_half_turn() -> None:
+    samples, fixes = aircraft()
+    (found,) = diagnose(Log(samples, replace(fixes, llh=fixes.llh * [-1.0, -1.0, 1.0])))
+    assert found.remedies == ({"gnss.velocity_axes": "SWD"}, {"gnss.position_axes": "SW"})
+
+
+def test_without_velocities_either_sign_mirrors_the_positions() -> None:
+    samples, fixes = aircraft()
+    fixes = replace(fixes, llh=fixes.llh * MIRROR_EAST, velocity=np.full_like(fixes.velocity, np.nan))
+    (found,) = diagnose(Log(samples, fixes))
+    assert sorted(each["gnss.position_axes"] for each in found.remedies) == ["NW", "SE"]
+
+
+def test_at_the_equator_exchanged_angles_are_told_from_exchanged_velocities() -> None:
+    samples, fixes = aircraft()
+    lat, lon, height = fixes.llh.T
+    stretched = (lon - lon[0]) * np.cos(lat[0])
+    at_equator = np.column_stack([lat - lat[0], stretched, height])
+    exchanged = replace(fixes, llh=at_equator[:, [1, 0, 2]])
+    (found,) = diagnose(Log(samples, exchanged))
+    assert found.remedies == ({"gnss.columns": {"lat_deg": "lon_deg", "lon_deg": "lat_deg"}},)
+    (found,) = diagnose(Log(samples, replace(fixes, llh=at_equator, velocity=fixes.velocity[:, [1, 0, 2]])))
+    assert found.remedies == ({"gnss.velocity_axes": "END"},)
+
+
+@pytest.mark.parametrize("mounted", ["FRD", "FLU"])
+@pytest.mark.parametrize("sensors", [False, True])
+def test_axes_that_mirror_the_world_together_are_a_wrong_sign(mounted: str, sensors: bool) -> None:
+    """Left-handed axes of velocities and accelerometers with gyros of the other sense make everything agree."""
+    samples, fixes = aircraft()
+    fixes = replace(fixes, llh=fixes.llh * MIRROR_EAST, velocity=fixes.velocity * MIRROR_EAST)
+    gnss = GnssConvention(velocity_axes="NWD")
+    written = conventions.axes_matrix(mounted, BODY_AXES)
+    imu = ImuConvention(gyro_axes=mounted, accelerometer_axes=mounted)
+    if sensors:
+        mirror = np.diag(MIRROR_EAST)
+        samples = Samples(samples.time, -samples.rate * MIRROR_EAST, samples.force * MIRROR_EAST)
+        gyro, force = (conventions.axes_letters(m @ written, BODY_AXES) for m in (-mirror, mirror))
+        imu = ImuConvention(gyro_axes=gyro, accelerometer_axes=force)
+    (found,) = diagnose(Log(samples, fixes, imu, gnss))
+    (remedy,) = found.remedies
+    assert remedy["gnss.position_axes"] == "NW"
+    assert remedy["gnss.velocity_axes"] == "NED"
+    assert remedy.get("imu.gyro_axes", mounted) == mounted
+    assert remedy.get("imu.accelerometer_axes", mounted) == mounted
+    assert "mirror the world" in str(found)
+
+
+def test_left_handed_axes_of_one_instrument_are_no_mirror() -> None:
+    """Accelerometers that give gravity, beside velocities north, east, up: each is usual."""
+    samples, fixes = aircraft()
+    imu = ImuConvention(accelerometer_axes="BLU")
+    assert diagnose(Log(samples, fixes, imu, GnssConvention(velocity_axes="NEU"))) == []
+    imu = ImuConvention(gyro_axes="BRU", accelerometer_axes="FLD")
+    assert diagnose(Log(samples, fixes, imu)) == []
+
+
+def test_west_longitudes_from_0_to_360(tmp_path: Path) -> None:
+    samples, fixes = aircraft()
+    table(tmp_path, samples, fixes)
+    read, _ = read_fixes(tmp_path / "gnss.csv")
+    rows = (tmp_path / "gnss.csv").read_text().splitlines()
+    at = rows[0].split(",").index("lon_deg")
+    for row, line in enumerate(rows[1:], 1):
+        cells = line.split(",")
+        cells[at] = repr((-float(cells[at])) % 360.0)
+        rows[row] = ",".join(cells)
+    (tmp_path / "gnss.csv").write_text("\n".join(rows) + "\n")
+    again, _ = read_fixes(tmp_path / "gnss.csv", convention=GnssConvention(position_axes="NW"))
+    np.testing.assert_allclose(again.llh, read.llh, rtol=1e-12)
+
+
 # --- what is declared
 
 
