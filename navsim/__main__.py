@@ -39,7 +39,7 @@ def main() -> None:
             app()
     finally:
         deafen()
-        gc.freeze()  # all that is left goes with the process: no last search through it
+        gc.freeze()  # everything left is freed with the process, without a last garbage collection
 
 
 if __name__ == "__main__":

@@ -80,13 +80,13 @@ class _Standing:
 
     def __call__(self, finished: int, words: str) -> None:
         now = self._clock()
-        if self._first is None:  # what is left is told by what comes after it: it may be an earlier attempt's
+        if self._first is None:  # the estimate uses later progress: this may be an earlier attempt's
             self._first = finished, now
         if now - self._said < SAY_EVERY_S:
             return
         self._said = now
         used, done = now - self._begun, finished - self._first[0]
-        going_on = done > 0 and finished < self._extent  # what comes after all pieces has no estimate
+        going_on = done > 0 and finished < self._extent  # work after all pieces has no estimate
         left = (now - self._first[1]) * (self._extent - finished) / done if going_on else None
         if self._spoken:
             print_message(self._line(finished, words, used, left) if self._extent else words, logged=False)

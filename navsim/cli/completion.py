@@ -122,7 +122,7 @@ def print_completions(shell: str, words: Sequence[str]) -> NoReturn:
         if value not in (FILES, FOLDERS):
             if not value.startswith(typed):
                 continue
-            if shell == "bash":  # it replaces only what follows the last sign at which it breaks words
+            if shell == "bash":  # bash replaces only the text after the last word break
                 value = value[_broken(typed, os.environ.get("COMP_WORDBREAKS", "=:")) :]
                 value = value if "=" in value[-1:] or _SAFE.fullmatch(value) else shlex.quote(value)
         sys.stdout.write(f"{value}\t{found.meaning}\n")

@@ -51,7 +51,7 @@ _held: list[ExitStack] = []
 def print_message(message: str, logged: bool = True) -> None:
     """Print a message to standard error, and to the log if it is not logged otherwise; standard output is for results
     alone."""
-    with suppress(OSError):  # where nobody can be told, the work goes on
+    with suppress(OSError):  # if nobody can be told, work continues
         print(message, file=sys.stderr)
     if logged and log.is_open():
         log.note_message(message)
@@ -228,7 +228,7 @@ def _end(number: int, _: FrameType | None) -> None:
     if number == signal.SIGHUP:
         hung_up()
     if len(_came) > 1:
-        print_message("ended at once", logged=False)  # whatever the log waits for
+        print_message("ended at once", logged=False)  # even if the log blocks
         os._exit(128 + number)
     waiting = threading.Timer(PATIENCE, _still_here, [number])
     waiting.daemon = True
@@ -238,7 +238,7 @@ def _end(number: int, _: FrameType | None) -> None:
 
 def _still_here(number: int) -> None:
     """Message that a command is still running some time after a signal."""
-    if not _held:  # it has: the interpreter goes on in somebody else's hands
+    if not _held:  # the signal has arrived: the interpreter continues in another thread
         return
     if _compiling_soon():
         print_message(f"{WORDS[number]} while kernels were compiled", logged=False)
@@ -276,7 +276,7 @@ def hung_up() -> None:
 
 
 def _silence(stream: Any) -> None:
-    with suppress(OSError, ValueError):  # a stream without a descriptor, as under a test, stays as it is
+    with suppress(OSError, ValueError):  # a stream without a descriptor, as under a test, is not changed
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 

@@ -71,7 +71,7 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
         code, text = 0, ""
         _files.append(file)
         try:
-            if not whole:  # what was written last was cut off
+            if not whole:  # the last line was cut off
                 file.write("\n")
             note("start", command=command, version=navsim.__version__, process=os.getpid(), folder=os.getcwd())
             yield

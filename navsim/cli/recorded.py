@@ -133,7 +133,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     with leaving():
         target = target_of(given.output, f"{scenario.stem}_live")
         check_target(target, sort, care.force)
-        # what is no result does not take the place of one, nor of anything else
+        # a non-result does not replace a result, nor anything else
         failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
         check_target(failed, sort, care.force)
     from navsim.compiler import jit

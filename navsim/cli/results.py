@@ -135,7 +135,7 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
         leave(BAD_INPUT, error if named else f"{', '.join(map(str, files))}: {error}")
     except (typer.Exit, OSError, UnicodeEncodeError):
         raise  # left already, or the terminal's
-    except Exception as error:  # the file's content alone decides what happens here, and it may be anybody's
+    except Exception as error:  # only the file's content decides, since anybody may have written it
         of_others = []
         for result, file in zip(results, files, strict=True):
             if (version := _layout(result)) != SCHEMA_VERSION:

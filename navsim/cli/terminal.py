@@ -62,7 +62,7 @@ def run_job(name: object, job: Job, target: Path, wanted: TerminalRequest) -> Re
 
     @contextmanager
     def shown(extent: int, unit: str) -> Iterator[Progress]:
-        gc.freeze()  # what is loaded stays
+        gc.freeze()  # loaded modules stay loaded
         gc.set_threshold(_OBJECTS)
         with progress(extent, unit, not care.quiet) as tell:
             yield tell

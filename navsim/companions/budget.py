@@ -55,7 +55,7 @@ def atc_tracking(scenario: Atc, runs: int | None = None) -> Budget:
     numbers = sum(atc.states_of(name) for name in atc.FILTERS)
     periods = [scenario.period_s, *(case.period_s for case in scenario.further_cases)]
     scans = [scenario.circuit.scans(period) for period in periods]
-    # the first case is stored whole, the further ones in single precision
+    # the first case is stored in double precision, the others in single precision
     errors = [count * numbers * k * (NUMBER if i == 0 else NUMBER // 2) for i, k in enumerate(scans)]
     deviations = NUMBER * sum(k * (numbers + 2) for k in scans)
     result = sum(errors) + deviations + NUMBER * count + 18_000 + (22 + 11.5 * len(scans)) * VARIABLE

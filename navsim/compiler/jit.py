@@ -212,7 +212,7 @@ def _compiled(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:
     options = {"nopython": True, "nogil": True, "error_model": "numpy", "forceinline": inline, "boundscheck": None}
     dispatcher: Any = Kernel(function, targetoptions=options, pipeline_class=KernelCompiler)
     if _FOLDERS is not None:
-        # what numba's `cache=True` does, with a cache of our own
+        # as numba's `cache=True`, with our own cache
         parts = partial(_by_parts, _FOLDERS.parts, function)
         dispatcher._cache = CacheAtFirstCall(function, _FOLDERS.version, parts)
     return dispatcher

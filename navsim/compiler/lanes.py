@@ -312,7 +312,7 @@ def power_of_two(typing: Any, exponent: Any) -> Any:
 
 def array_type(width: int, dimensions: int) -> Any:
     """numba type of an array of lanes."""
-    # what numpy gives is aligned to a number, not to a register
+    # numpy aligns arrays to a number, not to a register
     return types.Array(Lanes(width), dimensions, types.float64[::1].layout, aligned=False)
 
 

@@ -44,7 +44,7 @@ def cholesky(a, n):
     precision. It is replaced by 1, so that later results stay finite.
     """
     good = a[0, 0] > 0.0
-    # by columns: what is below a pivot waits for nothing but it
+    # by columns: elements below a pivot depend only on it
     for j in range(n):
         floor = 1e-14 * a[j, j]
         t = a[j, j]

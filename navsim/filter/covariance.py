@@ -108,7 +108,7 @@ def _carried(phi, coupled, p, half, out):
     them. Zero couplings (`transition`) are skipped.
     """
     whole = p.shape[1]
-    # a letter for the row, one for what it is coupled to
+    # a letter for the row, one for its coupling
     nr, nv, na, ng, nf = _couplings(phi, R_N)
     er, ev, ea, eg, ef = _couplings(phi, R_E)
     for j in range(R_E + 1 if half else whole):
@@ -144,7 +144,7 @@ def _carried(phi, coupled, p, half, out):
         n, e, d = fma(nv[1], v[1], n), fma(ev[0], v[0], e), fma(dv[1], v[1], d)
         n, e, d = _add(na, a, n), _add(ea, a, e), _add(da, a, d)
         out[j, A_N], out[j, A_E], out[j, A_D] = _add(ng, g, n), _add(eg, g, e), _add(dg, g, d)
-    # blocks of sensor states beside the biases act on position, on velocity, on attitude, or do not
+    # blocks of sensor states after the biases may act on position, velocity and attitude
     for c in range(N, coupled, 3):
         for i in range(0, SENSORS, 3):
             n, e, d = _block_row(phi, i, c), _block_row(phi, i + 1, c), _block_row(phi, i + 2, c)
@@ -196,7 +196,7 @@ def carry_covariance(p, phi, coupled, a):
     for i in range(SENSORS):
         for j in range(i):
             p[i, j] = p[j, i]
-    # sensor states among each other stay as they are
+    # covariances between sensor states do not change
     for j in range(SENSORS, n):
         for i in range(SENSORS):
             p[j, i] = a[j, i]

@@ -212,7 +212,7 @@ def estimate(imu: ImuData, measurements: Measurements, events: Events, state: St
     """
     history = empty_history(_outputs(events), events.time.size, model.states)
     if is_smoother(model.kind):
-        # a smoother keeps its whole flight: eight times the memory for one answer would be too much
+        # a smoother stores its whole flight: eight times the memory for one output would be too much
         _check_smoother(events)
         smoother.run(imu, measurements, events, state, model, smoother.PASSES[model.kind], history)
         return _counted(history)

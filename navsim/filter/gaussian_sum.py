@@ -298,7 +298,7 @@ def moments(mixture, nav, p, flat, space, bench):
     for j in range(count):
         there = several & (weight[j] > 0.0)
         _apart(mixture.navigation[j], nav, flat, space.straight, error, x)
-        # the reset that leads from the mean to the component, backwards; of what is as it is there is none
+        # inverse of the reset from the mean to the component; states with plain errors have none
         copy(nav, other)
         tfg.feed_back(other, x, space)
         for block in range(ATT // 3 if flat else 0):
@@ -437,7 +437,7 @@ def arrange(mixture, turn, widest, space, bench):
     weight = mixture.weight
     most = weight.shape[0]
     turning = turn > 0.0
-    # what is in the tails is right or wrong with the probability of its weight: a turn finds room for them
+    # the tails are right or wrong with the probability of their weight: splits for a turn may replace them
     slight = _SLIGHT * _TURN / select(turn > _TURN, turn, _TURN)
     places = select(turn > _QUICK, 1.0 * most, 1.0 * max(_FEWEST, int(_CALM * most)))
     for _ in range(4 * most):
@@ -452,7 +452,7 @@ def arrange(mixture, turn, widest, space, bench):
             first = (width > 1.0) & (weight[j] > slight) & (need > needs)
             needs, size = select(first, need, needs), select(first, weight[j], size)
             which = select(first, 1.0 * j, which)
-        # the two that differ least in heading, as much as they weigh: of all, and of those that as one are narrow
+        # the pair with the smallest heading difference, by weight: of all, and of those that are narrow when merged
         least, one, two = 0.0 * turn + math.inf, 0.0 * turn, 0.0 * turn
         narrow, first_narrow, second_narrow = 0.0 * turn + math.inf, 0.0 * turn, 0.0 * turn
         for i in range(count):
@@ -662,7 +662,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
                     continue
                 nav, p, increments = now.navigation[j], now.covariance[j], now.increments[j]
                 if what == RANGE:
-                    # what another component said of it lies in the gauge
+                    # correction from another component is in the gauge
                     foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, gauge)
                     gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
                     errors_from(ks[j], zs[j], m, gauge.x)

@@ -67,7 +67,7 @@ LONGEST = 0.2
 _STEEPENING = 2.0 * SOMIGLIANA + E2
 """d(ln gravity)/d(latitude) = this times sin(lat) cos(lat), to 1 %: the effect itself is 1e-8 of a step."""
 
-# what a mechanisation sums over the steps of an interval, one flat array (`total`)
+# sums of a mechanisation over the steps of an interval, one flat array (`total`)
 _VELOCITY, _FORCE, _FORCE_TWICE, _COLUMNS = 0, 3, 6, 9
 """Offsets: the integral of velocity NED, m (3); of specific force NED, m/s (3); the integral of the latter, m (3); then
 a row for each sensor state. Its integrand is the column of C through which the state acts, times the signal that it
@@ -147,7 +147,7 @@ def add_step(total, left, mid, dt, increments, declared):
         triad, axis, signal = declared[c].triad, declared[c].axis, declared[c].signal
         if triad > ACCELEROMETERS:
             continue  # an error of measurements, whose `axis` is no axis of the body
-        # what the state multiplies, over the step
+        # input of the state, over the step
         weight = left[c] * (dt - 0.5 * dt * dt * declared[c].decay)
         x, y, z = weight * mid[axis], weight * mid[3 + axis], weight * mid[6 + axis]
         if signal != CONSTANT:

@@ -207,7 +207,7 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
     set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
     before = 0
     for i in range(events.time.shape[0]):
-        # what is answered ahead of late fixes is a copy's, which starts from the filter as it is now
+        # outputs ahead of late fixes are those of a copy, which starts from the present filter
         ahead = 1 if events.ahead[i] else 0
         if ahead > before:
             copy(navs[0], navs[1])
@@ -233,7 +233,7 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
                 for a in range(MOST):
                     out.have[w, a] = 0.0
                 continue
-            # what the filter expects of its innovation: H P H' + R
+            # innovation covariance of the filter: H P H' + R
             for a in range(m):
                 out.z[w, a] = z[a]
                 copy(h[a], out.h[w, a])

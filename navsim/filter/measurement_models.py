@@ -457,7 +457,7 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
         measured, variance = registers(pressures.height), registers(pressures.variance)
         there = no(math.isnan(measured[row]))
         have[0] = select(there, 1.0, 0.0)
-        # late by the lag, it reads what the height was then: more on the way down [3]
+        # late by the lag, it reads the earlier height: higher during the descent [3]
         z[0] = measured[row] - (nav[NAV_LLH + 2] + pressures.lag * nav[NAV_VEL + 2])
         h[0, R_D], h[0, V_D] = -1.0, pressures.lag
         for c in range(declared.shape[0]):

@@ -208,7 +208,7 @@ def move_estimate(chart, there, rows, measurements, declared, nav, p, increments
             copy(nav, epoch.nav)
             copy_matrix(p, epoch.again)
             copy_matrix(p, epoch.p)
-            # what the prior says from here
+            # innovation of the prior from here
             between(gauge.nav, nav, epoch.y)
             own_error(chart, nav, epoch.y, x)
             _weigh_all(

@@ -187,7 +187,7 @@ class History(NamedTuple):
     def sigma(self) -> np.ndarray:
         """1 sigma of the errors (o, n); nan where a variance is negative."""
         o, n, _, *lanes = self.covariance.shape
-        with np.errstate(invalid="ignore"):  # what is no covariance is found and said (`runner.findings`)
+        with np.errstate(invalid="ignore"):  # `runner.findings` detects and reports an invalid covariance
             return np.sqrt(self.covariance.reshape(o, n * n, *lanes)[:, :: n + 1])
 
 

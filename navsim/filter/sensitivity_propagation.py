@@ -341,7 +341,7 @@ def carry_differences(route, gains, innovation, fix, apart, scale, x, farthest):
                 for q in range(3):
                     size = scale[row, f, q] * one[q]
                     size = select(size < 0.0, -size, size)
-                    # what is no number stays
+                    # nan stays nan
                     largest = select((size <= largest) | (largest != largest), largest, size)
             if w >= 0:
                 for a in range(MOST):
@@ -409,7 +409,7 @@ def carry_excess(route, gains, cross, x, excess):
             copy_matrix(x[0], x[1])
         before = ahead
         one, at, w, row = x[ahead], route.interval[i], route.weighed[i], route.output[i]
-        # from the left by what happens to the first filter, then from the right by what happens to the other
+        # from the left by the update of the first filter, then from the right by that of the other
         for side in range(2) if at >= 0 else range(0):
             for j in range(size):
                 _line(one, side, j, column)

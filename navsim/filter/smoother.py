@@ -135,7 +135,7 @@ def _nodes(begin, events):
     n = 1
     for i in range(count):
         if events.kind[i] == OUTPUT:
-            # two outputs nearer than what is one time are two nodes: each has its row
+            # two outputs closer than the time tolerance are two nodes: each has its row
             if output[n - 1] >= 0 or events.time[i] - time[n - 1] > TIME_TOLERANCE:
                 time[n] = events.time[i]
                 n += 1
@@ -214,7 +214,7 @@ def run(imu, measurements, events, state, model, passes, history):
             _predict(transition, added, filtered[node - 1], carried[node], predicted[node])
             if first:
                 copy(here, nodes[node])
-            # the trajectory jumps where the pass before has moved its nodes: the jump carries the mean on
+            # the trajectory jumps where the pass before has moved its nodes: the jump moves the mean
             eskf.between(here, nodes[node], x)
             for i in range(n):
                 t = x[i]
@@ -268,7 +268,7 @@ def run(imu, measurements, events, state, model, passes, history):
             for i in range(n):
                 for j in range(n):
                     filtered[node, i, j] = select(used, p[i, j], filtered[node, i, j])
-        # backwards [2]: what later measurements say of each node
+        # backwards [2]: information of later measurements about each node
         moved = 0.0 * start[0]
         for node in range(count - 1, -1, -1):
             if node < count - 1:
@@ -300,7 +300,7 @@ def run(imu, measurements, events, state, model, passes, history):
                     for j in range(n):
                         covariance[o, i, j] = select(lost, math.nan, covariance[o, i, j])
         if any_lane(done):
-            # covariances are smoothed once, along the last trajectory; none of them moves it
+            # covariances are smoothed once, along the last trajectory; they do not change it
             for i in range(size):
                 navigation[i] = select(done, nodes[count - 1, i], navigation[i])
             copy_matrix(filtered[count - 1], later)

@@ -115,7 +115,7 @@ def begin_interval(line, v, variance, q, time):
     slope_gain = select(many < 1.5, 0.0, 6.0 / (many * (many + 1.0)))
     steady = line[STEADY_IS] > 0.5
     grown = (age > youngest + TIME_TOLERANCE) & (memory < _SLOWEST)
-    # gusts are not forgotten with the line that they ended; beside a young line all changes look like some
+    # gusts are remembered beyond the line that they ended; next to a young line all changes look like gusts
     count = select(steady | grown | (line[STEADY_USES_FORCE] > 0.5), line[STEADY_COUNT], 0.0)
     begins = grown & no(steady) & no(_is_rough(line[STEADY_ROUGHNESS], count)) & (count * dt > _YOUNG + TIME_TOLERANCE)
     for i in range(3):
@@ -158,7 +158,7 @@ def end_interval(line, v, variance, attitude, q, time, m):
     force, noise, omitted = small_vector(line, 3), small_vector(line, 3), small_vector(line, 3)
     _compare(line, v, attitude, _span(age, memory) / step, dt, force, noise)
     uses = line[STEADY_USES_FORCE] > 0.5
-    # fixes correct within the memory of the velocity what noise did to it
+    # fixes correct the effect of noise within the memory of the velocity
     forgotten = select(dt < memory, dt / memory, 1.0)
     limit = _OFF_MEAN * _OFF_MEAN * q * memory * (0.5 + memory / age)
     ends = steady & (memory > _UNCONFIRMED * _SLOWEST)
@@ -187,7 +187,7 @@ def end_interval(line, v, variance, attitude, q, time, m):
     for i in range(3):
         s = line[STEADY_LINE + i] + line[STEADY_SLOPE + i] * dt
         before, last = line[STEADY_LEFT + i], line[STEADY_LAST + i]
-        # what the line and the mean force left out until now, and what each leaves out of this interval
+        # part that the line and the mean force have omitted so far, and the part of this interval
         of_line, of_force = last - before, line[STEADY_OMITTED + i]
         follows = (s - last) - (v[i] - before) + select(uses, of_line - of_force, 0.0)
         back = -select(uses, of_force, of_line)

@@ -31,7 +31,7 @@ from navsim.filter.states import (
 from navsim.geodesy.attitude_kernels import dcm, normalise, rotate_left, rotate_right
 from navsim.geodesy.earth_kernels import RATE, gravity, radii, short_way
 
-# What a step leaves behind for the error model, one flat array (`mid`): everything at mid-interval.
+# Quantities of a step for the error model, one flat array (`mid`): everything at mid-interval.
 MID_DCM, MID_FELT, MID_SIN = 0, 9, 12
 """Offsets: C_nb by rows (9), specific force NED over the interval m/s (3), sin(latitude),"""
 MID_COS, MID_HEIGHT, MID_VEL, MID_MERIDIAN, MID_TRANSVERSE = 13, 14, 15, 18, 19
@@ -234,7 +234,7 @@ def navigate(nav, declared, dtheta, dv, dt, every, out):
     first_increments(nav, declared, dtheta[0], dv[0], dt, previous)
     copy(nav, out[0])
     unmixing(nav, declared, inverse)
-    # what the compiler knows it need not ask at every step
+    # known to the compiler, so not tested at every step
     if is_mixed(declared):
         _all(nav, True, inverse, dtheta, dv, dt, previous, every, out)
     else:

@@ -58,7 +58,7 @@ def hold_axes(nav, p, increments, dt):
     size = increments[0] * increments[0] + increments[1] * increments[1] + increments[2] * increments[2]
     turning = no(known) & (size > (HELD_RATE * dt) * (HELD_RATE * dt))
     if any_lane(turning):
-        # a turn by nothing leaves what it is as it was
+        # a rotation by zero changes nothing
         share = select(turning, 1.0, 0.0)
         rotate_right(held, share * increments[0], share * increments[1], share * increments[2])
     for i in range(4):

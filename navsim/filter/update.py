@@ -132,12 +132,12 @@ def update(chart, used, what, row, measurements, declared, nav, p, increments, i
 
     what, row, measurements, increments, interval, declared: as of `observe`.
     """
-    # a lane that does not use it stays as it is
+    # a lane without the measurement does not change
     spared = any_lane(no(used))
     if spared:
         copy(nav, gauge.nav)
         copy_matrix(p, gauge.p)
-    # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before carrying would keep the
+    # Gauss-Newton: the prior is transformed to the new estimate and updated there. The reverse order would keep the
     # correlations that J_l(theta) y gives the fix at the old one
     correct(chart, nav, p, gauge.x, space)
     m = observe(

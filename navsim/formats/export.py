@@ -178,7 +178,7 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
             if name not in names:
                 continue
             i = names.index(name)
-            # what the satellite's clock adds, a receiver that knows the message takes off again
+            # a receiver with the message removes the effect of the satellite clock
             raw = ranges[:, i] - earth.SPEED_OF_LIGHT * offset[:, k]
             rate = rates[:, i] - earth.SPEED_OF_LIGHT * drift[:, k]
             values.append(np.stack([raw, -rate * frequency[k] / earth.SPEED_OF_LIGHT, cn0[:, i]]))

@@ -128,7 +128,7 @@ class Assembler:
             time = _field(parsed, "time")
             if not isinstance(time, datetime.time):
                 # of no epoch, least of all of the one before: a receiver that does not know the time yet, or a leap
-                # second, 23:59:60, which UTC as a count of seconds cannot tell from the second after it
+                # second, 23:59:60, which UTC as a count of seconds cannot distinguish from the second after it
                 self.untimed += 1
                 return None
             date = _field(parsed, "date") if parsed.msgID == "RMC" and _field(parsed, "status") == "A" else None

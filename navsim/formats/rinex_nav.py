@@ -402,7 +402,7 @@ def _keplerian(
             within(path, block[(wanted.index(name) + 1) // 4][0], v[name], low, high, name)
     toc -= timescales.GPS_EPOCH  # the epoch is the system's time, without leap seconds
     # some files give the week modulo 1024, and a message near midnight may belong to the other week: the clock's
-    # epoch, a whole date, decides
+    # epoch, a complete date, decides
     toe = v["toe"] + timescales.WEEK * round((toc - v["toe"]) / timescales.WEEK)
     behind = timescales.BEHIND_GPS[system.time_system]
     return v | {"prn": prn, "healthy": float(v["health"] == 0.0), "toe": toe + behind, "toc": toc + behind}

@@ -124,7 +124,7 @@ class _Header:
         # observation types by system ("" for all of version 2), and where how many were announced
         self._codes: dict[str, list[str]] = {}
         self._due: dict[str, tuple[int, int]] = {}
-        # scale factors of whole systems and of single types
+        # scale factors of all types of a system, and of single types
         self._of_system: dict[str, int] = {}
         self._of_code: dict[tuple[str, str], int] = {}
         # the record that a continuation line continues: system, factor, types still due, its line
@@ -290,7 +290,7 @@ class _Reader:
 
     def __init__(self, path: Path, lines: list[str], header: _Header, dropped: Dropped) -> None:
         self.path, self.lines, self.header, self.dropped = path, list(lines), header, dropped
-        self.ends_whole = self.lines[-1] == ""  # what follows the last line's end is no line
+        self.ends_whole = self.lines[-1] == ""  # text after the last line end is not a line
         if self.ends_whole:
             self.lines.pop()
         self.blank_from = len(self.lines)
@@ -377,7 +377,7 @@ class _Reader:
             self.lines += [""] * (due - end)
             end = due
         if due + 1 == end == len(self.lines) and _begins_epoch_2(self.lines[due]):
-            end = due  # a last line cut off before it can be told for an epoch's
+            end = due  # a last line cut off before it can be recognised as an epoch's
         if len(names) != epoch.count or due != end:
             found = f"{len(names)} are listed" if due == end else f"{end - first} lines, {per_satellite} each, follow"
             ends = due > end == len(self.lines)

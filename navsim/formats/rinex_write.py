@@ -159,7 +159,7 @@ def _keplerian_record(system: System, x: gps.Elements, i: int) -> list[str]:
 def _glonass_record(x: StateVectors, i: int) -> list[str]:
     when = datetime.datetime.fromtimestamp(float(x.time[i]), datetime.UTC)
     head = f"{GLONASS.satellite(x.slot[i])} {when:%Y %m %d %H %M %S}"
-    # the time of the message's frame is told in the week of UTC, not of GPS [1], table A10
+    # the time of the message's frame is in the week of UTC, not of GPS [1], table A10
     week_second = (float(x.time[i]) - timescales.GPS_EPOCH) % timescales.WEEK
     p, v, a = 1e-3 * x.position[i], 1e-3 * x.velocity[i], 1e-3 * x.acceleration[i]
     numbers = [p[0], v[0], a[0], 0.0 if x.healthy[i] else 1.0, p[1], v[1], a[1], float(x.channel[i]),

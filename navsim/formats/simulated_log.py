@@ -166,7 +166,7 @@ def _log(result: Result, imu: Path, fixes: Path, title: str) -> dict[str, Any]:
         "tuning": "likelihood" if tight else "none",
         "filter": {
             "kind": section["kind"],
-            # the run's filter goes on however many fixes it rejects
+            # the run's filter never restarts, however many fixes it rejects
             "gate": {**section["gate"], "restart_s": math.ceil(scenario["duration_s"]) + 1.0},
             "steady_force": section["steady_force"],
             "gaussian_sum": section["gaussian_sum"],

@@ -200,7 +200,7 @@ def _open(source: str, parts: SplitResult) -> _Source:
     if source == "-":
         return _descriptor(0, lambda: None, "standard input")
     path = parts.path if parts.scheme == "file" else source
-    # a named pipe opens at once, also while nobody writes to it
+    # a named pipe opens at once, even without a writer
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     return _descriptor(descriptor, lambda: os.close(descriptor), path)
 
@@ -278,7 +278,7 @@ def _one_sender(parts: SplitResult) -> _Source:
                 link.append(server.accept()[0])
             except TimeoutError:
                 return b""
-            server.close()  # whoever comes second is refused instead of being left waiting
+            server.close()  # a second sender is refused instead of being kept waiting
             link[0].settimeout(_POLL)
         return _received(link[0])
 

@@ -216,7 +216,7 @@ class StreamedTable:
         if self._separator == "":
             if not _is_of_numbers(line):
                 return None
-            # commas may be decimal ones beside any other separator
+            # commas may be decimal ones with any other separator
             self._separator = next((one for one in (*_SEPARATORS[1:], _SEPARATORS[0]) if one in line), None)
         try:
             cells = _cells(Path("stream"), 0, line, self._separator)

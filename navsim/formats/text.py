@@ -201,7 +201,7 @@ class _Reading:
         """Lines of complete lines of bytes, whose ends are those of Unix."""
         if data.isascii():
             return data.decode("ascii").split("\n")
-        # files put together have the marks of each; names of places and people in comments are often in Latin-1
+        # concatenated files contain the marks of each; names in comments are often in Latin-1
         lines = [_text(line.removeprefix(_MARK)) for line in data.split(b"\n")]
         self.cost += sum(sys.getsizeof(line) for line in lines if not line.isascii())  # up to four bytes a character
         self.check(self.cost)
@@ -370,7 +370,7 @@ def _inflated(
     reading: _Reading, pieces: Iterator[bytes], kind: str, magic: bytes, unpacker: Callable[[], Any]
 ) -> Iterator[bytes]:
     """All members of a packed file: several one after another are rare, and legal."""
-    # in small pieces: what follows a member is copied at its end
+    # in small pieces: data after a member are copied at its end
     pieces = (piece[at : at + _SLICE] for piece in pieces for at in range(0, len(piece), _SLICE))
     rest, member, members = b"", None, 0
     while True:
@@ -473,7 +473,7 @@ def _by_hatanaka(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
         if "truncated" not in str(damaged):
             raise FileError(0, message, reading.path) from None
     reading.ends_early("end of a Hatanaka-compressed file", message)
-    # differences build on one another from the beginning, so a cut file is whole up to its last whole epoch
+    # differences build on one another from the beginning, so a cut file is intact up to its last complete epoch
     lines = data.split(b"\n")
     for last in range(len(lines) - 1, max(len(lines) - 1 - _MOST_EPOCH_LINES, 0), -1):
         try:

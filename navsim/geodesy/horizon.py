@@ -64,7 +64,7 @@ def reach(tops: np.ndarray, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
     s, c = np.sin(azimuth), np.cos(azimuth)
     highest = np.full(azimuth.size, -0.5 * np.pi)
     for a, b in (tops - eye) @ to_enu.T:
-        # the share of the way from a to b at which it stands in the azimuth, and how far away
+        # fraction of the line from a to b at which it reaches the azimuth, and its distance there
         left, right = a[0] * c - a[1] * s, b[0] * c - b[1] * s
         with np.errstate(divide="ignore", invalid="ignore"):
             share = left / (left - right)

@@ -65,7 +65,7 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, present, 
             ux, uy, uz = los[s, 0], los[s, 1], los[s, 2]
             c = column[clock[s]]
             w = select(there, 1.0 / (sigma[s] * sigma[s]), 0.0)
-            # the clocks enter linearly: solve for their whole value each time
+            # the clocks enter linearly: solve for their total value each time
             z = select(there, w * (pseudorange[s] - distance), 0.0)
             add_source(ux, uy, uz, w, c, normal)
             rhs[0] -= z * ux
@@ -93,7 +93,7 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, present, 
                     cofactor[i, j] = select(done, inverse[i, j], cofactor[i, j])
             fixed = fixed | (done & well_posed(weights, inverse))
             running = running & no(done)
-    # the velocity takes the unit vectors of this place: a last step of 1 cm turns those of a source 100 m away
+    # the velocity uses the unit vectors of this position: a last step of 1 cm turns those of a source 100 m away
     # by 1e-4, some millimetres per second
     for s in range(sources):
         if any_lane(used[s] > 0.0):

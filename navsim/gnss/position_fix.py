@@ -103,7 +103,7 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
                     t += cov[e, 3 + i, a] * turned[a, j]
                 cov[e, 3 + i, 3 + j] = select(solved, t, math.nan)
         if any_lane(no(fixed)):
-            # the next epoch begins anew
+            # the next epoch starts from the initial point
             for i in range(3):
                 x[i] = select(fixed, x[i], start[i])
 

@@ -192,7 +192,7 @@ def sigma_of_elevation(law: str, zenith: float, elevation: np.ndarray, scale: fl
     constant: the same everywhere; inverse-sine: zenith / sin(el), el no lower than 2 degrees;
     exponential: zenith (1 + 9 exp(-el / scale)), ten times the zenith value at the horizon (scale in rad).
     """
-    if law in ("constant", "cn0"):  # the latter is made of the carrier to noise density afterwards
+    if law in ("constant", "cn0"):  # the latter is computed from the carrier to noise density afterwards
         return np.full_like(elevation, zenith)
     if law == "inverse-sine":
         return zenith / np.sin(np.maximum(elevation, np.radians(2.0)))

@@ -143,7 +143,7 @@ def space_sensitivity(space: Space, unit: np.ndarray, position: np.ndarray, velo
     across = np.cross(position, velocity + np.cross([0.0, 0.0, EARTH_RATE], position))
     across /= np.linalg.norm(across, axis=2, keepdims=True)
     axes = np.stack([radial, np.cross(across, radial), across], axis=2)
-    # a satellite believed to be farther out than it is makes the pseudorange look short
+    # a satellite assumed farther out than it is makes the pseudorange too short
     orbit = -np.einsum("esi,esji->esj", unit, axes) * space.orbit
     return np.concatenate([orbit, np.full((*orbit.shape[:2], 1), space.clock)], axis=2)
 

@@ -309,7 +309,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     names: list[str] = []
     clocks: list[int] = []
     chosen: list[bool] = []
-    # of each source (e, 3): where the receiver believes it to be, how it moves, where it is
+    # of each source (e, 3): assumed position, velocity, true position
     position: list[np.ndarray] = []
     velocity: list[np.ndarray] = []
     true_position: list[np.ndarray] = []
@@ -428,7 +428,7 @@ def _affected(
         unit = away[:, sky] / distance[:, sky, None]
         space[:, sky] = space_sensitivity(effects.space, unit, signals.position[:, sky], signals.velocity[:, sky])
     if effects.reference is not None:
-        # the corrections of a reference station take off what it has itself, at its place and some time ago
+        # corrections of a reference station remove its own errors, at its position and some time ago
         first = 0
         earlier = when - effects.reference.latency
         place = np.broadcast_to(effects.reference.llh, (e, 3))
@@ -437,7 +437,7 @@ def _affected(
             first = here.stop
             unit, azimuth, elevation = directions_from(group.constellation, earlier, effects.reference.llh)
             there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
-            # the station does not see it, or knows nothing of it: no correction, no use
+            # the station does not track it, or has no data: no correction, no use
             used[:, here] &= np.isfinite(there) & np.isfinite(elevation)
             delay[:, here] -= there
             ionosphere[:, here] -= part
@@ -445,7 +445,7 @@ def _affected(
                 position, velocity = signals.position[:, here], signals.velocity[:, here]
                 space[:, here] -= space_sensitivity(effects.space, unit, position, velocity)
         if environment.listed is not None:
-            # sources in fixed directions stand in the same ones for the station
+            # sources in fixed directions have the same directions for the station
             here = slice(first, first + len(environment.listed.names))
             azimuth, elevation = signals.azimuth[:, here], signals.elevation[:, here]
             there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
@@ -512,7 +512,7 @@ def _affected(
         lasting = LastingErrors(
             tuple(one.name for one in effects.lasting), np.array([one.time for one in effects.lasting]), sizes
         )
-        # a receiver weighs ranges by all that it knows of their errors
+        # a receiver weights ranges by all their known errors
         fix_sigma = np.hypot(fix_sigma, lasting.total)
     return replace(
         signals,

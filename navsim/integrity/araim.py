@@ -365,7 +365,7 @@ def _level(
         slope = 2.0 * np.exp(-0.5 * a * a) / sigma + (priors * np.exp(-0.5 * b * b) / spread).sum(axis=0)
         above = value > budget
         low, high = np.where(above, x, low), np.where(above, high, x)
-        # Newton's step of the logarithm; where it leaves what is known to hold the root, the middle of that
+        # Newton's step of the logarithm; if it leaves the bracket of the root, the middle of the bracket
         step = x + np.log(value / budget) * value / (slope / np.sqrt(2.0 * np.pi))
         nearer = np.where((step > low) & (step < high), step, 0.5 * (low + high))
         if (np.abs(nearer - x) < _SMALL).all():
@@ -420,7 +420,7 @@ class SeparationMonitor(SeparationWatch):
     def __init__(self, found: FixLevels) -> None:
         self.found = found
         there = found.monitored[..., None] & (found.threshold > 0.0)
-        # residuals instead of errors serve as well: of those the whole fix makes nothing
+        # residuals serve instead of errors: the full fix maps residuals to zero
         by_threshold = found.separator / np.where(there, found.threshold, np.inf)[..., None]
         self._separator = np.ascontiguousarray(by_threshold)
 

@@ -28,12 +28,12 @@ def slopes(
     e, n = ranges.shape
     by_range, by_rate = np.zeros((e, 6, n)), np.zeros((e, 6, n))
     here = np.isfinite(ranges) & np.isfinite(llh[:, :1])
-    # where there is no fix any axes serve: `here` is False, and nothing that they turn is kept
+    # without a fix any axes serve: `here` is False, and their results are discarded
     c_ne = ned_matrix(np.where(np.isfinite(llh), llh, 0.0))
     way = np.where(here[:, :, None], (s.position - ecef_from_llh(llh)[:, None]) @ np.swapaxes(c_ne, 1, 2), 1.0)
     distance = np.linalg.norm(way, axis=2)
     u = way / distance[:, :, None]
-    # what the place does to -u, for each source (e, s, 3, 3)
+    # effect of the position on -u, for each source (e, s, 3, 3)
     turning = (np.eye(3) - u[:, :, :, None] * u[:, :, None, :]) / distance[:, :, None, None]
 
     weight = np.where(here, s.fix_sigma, np.inf) ** -2.0

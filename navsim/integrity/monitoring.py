@@ -146,7 +146,7 @@ class Monitoring:
         else:
             p_hmi_v, p_hmi_h = share * self.test.p_hmi_vertical, share * self.test.p_hmi_horizontal
             test = replace(self.test, p_hmi_vertical=p_hmi_v, p_hmi_horizontal=p_hmi_h)
-        # what there is to expect is not a matter of the epochs
+        # the fault list does not depend on the epochs
         expected = self.expected(_but(flight, out), share)
         return self._over(_but(signals, out), expected, test)
 

@@ -95,7 +95,7 @@ class Monitor:
         """Levels (e, m) by slopes (e, s, m)."""
         largest = slopes.max(axis=1)
         bias = np.broadcast_to(self.test.bias(self.solution.degrees)[:, None], largest.shape)
-        # no slope at all is no error, whatever the bias
+        # without a slope there is no error, whatever the bias
         reach = np.multiply(largest, bias, out=np.zeros_like(largest), where=largest > 0.0)
         return np.where(self.solution.solved[:, None], reach, np.nan)
 

@@ -118,7 +118,7 @@ class TailCase:
         """
         among = sources[self.used]
         shown = self.residual[:, among]
-        # what is not shown at all would be without limit: the least of the eigenvalues stands for it
+        # an invisible direction would be unlimited: the least eigenvalue replaces it
         strength, axes = np.linalg.eigh(shown.T @ shown)
         inverse = axes / np.maximum(strength, 1e-12) @ axes.T
         found = np.zeros(self.used.size)

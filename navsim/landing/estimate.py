@@ -147,10 +147,10 @@ def landing(
     batches = -(-runs // BATCH)
     sums = (runs // BATCH + _blocks(runs % BATCH)) * sums_bytes(here)
     held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1)) + workers * flying_memory(scenario, here)
-    if away:  # what a task brings back, twice
+    if away:  # results of a task, twice
         held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
     streamed = runs * stored
-    # beside the sums of each block, once, which entry each of their numbers is
+    # in addition to the sums of each block, once, the entry of each of their numbers
     part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(here)
     result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
     result += NUMBER * (5 + here.sizes()["group"] + 3 * here.states) * (here.epochs + 1)
@@ -190,7 +190,7 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
         of_one += NUMBER * 15 * here.samples
     if here.ways:
         of_one += NUMBER * ((WAY + here.deviating) * here.samples + here.epochs * (60 + 2 * here.sources))
-    if scenario.filter.kind in SMOOTHERS:  # its whole flight: five covariances at every instant
+    if scenario.filter.kind in SMOOTHERS:  # its whole flight: five covariances at every time
         of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
     if scenario.filter.kind == SUM:
         of_one += NUMBER * 2 * here.states**2 * scenario.filter.gaussian_sum.components
@@ -253,7 +253,7 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
     result = NUMBER * (truth + geometry + messages) + 7000
     if scenario.terrain:  # at how many epochs it hides each source
         result += VARIABLE + NUMBER * here.sources
-    if here.interfering is not None:  # its ratio and what it leaves of the sources, and which are held
+    if here.interfering is not None:  # its ratio and its effect on the sources, and which are tracked
         result += here.epochs * here.sources * (NUMBER * (here.interfering + 1) + 1)
     return result
 
@@ -280,8 +280,8 @@ def further(scenario: Landing, sources: Environment) -> int:
 def _analysed(scenario: Landing, sources: Environment, here: Extent) -> Budget:
     """A covariance analysis."""
     outputs = here.epochs + 1
-    errors = 1 + len(SOURCES) + further(scenario, sources)  # and what is systematic
-    # the budget's, the mean, the root mean square of all, what the filter believes, and error over that
+    errors = 1 + len(SOURCES) + further(scenario, sources)  # and the systematic ones
+    # those of the budget, the mean, the root mean square of all, the filter sigma, and error over that
     of_states = (errors + 4) * here.states
     result = _common_bytes(scenario, here) + NUMBER * outputs * (8 + of_states) + 110 * VARIABLE
     return Budget(

@@ -161,7 +161,7 @@ def tally(case: Case, runs: Run) -> Arrays:
     region = regions(asked, levels, runs.monitor_status, runs.watched_error)[:, glide]
     out["integrity_regions"] = np.stack([(region == i).sum(axis=1) for i in range(len(REGIONS))], axis=2)
     exceeded = runs.watched_error[:, glide] > asked.limits
-    # a level above its limit has said already that the error may be large
+    # a level above its limit has already announced that the error may be large
     misled = exceeded & low[:, glide]
     out["integrity_misled"] = np.zeros((status.shape[0], 2), np.int64)
     out["integrity_delay"] = np.full((status.shape[0], 2), np.nan)
@@ -320,7 +320,7 @@ def compared(draft: ResultBuilder, case: Case) -> None:
         projection = sbas_gbas.gbas_projection(fix, scenario.runway.heading_deg * DEG, scenario.glide_path())
         sigma = np.where(signals.used, signals.fix_sigma, 0.0)
         ground, b = (np.full(sigma.shape, value) for value in (station.ground_sigma_m, station.b_m))
-        # with the sizes of what each range does, B values add up as they hurt most
+        # B values times the sizes of the effect of each range add up to the worst case
         levels = sbas_gbas.gbas(
             np.abs(projection), sigma, ground, b, station.receivers, sbas_gbas.gbas_factors(station.receivers)
         ).max(axis=2)
@@ -404,7 +404,7 @@ def share_over_runs(count: np.ndarray, of: np.ndarray) -> np.ndarray:
     value = float(count.sum()) / total
     if (count * total == of * count.sum()).all():
         return share_of_alike(value, count.size)
-    # runs of unlike numbers of epochs: a ratio of means, its error by what is left of each
+    # runs with different numbers of epochs: a ratio of means, with the error from the residual of each
     reach = mean_interval((count - value * of) * (count.size / total))
     return np.array([value, max(0.0, value + reach[1]), min(1.0, value + reach[2])])
 

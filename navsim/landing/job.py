@@ -158,7 +158,7 @@ class RareJob(_Prepared):
             text = "only for method monte-carlo; errors and innovations of pushed runs are off on purpose"
             raise OptionError(f"{option('require_consistent')}: {text}")
         self.seed, self.first = options.seed, options.first_run or 0
-        # a number of runs alone is flown whole
+        # a fixed number of runs is completed
         usual = f"probability within {100.0 * rare_events.USUAL:g}%" if options.runs is None else None
         self.until = options.until or usual
         self.runs = options.runs or rare_events.MOST_RUNS

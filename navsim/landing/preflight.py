@@ -394,9 +394,9 @@ def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> l
     touchdown = path.events.get(TOUCHDOWN, math.inf)
     fine = np.arange(0.0, min(touchdown, scenario.duration_s), 1e-3)
     climbing = fine >= path.events.get(GO_AROUND, math.inf)
-    if climbing.any():  # to the bottom of the pull-up: what comes after is not passed coming down
+    if climbing.any():  # to the bottom of the pull-up: later heights are not passed in a descent
         fine = fine[: int(np.argmax(climbing)) + int(np.argmin(-path.jet(fine[climbing])[:, 0, 2])) + 1]
-    # the last moment above a height is sought among every 50th, then among those that follow it
+    # search the last time above a height among every 50th, then among those that follow it
     rough = -path.jet(fine[::_ROUGH])[:, 0, 2]
     down = -float(path.jet(np.array([touchdown]))[0, 0, 2]) if math.isfinite(touchdown) else math.inf
     times = []
@@ -407,7 +407,7 @@ def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> l
         if height == 0.0:
             when = touchdown  # unless the flight ends before
         elif above.size and above[-1] == fine[-1]:
-            # between the last of the times and the ground; a track may say that it ends in the air
+            # between the last of the times and the ground; a track may end in the air
             when = touchdown if down - height < OFF_GROUND else math.nan
         else:
             when = float(above[-1]) if above.size else math.nan

@@ -126,7 +126,7 @@ def _at(case: Case, fix: MonitoredFix, epoch: int, axis: int, seed: int) -> Samp
         own = worst_size(tail, direction, fault.beside, level) * direction
         if own.any():
             pilots = [drawn(fault.beside + share * own, _PILOT, i)[0][0] for i, share in enumerate(_AROUND)]
-            # nan is a chance below all that can be told (`weighted_share`): less than any other
+            # nan is a probability below all that can be estimated (`weighted_share`): less than any other
             own = own * _AROUND[int(np.argmax(np.where(np.isnan(pilots), 0.0, pilots)))]
         bias[k] = float(np.abs(own * tail.unwhitened).max(initial=0.0))
         risk[k], effective[k] = drawn(fault.beside + own, section.tails.samples, len(_AROUND))
@@ -144,7 +144,7 @@ def _total(case: Case, epoch: int, axis: int, priors: np.ndarray, risk: np.ndarr
     if not isinstance(monitor, SeparationMonitor) or isinstance(watching.test, ChiSquareTest):
         return np.asarray(np.nanmax(risk, axis=0))
     unmonitored = float(monitor.found.unmonitored[epoch]) * _allowed(case, axis) / watching.test.total
-    # nan of faults that are not there, and of chances below all that can be told
+    # nan for faults without sources, and for probabilities below all that can be estimated
     return np.asarray(np.nansum(priors[:, None] * risk, axis=0) + unmonitored)
 
 

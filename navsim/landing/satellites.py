@@ -115,7 +115,7 @@ class _Read(NamedTuple):
     offsets: Mapping[System, tuple[int, str]] = MappingProxyType({})
 
 
-# what reads files is imported for those who have some
+# readers are imported only for scenarios with files
 
 
 def _read_almanac(path: Path, utc: float, scenario: Landing) -> _Read:
@@ -277,7 +277,7 @@ def _group(
     start = float(timescales.gps_from_utc(scenario.epoch.timestamp()))
     times = np.array([start, start + scenario.duration_s])
     known = np.isfinite(constellation.state(times)[0][..., 0]).any(axis=0)
-    # records that say so themselves are passed over
+    # records marked as such are skipped
     usable &= known | ~np.isfinite(constellation.using_unhealthy().state(times)[0][..., 0]).any(axis=0)
     if not known.any():
         where = document.place(("sky", sky.source))

@@ -258,7 +258,7 @@ def _excluded_elsewhere(scenario: Landing, document: Document, sources: Environm
     sky, problems, elsewhere = scenario.sky, [], []
     known = [name for group in sources.satellites for name in group.names]
     known += [] if sources.listed is None else sources.listed.names
-    # sources of several systems, of which some are not looked at
+    # sources of several systems, some of them unused
     mixed = sky.source in ("nominal", *SOURCES_FROM_FILES)
     passed_over = [s for s in SYSTEMS if mixed and s not in sky.wanted()]
     for i, name in enumerate(sky.exclude):

@@ -180,7 +180,7 @@ class LevelScreen:
         for one in self._asked:
             if isinstance(one, ThresholdRequirement | AccuracyRequirement):
                 sizes = sizes_of(one, watching, monitor)
-                assert sizes is not None  # what is not known is not decided
+                assert sizes is not None  # unknown requirements are not decided
                 ordered = np.sort(np.where(np.isnan(sizes), np.inf, sizes).reshape(n, e), axis=1)
                 load = np.maximum(load, ordered[:, _kept_by(one.share, e)] / one.below_m)
         return self._objective(levels), load
@@ -249,7 +249,7 @@ class _Found:
 
 def flown(case: Case, end: float, coarse: bool) -> Prepared:
     """The flight whose filter is analysed, up to `end`, s."""
-    # levels are those of the receiver's own fixes, whatever the filter is given here
+    # levels are those of the receiver's own fixes, whatever fixes the filter uses here
     unwatched = replace(case, scenario=case.scenario.model_copy(update={"integrity": None}))
     receiver, imu = case.scenario.receiver.rate_hz, case.scenario.imu.rate_hz
     return _flight(unwatched, end, *((COARSE_FIXES, COARSE_IMU) if coarse else (receiver, imu)))
@@ -287,7 +287,7 @@ def _watched(case: Case, chosen: Callable[[np.ndarray], np.ndarray]) -> Prepared
     flight = _flight(case, end, scenario.receiver.rate_hz, scenario.imu.rate_hz)
     epochs = chosen(np.flatnonzero(integrity.glide_of(flight.case)))
     if flight.case.world.signals.smoothing is not None or flight.case.environment.jamming is not None:
-        return replace(flight, watched=epochs)  # what a receiver remembers has to be gone through
+        return replace(flight, watched=epochs)  # a receiver with memory must be simulated throughout
     return replace(flight, motion=case.trajectory.motion(flight.case.world.signals.time[epochs]))
 
 

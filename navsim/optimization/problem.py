@@ -117,10 +117,10 @@ class Requirements:
 
 
 def _load(one: Fulfilment) -> float:
-    if not math.isfinite(one.utilisation):  # the figure says how far off it is all the same
+    if not math.isfinite(one.utilisation):  # the value still tells how far off it is
         short = one.limit - one.value[0]
         return _LEVELLESS * (2.0 + (short if math.isfinite(short) else 1.0))
-    # the verdict stands where rounding has the utilisation on the other side
+    # the verdict decides if rounding puts the utilisation on the other side
     if one.verdict() == MET:
         return min(one.utilisation, 1.0)
     return min(max(one.utilisation, math.nextafter(1.0, 2.0)), _LEVELLESS)
@@ -372,7 +372,7 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
     flies = of_filter or (
         judged and any(isinstance(one, ErrorRequirement | RmsRequirement) for _, one in singles(scenario.requirements))
     )
-    # of pushed runs nothing watches the fixes
+    # importance sampling has no monitor of the fixes
     if flies != of_filter or (scenario.method == "rare" and (judged or study.objective in LEVEL_OBJECTIVES)):
         set_value(bare, "method", "covariance", document.place(key), document.folder)
         scenario = validated(Landing, bare)

@@ -40,7 +40,7 @@ def tables(result: Result) -> list[Table | str]:
     front.add("0", number(none, 4), *([""] * 6), *((_met(result["/front/met_without"]),) if judged else ()))
     for i, count in enumerate(result["/pseudolites"]):
         value = result["/front/objective"][i]
-        # what is made large gains the other way round
+        # a maximised objective gains in the other direction
         gain = value / none - 1 if name in LARGE else 1 - value / none
         gain = cell("{:.1f} %", float(100 * gain)) if np.isfinite(gain) else ABSENT
         dops = [number(result[f"/optimum/{dop}"][i]) for dop in ("pdop", "hdop", "vdop")]

@@ -789,7 +789,7 @@ def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.nd
     source = allowed if len(allowed) else singles
     pool = source[rng.integers(len(source), size=(_POOL, count))]
     kept = pool[here.rules.violation(pool) <= 0.0]
-    # where next to nothing keeps the rules, evolution begins with what breaks them
+    # if hardly any placement keeps the rules, evolution starts with violations
     return kept if len(kept) >= _first(here, count) + _members(count) else pool
 
 

@@ -96,7 +96,7 @@ class SearchLog:
         content = line.encode()
         try:
             written = self._file.write(content)
-            if written != len(content):  # cut, it would hide what comes after it
+            if written != len(content):  # an incomplete line would hide those after it
                 self._file.truncate(self._file.tell() - (written or 0))
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:

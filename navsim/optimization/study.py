@@ -163,7 +163,7 @@ def solve(
     watch.plan(planned(here))
     nothing = np.empty((1, 0, 2))
     if here.coarse is not None:
-        here.coarse(nothing)  # so that what is timed next is not the loading of kernels
+        here.coarse(nothing)  # so that the next timing does not include the loading of kernels
     outcome = SearchOutcome(float(here.objective(nothing)[0]))
 
     def step(
@@ -216,7 +216,7 @@ def _fly_best(
         candidates: list[Candidate] = [lambda: (best.places, best.value), *others]
         return confirm(candidates, here.study.objective, here.fly, seed, runs).arrays()
 
-    # a search that was stopped may go on to another placement
+    # a continued search may reach another placement
     key = hashlib.sha256(best.places.tobytes()).hexdigest()[:16]
     found = outcome.confirmed[count] = Confirmation.of(journal.step(f"flown-{count}-{runs}-{key}", work))
     if found.rejected and not np.array_equal(found.best.choice, best.places):
@@ -356,7 +356,7 @@ def _reached(judge: ObjectiveFunction, moved: np.ndarray, reach: np.ndarray, val
         if not beyond:
             continue
         i = beyond[0]
-        if not np.isfinite(loss(i)):  # a cliff: as far as is known to be on this side of it
+        if not np.isfinite(loss(i)):  # a cliff: the largest distance known to be on this side of it
             out[j] = reach[i - 1] if i else 0.0
             continue
         if i == 0 or loss(i - 1) <= 0.0:

@@ -118,7 +118,7 @@ class Outlook:
     def jammed_from(self, places: np.ndarray) -> Outlook:
         """Copy with its jammers at positions (j, 3)."""
         out = Outlook.__new__(Outlook)
-        # by signals each place is simulated with the sources of its own: the epochs that are looked at stay
+        # with signals, each position is simulated with its own sources: the epochs stay the same
         watched = self._bare if self.placed else None
         out.__dict__ |= self.__dict__ | {"_geometry": None, "_watched": watched, "_case": None}
         jamming = self._sources.jamming
@@ -179,7 +179,7 @@ class Outlook:
         """A quantity of one placement (k, 3), with all that depends on it."""
         llh = llh_from_ecef(self._proposal.sites(places))
         pseudolites, watched = replace(self._sources.pseudolites, names=names, llh=llh), self._bare
-        # those that remember where they are: the epochs are the same at all places
+        # for signals with memory, the epochs are the same at all positions
         sources = replace(self._sources, pseudolites=pseudolites, satellites=watched.case.environment.satellites)
         if set(self._sources.pseudolites.names) <= set(names):
             sources = replace(sources, effects=self.scenario.effects(pseudolites))

@@ -52,7 +52,7 @@ class PlannedScenario:
                 raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
         self.document, self.scenario, self.trajectory = document, scenario, trajectory
 
-    # --- what there is
+    # --- properties
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -137,7 +137,7 @@ class PlannedScenario:
         """The scenario file."""
         return rewritten(self._text, self.document.data)
 
-    # --- what may be done to it; each raises InputError, and leaves all as it was, where the scenario forbids it
+    # --- changes; each raises InputError, and changes nothing, if the scenario forbids it
 
     def undo(self) -> None:
         """Go back by one change."""
@@ -171,7 +171,7 @@ class PlannedScenario:
         if "lat_deg" in site:
             llh = self.plane.llh(np.array([place[1], -place[0]]))
             site["lat_deg"], site["lon_deg"] = (round(math.degrees(x), _DEGREES) for x in llh[:2])
-        else:  # what stays the same stays as it was written
+        else:  # unchanged parts stay as written
             site |= {key: to for key, to in (("s_m", _metres(place[1])), ("l1_m", _metres(-place[0])))
                      if site[key] != to}  # fmt: skip
         if round(self.places()[number, 2], _MILLIMETRES) != round(place[2], _MILLIMETRES):

@@ -43,7 +43,7 @@ def read_order(text: object, known: Known) -> dict[str, Any]:
     if "n" in order:
         out["n"] = _number(order["n"], "n", -math.inf, math.inf)
     for name in _MEMBERS[do]:
-        if name == "up" and name not in order:  # it stays as high as it is
+        if name == "up" and name not in order:  # its height does not change
             continue
         if name not in order:
             raise WrongOrder(f"{do}: {name} is missing")

@@ -173,7 +173,7 @@ class PlannerSession:
         except Consent as question:
             self._tell({"asks": str(question)})
 
-    # --- what stands
+    # --- display of the present proposal
 
     def _standing(self) -> dict[str, Any]:
         proposal = self._proposal
@@ -330,7 +330,7 @@ class PlannerSession:
 
     def _hand(self, what: Callable[[], None]) -> None:
         """Have something done where the page may be changed."""
-        with suppress(RuntimeError):  # of a page that is gone
+        with suppress(RuntimeError):  # request of a closed page
             self._page.add_next_tick_callback(what)
 
     def _rested(self) -> None:

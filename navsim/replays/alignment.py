@@ -270,14 +270,14 @@ def velocity_matching(
         turn = wahba(a[:count], b[:count])
         residual = b[:count] - a[:count] @ turn.T
         scatter = np.sum(residual**2) / (3 * count - 3)
-        # a piece tells nothing about a turn around itself
+        # a piece contains no information about a rotation about itself
         information = np.sum(b[:count] ** 2) * np.eye(3) - b[:count].T @ b[:count]
         until = float(time[ends[count - 1]])
         covariance = _CAUTION * scatter * np.linalg.pinv(information)
         covariance += ((gyro_sigma * 0.5 * (until - begin)) ** 2 + (accel_sigma / _G) ** 2) * np.eye(3)
         covariance += np.sum(invented[(bridged[:, 0] >= begin) & (bridged[:, 1] <= until)]) * np.eye(3)
-        # an accelerometer's bias that turns with the body looks like acceleration: beside the real horizontal one it
-        # turns the heading. Flying straight it looks like a tilt, and is in the line above
+        # an accelerometer's bias that rotates with the body looks like acceleration: with the real horizontal one it
+        # rotates the heading. In straight flight it looks like a tilt, which the line above includes
         horizontal = np.sum(b[:count, :2] ** 2)
         straight = float(np.linalg.norm(ahead[[0, *ends[:count]]].mean(axis=0)))
         fooled = np.sum((accel_sigma * length[:count]) ** 2) / max(horizontal, 1e-9)

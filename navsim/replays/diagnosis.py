@@ -965,7 +965,7 @@ def fitted(flight: _Carried, target: _Gained, windows: np.ndarray, hypothesis: _
     residual, shared = without_rotation(residual), without_rotation(shared)
     normal = np.einsum("wni,wnj->ij", shared, shared)
     prior = VELOCITY_SIGMA**2 / np.repeat([GYRO_BIAS**2, ACCEL_BIAS**2], 3)
-    taken = np.concatenate([bias, np.zeros(3)])  # the prior is about the whole bias
+    taken = np.concatenate([bias, np.zeros(3)])  # the prior is that of the total bias
     right = np.einsum("wni,wn->i", shared, residual) - prior * taken
     more = np.linalg.solve(normal + np.diag(prior), right)
     residual = (residual - np.einsum("wni,i->wn", shared, more)) * np.tile(target.weight, windows.shape[1])
@@ -1234,7 +1234,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         finer = apart + 0.1 * np.arange(-4, 5)
         finer = finer[(finer < tolerated[0]) | (finer > tolerated[1])]
         around = judge.fits(plain, [_Hypothesis(offset=float(offset)) for offset in finer], none)
-        # `apart` itself is among them and can be judged, so there is a best one
+        # `apart` itself is among them and can be checked, so there is a best one
         best_apart = min(around, key=lambda fit: float(np.mean(fit.square[np.isfinite(fit.square)])))
         clocks.append(best_apart.hypothesis)
     fits = judge.fits(plain, clocks, none)
@@ -1287,7 +1287,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     alternatives = [
         e for e in options if (e.changes, e.usual) == (first.changes, first.usual) and e.square <= 1.3 * first.square
     ]
-    # forward is kept where nothing shows it: of several ways to mount both triads the one that changes least
+    # forward is kept if the motion does not show it: of several mountings of the triads the one with the fewest changes
     alternatives.sort(key=lambda e: (_changed_letters(e), e.square))
     alike: dict[str, _Explanation] = {}
     for e in alternatives:

@@ -597,7 +597,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
         raise ArithmeticError("the smoother lost the positive covariance of its flight")
     weighed = events.rows(PROBE if beliefs.tight else FIX)
     squared, degrees, status = (m[weighed] for m in (history.innovation_squared, history.degrees, history.status))
-    each = np.where(np.isfinite(history.innovation_sigma), history.innovation_sigma, 1.0)  # 1 where there is none
+    each = np.where(np.isfinite(history.innovation_sigma), history.innovation_sigma, 1.0)  # 1 for a missing one
     log_sigma = np.log(each).sum(axis=1)
     of_ranges = np.full((*heard.shape, 2), np.nan)
     range_status = np.zeros(heard.shape, np.int64)
@@ -707,7 +707,7 @@ def _start(
     if begin.kept is not None:
         inertial = slice(states.ATT, states.N)
         matrix[inertial, inertial] = begin.kept[1][inertial, inertial]
-    # the start is off by what lasts in the errors of its fix
+    # the start contains the time-correlated errors of its fix
     moving, lasting = slice(states.POS, states.ATT), slice(states.N, states.N + begin.effect.shape[1])
     matrix[moving, moving] += begin.effect @ begin.effect.T
     matrix[moving, lasting] = -begin.effect
@@ -742,9 +742,9 @@ def _first_clock(begin: PartStart, ranges: Ranges, scales: tuple[int, ...]) -> n
     for scale in scales:
         own = bias[:, ranges.clock == scale]
         heard = own[np.isfinite(own).any(axis=1)]
-        out.append(float(np.nanmedian(heard[0])) if heard.size else 0.0)  # else nothing of it comes
+        out.append(float(np.nanmedian(heard[0])) if heard.size else 0.0)  # otherwise it has no effect
     some = rate[np.isfinite(rate).any(axis=1)]
-    # without a range rate nothing is known of the drift, which the filter believes
+    # without a range rate the drift is unknown, which the filter's sigma reflects
     return np.array([*out, float(np.nanmedian(some[0])) if some.size else 0.0])
 
 

@@ -225,7 +225,7 @@ class Session:
             self.counts[name] += min(new, 1) if name == "corrupt" else new
             self._of_nmea[name] = now
         if nmea.moved != self._moved:
-            # the date came after the first fixes: their times, and what was settled by them, are of that day
+            # the date came after the first fixes: their times, and the clock found from them, are of that day
             ahead, self._moved = nmea.moved - self._moved, nmea.moved
             later = ahead * np.eye(len(GNSS_COLUMNS))[0]
             if self._held is not None:

@@ -109,7 +109,7 @@ class LiveFilter:
             self.flight.model,
         )
         truth = self.trajectory.motion(np.array([arrival]))
-        # what the sensors' true errors are nobody knows of real ones
+        # the true errors of real sensors are unknown
         unknown = np.full((1, self.flight.model.declared.size), np.nan)
         judged = judge(self.flight.model, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, unknown))
         self.increments.drop(valid)

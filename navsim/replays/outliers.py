@@ -166,7 +166,7 @@ def evaluate(
     - `most_pdop`: largest PDOP of an accepted fix.
     """
     excluded = np.zeros(fixes.used.shape, dtype=bool)
-    # what keeps ranges below the mask away, too, may be a wrong fix
+    # a wrong fix may also put ranges below the mask
     begun = fixes.fixed
     failed = np.where(begun, (fixes.redundancy > 0) & ~fixes.passes, possible.sum(axis=1) > fixes.unknowns)
     for some in np.array_split(np.flatnonzero(failed), failed.sum() // _EPOCHS_AT_ONCE + 1):
@@ -206,7 +206,7 @@ def _exclude(
             kept[k, list(out)] = False
         found = again(epochs, kept)
         without = (possible[epochs] & ~kept).sum(axis=1)
-        # as many wrong ranges as are excluded could still stand against as many right ones
+        # as many wrong ranges as are excluded could still oppose as many right ones
         told = (found.redundancy >= without) & (found.pdop <= _MOST_PDOP_WITHOUT)
         chi2 = np.where(told, found.chi2, np.inf)
         passes, first, left = found.passes & told, 0, {}

@@ -129,7 +129,7 @@ def _innovations(result: Result) -> Figure:
             if np.isfinite(seen).any():
                 limit = max(float(np.nanpercentile(seen, 98)), float(np.nanmedian(sigma)))
                 ax.set_ylim(-1.3 * limit, 1.3 * limit)
-            # at the edge where they lie beyond it
+            # at the edge if they are beyond it
             away = rejected(result)
             low, high = ax.get_ylim()
             if away.any():

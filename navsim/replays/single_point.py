@@ -245,7 +245,7 @@ def _ranges(
         distance, _, azimuth, elevation = _sights(here, turned)
         travel = np.where(np.isfinite(distance), distance / SPEED_OF_LIGHT, travel)
         turned = turned_with_earth(position, travel)
-    # 3 mm/s at most hang on the receiver's own motion, and none on a place without a velocity
+    # at most 3 mm/s depend on the receiver's own motion, and nothing on a position without a velocity
     moving = np.einsum("eji,ej->ei", ned_matrix(here), np.where(np.isfinite(speed), speed, 0.0))
     apparent = apparent_velocity(turned, turned_with_earth(velocity, travel), ecef_from_llh(here), moving)
     delay = np.add(*_delays(time, here, azimuth, elevation, ratio2, settings))
@@ -310,7 +310,7 @@ def _at_transmission(
     for constellation, chosen in zip(constellations, members, strict=True):
         mine = code[:, first : first + len(chosen)]
         first += len(chosen)
-        # constellations are asked for all their satellites at finite times; what was asked in vain is taken out again
+        # constellations compute all their satellites at finite times; unused results are removed
         whole = np.full((time.size, len(constellation.names)), time[:, None] - 0.075)
         whole[:, chosen] = np.where(np.isfinite(mine), time[:, None] - mine / SPEED_OF_LIGHT, whole[:, chosen])
         offset, _ = constellation.clock(whole)

@@ -141,7 +141,7 @@ def settle(
         time = stamp - candidate.offset
         if time < 0.0 or distance(time) <= FITS:
             break
-    else:  # it lies nowhere near the flight: whatever the clock says is as good as anything
+    else:  # its position is not near the flight: any clock reading is equally good
         return candidates[0]
     if candidate is not candidates[0]:
         passed = candidates[0]

@@ -307,7 +307,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         free[LATENCY] = False  # observations are stamped with the time they are valid
     has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
     if not tight and gnss.velocity_sigma_m_s is None and not has_vertical:
-        free[1] = False  # nothing would show it; `beliefs` ties it to the horizontal one
+        free[1] = False  # the data do not show it; `beliefs` ties it to the horizontal one
     search = _search(scenario, gyro, accel)
     known = None if scenario.alignment.known is None else _known_start(scenario.alignment.known)
     aligned = _align(search, samples, fixes.earlier(settings[LATENCY]), first) if known is None else known.alignment

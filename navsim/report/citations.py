@@ -669,7 +669,7 @@ def methods_of(results: Iterable[Result]) -> list[Method]:
     without."""
     import yaml
 
-    # of a study by the scenario it varies: what its axes set in place of it may rest on more
+    # methods of the varied scenario; values on its axes may use more
     known = [(yaml.safe_load(str(result.attributes["scenario"])), result.attributes) for result in results]
     return [method for method in METHODS if any(method.used(scenario, root) for scenario, root in known)]
 

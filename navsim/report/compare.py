@@ -27,7 +27,7 @@ def settings_of(result: Result) -> dict[str, str]:
         if part in result.attributes:
             _flatten(found, "" if part == "scenario" else f"{part}.", yaml.safe_load(str(result.attributes[part])))
     if any(key.startswith("pseudolites.sites.") for key in found):
-        found.pop("pseudolites.count", None)  # 0, if it is told: the list is in its place
+        found.pop("pseudolites.count", None)  # 0, if present: the list is in its place
     return found
 
 
@@ -50,7 +50,7 @@ def differences(names: Sequence[str], settings: Sequence[Mapping[str, str]]) -> 
     keys = dict.fromkeys(key for each in settings for key in each)
     for key in keys:
         values = [each.get(key, ABSENT) for each in settings]
-        # that a list is empty is said by the items that others have
+        # the items of the others show that a list is empty
         empty = set(values) == {"none", ABSENT} and any(each.startswith(f"{key}.") for each in keys)
         if len(set(values)) > 1 and not empty and not key.startswith("study.set."):
             out.add(key, *values)

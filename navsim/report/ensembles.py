@@ -125,7 +125,7 @@ def _bands(result: Result, of: RunSpread, across: np.ndarray, label: str) -> Fig
     axes[-1].set_xlabel(label)
     if against_height:
         low, high = float(across.min()), float(across.max())
-        # bars at touchdown stand on the end of the axis
+        # bars at touchdown are at the end of the axis
         axes[-1].set_xlim(high, low - 0.025 * (high - low) if of.sigma is None else low)
     fig.align_ylabels(axes)
     title = f"truth minus estimate, {runs_of(result)}"

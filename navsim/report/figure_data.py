@@ -297,7 +297,7 @@ def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
     for error, status, one in zip(errors, codes, of_runs, strict=False):
         shown = np.isfinite(error) & np.isfinite(one) & (status != ALARM) & flying
         of_shown = np.broadcast_to(one, error.shape)[shown]
-        # what is beyond the frame is counted at its edge
+        # points beyond the frame are counted at its edge
         counts += np.histogram2d(np.minimum(error[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
     return Stanford(edges, counts, most, top)
 
@@ -379,7 +379,7 @@ def one_run(result: Result, number: int) -> Result:
             continue
         degrees = int(variables[own].attributes["degrees_of_freedom"])
         values = chosen[own][0] / degrees
-        if name == "nis":  # at fix epochs, of which none is at time 0
+        if name == "nis":  # at fix epochs, none of which is at time 0
             values = np.append(np.full(chosen["/summary/consistency/time"].size - values.size, np.nan), values)
         band = {
             f"band_{end}": chi_square.quantile(p, degrees) / degrees for end, p in (("low", 0.025), ("high", 0.975))

@@ -120,7 +120,7 @@ def ridge_lines(
         if len(parts):
             ends = parts.reshape(-1, 2)
             x, y = ends[np.argmin(ends[:, 1])]
-            down = y < right[0] + 0.1 * (right[1] - right[0])  # a title stands above the border
+            down = y < right[0] + 0.1 * (right[1] - right[0])  # a title is above the border
             word(ax, ridge.label, (float(x), float(y)), (4.0, -3.0) if down else (0.0, 2.0),
                  ha="left" if down else "center", va="top" if down else "bottom", color=BROWN)  # fmt: skip
 
@@ -198,7 +198,7 @@ def sky(result: Result) -> Figure:
         ax.fill(*shaded(*terrain, mask), **shade | {"color": BROWN, "alpha": 0.45})
     for ring in RINGS:
         ax.add_patch(Circle((0.0, 0.0), ring, fill=False, color=_GREY, lw=0.4, alpha=0.6))
-        up = 3.0 if ring < edge else -5.0  # bearings stand outside
+        up = 3.0 if ring < edge else -5.0  # bearings are outside
         ax.annotate(f"{90.0 - ring:g}°", (0.0, ring), xytext=(2.0, up), textcoords="offset points", fontsize=SMALL,
                     va="center_baseline")  # fmt: skip
     for said, s, c in bearings():

@@ -73,7 +73,7 @@ def levels(result: Result) -> Figure:
         if np.isfinite(landed):
             ax.axvline(landed, color="#777777", lw=0.8, ls="--", label="touchdown")
         ax.set_ylim(bottom=0.0)
-        # what comes after touchdown is not judged
+        # epochs after touchdown do not count
         judged = np.array(shown)[:, ~(time > landed)]
         if np.isfinite(judged).any():
             ax.set_ylim(top=1.1 * float(np.max(judged, where=np.isfinite(judged), initial=0.1)))

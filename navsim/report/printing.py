@@ -43,7 +43,7 @@ STYLE: Any = {
     "grid.alpha": 0.3,
     "grid.linewidth": 0.4,
     "lines.linewidth": 0.9,
-    # figures have their layout from `fit`, whatever the user's matplotlibrc says
+    # figures have the layout of `fit`, whatever the user's matplotlibrc contains
     "figure.autolayout": False,
     "figure.constrained_layout.use": False,
     "hatch.linewidth": 0.6,
@@ -192,7 +192,7 @@ def fit(figure: Figure) -> None:
     for ax in figure.axes:
         box = ax.get_window_extent(renderer)
         middle = 0.5 * (box.x0 + box.x1) * scale
-        # what is centred over a panel may reach to the nearer side of the page
+        # text centred over a panel may extend to the nearer side of the page
         reach = 2.0 * min(middle, 72.0 * figure.get_figwidth() - middle) - 6.0
         alone = _alone_in_row(ax, figure)
         across = max(box.width * scale, reach if alone else box.width * scale)
@@ -305,7 +305,7 @@ def _hundredfold(line: str) -> float:
     if not line.strip():
         return 0.0
     path = TextPath((0, 0), line, 100.0, prop=FontProperties())
-    # outlines have a point where they are farthest, curves reach no further than theirs; where one is closed is none
+    # outlines have a point at their extremes, curves stay within theirs; a closed outline has no end
     return float(np.ptp(path.vertices[path.codes != path.CLOSEPOLY, 0]))
 
 

@@ -149,7 +149,7 @@ def curve(result: Result, i: int) -> Exceedance:
     least = min(least, required)
     bottom = 0.0 if least > _COMMON else max(0.3 * least, _LEAST)
     grid = np.linspace(0.0, max(1.1 * limit, abs(mean) + 3.0 * sigma), _POINTS)
-    if bottom:  # only as far as curves are
+    if bottom:  # only as far as the curves
         grid = np.linspace(0.0, min(grid[-1], abs(mean) - sigma * normal.quantile(0.5 * bottom)), _POINTS)
     return Exceedance(x, chance, low, high, grid, normal.exceedance(grid, mean, sigma), limit, bottom)
 
@@ -208,7 +208,7 @@ def _mark(ax: Axes, limit: float, end: float) -> None:
 def exceeded(error: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Sizes of the errors of runs (n,), from the largest on, how often they are reached and the ends of 95 % intervals;
     above 1/2 by the runs that do not, as `/summary/rare/probability`."""
-    size = np.where(np.isfinite(error), np.abs(error), np.inf)  # what is no number exceeds everything
+    size = np.where(np.isfinite(error), np.abs(error), np.inf)  # nan exceeds everything
     order = np.argsort(-size)
     weight, runs = np.exp(log_weight[order]), max(size.size, 2)
 

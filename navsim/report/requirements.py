@@ -66,7 +66,7 @@ def _over_time(ax: Axes, result: Result, axis: str) -> None:
     """Root mean square error of all runs over time, the filter's sigma, and the value over the last seconds."""
     time, states = result["/truth/time"], _STATES[axis]
     value, low, high = map(float, result[f"/summary/rms/{axis}"])
-    if single(result):  # which has no interval that says anything
+    if single(result):  # which has no meaningful interval
         low = high = value
     top = 1.6 * rms_lines(ax, result, axis)
     if "/filter/time" in result:
@@ -107,7 +107,7 @@ def _at_heights(ax: Axes, result: Result, axis: str) -> None:
     beyond: list[tuple[int, str]] = []
     limits = [one for one in required_limits(result, "error") if one.of == axis]
     sizes = [one.size for one in limits]
-    # what is far wider than what is found would press that together
+    # a far wider range would compress the values
     sight = _WIDEST * (reach if reach > 0.0 else min(sizes, default=1.0))
     for one in limits:
         x = _ALONG_TRACK.index(one.at)

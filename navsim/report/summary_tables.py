@@ -267,7 +267,7 @@ def _taken(result: Result, path: str) -> np.ndarray | None:
     found = result[path]
     if found.ndim == 1:
         return found
-    # by how much jammers are stronger, of what would be received without
+    # jammer to signal ratio, relative to reception without jammers
     lost: np.ndarray = (~np.isnan(found).all(axis=0) & (result["/interference/held"] == 0)).sum(axis=0)
     return lost
 
@@ -485,7 +485,7 @@ def _range_noise(result: Result) -> Cell | str:
     if "/integrity/hpl" not in result:
         return ABSENT
     section = setting(result, "integrity")
-    if "error_model" not in section or section["error_model"] == "gaussian":  # of an earlier version, or as believed
+    if "error_model" not in section or section["error_model"] == "gaussian":  # earlier version, or as modelled
         return ABSENT
     noise = section["heavier"]
     core, tail, share = (float(noise[name]) for name in ("core", "tail", "share"))
@@ -562,7 +562,7 @@ def _priors(result: Result) -> Cell | str:
         return ABSENT
     own = section.get("p_constellations") or {}
     each = "".join(f", {name} {{:.3g}}" for name in own)
-    pattern = ", ".join("{}" if isinstance(one, str) else "{:.3g}" for one in known)  # by who watches them: a word
+    pattern = ", ".join("{}" if isinstance(one, str) else "{:.3g}" for one in known)  # type of monitoring: a word
     return Cell(pattern + each, (*known, *map(float, own.values())),
                 names=("satellite", "system", "pseudolite", *own))  # fmt: skip
 
@@ -728,7 +728,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     def columns(result: Result, value: str) -> str:
         return value + (" [95 %]" if result["/run"].size > 1 else "") + ", σ of the filter"
 
-    # of what `navsim show` reads, the error at touchdown tells whether there was one
+    # the error at touchdown, which `navsim show` reads, shows whether there was one
     landed = {bool(np.isfinite(r["/summary/at/lateral"][0]).any()) for _, r in results}
     to = " or ".join(words for here, words in ((True, "touchdown"), (False, "the end")) if here in landed)
     section(f"Filter, errors over {RMS_WINDOW:g} s to {to}", lambda r: columns(r, "RMS"))

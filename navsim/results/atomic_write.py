@@ -50,7 +50,7 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
     temporary = target.with_name(f"{_stem(target)}{os.getpid()}{_TEMPORARY}")
     try:
         mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else None
-        if mode is not None:  # nobody reads what is being written who could not read what was
+        if mode is not None:  # the new file has the permissions of the old one
             os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600))
         yield temporary
         if durable:
@@ -61,7 +61,7 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
                 temporary.chmod(mode)
         os.replace(temporary, target)
     finally:
-        with contextlib.suppress(OSError):  # it is not there any more, or what went wrong is being told
+        with contextlib.suppress(OSError):  # it is gone, or its error is being reported
             temporary.unlink(missing_ok=True)
 
 
@@ -74,7 +74,7 @@ def write_atomically(path: Path, *pieces: bytes | memoryview) -> None:
 
 def settle(path: Path) -> None:
     """Have the name of a file, too, on the disk, where the file system can be asked for that."""
-    with contextlib.suppress(OSError):  # some cannot; the file itself is whole and on the disk either way
+    with contextlib.suppress(OSError):  # some file systems cannot; the file itself is intact and on the disk either way
         descriptor = os.open(destination(path).parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
             os.fsync(descriptor)
@@ -112,7 +112,7 @@ def clean(path: Path, *, owned: bool) -> None:
     target = destination(path)
     for process, leftover in _beside(target, _TEMPORARY):
         if owned or _is_dead(process):
-            with contextlib.suppress(OSError):  # somebody else's, or a folder; it is in nobody's way
+            with contextlib.suppress(OSError):  # another user's, or a folder; it does no harm
                 leftover.unlink()
     if owned:
         for _, leftover in _beside(partial_folder(path), _GONE):
@@ -141,7 +141,7 @@ def _is_dead(process: int) -> bool:
     except (ProcessLookupError, OverflowError):
         return True
     except PermissionError:
-        pass  # somebody else's
+        pass  # another user's
     return False
 
 
@@ -166,7 +166,7 @@ def locked(path: Path) -> Iterator[None]:
             raise
         if _same(descriptor, lock):
             break
-        os.close(descriptor)  # its last owner removed it between our opening and our locking
+        os.close(descriptor)  # its last owner removed it between open and lock
     try:
         os.ftruncate(descriptor, 0)
         since = datetime.datetime.now(datetime.UTC)

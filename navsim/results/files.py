@@ -59,7 +59,7 @@ def open_regular(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
     Raises OSError with a message in `strerror`: missing, a folder, not a regular file, too large. Its reads raise it,
     too, for a file that turns out to be larger, or has no data for now.
     """
-    # without waiting: a named pipe would keep us until somebody writes to it
+    # without waiting: opening a named pipe would block until there is a writer
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     about = os.fstat(descriptor)
     problem: OSError | None = None
@@ -79,7 +79,7 @@ def open_regular(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
 def content(path: Path, most: int) -> bytes:
     """The bytes of a regular file, at most `most` of them. Raises OSError as `open_regular`."""
     with open_regular(path, most) as file:
-        data = file.read(most + 1)  # files of the kernel's say that they have no bytes, and have some
+        data = file.read(most + 1)  # files of the kernel have a stated size of zero, but contain data
     if len(data) > most:
         raise _too_large(path, most)
     return data

@@ -228,7 +228,7 @@ class Tree:
         count = math.prod(_shape(attribute.get_space(), path))
         if not 0 < count <= MOST_VALUES:
             raise CorruptFile(f"{path}: has {count} values")
-        # texts may share their place in the file: what they take together is known when they are read
+        # texts may share their place in the file: their total size is known when they are read
         if kind.get_class() == h5t.STRING and count > 1 and count * self._source.size > _AT_ONCE:
             raise CorruptFile(f"{path}: has {count} texts")
         values = np.empty(attribute.shape, attribute.dtype)

@@ -254,7 +254,7 @@ def _fill(file: Path | io.BytesIO, result: Result) -> None:
     with Writer(file) as tree:
         _describe(tree.root, "/", own | result.attributes)
         # coordinates first: they are the dimensions that their neighbours use; else by name, so that numbers of
-        # dimensions do not tell in which order a result was made
+        # dimensions do not depend on the order in which a result was built
         ordered = sorted(
             result.variables.items(), key=lambda item: (not _is_coordinate(*item), item[0].count("/"), item[0])
         )
@@ -317,7 +317,7 @@ def _checked(data: np.ndarray | Stream, first: np.ndarray) -> dict[str, Any]:
         return {}
     most = max(1, CHUNK_BYTES // (data.dtype.itemsize * int(np.prod(data.shape[1:]))))
     chunks = -(-data.shape[0] // most)
-    rows = -(-data.shape[0] // chunks)  # of even size, for the last takes as much space as the others
+    rows = -(-data.shape[0] // chunks)  # equal sizes, since the last one takes as much space as the others
     if isinstance(data, Stream):
         rows = next(n for n in range(min(rows, max(1, first.shape[0])), 0, -1) if first.shape[0] % n == 0)
     return {"chunks": (rows, *data.shape[1:]), "fletcher32": True}

@@ -204,7 +204,7 @@ class _RemoteBatches:
             out.append((first, Batch(per_run, sums, histories)))
         size = sum(array.nbytes for group in found[0] for array in group.values())
         worth = TASK_S / max(seconds, 1e-6)
-        # the first batch of a worker loads its kernels: later ones tell better how long one takes
+        # the first batch of a worker loads its kernels: later ones show better how long one takes
         self._most = max(self._most, int(min(worth, TASK_BYTES / max(size, 1))))
         return out
 

@@ -72,7 +72,7 @@ def code_key() -> dict[str, object]:
     """Part of every key that identifies the code."""
     package = Path(navsim.__file__).parent
     sources = hashlib.sha256()
-    for source in sorted(package.rglob("*.py")):  # what a piece holds is decided by more than the kernels
+    for source in sorted(package.rglob("*.py")):  # a piece depends on more than the kernels
         sources.update(f"{source.relative_to(package)}\0".encode() + source.read_bytes())
     return {"navsim_version": navsim.__version__, "kernels": digest(), "sources": sources.hexdigest()[:16]}
 
@@ -132,7 +132,7 @@ class CheckpointStore:
                 discard(folder)
             if _has_work(folder):
                 _compare(folder, mine, key)
-            else:  # at most a key, perhaps cut: nobody's work
+            else:  # at most a key, perhaps incomplete: no work
                 folder.mkdir(parents=True, exist_ok=True)
                 write_atomically(folder / _KEY_FILE, mine.encode())
             for leftover in folder.glob(".*.tmp"):
@@ -200,12 +200,12 @@ class CheckpointStore:
         """Whether it contains finished work."""
         try:
             return _has_work(self.folder)
-        except OSError:  # whatever is there cannot be read now, nor gone on from
+        except OSError:  # the content cannot be read now, nor continued
             return False
 
     def remove(self) -> None:
         """Delete the folder: the result is complete."""
-        with contextlib.suppress(OSError):  # what stays is whole, and the same command would only be quicker
+        with contextlib.suppress(OSError):  # remaining files are intact, and only make the same command quicker
             if not _others(self.folder):
                 discard(self.folder)
 

@@ -142,7 +142,7 @@ class Cluster(RemoteExecutor):
         self.address = address
         self._numbers = itertools.count()
         for name in ("distributed", *(name for name in logging.root.manager.loggerDict if "distributed" in name)):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is said by errors
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # important messages are errors
         where = address if "://" in address else _address_in(address)
         warnings.filterwarnings("ignore", module="distributed")
         try:
@@ -180,7 +180,7 @@ class Cluster(RemoteExecutor):
             return len(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def share(self, what: Any) -> Any:
-        # a task and no data that lie somewhere: where all workers that had it are gone, it is done again
+        # a task without data elsewhere: if all its workers are gone, it is done again
         return self._client.submit(pickle.loads, cloudpickle.dumps(what), key=self._key("study"), pure=False)
 
     def submit(self, work: Callable[..., Any], /, *arguments: Any, **named: Any) -> futures.Future[Any]:

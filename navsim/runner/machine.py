@@ -27,7 +27,7 @@ def machine(folder: Path) -> Machine:
         place = place.parent
     try:
         disk = float(shutil.disk_usage(place).free)
-    except OSError:  # a file system that does not tell: what does not fit is found out while writing
+    except OSError:  # a file system without this information: a lack of space shows while writing
         disk = None
     return Machine(available_memory(), disk, threads().workers)
 
@@ -67,7 +67,7 @@ def _group_memory(proc: Path, groups: Path) -> list[float]:
         root = groups if version2 else groups / "memory"
         names = ("memory.max", "memory.current") if version2 else ("memory.limit_in_bytes", "memory.usage_in_bytes")
         folder = root / parts[2].lstrip("/")
-        # a container often sees its own group as the root, whatever the process is told
+        # a container often has its own group as the root, whatever the process file contains
         for place in (folder, *(parent for parent in folder.parents if parent == root or root in parent.parents)):
             most, used = _integer(place / names[0]), _integer(place / names[1])
             if most is not None and used is not None and most < 2**60:
@@ -80,7 +80,7 @@ def _group_memory(proc: Path, groups: Path) -> list[float]:
 def _lines(file: Path) -> list[str]:
     try:
         return file.read_text().splitlines()
-    except (OSError, UnicodeDecodeError):  # another system: it has no such file, and nothing is told by it
+    except (OSError, UnicodeDecodeError):  # another system: without such a file nothing is known
         return []
 
 

@@ -33,7 +33,7 @@ def scenario_instead(path: Path) -> str:
         return ""
     try:
         kind = str(load(path).data.get("kind"))
-    except InputError:  # not even readable as YAML: what it is no result for is said elsewhere
+    except InputError:  # not even YAML: another message explains why it is no result
         return ""
     return f"{path}: is no result but {advice(kind, path)}" if kind in OF_FILES else ""
 

@@ -83,7 +83,7 @@ def weighted_share(
     """
     runs = hits.size
     weights = np.exp(log_weights)
-    # hits that weigh little do not make the rest rare, even where there is no rest
+    # hits of small weight do not make the complement rare, even without a complement
     if weights @ hits > max(weights @ ~hits, 0.5 * runs):
         return *_of_the_rest(*_rare_share(log_weights, ~hits, most_else)), _kish(log_weights[hits])
     value, relative = _rare_share(log_weights, hits, most)

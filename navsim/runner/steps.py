@@ -217,7 +217,7 @@ def _computed(
     except RunFailed as error:
         last = error.problems[-1]
         raise RunFailed([*error.problems[:-1], replace(last, message=f"{last.message}; {state()}")]) from None
-    except BaseException as ended:  # whatever it is, what comes next is the same
+    except BaseException as ended:  # in any case the next step is the same
         listener.speech.say(state())
         ended.add_note(state())
         raise

@@ -90,7 +90,7 @@ def _write_heading(runway: dict[str, Any]) -> None:
         given = runway.get("heading_deg")
         if _number(given) and 0.0 <= given <= 360.0 and "bearing_deg" not in runway:
             if abs(turned(given, heading)) > _SAME:
-                # what was given is the published one, which the thresholds overrule
+                # the given one is the published one, which the thresholds replace
                 runway["bearing_deg"], runway["bearing_is"] = given, "true"
             runway["heading_deg"] = heading
         _write(runway, "heading_deg", heading, "end")

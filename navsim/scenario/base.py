@@ -198,7 +198,7 @@ def _count_items(node: Any) -> None:
 class Section(BaseModel):
     """A part of a scenario: immutable, no unknown keys, no silent conversions, finite numbers."""
 
-    # sections within others are built with them, and by themselves only where somebody makes one
+    # nested sections are built with their parents, and separately only on demand
     model_config = ConfigDict(
         extra="forbid",
         frozen=True,
@@ -313,7 +313,7 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
     if kind in ("float_type", "int_type") and isinstance(given, str) and (said := _of_number(key, given)):
         return Problem(place, key, said)
     if kind == "value_error" and isinstance(given, (dict, list, tuple)):
-        return Problem(place, key, message)  # what a validator of a whole section found says itself what was given
+        return Problem(place, key, message)  # errors of a validator of a whole section contain the given value
     shown = _as_written(given) if isinstance(given, (int, float, str, bool, type(None))) else "a " + _noun(given)
     unit = ""
     if kind in _BOUNDS:
@@ -433,7 +433,7 @@ def _keys_at(model: Any, location: tuple[str | int, ...]) -> list[str]:
             if part in one.model_fields:
                 below += _models_in(one.model_fields[str(part)].annotation)
             elif any(part in typing.get_args(f.annotation) for f in one.model_fields.values()):
-                below = [one]  # the tag of a union: keep the member that carries it
+                below = [one]  # tag of a union: keep the member that has it
                 break
         here = below or here
     return [name for one in here for name in getattr(one, "model_fields", {})]

@@ -142,7 +142,7 @@ def _below(schema: Schema, written: Schema, forms: Sequence[Schema], key: str) -
                 sections.append((prefix, found))
     tag = _tag(written) or next((t for form in forms if (t := _tag(form.get("items", {})))), "")
     given = written.get("default")
-    # with several sections to choose from the default is of one; a preset fills in values of its own
+    # with several sections to choose from, the default is that of one; a preset supplies its own values
     alone = len(sections) == 1 and isinstance(given, Mapping) and "preset" not in sections[0][1].get("properties", {})
     above = given if alone and isinstance(given, Mapping) else {}
     variants = [(prefix, section, list(_properties(schema, section, prefix, above))) for prefix, section in sections]

@@ -452,7 +452,7 @@ class Landing(Section):
             if slowest < SLOWEST:
                 text = f"a route that falls to {slowest:.1f} m/s within duration_s has no course to be off; 2 m/s has"
                 raise reject(text + beside(air[1]), *air[1][0])
-        # on the ground the nose stays where it is
+        # on the ground the nose does not turn
         times = times[times < path.events.get(ROLL_OUT, math.inf)]
         slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
         if slowest < SLOWEST:
@@ -559,7 +559,7 @@ class Landing(Section):
         motion = trajectory.motion(times)
         return Track(np.concatenate([motion.position_ecef, antenna_ecef(motion, lever_arm)]))
 
-    # --- the models the sections stand for
+    # --- models of the sections
 
     def receiver_model(self) -> Receiver:
         """The receiver, with the clock that it has."""
@@ -698,7 +698,7 @@ class Landing(Section):
             technical = self.approach.flight_technical_error
         if technical is None and not wind.buffets:
             return None
-        from navsim.trajectory.air import Air  # only where there is something of it
+        from navsim.trajectory.air import Air  # only if any of it is present
 
         mean, response = wind.mean(self.runway.heading_deg * DEG), wind.response.model()
         turbulence = None if wind.turbulence is None else wind.turbulence.model(mean)

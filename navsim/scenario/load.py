@@ -43,7 +43,7 @@ def read_any(path: Source, assignments: Sequence[Assignment] = ()) -> tuple[Sect
     own = document.data.get("kind")
     _assign(document, assignments)
     kind = document.data.get("kind")
-    if str(kind) not in OF_FILES:  # anything may stand there, a list too
+    if str(kind) not in OF_FILES:  # any value is possible, also a list
         missing = "kind" not in document.data
         said = "this key is required; " if missing else f"{kind!r} is no kind of scenario; "
         raise InputError([Problem(document.place(("kind",)), "kind", said + hint(str(kind), list(OF_FILES)))])

@@ -22,9 +22,9 @@ IMU_PRESETS: dict[str, dict[str, dict[str, float]]] = {
         "gyro": {"drift_deg_h": 0.0, "noise_deg_h": 0.0},
         "accelerometer": {"bias_mg": 0.0, "noise_mg": 0.0},
     },
-    # From here on data sheets, each number as it was seen (`IMU_SHEETS`) and no other. What a sheet does not say is
-    # left out; `scenario/sensors.py` asks for what a simulation cannot do without. Correlation times are on no sheet:
-    # 100 s, and here where the white noise printed would be above the bottom printed by then.
+    # From here on data sheets, with no numbers but theirs (`IMU_SHEETS`). Missing ones are left out;
+    # `scenario/sensors.py` asks for those that a simulation needs. Correlation times are on no sheet: 100 s, except
+    # here if the printed white noise would then exceed the printed minimum of the Allan deviation.
     "hg9900": {
         "gyro": {
             "bias_instability_deg_h": 0.0035, "markov_time_s": 1000.0, "arw_deg_sqrt_h": 0.002, "scale_ppm": 5.0,
@@ -98,11 +98,11 @@ IMU_SHEETS = {
 """Sources of those `IMU_PRESETS` that come from data sheets."""
 
 SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
-    # The landing paper: white noise of pseudoranges (variance 5 m2 at the zenith), nothing that lasts.
+    # The landing paper: white noise of pseudoranges (variance 5 m2 at the zenith), no time-correlated errors.
     "white": {},
-    # A receiver of one frequency by itself: sizes at the zenith of the simulation program of Groves (2013) (satellites
-    # 1 m, ionosphere 2 m, troposphere 0.2 m, code 1 m), multipath of Langel, Garcia Crespillo & Joerger (2021); where
-    # the times come from, `docs/theory/lasting-errors.md`, section 2.
+    # A single-frequency receiver without corrections: sizes at the zenith of the simulation program of Groves (2013)
+    # (satellites 1 m, ionosphere 2 m, troposphere 0.2 m, code 1 m), multipath of Langel, Garcia Crespillo & Joerger
+    # (2021); times: `docs/theory/lasting-errors.md`, section 2.
     "open-sky": {
         "range_sigma_m": 1.0,
         "range_law": "constant",
@@ -113,7 +113,7 @@ SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
             "multipath": {"sigma_m": 0.5, "time_s": 100.0},
         },
     },
-    # What the corrections of a satellite-based augmentation leave: sizes chosen with the errors in view that the
+    # Residuals after the corrections of a satellite-based augmentation: sizes chosen with the errors in view that the
     # FAA reports of WAAS; section 2.
     "sbas": {
         "range_sigma_m": 0.3,
@@ -125,8 +125,8 @@ SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
             "multipath": {"sigma_m": 0.13, "time_s": 100.0},
         },
     },
-    # What the corrections of a station at the aerodrome leave: its own multipath and the aircraft's, and 10 parts in a
-    # million of 5 km of way; section 2.
+    # Residuals after the corrections of a station at the aerodrome: its own multipath and the aircraft's, and 10 parts
+    # per million of a distance of 5 km; section 2.
     "differential": {
         "range_sigma_m": 0.3,
         "range_law": "constant",
@@ -139,8 +139,8 @@ SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
 """Ranging errors of satellites, keys of section `signals`."""
 
 SENSOR_CLASSES: dict[str, dict[str, dict[str, float]]] = {
-    # Groves (2013), tables 4.1 and section 4.4: grades of inertial sensors. `drift` and `bias` are what is left of the
-    # turn-on bias where no standstill shows it; `markov` the in-run instability with its correlation time.
+    # Groves (2013), tables 4.1 and section 4.4: grades of inertial sensors. `drift` and `bias` are the turn-on
+    # bias without a standstill; `markov` is the in-run instability with its correlation time.
     "consumer": {
         "gyro": {"drift_deg_h": 1000.0, "arw_deg_sqrt_h": 1.0, "markov_deg_h": 20.0, "markov_time_s": 300.0},
         "accelerometer": {"bias_mg": 10.0, "vrw_m_s_sqrt_h": 0.6, "markov_mg": 1.0, "markov_time_s": 300.0},

@@ -457,7 +457,7 @@ class _Sensors(Section):
             return data
         sections = [data.get(sensor) for sensor in NEEDED]
         own = any(value is not None for part in sections if isinstance(part, dict) for value in part.values())
-        preset = str(data.get("preset", "none" if own else "paper"))  # anything may stand there, a list too
+        preset = str(data.get("preset", "none" if own else "paper"))  # any value is possible, also a list
         if preset == "none":
             return {"preset": "none", **data}
         if preset not in IMU_PRESETS:

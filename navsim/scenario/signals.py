@@ -455,7 +455,7 @@ class PseudolitesSection(Section):
             llh=llh,
             survey_error=np.array(self.survey_error_m),
             clock=CLOCKS.index(self.clock),
-            # a transmitter ahead of its time scale is heard too early
+            # a transmitter ahead of its time scale is received too early
             delay=-SPEED_OF_LIGHT * self.clock_offset_ns * 1e-9,
             sigma=self.range_sigma_m,
             rate_sigma=self.range_rate_sigma_m_s,
@@ -521,7 +521,7 @@ class SignalsSection(Section):
         """Write the preset's values where the scenario gives none, so that the resolved scenario shows them."""
         if not isinstance(data, dict):
             return data
-        preset = SIGNAL_PRESETS.get(str(data.get("preset", "white")))  # anything may stand there, a list too
+        preset = SIGNAL_PRESETS.get(str(data.get("preset", "white")))  # any value is possible, also a list
         if not preset:
             return data
         errors = data.get("errors", {})

@@ -32,7 +32,7 @@ LENIENT = ("navigation", "orbits")
 SOURCES_FROM_FILES = ("almanac", "navigation", "orbits")
 """Values of `sky.source` that name files by the key of the same name."""
 
-# what is allowed follows from the table of systems
+# allowed values follow from the table of systems
 if TYPE_CHECKING:
     Clock = str
     Name = str

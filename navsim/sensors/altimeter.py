@@ -126,7 +126,7 @@ class RadioAltimeter:
         arm = motion.c_nb @ self.lever_arm
         ground = self.ground.at(Centreline.of(frame, self.aim_point, self.height).along(motion.llh, arm))
         above = motion.llh[:, 2] - arm[:, 2] - self.height - ground
-        near = 1e-6  # what rolls on the ground is 0 m above it, but for rounding
+        near = 1e-6  # on the ground the height is 0 m, but for rounding
         there = (above >= self.lowest - near) & (above <= self.highest + near)
         return np.where(there & (motion.c_nb[:, 2, 2] >= math.cos(self.tilt)), above, np.nan)
 

@@ -65,7 +65,7 @@ class Vibration:
         if not self.density:
             return 0.0
         first, last = self.density[0][0], self.density[-1][0]
-        # the sidelobes of a sinc are 1/interval wide; beyond a hundred of them what is left is below 1 in 1e3 of each
+        # the sidelobes of a sinc are 1/interval wide; beyond a hundred of them less than 1 in 1e3 of each remains
         f = np.unique(np.concatenate([np.geomspace(first, last, 4000), self._within(first, last, interval)]))
         weighed = self.at(f) * np.sinc(f * interval) ** 2
         return float(np.sum(0.5 * (weighed[1:] + weighed[:-1]) * np.diff(f)))
@@ -293,7 +293,7 @@ def _spectrum(vibration: Vibration, count: int, dt: float) -> np.ndarray:
         for f in (parts + fold * rate, fold * rate - parts) if fold else (parts,):
             power += (vibration.at(np.maximum(f, 0.0)) * np.sinc(f * dt) ** 2).mean(axis=1) * step
     size = 0.5 * length * dt * np.sqrt(power)
-    # the ends have no partner: their real part alone counts, twice; what is folded onto the last is its own half
+    # the ends have no partner: their real part alone counts, twice; the fold onto the last is its own half
     size[0] *= 2.0
     size[-1] *= math.sqrt(2.0)
     return size

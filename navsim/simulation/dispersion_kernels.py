@@ -27,7 +27,7 @@ def _felt(force, rate, axes, gradient, earth, way, turn, out):
     """
     hx, hy, hz = turn[0], turn[1], turn[2]
     k = 2.0 / (1.0 + (hx * hx + hy * hy + hz * hz))
-    # what the deviation adds to the specific force, along axes of the path
+    # contribution of the deviation to the specific force, along axes of the path
     ex = way[6] + 2.0 * (earth[1] * way[5] - earth[2] * way[4])
     ey = way[7] + 2.0 * (earth[2] * way[3] - earth[0] * way[5])
     ez = way[8] + 2.0 * (earth[0] * way[4] - earth[1] * way[3])

@@ -92,7 +92,7 @@ class FilterBank(SeparationWatch):
         taken = np.array([np.isin(signals.names, one.sources) for one in expected]).reshape(-1, len(signals.names))
         whole = along_belief(flight, np.zeros(len(signals.names), bool))
         nominal = np.array([watching.nominal[name] for name in signals.names])
-        # of each filter what levels and differences need, for all of it would be hundreds of megabytes
+        # only the data that levels and differences need, since all would be hundreds of megabytes
         route = route_of_filter(flight, whole)
         gains, solutions, both = [], [FilterSolution.of(flight, whole, nominal)], []
         for without in taken:
@@ -102,7 +102,7 @@ class FilterBank(SeparationWatch):
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
         ever = np.logical_or.accumulate(signals.used, axis=0)
         spread = _together(solutions, both)
-        # without some there is no fix, so that the filter goes on by its inertial sensors, further and further off
+        # without some sources there is no fix, so the filter coasts on its inertial sensors with growing errors
         solved_ = [fix_of(replace(signals, used=signals.used & ~one)).solved for one in taken]
         idle = ~np.array(solved_, bool).reshape(len(taken), signals.time.size)
         found = araim.allocated_risk(spread, ever, faults, watching.test, idle=idle)

@@ -42,7 +42,7 @@ def gains_that_matter(gyro: Triad, accel: Triad, dtheta: np.ndarray, dv: np.ndar
     for block in GAINS:
         sigma, triad = _sigma(block, triads), triads[block.triad]
         felt = (dtheta, dv)[block.triad]
-        # the axis that feels most counts, whichever axis the gain takes it to
+        # the axis with the largest input counts, whichever axis the gain acts on
         adding = np.concatenate([np.zeros((1, 3)), np.cumsum(felt, axis=0)])
         length = max(1, round(1.0 / dt))
         while length <= felt.shape[0]:

@@ -408,7 +408,7 @@ def prepare(
 
 def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
     """The events of a flight, and those of its fixes or ranges, see `Flight`."""
-    # the filter knows when a fix came and how old it believes it to be
+    # the filter knows the arrival of a fix and its age in the filter model
     arrival = world.filter_time[1:]
     valid = np.maximum(arrival - beliefs.latency, 0.0)
     smooths = is_smoother(beliefs.kind)

@@ -469,7 +469,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     there = lin.have > 0.0
     both = there[weighed, :, None] & there[weighed, None, :]
 
-    # what is new at each measurement, by its source: covariance of its noise (w, MOST, MOST)
+    # white noise at each measurement, by its source: covariance (w, MOST, MOST)
     noise = {source: np.zeros((*there.shape, MOST)) for source in (*_RATES, *_RANGES, *range(len(own), len(sources)))}
     for which, chosen in enumerate((~of_pseudolites, of_pseudolites)):
         noise[_RATES[which]][weighed] = np.where(both, _white(by_rate, s.rate_sigma, s.used, chosen, epoch)[row], 0.0)
@@ -505,7 +505,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         if names := _lasting_of(aid):
             _carry_aided(flight, along, route, aid, [sources.index(f"{aid.sensor.name}_{name}") for name in names], out)
 
-    # a column for what is systematic, then one for each thing that is drawn once
+    # a column for systematic errors, then one for each error that is drawn once
     columns, owner = _at_start(carried, sources, flight.initial, true)
     messages = _messages(s, by_range, epoch)
     felt = messages.any(axis=(0, 1))
@@ -520,7 +520,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     columns = np.pad(columns, ((0, 0), (0, messages.shape[2])))
     off = np.zeros((*there.shape, owner.size))
     off[:, :, 0] = lin.z
-    if curvature is not None:  # the filter took off what it believes of it
+    if curvature is not None:  # the filter removed the mean of its model
         off[weighed, :, 0] += np.where(there[weighed], curvature.mean[epoch][row], 0.0)
     off[weighed, :, first:] = np.where(there[weighed, :, None], messages[row], 0.0)
     errors, seen = _carry_columns(route, columns, off)
@@ -536,7 +536,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     if beliefs.tight and CURVATURE in sources:
         _add_range_curvature(flight, along, route, sources.index(CURVATURE), out, errors)
 
-    # numbers that are not there are 0, and whatever is expected of them does nothing
+    # missing components are 0, and any expected value for them has no effect
     expected = lin.expected + np.eye(MOST) * ~there[:, :, None]
     solved = np.linalg.solve(expected, np.concatenate([out.second, seen[:, :, :1]], axis=2))
     of_mean = np.sum(seen[:, :, 0] * solved[:, :, MOST], axis=1)
@@ -558,14 +558,14 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     white &= beliefs.sigma_scale == 1.0 and curvature is None and flight.range_curvature is None
     white &= s.reflections is None
     white &= all(aid.as_believed for aid in world.aids)
-    # every error that there is has its state, and all are as believed
+    # every true error has its state, and all equal the filter model
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
     inertial = tuple(b for b in beliefs.sensors.blocks if b.triad in (states.GYROS, states.ACCELEROMETERS))
     matched &= _same(replace(beliefs.sensors, blocks=inertial), followed(gyro, accel, beliefs.sensors.blocks))
     if beliefs.clock is not None:
         matched &= np.allclose(beliefs.clock, world.clock_density, rtol=1e-12, atol=0.0)
     begins = np.allclose(lin.believed[0], analysis.covariance[0], rtol=1e-9, atol=0.0)
-    # a constant bias beside a Markov one is more than the filter's one state a bias can follow
+    # a constant bias beside a Markov one exceeds the filter's one state for each bias
     can_follow = all(not t.markov or (not t.bias and t.fixed_bias is None) for t in (gyro, accel))
     _check(analysis, matched=bool(white and matched and begins and can_follow and np.all(systematic < 1e-3)))
     return analysis
@@ -702,7 +702,7 @@ def excess(flight: Flight, route: Route, whole: AlongTruth, other: AlongTruth) -
     """
     signals, beliefs = flight.world.signals, flight.beliefs
     out = np.zeros((flight.world.filter_time.size, 3, 3))
-    if beliefs.tight:  # ranges are weighed as well as can be
+    if beliefs.tight:  # ranges are weighted optimally
         return out
     weighed, row = _weighed(flight.events, route, FIX)
     slopes = [(whole.by_range, other.by_range, signals.fix_sigma)]
@@ -790,7 +790,7 @@ def _carry_noises(
         if of_source is not None:
             noise_of[..., lane] = of_source
     variance = np.empty((*out.variance.shape[1:], WIDTH))
-    # the Markov biases come behind the filter's states where they are carried
+    # the propagated Markov biases follow the filter's states
     place = np.append(np.arange(states.SENSORS), n + np.arange(states.N - states.SENSORS))
     carry_covariances(
         route, added, place, in_lanes(density_of), in_lanes(np.zeros((2, size, size, WIDTH))), in_lanes(noise_of),

@@ -44,7 +44,7 @@ def draw_measurements(
     """
     signals = world.signals
     e, s = signals.range.shape
-    # what is added below goes to idle lanes, too, where no noise does
+    # the additions below also reach idle lanes, the noise does not
     ranges, rates = np.zeros((e, s, lanes)), np.zeros((e, s, lanes))
     delay = signals.delay[..., None]
     if signals.space is not None:
@@ -56,7 +56,7 @@ def draw_measurements(
         apart = [signals.offset @ generator(seed, run, "space", 1).standard_normal(scales) for run in runs]
         delay = delay + np.stack(apart, axis=-1)[None]
     if lasting is not None and signals.lasting is not None:
-        # as they are after smoothing: in code and carrier alike
+        # errors after smoothing: in code and carrier alike
         late = [np.sum(signals.lasting.sigma * lasting[..., lane], axis=0) for lane in range(len(runs))]
         delay = delay + np.stack(late, axis=-1)
     faster = None

@@ -25,7 +25,7 @@ from navsim.gnss.dop import SINGULAR
 PDOP, HDOP, VDOP = 0, 1, 2
 MEAN, SMALLEST, LARGEST = 0, 1, 2
 
-# what the satellites contribute at one epoch, a row of `satellites`
+# contribution of the satellites at one epoch, a row of `satellites`
 SAT_A = 0
 """C of the clocks the pseudolites do not keep plus A of the one they keep: xx, yx, yy, zx, zy, zz."""
 SAT_B = 6
@@ -47,7 +47,7 @@ EDGE_RISE = 12
 """Height of the last end above the first."""
 EDGE_N = 13
 
-# what the placements have in common at one epoch, weights counted in those of a pseudolite where one is heard
+# common data of the placements at one epoch, weights in units of a pseudolite's where one is received
 _AT = 0
 """Receiver, x, y, z."""
 _A = 3
@@ -86,7 +86,7 @@ def _common(receiver, up, reach, spare, satellites, weight, count, out):
         heard = count if weight[e] > 0.0 else 0
         unknowns = 1 if heard > 0 and satellites[e, SAT_WEIGHT] == 0.0 else 0
         if spare[e] + heard < unknowns:
-            # rounding would hide that there is nothing to invert
+            # rounding would hide that the matrix is singular
             continue
         row = out[solvable]
         solvable += 1
@@ -223,7 +223,7 @@ def _squares(row, c):
     k4 = fma(c1, c3, -c0 * c4)
     k5 = fma(c0, c2, -c1 * c1)
     determinant = fma(c0, k0, fma(c1, k1, c3 * k3))
-    # as `dop.well_posed` has it, of the sources less what their clocks take
+    # as in `dop.well_posed`, from the sources minus their clock unknowns
     squares = k0 + k2 + k5
     solved = (SINGULAR * determinant > (c0 + c2 + c5) * squares) & (squares > 0.0)
     inverse = select(solved, row[_VARIANCE] / determinant, math.nan)
@@ -286,7 +286,7 @@ def placement_dops(
                 p_sum = select(solved, p_sum + p, p_sum)
                 h_sum = select(solved, h_sum + h, h_sum)
                 v_sum = select(solved, v_sum + v, v_sum)
-                # comparisons with nan are false: a lost epoch leaves the bounds as they are
+                # comparisons with nan are false: a lost epoch does not change the bounds
                 p_low = select(p < p_low, p, p_low)
                 h_low = select(h < h_low, h, h_low)
                 v_low = select(v < v_low, v, v_low)

@@ -177,7 +177,7 @@ def fix_forms(signals: Signals, by_range: np.ndarray, by_rate: np.ndarray) -> np
     by_range, by_rate: as of `fix_slopes.slopes`. The sign follows from the fix: a longer range makes the fix shorter.
     """
     of_range, of_rate, across = range_forms(signals)
-    # what a position error does to the velocity fix, and so to the directions once more
+    # effect of a position error on the velocity fix, and thus on the directions again
     to_velocity = by_range[:, 3:] @ np.linalg.pinv(by_range[:, :3])
     turned = across @ to_velocity[:, None]
     of_rate = of_rate + 0.5 * (turned + np.swapaxes(turned, 2, 3))

@@ -139,7 +139,7 @@ class Watched:
         statistic = bank.statistic(account.innovation, fixes, ranges, rates)
         aided = np.repeat(bank.aided[:, None], WIDTH, axis=1)
         said = monitoring.status(bank.tested, bank.threshold, statistic, aided)
-        # what is no number is no silence; nor do levels hold where the filter knows much less than they are of
+        # nan is not silence; nor do levels hold if the filter's sigma is much larger than theirs
         sigma = account.sigma[1:, states.POS : states.POS + 3]
         lost = np.isnan(statistic) | (sigma > monitoring.DOUBTED * bank.sigma[..., None]).any(axis=1)
         said = np.where(lost & aided, monitoring.ALARM, said)

@@ -195,7 +195,7 @@ def _of_lasting(lasting: LastingErrors, time: np.ndarray, slopes: np.ndarray) ->
     kept, _ = lasting.steps(time)
     out = np.zeros_like(slopes)
     for k, sigma in enumerate(lasting.sigma):
-        # the covariance of unit errors at epochs i and j is the product of what is kept between them
+        # the covariance of unit errors at epochs i and j is the product of the decays between them
         own = slopes * sigma
         before, after = own.copy(), own.copy()
         for t in range(1, own.shape[1]):

@@ -429,7 +429,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
     views = [_View(panel) for panel in shown]
     fig = new_figure(2 * COLUMN, 1.0)
     below = narrow(fig)
-    # a colour bar beside the maps takes a quarter of the page
+    # a colour bar next to the maps takes a quarter of the page
     across = fig.get_figwidth() - (0.8 if below else 1.7)
     heights = [across * view.ratio for view in views]
     fig.set_figheight(0.9 + sum(h + 0.35 for h in heights) + (0.7 if below else 0.0))

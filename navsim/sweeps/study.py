@@ -305,16 +305,16 @@ class Plan:
         """Warnings about the sky, the flight and the sensors of the first combination."""
         _, scenario, warnings = self._environment
         moves = any(key.startswith("pseudolites.") for axis in self.axes for key in axis.keys)
-        fixed = [] if moves else one_direction(scenario, self.trajectory)  # what is moved, its DOPs judge
+        fixed = [] if moves else one_direction(scenario, self.trajectory)  # its DOPs evaluate the moved pseudolites
         return [*warnings, *implausible(scenario, self.trajectory), *fixed]
 
     def warnings_of(self, case: Case) -> list[str]:
         """Warnings about the input of a combination that are not the study's."""
         scenario, flown = case.scenario, case.trajectory
         mine = case.warnings
-        if self.study.method == "dop":  # what is not defined without a touchdown, geometry alone does not give
+        if self.study.method == "dop":  # geometry alone does not give values that are undefined without a touchdown
             mine = [*case.sky_warnings, *implausible(scenario, flown)]
-        # a lone pseudolite is a finding by itself
+        # a lone pseudolite is a separate finding
         told = {*self.warnings, *case.foreseen.lone_pseudolite, *one_direction(scenario, flown)}
         return [text for text in mine if text not in told]
 
@@ -424,7 +424,7 @@ class SweepStudy:
             unfixed = without_fix(what)
             rows["outcome"][i] = NO_FIX if unfixed else COMPUTED
             for name in names:
-                # that there are no levels, and what follows from that, is known of flights without a fix too
+                # the lack of levels, and its consequences, are known of flights without a fix too
                 if not unfixed or name == "level_share" or name.startswith(NUMBERED):
                     rows[name][i] = found[name]
         return rows, {}, {}
@@ -719,7 +719,7 @@ def _column(values: list[Any]) -> np.ndarray:
     if all(isinstance(x, bool) for x in values):
         return np.array(values).astype(np.int8)
     if all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in values):
-        stored = all(isinstance(x, int) and abs(x) < 2**63 for x in values)  # what HDF5 holds as whole numbers
+        stored = all(isinstance(x, int) and abs(x) < 2**63 for x in values)  # integers in HDF5
         return np.array(values, dtype=np.int64 if stored else np.float64)
     return np.array([x if isinstance(x, str) else json.dumps(x) for x in values], dtype=object)
 

@@ -370,7 +370,7 @@ class Turbulence:
         return dryden_sigmas(height, self.wind)
 
 
-# --- what an aircraft makes of the air
+# --- response of an aircraft
 
 
 def through(process: Process, row: np.ndarray, system: Process) -> Process:

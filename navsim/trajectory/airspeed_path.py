@@ -40,7 +40,7 @@ def held_airspeed(path: AnyPath, wind: MeanWind, duration: float, rise: float = 
         ratio, speed = _rates(path, wind, rise, nodes.ravel())
         t = np.concatenate([[0.0], np.cumsum(((half[:, None] * shares) / ratio.reshape(nodes.shape)).sum(axis=1))])
         over_ground = (ratio * speed).reshape(nodes.shape)
-        # what comes after the end is not flown
+        # the part after the end is not flown
         flown = t[:-1] < duration
         if not np.isfinite(over_ground[flown]).all() or np.isnan(t[1:][flown[: t.size - 1]]).any():
             text = "the wind, against the path or across it, is no less than the airspeed: it cannot be flown"

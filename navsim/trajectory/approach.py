@@ -178,7 +178,7 @@ def smooth_profile(
         np.array([-braking, 0.0, -deceleration * sin]),
     )
 
-    # flare: x goes on as on the slope, height is exponential about -c
+    # flare: x continues as on the slope, height is exponential about -c
     c = sink_touchdown * tau
     state3 = glide.jet(np.array([t3]))[0]
     polynomial = np.zeros((3, DEGREE + 1))

@@ -140,7 +140,7 @@ class Disturbance:
             up = _product(scale, states[VERTICAL].transpose(1, 0, 2))
             for order in range(3):
                 way[:, 3 * order + 2] -= up[order]
-            if self.pitches:  # the nose follows the way through the air
+            if self.pitches:  # the nose follows the airspeed vector
                 self._turn(turn, 1, up[1], up[2])
         gust = np.zeros((self.time.size, 3, lanes))
         for axis, met in self.buffeting.items():

@@ -71,7 +71,7 @@ def with_go_around(path: Path, begin: float, how: PullUp) -> Path:
     turning = float(jet[1, 2] * jet[2, 0] - jet[1, 0] * jet[2, 2]) / speed**2
     if start >= how.climb:
         raise NoSuchPath("the aircraft climbs as steeply already")
-    # thrust: what the path's own acceleration leaves of the speed while the load comes on
+    # thrust: the remaining acceleration for the speed while the load factor rises
     speeds = speed + gained * series(lambda s: 1.0 - smooth_step(s / how.ease), how.ease).integ(lbnd=0.0)
     steady = float(speeds(how.ease))
     if steady <= 0.0:

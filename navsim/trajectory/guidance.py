@@ -57,7 +57,7 @@ class Held:
         Exact.
         """
         n, lengths = process.a.shape[0], np.diff(np.append(self.first, samples - 1))
-        # powers of the transition and of what a held error adds, as one matrix
+        # powers of the transition and the additions of a held error, as one matrix
         both = np.zeros((n + 1, n + 1))
         both[:n, :n], both[:n, n] = process.a, process.b
         powers = exponential(both * (step * np.arange(1, int(lengths.max(initial=1)) + 1)[:, None, None]))

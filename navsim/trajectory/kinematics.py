@@ -199,7 +199,7 @@ class Trajectory:
                 air_rate - (air_rate @ vertical)[:, None] * vertical,
             )
         ahead, ahead_rate = _unit(air, air_rate)
-        # lift: what is left of the specific force across the velocity through the air [2]
+        # lift: component of the specific force normal to the velocity through the air [2]
         share = _dot(force, ahead)
         share_rate = _dot(force_rate, ahead) + _dot(force, ahead_rate)
         down, down_rate = _unit(share * ahead - force, share_rate * ahead + share * ahead_rate - force_rate)

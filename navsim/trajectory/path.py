@@ -216,7 +216,7 @@ def hermite(before: np.ndarray, after: np.ndarray, s: np.ndarray, step: np.ndarr
     shape = (-1, *[1] * (before.ndim - 2))
     s, h = s.reshape(shape), step.reshape(shape)
     p0, v0, a0 = before[:, 0], before[:, 1], before[:, 2]
-    # what the second state is off from the first one carried on, in units of the step
+    # difference of the second state from the propagated first one, in units of the step
     r0 = after[:, 0] - (p0 + h * (v0 + 0.5 * h * a0))
     r1 = (after[:, 1] - (v0 + h * a0)) * h
     r2 = (after[:, 2] - a0) * h * h

@@ -112,12 +112,12 @@ def track(
     )  # fmt: skip
     pair_gain = np.empty(2)
     predicted = np.empty(N)
-    # D, D', D'', driven by the acceleration that the groups tell, held over the period
+    # D, D', D'', driven by the acceleration from the groups, held over the period
     ranging, ranging_p, ranging_phi, ranging_q, ranging_work, ranging_gain = (
         np.empty(3), np.empty((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.empty((3, 3)), np.empty(3),
     )  # fmt: skip
     row, space = np.zeros(N), np.empty(N)
-    # the reported pairs of the decoupled filter at the time of the last reports
+    # reported pairs of the decoupled filter at the time of the last reports
     late, late_p = np.zeros((REPORTED, 2)), np.zeros((REPORTED, 2, 2))
     hold = np.array([t * t / 6.0, 0.5 * t, 1.0])
     ranging_phi[0, 0] = ranging_phi[1, 1] = 1.0
@@ -163,7 +163,7 @@ def track(
                 for j in range(3):
                     q[i, j] = acceleration_variance * hold[i] * hold[j]
             predict(x, p, phi, q, work)
-            # the range follows the acceleration itself, of which phi has the slope
+            # the range follows the acceleration itself, whose slope is in phi
             for i in range(3):
                 moved = hold[i] * acceleration
                 for j in range(3):

@@ -51,7 +51,7 @@ def smallest_number(band: str, delta: float, confidence: float) -> int:
     low, high = 1, 1
     while coverage(band, delta, high) < confidence:
         high *= 2
-    # coverage grows with the number but for the first few
+    # coverage increases with the number except for the first few
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if coverage(band, delta, middle) < confidence else (low, middle)

@@ -108,7 +108,7 @@ class GlonassAlmanac:
         e, i, perigee = self.eccentricity, self.inclination, self.perigee
         sin_i, cos_i = np.sin(i), np.cos(i)
 
-        # whole orbits since the node of the almanac, and the time of the present orbit's node [1]
+        # complete orbits since the node of the almanac, and the time of the present orbit's node [1]
         elapsed = gpst - self._node_gpst
         orbit = np.floor(elapsed / self.period)
         since_node = elapsed - self.period * orbit - self.period_rate * orbit**2

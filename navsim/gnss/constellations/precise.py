@@ -130,7 +130,7 @@ class PreciseOrbits:
         missing = _counted(~np.isfinite(self.position).all(axis=2))
         jumps = _counted(self.manoeuvres)
         error = self._differences[first, column]
-        for k in range(_POINTS):  # the remainder of the polynomial; at the epochs themselves of their like beside them
+        for k in range(_POINTS):  # remainder of the polynomial; at the epochs themselves that of their neighbours
             error *= np.maximum(np.abs(self.time[first + k] - gpst) / step[first], _NEAREST) / (k + 1)
         return (
             (gpst >= self.time[0])
@@ -191,7 +191,7 @@ class PreciseOrbits:
         value, slope = _lagrange_at_zero(x)
         satellite = np.arange(n)[None, :, None]
         points = self.position[window, satellite]
-        # in axes that stop turning at the wanted time the path is smoother
+        # in axes that stop rotating at the wanted time the trajectory is smoother
         angle = RATE * step * x
         c, s = np.cos(angle), np.sin(angle)
         still = np.stack(

@@ -63,7 +63,7 @@ def ridge_loss(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray, wavelen
     distance = np.linalg.norm(c.way, axis=2)
     before, behind = c.share * distance, (1.0 - c.share) * distance
     over = c.over - _BENT * before * behind / (2.0 * EARTH_RADIUS)
-    # what counts is how far the ray misses the edge, across both
+    # the distance of the ray from the edge counts, across both
     across = np.cross(c.along, c.way)
     upright = np.abs(np.sum(across * c.up, axis=2)) / np.where(c.between, np.linalg.norm(across, axis=2), 1.0)
     loss = edge_loss(edge_parameter(over * upright, before, behind, wavelength))

@@ -210,7 +210,7 @@ class Jamming:
         else:
             towards = np.moveaxis(away / distance[..., None], 0, 1)
             gain = self.antenna.gain_at(self.antenna.elevation_of(received.c_eb, towards)).T
-        # a signal's carrier to noise density ratio says how strong it is, the antenna's gain included
+        # the carrier to noise density ratio gives the signal's strength, including the antenna's gain
         noise = noise_density(TEMPERATURE) + self.noise_figure
         return jam_to_signal(power, loss, gain, np.zeros(cn0.shape[1]), cn0 + noise)
 

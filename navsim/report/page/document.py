@@ -127,7 +127,7 @@ def _embedded(drawings: Sequence[Drawing]) -> tuple[str, str]:
     places = {panel.id: f"{drawing.name}-{i}" for drawing in drawings for i, panel in enumerate(drawing.panels)}
     if not models:
         return "{}", "{}"
-    with document.models.freeze():  # else all of it is gone through again for each
+    with document.models.freeze():  # otherwise each would process all of it again
         for model in models:
             document.add_root(model)
     numbers: dict[str, str] = {}

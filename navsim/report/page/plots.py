@@ -172,7 +172,7 @@ def band(on: figure, of: ColumnDataSource, low: str, high: str, colour: str, sev
         return
     known = np.isfinite(np.asarray(of.data[low])) & np.isfinite(np.asarray(of.data[high]))
     parts = [of]
-    if not known.all():  # Bokeh draws an area across what is not finite
+    if not known.all():  # Bokeh draws an area across values that are not finite
         edges = np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2)
         columns = ("x", low, high)
         parts = [ColumnDataSource({name: of.data[name][a:b] for name in columns}) for a, b in edges]

@@ -52,7 +52,7 @@ def name_marks(on: figure, of: ColumnDataSource) -> None:
 def sky_paper(title: str, edge: float, masked: Sequence[Sector]) -> figure:
     """Empty sky plot down to 90 - edge, deg, with the masked part shaded."""
     on = plot(title, "", "", 380)
-    # the frame is as wide as it is high: rings take their radius from the one, marks their places from both
+    # the frame is square: rings take their radius from one side, marks their positions from both
     on.update(sizing_mode="scale_width", aspect_ratio=1.0, max_width=460, height=None, toolbar_inner=True,
               min_border=12, min_border_left=12, min_border_right=12)  # fmt: skip
     on.x_range = on.y_range = Range1d(-REACH * edge, REACH * edge)
