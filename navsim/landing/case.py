@@ -29,6 +29,7 @@ from navsim.scenario.source import Document
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import followed_errors as followed_heights
 from navsim.simulation.correlated_errors import fix_blocks, followed_errors
+from navsim.simulation.first_order import FirstOrder, position_covariance
 from navsim.simulation.inertial_states import followed, gains_that_matter
 from navsim.simulation.landing import Flight, InitialErrors, fly
 from navsim.simulation.landing import prepare as prepare_flight
@@ -141,11 +142,33 @@ class Case:
         """Run number `run` of the ensemble of `seed`."""
         return fly(self.flight, seed, [run]).one(0)
 
-    def fly_runs(self, seed: int, first: int, count: int, measured: bool = True) -> Iterator[Run]:
-        """Runs first ... first + count - 1, in order, with their measurements or without; as many at a time as there
-        are lanes."""
+    def fly_runs(
+        self, seed: int, first: int, count: int, measured: bool = True, first_order: FirstOrder | None = None
+    ) -> Iterator[Run]:
+        """Runs first ... first + count - 1, in order, with their measurements or without, and with their first-order
+        errors if `first_order` is given; as many at a time as there are lanes."""
         for begin in range(first, first + count, WIDTH):
-            yield fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)), measured)
+            yield fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)), measured, first_order)
+
+    @cached_property
+    def why_not_linear(self) -> str:
+        """Reason why its runs have no first-order error; "" if they have one."""
+        try:
+            # a box limits total errors, of which those of navigation are a part
+            self.scenario.model_copy(update={"box": None}).check_analysable()
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    @cached_property
+    def first_order(self) -> FirstOrder | None:
+        """Computes first-order errors of its runs; None if there are none."""
+        return None if self.why_not_linear else FirstOrder.of(self.flight)
+
+    @cached_property
+    def first_order_covariance(self) -> np.ndarray:
+        """Exact covariance (o, 3, 3) of the first-order errors of position, NED, m2. Raises AnalysisError."""
+        return position_covariance(self.flight, np.isin(self.world.signals.names, self.pseudolites.names))
 
 
 Ask = Callable[[Landing, Environment], None]

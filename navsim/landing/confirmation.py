@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from navsim.results.builder import ResultBuilder
+from navsim.results.estimates import estimate
 from navsim.results.findings import CONSISTENT, Finding, of, several
 from navsim.results.result import Result
 from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS
@@ -56,14 +57,15 @@ CANDIDATES = 12
 
 
 def filter_outputs(tree: Result | ResultBuilder) -> dict[str, float]:
-    """The filter's errors of a landing result, with the ends of their intervals as `NAME_low`, `NAME_high`."""
+    """The filter's errors of a landing result, with the ends of their intervals as `NAME_low`, `NAME_high`: controlled
+    estimates where these are better."""
     out: dict[str, float] = {}
     for name in FILTER_QUANTITIES:
         if name in _PARTS:
-            interval = tree[f"/summary/rms/{name}"]
+            interval = estimate(tree, f"/summary/rms/{name}")
         else:
             axis, height = name.split("_")
-            interval = tree[f"/summary/at/{axis}"][list(HEIGHTS).index(height)]
+            interval = estimate(tree, f"/summary/at/{axis}", list(HEIGHTS).index(height))
         out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
     return out
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,24 +24,26 @@ from navsim.landing.case import MOVING, Case, crossing_times, rms_window
 from navsim.landing.consistency import evaluate_states, ratios_of_runs
 from navsim.results.findings import FIX, Finding
 from navsim.runner import findings as judging
-from navsim.runner.batches import Ensemble, Until
+from navsim.runner.batches import Ensemble
 from navsim.runner.batches import fly_all as fly_ensemble
 from navsim.runner.checkpoint import Arrays, CheckpointStore, code_key
 from navsim.runner.consistency import LIMITS
+from navsim.runner.control_variates import LEAST_RUNS
 from navsim.runner.exact_sums import Sums, blocks
 from navsim.runner.executor import Executor
 from navsim.runner.findings import Flaws
-from navsim.runner.statistics import rms_interval
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
+from navsim.simulation.first_order import FirstOrder
 from navsim.simulation.run import Run
 from navsim.statistics.consistency import sum_ratios
-from navsim.words import option
 
 LEVELS = np.array([1.0, 2.0, 3.0])
 """Sigma levels of the position ellipsoids whose coverage is counted."""
 
 
+FIRST_ORDER = "first_order_square"
+"""Statistic of runs that have first-order errors."""
 HISTORIES = {
     "none": (),
     "errors": (
@@ -62,7 +63,7 @@ HISTORIES = {
         "monitor_level",
         "deviation",
     ),
-    "all": tuple(name for name in Run.__dataclass_fields__ if name != "clipped"),
+    "all": tuple(name for name in Run.__dataclass_fields__ if name not in ("clipped", "first_order")),
 }
 """Histories of a run that are stored, by `--keep`."""
 
@@ -79,7 +80,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "antenna": ("met", 3), "gust": ("deviating", 3), "delta_angle": ("sample", 3), "delta_velocity": ("sample", 3),
     "start_llh": (3,), "start_velocity": (3,), "start_rpy": (3,),
     "filter_fix_llh": ("loose", 3), "filter_fix_velocity": ("loose", 3), "filter_fix_covariance": ("loose", MOST, MOST),
-    "clipped": ("limited",),
+    "clipped": ("limited",), "first_order": ("linear", 3),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
@@ -96,6 +97,8 @@ class LandingStudy:
     case: Case
     seed: int
     keep: str
+    first_order: FirstOrder | None = None
+    """Computes first-order errors of the runs; None: there are none."""
 
     @cached_property
     def window(self) -> np.ndarray:
@@ -137,7 +140,8 @@ class LandingStudy:
         kept: Arrays = {}
         flown = 0
         measured = "pseudorange" in HISTORIES[self.keep]
-        for runs in self.case.fly_runs(self.seed, first, count, measured):
+        linear = () if self.first_order is None else (self.first_order,)
+        for runs in self.case.fly_runs(self.seed, first, count, measured, *linear):
             fixes = fix_flaws(runs, self.solvable, self.case.beliefs, self.case.flight.drops)
             outputs = output_flaws(runs)
             error = runs.error[:, window]
@@ -164,6 +168,7 @@ class LandingStudy:
                     "inside": _inside(runs),
                     **technical(self.case, crossings, runs),
                     **({"clipped": runs.clipped} if self.case.flight.limited else {}),
+                    **(self._linear(runs.first_order) if linear else {}),
                 }
             )
             added = {
@@ -196,6 +201,15 @@ class LandingStudy:
         per_run = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
         return per_run, sums.arrays() | ratios.arrays(), kept
 
+    def _linear(self, error: np.ndarray) -> Arrays:
+        """Statistics of first-order errors (run, o, 3)."""
+        return {
+            FIRST_ORDER: _mean_square(error[:, self.window]),
+            "first_order_mean": _mean(error[:, self.window]),
+            "first_order_at_height": beside_times(self.case, self.crossings, error @ to_runway(self.case).T),
+            "first_order_at_box": beside_times(self.case, self.box_time, error @ to_runway(self.case).T),
+        }
+
 
 def add_ratios(sums: Sums, first: int, runs: Run) -> None:
     """Add the ratios of errors to sigma of runs from `first` on (`statistics.consistency`) to sums."""
@@ -223,33 +237,10 @@ def fly_all(
     done: Callable[[int], None] = lambda _: None,
     enough: Callable[[Ensemble], bool] | None = None,
 ) -> Ensemble:
-    """Fly runs of a case; see `runner.batches.fly_all`."""
-    return fly_ensemble(LandingStudy(case, seed, keep), first_run, runs, executor, store, done, enough)
-
-
-_UNTIL = re.compile(r"\s*(rms_horizontal|rms_vertical)\s+within\s+([0-9.]+)\s*%\s*")
-
-
-def stopping_rule(expression: str) -> Until:
-    """`rms_horizontal within 2%`: true once the 95 % interval reaches no further than that from its value.
-
-    Raises ValueError for anything else.
-    """
-    match = _UNTIL.fullmatch(expression)
-    if match is None:
-        rare = f"; a probability goes with {option('method', 'rare')}" if "probability" in expression else ""
-        form = "`rms_horizontal within 2%` or `rms_vertical within 2%`"
-        raise ValueError(f"{expression!r}: expected {form}{rare}")
-    share = percent(match.group(2), expression, 0.001, 1000.0)
-    name = match.group(1)
-    columns = [0, 1] if name == "rms_horizontal" else [2]
-
-    def judge(ensemble: Ensemble) -> tuple[bool, str]:
-        value, low, high = rms_interval(ensemble.per_run("position_square")[:, columns])
-        within = 0.0 if value == 0.0 else 0.5 * (high - low) / value  # errors of 0 are known exactly
-        return bool(within <= share), f"{name} {value:.3g} m within {100.0 * within:.2g}%"
-
-    return Until(judge)
+    """Fly runs of a case, with first-order errors if they are enough for a controlled estimate; see
+    `runner.batches.fly_all`."""
+    first_order = case.first_order if runs >= LEAST_RUNS else None
+    return fly_ensemble(LandingStudy(case, seed, keep, first_order), first_run, runs, executor, store, done, enough)
 
 
 def percent(text: str, expression: str, least: float, most: float) -> float:
@@ -477,6 +468,16 @@ def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
     out = np.where(share > 0.0, first + share * (second - first), first)
     out[..., unknown, :] = np.nan
     return np.asarray(out)
+
+
+def beside_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
+    """Histories of the filter's outputs (..., t, m) at the outputs before and after some times (..., h, 2, m); nan for
+    nan."""
+    unknown = ~np.isfinite(times)
+    before, after, _ = between_outputs(case, np.where(unknown, case.world.filter_time[0], times))
+    out = np.stack([history[..., before, :], history[..., after, :]], axis=-2)
+    out[..., unknown, :, :] = np.nan
+    return out
 
 
 def between_outputs(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

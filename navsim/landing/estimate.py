@@ -91,7 +91,7 @@ class Extent:
             "settled": self.settled,
             "ranged": self.ranged, "loose": 0 if self.ranged else self.epochs,
             "tried": self.tried,
-            "limited": self.limited, "sample": self.samples,
+            "limited": self.limited, "sample": self.samples, "linear": 0,
             "deviating": self.epochs + 1 if self.ways else 0, "met": self.epochs if self.ways else 0,
         }  # fmt: skip
 

@@ -9,7 +9,7 @@ from navsim.landing import rare_events
 from navsim.landing import study as landing
 from navsim.landing.estimate import landing as estimated
 from navsim.results.result import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, ResultKind
-from navsim.runner.batches import BATCH, Until
+from navsim.runner.batches import BATCH, Until, fly_all
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import Executor
@@ -87,7 +87,7 @@ class MonteCarloJob(_Prepared):
         self.runs = options.runs or (1 if self.until is None else MOST_RUNS)
         _check_numbers(self.first, self.runs)
         try:
-            self.enough = landing.stopping_rule(self.until) if self.until is not None else None
+            self.enough = landing.stopping_rule(lambda: self.case, self.until) if self.until is not None else None
         except ValueError as error:
             raise OptionError(f"{option('until')} {error}") from None
         self.keep = options.keep or ("all" if self.runs == 1 else "errors")
@@ -108,9 +108,12 @@ class MonteCarloJob(_Prepared):
         return landing.partial_key(self.case, self.seed, self.first, self.runs, self.keep)
 
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
-        flown = landing.fly_all(
-            self.case, self.seed, self.first, self.runs, executor,
-            keep=self.keep, store=store, done=_progress_of(tell, self.enough), enough=self.enough,
+        # parts of an ensemble need first-order errors however few their runs are
+        linear = self.runs > 1 or self.first > 0
+        study = landing.LandingStudy(self.case, self.seed, self.keep, self.case.first_order if linear else None)
+        flown = fly_all(
+            study, self.first, self.runs, executor,
+            store=store, done=_progress_of(tell, self.enough), enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
         warnings = () if reached else (f"{option('until', self.until)}: not reached within {self.runs} runs",)

@@ -16,12 +16,14 @@ import numpy as np
 import navsim
 from navsim.landing import rare_events
 from navsim.landing.case import Case, prepare
+from navsim.landing.ensemble import FIRST_ORDER, LandingStudy
 from navsim.landing.result import result
 from navsim.results.findings import several
 from navsim.results.result import BLOCK_BYTES, Result, Stream, Variable
 from navsim.results.schema import FINDINGS, PART, SCHEMA_VERSION
+from navsim.runner.batches import Batch
 from navsim.runner.job import OptionError
-from navsim.runner.merge_state import mergeable, together
+from navsim.runner.merge_state import batch_of, mergeable, together
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import InputError, parse
@@ -112,7 +114,7 @@ def merged(parts: Parts, case: Case) -> Result:
     """
     file, first = parts[0]
     seed = int(first.attributes["seed"])
-    ensemble = together([one for _, one in parts])
+    ensemble = together(int(first["/run"][0]), _batches(parts, case, seed))
     if case.scenario.method == "rare":
         whole = rare_events.result(case, rare_events.prepare(case), ensemble, seed)
     else:
@@ -136,6 +138,19 @@ def merged(parts: Parts, case: Case) -> Result:
                         "another numba or another sort of processor"
                     )
     return whole
+
+
+def _batches(parts: Parts, case: Case, seed: int) -> list[Batch]:
+    """The runs of the parts. A landing that was flown by itself has no first-order error: it is flown again, where the
+    others have it."""
+    batches = [batch_of(one) for _, one in parts]
+    if not any(FIRST_ORDER in batch.per_run for batch in batches):
+        return batches
+    study = LandingStudy(case, seed, "none", case.first_order)
+    return [
+        batch if FIRST_ORDER in batch.per_run else Batch(*study.batch(int(one["/run"][0]), one["/run"].size))
+        for batch, (_, one) in zip(batches, parts, strict=True)
+    ]
 
 
 def _shared(path: str) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -42,6 +43,9 @@ from navsim.scenario.requirements import (
 )
 from navsim.simulation.landing_covariance import folded_quantile
 from navsim.statistics import normal
+
+if TYPE_CHECKING:
+    from navsim.landing.controlled import Controls
 
 MOST_RUNS = 10**12
 """Largest number of runs that is proposed."""
@@ -128,11 +132,12 @@ def fulfilments(
     runs: int,
     moments: Moments | None = None,
     within: Sequence[np.ndarray] | None = None,
+    controls: Controls | None = None,
 ) -> list[Fulfilment]:
     """Values of the requirements from a summary.
 
     With layout `COVARIANCE`, analysis or monitor may be missing; values that need them are unknown. within: see
-    `integrity.levels_within`.
+    `integrity.levels_within`. controls: controlled estimates of the runs, if there are any.
     """
     uncounted = _uncounted(case.scenario)
     shares = iter(within or ())
@@ -144,6 +149,8 @@ def fulfilments(
             found.append(_share_of_epochs(nothing, next(shares), runs))
         else:
             known = nothing if i in uncounted else _found(one, draft, case, runs, moments)
+            if controls is not None and np.isfinite(known.value).all():
+                known = _by_control(one, known, controls, runs)
             found.append(replace(known, text=said.text))
     return found
 
@@ -166,9 +173,10 @@ def judged(
     runs: int,
     moments: Moments | None = None,
     within: Sequence[np.ndarray] | None = None,
+    controls: Controls | None = None,
 ) -> None:
     """The verdicts, by a summary that is complete otherwise; nothing where nothing is asked for."""
-    found = fulfilments(draft, case, runs, moments, within)
+    found = fulfilments(draft, case, runs, moments, within, controls)
     if not found:
         return
     branch = "/summary/requirements"
@@ -211,6 +219,19 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
     if isinstance(one, AlertRequirement):
         return replace(nothing, value=_exactly(float(draft["/summary/integrity/time_to_alert"])))
     return _of_shares(one, nothing, draft, runs)
+
+
+def _by_control(one: AnySingle, plain: Fulfilment, controls: Controls, runs: int) -> Fulfilment:
+    """Value of a requirement from the controlled estimate if that is better than the plain one."""
+    if isinstance(one, BoxRequirement):
+        found = controls.outside()
+    elif isinstance(one, ErrorRequirement):
+        found = controls.at_heights()[_AXES.index(one.of)][list(HEIGHTS).index(one.at)].share_below(one.below_m)
+    elif isinstance(one, RmsRequirement):
+        found = controls.rms(one.of)
+    else:
+        return plain
+    return replace(plain, value=found.value, again=lambda n: found.with_runs(runs, n)) if found.helps else plain
 
 
 def _statement(one: AnySingle) -> tuple[str, float, bool]:

@@ -13,6 +13,7 @@ from navsim.gnss.constellations.systems import CLOCKS
 from navsim.landing import integrity, requirements, risk_sampling
 from navsim.landing.case import MOVING, PERCENTILES, Case, rms_window
 from navsim.landing.consistency import put_consistency, ratios_of_runs, shares_beyond
+from navsim.landing.controlled import controls_of, far_from_first_order, put_controlled
 from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, findings
 from navsim.landing.error_box import box_of, counted
 from navsim.landing.result_groups import accuracy, attributes, base, belief
@@ -52,10 +53,12 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
     integrity.counted(draft, case, ensemble)
     risk_sampling.sampled_risks(draft, case, seed)
     _summary(draft, case, ensemble)
-    requirements.judged(draft, case, ensemble.runs, within=integrity.levels_within(case, ensemble))
+    put_controlled(draft, case, ensemble)
+    within = integrity.levels_within(case, ensemble)
+    requirements.judged(draft, case, ensemble.runs, within=within, controls=controls_of(case, ensemble))
     pack(draft, ensemble)
     out = draft.result(attributes(case, seed))
-    out.variables.update(kept(findings(case, ensemble)))
+    out.variables.update(kept([*findings(case, ensemble), *far_from_first_order(case, ensemble)]))
     return out
 
 

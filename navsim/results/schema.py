@@ -484,6 +484,53 @@ _SUMMARY = Chapter(
     ),
 )  # fmt: skip
 
+_CONTROLLED_WHEN = "of 64 runs or more that have first-order errors"
+_CONTROLLED_BY = "controlled by the exactly known first-order errors"
+_GAIN = "how many times as many runs would give as narrow an interval without control; nan where there is none"
+_CONTROLLED = Chapter(
+    "Summary of a landing by its first-order errors",
+    "Narrower intervals from the same runs. The covariance analysis tells exactly how far the first-order errors of "
+    "these runs are from those of all, and navsim corrects the estimate for it.",
+    (
+        *(
+            _a(path, dims, units, meaning, LANDING, when=_CONTROLLED_WHEN, **each)
+            for path, dims, units, meaning, each in (
+                ("/summary/controlled/rms/{part}", "interval", "m", f"{{part}} error, {_RMS}, {_CONTROLLED_BY}",
+                 {"part": ("horizontal", "vertical")}),
+                ("/summary/controlled/rms/{part}_gain", "", "1", f"of the {{part}} RMS: {_GAIN}",
+                 {"part": ("horizontal", "vertical")}),
+                ("/summary/controlled/at/height", "height", "m", f"true height above the runway: {_HEIGHTS}", {}),
+                ("/summary/controlled/at/{axis}", "height interval", "m",
+                 f"root mean square of the {{axis}} position error, {_CONTROLLED_BY}", {"axis": RUNWAY_AXES}),
+                ("/summary/controlled/at/{axis}_gain", "height", "1", f"of this RMS of the {{axis}} error: {_GAIN}",
+                 {"axis": RUNWAY_AXES}),
+                ("/summary/controlled/at/{axis}_mean", "height interval", "m",
+                 f"mean {{axis}} position error, truth minus estimate, {_CONTROLLED_BY}", {"axis": RUNWAY_AXES}),
+                ("/summary/controlled/at/{axis}_mean_gain", "height", "1", f"of the mean {{axis}} error: {_GAIN}",
+                 {"axis": RUNWAY_AXES}),
+                ("/summary/controlled/at/{axis}_percentile", "height percentile interval", "m",
+                 f"percentiles of the size of the {{axis}} position error, {_CONTROLLED_BY}", {"axis": RUNWAY_AXES}),
+                ("/summary/controlled/at/{axis}_percentile_gain", "height percentile", "1",
+                 f"of these percentiles of the {{axis}} error: {_GAIN}", {"axis": RUNWAY_AXES}),
+                ("/summary/controlled/at/{axis}_run", "run height", "m",
+                 "{axis} position error of each run to first order, by all that was drawn", {"axis": RUNWAY_AXES}),
+                ("/summary/controlled/at/{axis}_exact", "height", "m",
+                 "root mean square of the {axis} first-order error, exact", {"axis": RUNWAY_AXES}),
+            )
+        ),
+        *(
+            _a(f"/summary/controlled/box/probability{name}", dims, "1", meaning, LANDING,
+               when=f"{_CONTROLLED_WHEN}, with a box of navigation errors")
+            for name, dims, meaning in (
+                ("", "interval", f"probability that a landing ends outside the box, {_CONTROLLED_BY}"),
+                ("_gain", "", f"of the probability to end outside the box: {_GAIN}"),
+            )
+        ),
+        _a("/summary/controlled/why_none", "", "1", "why there are no controlled estimates", LANDING, TEXT,
+           when="of 64 runs or more without first-order errors"),
+    ),
+)  # fmt: skip
+
 _BOX_AXES = "position errors in axes of the runway: lateral (right), along (forward), vertical (up)"
 _BOX_WHEN = "where the scenario has a box"
 _BOX = Chapter(
@@ -1414,7 +1461,8 @@ _FINDINGS = Chapter(
 )  # fmt: skip
 
 SECTIONS = (
-    _AXES, _TRUTH, _RECEIVER, _FILTER, _CONSISTENCY, _ANALYSIS, _SUMMARY, _BOX, _INTERFERENCE, _INTEGRITY,
+    _AXES, _TRUTH, _RECEIVER, _FILTER, _CONSISTENCY, _ANALYSIS, _SUMMARY, _CONTROLLED, _BOX, _INTERFERENCE,
+    _INTEGRITY,
     _REQUIREMENTS, _NAVIGATION, _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING,
     _ATC, _AZIMUTH, _PART, _FINDINGS,
 )  # fmt: skip

@@ -38,13 +38,16 @@ def mergeable(result: Result) -> bool:
     return _COLUMNS in result
 
 
-def together(parts: Sequence[Result]) -> Ensemble:
-    """The ensemble of parts that follow each other, without histories. Raises ResultError, ValueError for damaged
-    ones."""
-    first = int(parts[0]["/run"][0])
-    ensemble = Ensemble(first, sum(part["/run"].size for part in parts))
+def batch_of(part: Result) -> Batch:
+    """The runs of a part, without histories. Raises ResultError, ValueError for a damaged one."""
+    return Batch(_arrays(part, _COLUMNS), _arrays(part, _SUMS) if _SUMS in part else {}, {})
+
+
+def together(first_run: int, parts: Sequence[Batch]) -> Ensemble:
+    """The ensemble of parts that follow each other."""
+    ensemble = Ensemble(first_run, sum(len(next(iter(part.per_run.values()))) for part in parts))
     for part in parts:
-        ensemble.add(Batch(_arrays(part, _COLUMNS), _arrays(part, _SUMS) if _SUMS in part else {}, {}))
+        ensemble.add(part)
     return ensemble
 
 

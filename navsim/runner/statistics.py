@@ -7,6 +7,8 @@ freedom of a sum of squares).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from navsim.statistics import chi_square
@@ -63,6 +65,20 @@ def share_interval(count: int, runs: int) -> np.ndarray:
     low = float(betaincinv(count, runs - count + 1, _TAIL)) if count else 0.0
     high = float(betaincinv(count + 1, runs - count, 1.0 - _TAIL)) if count < runs else 1.0
     return np.array([count / runs, low, high])
+
+
+def percentile_interval(values: np.ndarray, level: float) -> np.ndarray:
+    """A percentile over runs with its two-sided 95 % interval, of order statistics: value, low, high.
+
+    values: (run,). level: 0 to 1. Where so few runs have no order statistic beyond the percentile, the interval ends at
+    the least or the largest value.
+    """
+    from scipy.special import bdtrik
+
+    ordered, runs = np.sort(values), values.size
+    low, high = (math.ceil(bdtrik(tail, runs, level)) for tail in (_TAIL, 1.0 - _TAIL))
+    ends = ordered[np.clip([low - 1, high], 0, runs - 1)]
+    return np.array([np.quantile(values, level), *ends])
 
 
 def weighted_share(

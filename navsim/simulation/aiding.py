@@ -109,12 +109,14 @@ class Aid:
         """Whether the filter model equals the sensor."""
         return self.sensor.as_believed(self.model)
 
-    def measured(self, seed: int, run: int, flight: Any = None) -> np.ndarray:
-        """Measurements in a run (m, k), on its own trajectory if it has one."""
-        exact, sigma = self.exact, self.sigma
-        if flight is not None:
-            exact = self.sensor.exact(self.model, flight, self.time)
-            sigma = self.sensor.sigma(self.model, exact)
+    def exact_on(self, flight: Any) -> np.ndarray:
+        """Measurements without errors (m, k) on the trajectory of a run, None for the route."""
+        return self.exact if flight is None else self.sensor.exact(self.model, flight, self.time)
+
+    def measured(self, seed: int, run: int, exact: np.ndarray | None = None) -> np.ndarray:
+        """Measurements in a run (m, k); exact: from `exact_on`, None for the route."""
+        exact = self.exact if exact is None else exact
+        sigma = self.sensor.sigma(self.model, exact)
         draw = generator(seed, run, "aids", self.sensor.kind)
         measured: np.ndarray = exact + sigma * draw.standard_normal(exact.shape)
         if self.sensor.lasting is None:

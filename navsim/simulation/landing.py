@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -442,6 +443,8 @@ class Inputs:
     """(e, s, W) carrier phases (m) if they smooth the code, else None."""
     aided: tuple[np.ndarray, ...]
     """(m, k, W) of each sensor beside the receiver."""
+    aided_exact: tuple[np.ndarray, ...]
+    """(m, k, W) of each sensor beside the receiver, without errors."""
     clock: np.ndarray
     """(c, W) estimates of the clock states at time 0."""
     sensors: np.ndarray
@@ -462,12 +465,13 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = No
     world, beliefs = flight.world, flight.beliefs
     flown = None if world.ways is None else world.ways.flown(seed, runs, WIDTH, known)
     initial = np.empty((states.SENSORS, WIDTH))
-    aided = tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids)
+    aided, aided_exact = (tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids) for _ in range(2))
     for lane, run in enumerate(runs):
         initial[:, lane] = initial_errors(flight, seed, run)
         way = None if world.ways is None or flown is None or not aided else world.ways.of_run(flown, lane)
-        for aid, of_aid in zip(world.aids, aided, strict=True):
-            of_aid[..., lane] = aid.measured(seed, run, way)
+        for aid, of_aid, exact_of_aid in zip(world.aids, aided, aided_exact, strict=True):
+            exact_of_aid[..., lane] = aid.exact_on(way)
+            of_aid[..., lane] = aid.measured(seed, run, exact_of_aid[..., lane])
     dt = world.imu_time[1] - world.imu_time[0]
     exact = (world.dtheta, world.dv) if flown is None else (flown.dtheta, flown.dv)
     dtheta, dv, errors = imu.simulate_lanes(
@@ -481,9 +485,12 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = No
         sensors = np.concatenate([sensors, _lasting_of(flight, lasting)], axis=1)
     sensors = np.concatenate([sensors, _aided_errors(world, seed, runs)], axis=1)
     clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
-    for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided, clock):
+    for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided,
+                  *aided_exact, clock):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
-    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, clock, sensors, errors.clipped, flown)
+    return Inputs(
+        initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown
+    )
 
 
 def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
@@ -538,8 +545,18 @@ def _clock_of(
     return clock, np.concatenate([sensors, true], axis=1)
 
 
-def fly(flight: Flight, seed: int, runs: Sequence[int], measured: bool = True) -> Run:
-    """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; measured: with their measurements.
+class Linear(Protocol):
+    """Computes first-order errors of runs (`simulation.first_order`)."""
+
+    def errors(self, flight: Flight, inputs: Inputs, ranges: np.ndarray) -> np.ndarray:
+        """Errors (o, 3, W) of runs; ranges: (e, s, W) as the receiver uses them."""
+
+
+def fly(
+    flight: Flight, seed: int, runs: Sequence[int], measured: bool = True, first_order: Linear | None = None
+) -> Run:
+    """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; measured: with their measurements;
+    first_order: computes their first-order errors, None if they are not requested.
     Where aircraft are steered by their estimates they fly twice: first without that, to know their errors. Raises
     ValueError for more."""
     inputs, ways = draw(flight, seed, runs), flight.world.ways
@@ -547,7 +564,7 @@ def fly(flight: Flight, seed: int, runs: Sequence[int], measured: bool = True) -
         before = fly_inputs(flight, inputs, len(runs)).error[..., states.SLICES["position"]]
         of_lanes = before[np.minimum(np.arange(WIDTH), len(runs) - 1)].transpose(1, 2, 0)
         inputs = draw(flight, seed, runs, ways.known(of_lanes))
-    return fly_inputs(flight, inputs, len(runs), measured)
+    return fly_inputs(flight, inputs, len(runs), measured, first_order)
 
 
 NO_FIXES = FixTable(np.empty((0, 3, WIDTH)), np.empty((0, 3, WIDTH)), np.empty((0, MOST, MOST, WIDTH)), np.zeros(3))
@@ -566,8 +583,11 @@ def _take_apart(lanes: np.ndarray, runs: np.ndarray) -> None:
                 runs[run, row] = lanes[row, run]
 
 
-def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = False) -> Run:
-    """Run the filter on these inputs; returns the first `count` landings, with their measurements if requested."""
+def fly_inputs(
+    flight: Flight, inputs: Inputs, count: int, measured: bool = False, first_order: Linear | None = None
+) -> Run:
+    """Run the filter on these inputs; returns the first `count` landings, with their measurements and first-order
+    errors if requested."""
     world, beliefs = flight.world, flight.beliefs
     n = flight.covariance.shape[0]
     nav = with_clock(flight, initial_estimate(flight, inputs.initial, inputs.flown), inputs.clock)
@@ -588,6 +608,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
                 np.copyto(all_fixes, without, where=mine.reshape(len(mine), *[1] * (all_fixes.ndim - 2), -1))
         tables = measurements(flight, table, inputs.aided)
 
+    linear = None if first_order is None else first_order.errors(flight, inputs, ranges)
     account = empty_account(
         _truth(world, inputs), n, flight.events.time.size, WIDTH,
         single=n - 3 * len(states.slices(beliefs.sensors.blocks)), innovations=flight.bank is not None,
@@ -637,6 +658,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         filter_fix_llh=of_runs(of_filter.llh), filter_fix_velocity=of_runs(of_filter.velocity),
         filter_fix_covariance=of_runs(of_filter.covariance),
         clipped=of_runs(inputs.clipped).astype(np.int64) if flight.limited else np.empty((count, 0), np.int64),
+        first_order=np.empty((count, 0, 3)) if linear is None else of_runs(linear),
     )  # fmt: skip
 
 

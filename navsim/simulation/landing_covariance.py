@@ -441,11 +441,13 @@ def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = 
     return AlongTruth(steps, lin, by_range, by_rate, epoch, true)
 
 
-def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None = None) -> Analysis:
+def analyse(
+    flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None = None, second_order: bool = True
+) -> Analysis:
     """Accuracy of a flight's filter.
 
-    of_pseudolites: (s,) bool, which sources are pseudolites. along: if known already. Raises AnalysisError if the
-    result contradicts itself.
+    of_pseudolites: (s,) bool, which sources are pseudolites. along: if known already. second_order: with second-order
+    errors due to near sources. Raises AnalysisError if the result contradicts itself.
     """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     along = along or along_truth(flight)
@@ -459,8 +461,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     own += () if s.lasting is None else tuple(LASTING + name for name in s.lasting.names)
     own += () if s.wandering is None else (WANDERING,)
     own += tuple(f"{aid.sensor.name}_{name}" for aid in world.aids for name in _lasting_of(aid))
-    curvature = _true_curvature(flight)
-    own += (CURVATURE,) if curvature is not None or (beliefs.tight and has_near_sources(s)) else ()
+    curvature = _true_curvature(flight) if second_order else None
+    own += (CURVATURE,) if curvature is not None or (second_order and beliefs.tight and has_near_sources(s)) else ()
     sources = (*own, *(aid.sensor.name for aid in world.aids))
     carried, route = _route(flight, along)
     n = carried.n
@@ -555,7 +557,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
     )
     white = s.smoothing is None and s.space is None and s.offset is None and s.lasting is None and s.wandering is None
-    white &= beliefs.sigma_scale == 1.0 and curvature is None and flight.range_curvature is None
+    white &= beliefs.sigma_scale == 1.0 and second_order and curvature is None and flight.range_curvature is None
     white &= s.reflections is None
     white &= all(aid.as_believed for aid in world.aids)
     # every true error has its state, and all equal the filter model
@@ -686,6 +688,15 @@ def responses(flight: Flight, along: AlongTruth) -> np.ndarray:
     off = np.zeros((*along.lin.have.shape, sources))
     off[weighed] = np.where(along.lin.have[weighed, :, None] > 0.0, along.by_range[row], 0.0)
     return _carry_columns(route, np.zeros((carried.size, sources)), off)[0]
+
+
+def systematic(flight: Flight, along: AlongTruth) -> np.ndarray:
+    """Mean errors of the filter's states at its outputs (o, n), from fixed values and systematic errors of
+    measurements, without second-order errors."""
+    carried, route = _route(flight, along)
+    sources = (*SOURCES, *(state.source for state in along.true), CLOCK)
+    columns, _ = _at_start(carried, sources, flight.initial, along.true)
+    return _carry_columns(route, columns[:, :1], along.lin.z[..., None])[0][:, :, 0]
 
 
 def route_of_filter(flight: Flight, along: AlongTruth) -> Route:

@@ -108,6 +108,8 @@ class Run:
     """Their covariance (e, 6, 6) in the filter model, position and velocity, NED."""
     clipped: np.ndarray
     """(2,) samples of gyros and of accelerometers beyond their range; empty without a range."""
+    first_order: np.ndarray
+    """(o, 3) first-order error of position, NED, m, truth minus estimate; empty if not requested."""
 
     def one(self, which: int) -> Run:
         """One of several runs."""

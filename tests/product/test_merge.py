@@ -15,7 +15,7 @@ from tests.forks import navsim
 from tests.layout import as_declared
 from tests.product.test_run import SHORT, stored
 
-PARTS = ((0, 7), (7, 26), (33, 1), (34, 6))
+PARTS = ((0, 7), (7, 26), (33, 1), (34, 33))
 """First runs and numbers of runs: a batch's size divides none of them, and one is alone."""
 SLOW = ("--set", "receiver.rate_hz=1", "--set", "imu.rate_hz=50")
 ALL = sum(runs for _, runs in PARTS)
@@ -38,6 +38,18 @@ def flown(place: Path, name: str, *options: object) -> tuple[Path, list[Path]]:
     whole = fly(place, f"{name}-whole", "--runs", ALL, *options)
     parts = [fly(place, f"{name}-{first}", "--first-run", first, "--runs", runs, *options) for first, runs in PARTS]
     return whole, parts
+
+
+def test_a_first_landing_by_itself_and_the_others_are_the_whole(place: Path) -> None:
+    """It has no first-order error of its own."""
+    none = (*SLOW, "--keep", "none")
+    whole, _ = flown(place, "none", *none)
+    alone = fly(place, "none-alone", "--runs", 1, *none)
+    others = fly(place, "none-others", "--first-run", 1, "--runs", ALL - 1, *none)
+    file = place / "none-both.h5"
+    navsim("merge", alone, others, "-o", file, "-q", cwd=place)
+    assert stored(file) == stored(whole)
+    assert "/summary/controlled/rms/horizontal" in read(file)
 
 
 @pytest.mark.parametrize("keep", ["errors", "none", "all"])
@@ -96,7 +108,7 @@ def test_files_of_satellites_are_found_by_folder(place: Path) -> None:
 def test_summary_as_json_and_dry_run(place: Path) -> None:
     _, parts = flown(place, "none", *SLOW, "--keep", "none")
     told = navsim("merge", *parts, "-o", place / "told.h5", "--dry-run", cwd=place)
-    assert "4 parts, runs 0 to 39" in told.stderr
+    assert "4 parts, runs 0 to 66" in told.stderr
     assert not (place / "told.h5").exists()
     done = navsim("merge", *parts, "-o", place / "told.h5", "--json", cwd=place)
     assert json.loads(done.stdout)["summary"]["count"]["runs"] == ALL

@@ -1,0 +1,187 @@
+"""First-order errors of runs: the linearised filter, driven by all that is drawn of each run.
+
+To first order the filter's gains are those along the truth (`filter.linearised`). The error of a run is then a
+linear function of its draws, and one pass through the same matrices computes it at every output. The state has minus
+the estimates of the sensor states, so the increments bring the errors of the sensors in, whatever their model.
+
+Within an interval the error of a step enters velocity and attitude at its end and position by the trapezoid rule, as in
+`filter.interval.add_white`; the covariance analysis of the same flight has the covariance of these errors.
+
+Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8. Derivation:
+`docs/theory/control-variates.md`, section 2.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.compiler.jit import kernel
+from navsim.compiler.lanes import fma, registers, room, small_vector
+from navsim.filter.states import ATT, GYRO, MOST, POS, SENSORS, VEL
+
+
+class ErrorRoute(NamedTuple):
+    """A linearised filter, event by event.
+
+    Of events (k,): ahead, as of `records.Events`; output, interval, weighed: rows, -1 for none; row: of what is
+    measured, in its table; sample, steps: the first IMU step of the interval, and how many; shares (k, 2): the parts of
+    the first and the last step that belong to it. Of i intervals: transition (i, n, n). Of w measurements: h (w, MOST,
+    n), gain (w, n, MOST). Of IMU steps: time (s + 1,) s, attitude (s, 3, 3) C_nb, force (s, 3) NED, m/s2. Of fixes or
+    ranges (m,): epoch; source, -1 for all; by_range, by_rate (m, MOST, s) for all sources, (m, MOST, 1) for one.
+    aided (w, MOST): which of the numbers of the sensors beside the receiver it is, -1 for none; slope (w,).
+    """
+
+    ahead: np.ndarray
+    output: np.ndarray
+    interval: np.ndarray
+    weighed: np.ndarray
+    row: np.ndarray
+    sample: np.ndarray
+    steps: np.ndarray
+    shares: np.ndarray
+    latest: np.ndarray
+    transition: np.ndarray
+    h: np.ndarray
+    gain: np.ndarray
+    time: np.ndarray
+    attitude: np.ndarray
+    force: np.ndarray
+    epoch: np.ndarray
+    source: np.ndarray
+    by_range: np.ndarray
+    by_rate: np.ndarray
+    aided: np.ndarray
+    slope: np.ndarray
+
+
+class Readings(NamedTuple):
+    """Measurements of inertial sensors and receiver, or what they would be if nothing were drawn: dtheta, dv (s, 3)
+    increments; ranges, rates (e, s)."""
+
+    dtheta: np.ndarray
+    dv: np.ndarray
+    ranges: np.ndarray
+    rates: np.ndarray
+
+
+@kernel
+def _add_steps(route, i, dtheta, dv, exact_dtheta, exact_dv, q):
+    """q (9,) <- errors of the navigation states by those of the increments in the interval that event i ends."""
+    w, more = small_vector(q, 3), small_vector(q, 3)
+    for j in range(SENSORS):
+        q[j] = 0.0
+    first, last = route.sample[i], route.sample[i] + route.steps[i] - 1
+    for t in range(first, last + 1):
+        part = route.shares[i, 0] if t == first else route.shares[i, 1] if t == last else 1.0
+        dt = part * (route.time[t + 1] - route.time[t])
+        n, e, d = route.force[t, 0], route.force[t, 1], route.force[t, 2]
+        # v' = -f x theta
+        more[0] = fma(d, q[ATT + 1], -e * q[ATT + 2])
+        more[1] = fma(n, q[ATT + 2], -d * q[ATT])
+        more[2] = fma(e, q[ATT], -n * q[ATT + 1])
+        for j in range(3):
+            q[POS + j] = fma(fma(more[j], 0.5 * dt, q[VEL + j]), dt, q[POS + j])
+            q[VEL + j] = fma(more[j], dt, q[VEL + j])
+        c = route.attitude[t]
+        for k in range(3):
+            w[k] = part * (dv[t, k] - exact_dv[t, k])
+        for j in range(3):
+            more[j] = fma(-c[j, 0], w[0], fma(-c[j, 1], w[1], -c[j, 2] * w[2]))
+            q[VEL + j] += more[j]
+            q[POS + j] = fma(more[j], 0.5 * dt, q[POS + j])
+        for k in range(3):
+            w[k] = part * (dtheta[t, k] - exact_dtheta[t, k])
+        for j in range(3):
+            q[ATT + j] += fma(-c[j, 0], w[0], fma(-c[j, 1], w[1], -c[j, 2] * w[2]))
+
+
+@kernel
+def _carry(phi, q, x, work):
+    """x (n,) <- Phi x + q, q (9,) of the navigation states."""
+    n = x.shape[0]
+    for i in range(n):
+        t = phi[i, 0] * x[0]
+        for j in range(1, n):
+            if phi[i, j] != 0.0:
+                t = fma(phi[i, j], x[j], t)
+        work[i] = t
+    for i in range(n):
+        x[i] = work[i] + q[i] if i < SENSORS else work[i]
+
+
+@kernel
+def _correct(h, gain, d, x):
+    """x (n,) <- x - K (H x + d)."""
+    for a in range(MOST):
+        for j in range(x.shape[0]):
+            if h[a, j] != 0.0:
+                d[a] = fma(h[a, j], x[j], d[a])
+    for a in range(MOST):
+        for j in range(x.shape[0]):
+            if gain[j, a] != 0.0:
+                x[j] = fma(-gain[j, a], d[a], x[j])
+
+
+@kernel
+def carry_errors(route, measured, exact, used, aided, x, errors):
+    """Compute the errors of position to first order of runs in lanes.
+
+    Parameters
+    ----------
+    route : ErrorRoute
+    measured, exact : Readings of the runs, and where nothing is drawn; those may be numbers, the same for all runs.
+    used : array (e, s), bool, which ranges are received.
+    aided : array (m,) of lanes, errors of the numbers of the sensors beside the receiver.
+    x : array (2, n) of lanes, the errors at the start and room for the copy that runs ahead; overwritten.
+    errors : array (o, 3) of lanes, NED, m, truth - estimate, out: at the outputs, without their mean.
+    """
+    x, errors, aided = registers(x), registers(errors), registers(aided)
+    dtheta, dv, ranges, rates = (
+        registers(measured.dtheta), registers(measured.dv), registers(measured.ranges), registers(measured.rates),
+    )  # fmt: skip
+    exact_dtheta, exact_dv, exact_ranges, exact_rates = (
+        registers(exact.dtheta), registers(exact.dv), registers(exact.ranges), registers(exact.rates),
+    )  # fmt: skip
+    q, d, work = small_vector(x, SENSORS), small_vector(x, MOST), room(x, (x.shape[1],))
+    before = 0
+    for i in range(route.ahead.shape[0]):
+        ahead = 1 if route.ahead[i] else 0
+        if ahead > before:
+            for j in range(x.shape[1]):
+                x[1, j] = x[0, j]
+        before = ahead
+        here, at, w, row = x[ahead], route.interval[i], route.weighed[i], route.row[i]
+        if at >= 0:
+            _add_steps(route, i, dtheta, dv, exact_dtheta, exact_dv, q)
+            _carry(route.transition[at], q, here, work)
+        if route.output[i] >= 0:
+            for j in range(3):
+                errors[route.output[i], j] = here[POS + j]
+        if w < 0:
+            continue
+        for a in range(MOST):
+            d[a] = 0.0
+            if route.aided[w, a] >= 0:
+                d[a] = route.slope[w] * aided[route.aided[w, a]]
+        if route.aided[w, 0] < 0:
+            e, first, last = route.epoch[row], 0, used.shape[1]
+            if route.source[row] >= 0:
+                first, last = route.source[row], route.source[row] + 1
+            for s in range(first, last):
+                if not used[e, s]:
+                    continue
+                late, faster = ranges[e, s] - exact_ranges[e, s], rates[e, s] - exact_rates[e, s]
+                for a in range(MOST):
+                    if route.by_range[row, a, s - first] != 0.0:
+                        d[a] = fma(route.by_range[row, a, s - first], late, d[a])
+                    if route.by_rate[row, a, s - first] != 0.0:
+                        d[a] = fma(route.by_rate[row, a, s - first], faster, d[a])
+        t = route.latest[i]
+        for a in range(MOST):
+            for k in range(3):
+                if route.h[w, a, GYRO + k] != 0.0:
+                    turned = (dtheta[t, k] - exact_dtheta[t, k]) / (route.time[t + 1] - route.time[t])
+                    d[a] = fma(route.h[w, a, GYRO + k], turned, d[a])
+        _correct(route.h[w], route.gain[w], d, here)

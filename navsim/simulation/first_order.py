@@ -1,0 +1,136 @@
+"""The first-order error of each run of a landing, with its exact mean and covariance.
+
+`filter.first_order` computes the errors; here are the matrices that it takes, from the covariance analysis of the
+same flight, and what is drawn of its runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.compiler.lanes import WIDTH, in_lanes
+from navsim.filter import states
+from navsim.filter.first_order import ErrorRoute, Readings, carry_errors
+from navsim.filter.measurement_models import FIX, RANGE
+from navsim.filter.records import OUTPUT, TIME_TOLERANCE
+from navsim.filter.states import MOST
+from navsim.simulation.landing import Flight, Inputs, exact_clock
+from navsim.simulation.landing_covariance import AlongTruth, along_truth, analyse, systematic
+from navsim.simulation.shared_truth import World, without_noise
+
+
+@dataclass(frozen=True)
+class FirstOrder:
+    """First-order errors of position of the runs of a flight. exact: measurements where nothing is drawn. mean (o, 3):
+    of the errors at the filter's outputs, NED, m, truth - estimate."""
+
+    route: ErrorRoute
+    exact: Readings
+    mean: np.ndarray
+
+    @classmethod
+    def of(cls, flight: Flight) -> FirstOrder:
+        """Those of a flight."""
+        along = along_truth(flight)
+        world, dt = flight.world, flight.world.imu_time[1] - flight.world.imu_time[0]
+        biases = [dt * np.array(triad.fixed_bias or (0.0, 0.0, 0.0)) for triad in (flight.gyro, flight.accel)]
+        exact = Readings(world.dtheta + biases[0], world.dv + biases[1], *without_noise(world))
+        return cls(_route(flight, along), exact, systematic(flight, along)[:, states.SLICES["position"]].copy())
+
+    def errors(self, flight: Flight, inputs: Inputs, ranges: np.ndarray) -> np.ndarray:
+        """Errors (o, 3, W) of runs, by all that is drawn of them; ranges: (e, s, W), smoothed by the carrier where the
+        receiver does that."""
+        x = np.zeros((2, self.route.transition.shape[1], WIDTH))
+        fixed = np.zeros(states.SENSORS) if flight.initial.fixed is None else flight.initial.fixed
+        x[0, : states.SENSORS] = inputs.initial - fixed[:, None]
+        if flight.scales:
+            x[0, -len(inputs.clock) :] = exact_clock(flight)[0][:, None] - inputs.clock
+        out = np.empty((len(self.mean), 3, WIDTH))
+        measured = Readings(inputs.dtheta, inputs.dv, ranges, inputs.rates)
+        carry_errors(
+            self.route, Readings(*map(in_lanes, measured)), self._exact(flight.world, inputs),
+            flight.world.signals.used, in_lanes(_aided_errors(inputs)), in_lanes(x), in_lanes(out),
+        )  # fmt: skip
+        out += self.mean[..., None]
+        return out
+
+    def _exact(self, world: World, inputs: Inputs) -> Readings:
+        """What runs would measure if nothing but their trajectories were drawn."""
+        if inputs.flown is None:
+            return self.exact
+        its, flown, s = self.exact, inputs.flown, world.signals
+        lanes = (
+            flown.dtheta + (its.dtheta - world.dtheta)[..., None], flown.dv + (its.dv - world.dv)[..., None],
+            flown.ranges + (its.ranges - s.range)[..., None], flown.rates + (its.rates - s.range_rate)[..., None],
+        )  # fmt: skip
+        return Readings(*map(in_lanes, lanes))
+
+
+def position_covariance(flight: Flight, of_pseudolites: np.ndarray) -> np.ndarray:
+    """Exact covariance (o, 3, 3) of the first-order errors of position at the filter's outputs, NED, m2;
+    of_pseudolites: (s,) bool. Raises AnalysisError where the analysis contradicts itself."""
+    # errors of second order are no sums over draws
+    analysis = analyse(flight, of_pseudolites, second_order=False)
+    position = states.SLICES["position"]
+    return analysis.covariance[:, position, position].copy()
+
+
+def _aided_errors(inputs: Inputs) -> np.ndarray:
+    """Errors (m, W) of the numbers of all sensors beside the receiver, one after the other."""
+    # what is not measured is not off
+    off = [np.where(np.isnan(a), 0.0, a - b) for a, b in zip(inputs.aided, inputs.aided_exact, strict=True)]
+    return np.concatenate([np.empty((0, WIDTH)), *(m.reshape(-1, WIDTH) for m in off)])
+
+
+def _route(flight: Flight, along: AlongTruth) -> ErrorRoute:
+    """The linearised filter of a flight."""
+    world, events, steps, lin = flight.world, flight.events, along.steps, along.lin
+    time, e, w = world.imu_time, events.time.size, len(lin.have)
+    begin = np.maximum(events.time, time[0]) - steps.length
+    end = begin + steps.length
+    sample = np.maximum(np.searchsorted(time, begin + TIME_TOLERANCE, side="right") - 1, 0)
+    last = np.searchsorted(time, end - TIME_TOLERANCE, side="left") - 1
+    interval = np.diff(time)
+    shares = np.ones((e, 2))
+    for k, at in enumerate((sample, last)):
+        at = np.clip(at, 0, interval.size - 1)
+        shares[:, k] = (np.minimum(end, time[at + 1]) - np.maximum(begin, time[at])) / interval[at]
+    c_nb = 0.5 * (world.truth.c_nb[:-1] + world.truth.c_nb[1:])
+    there = lin.have > 0.0
+    has = np.append(there.any(axis=1), False)  # -1 for an event without a measurement
+    weighed = np.where(has[steps.measurement], steps.measurement, -1)
+    source, by = _of_sources(flight, along)
+    aided, slope = np.full((w, MOST), -1), np.zeros(w)
+    for i in np.flatnonzero(weighed >= 0):
+        if events.kind[i] in (FIX, RANGE):
+            at = weighed[i]
+            for one in by:
+                one[events.row[i]] *= there[at, :, None]
+    first = 0
+    for aid in world.aids:
+        mine = np.flatnonzero((events.kind == aid.sensor.kind) & (weighed >= 0))
+        count = aid.exact.shape[1]
+        numbers = first + events.row[mine, None] * count + np.arange(count)
+        aided[weighed[mine], :count] = np.where(there[weighed[mine], :count], numbers, -1)
+        slope[weighed[mine]] = aid.slope
+        first += aid.exact.size
+    return ErrorRoute(
+        events.ahead, np.where(events.kind == OUTPUT, events.row, -1), steps.interval, weighed, events.row, sample,
+        np.where(steps.interval >= 0, last - sample + 1, 0), shares,
+        np.maximum(np.searchsorted(time, events.time - TIME_TOLERANCE) - 1, 0), lin.transition,
+        lin.h * there[..., None], lin.gain * there[:, None], time, c_nb,
+        np.einsum("tij,tj->ti", c_nb, world.dv / interval[:, None]),
+        along.epoch, source, *by, aided, slope,
+    )  # fmt: skip
+
+
+def _of_sources(flight: Flight, along: AlongTruth) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """The source of each fix or range, -1 for all, and derivatives by ranges and rates."""
+    if not flight.beliefs.tight:
+        return np.full(along.epoch.size, -1), (along.by_range.copy(), along.by_rate.copy())
+    source, one = np.argmax(along.by_range[:, 0], axis=1), np.zeros((along.epoch.size, MOST, 1))
+    by_range, by_rate = one.copy(), one.copy()
+    by_range[:, 0], by_rate[:, 1] = 1.0, 1.0
+    return source, (by_range, by_rate)
