@@ -34,7 +34,8 @@ from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, quaternio
 from navsim.gnss.timescales import gps_from_utc
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
-from navsim.replays.diagnosis import Log, examine
+from navsim.replays.diagnosis import examine
+from navsim.replays.mistakes import Log
 from navsim.replays.recorded_ranges import read_messages, read_ranges, together
 from navsim.replays.scenario import FixError, KnownSection, Outage, Replay
 from navsim.replays.single_point import PositioningOptions

@@ -20,7 +20,9 @@ from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.recording import read_fixes, read_imu
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study as replay
-from navsim.replays.diagnosis import NEVER_JUDGED, Log, diagnose, examine, ways
+from navsim.replays.diagnosis import NEVER_JUDGED, diagnose, examine
+from navsim.replays.fix_checks import ways
+from navsim.replays.mistakes import Log
 from navsim.replays.wild_fixes import plausible
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError

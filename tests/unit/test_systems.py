@@ -41,7 +41,7 @@ OTHER_MEANINGS = {
     ("formats/text.py", "E"): "exponents",
     ("report/sky.py", "E"): "east",
     ("report/integrity_table.py", "G"): "the ground may be lost",
-    ("replays/diagnosis.py", "R"): "right",
+    ("replays/sensor_checks.py", "R"): "right",
     ("runner/checkpoint.py", "C"): "order of an array",
 }
 """Where a literal like a system's letter is none."""
