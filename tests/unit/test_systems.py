@@ -35,12 +35,14 @@ PACKAGE = Path(__file__).resolve().parents[2] / "navsim"
 UTC = timescales.posix(2018, 9, 13, 12)
 LETTER = re.compile(r"[RGECJ](\d\d)?")
 OTHER_MEANINGS = {
+    ("formats/conventions.py", "SE"): "south, east",
     ("formats/nmea.py", "E"): "east, estimated",
     ("formats/rinex_write.py", "E"): "exponents",
     ("formats/sp3.py", "E"): "a clock event",
     ("formats/text.py", "E"): "exponents",
     ("report/sky.py", "E"): "east",
     ("report/integrity_table.py", "G"): "the ground may be lost",
+    ("replays/scenario.py", "SE"): "south, east",
     ("replays/sensor_checks.py", "R"): "right",
     ("runner/checkpoint.py", "C"): "order of an array",
 }
