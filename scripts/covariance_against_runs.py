@@ -55,7 +55,7 @@ def main() -> None:
         "",
         f"Made by `make validate`: RMS error of {RUNS} runs of seed {SEED} divided by that of `--method covariance`,",
         "landing.yaml with fixes at 1 Hz. Sampling alone spreads a ratio by 1.6 % (1 sigma). Mistuned: it takes",
-        "fixes for twice as bad, the drift for 20 °/h and the gyro noise for three times what it is. covariance.md",
+        "fixes for twice as bad, the drift for 20 °/h and the gyro noise for three times its true value. covariance.md",
         "discusses the tables.",
     ]
     for label, settings in CASES:

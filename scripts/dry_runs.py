@@ -83,7 +83,7 @@ def main() -> None:
         "Seconds are of whole processes.\n\n"
         "| command | told | took, s | told by took | the dry run itself, s |\n|---|---|---|---|---|\n"
         + "\n".join(line for line, _ in rows)
-        + f"\n\nnavsim told {min(ratios):.2f} to {max(ratios):.2f} times what they took.\n",
+        + f"\n\nThe estimates were {min(ratios):.2f} to {max(ratios):.2f} times the measured times.\n",
         encoding="utf-8",
     )
 

@@ -58,7 +58,7 @@ def consistency() -> list[str]:
     lines = [
         "## NEES/6 of position and velocity",
         "",
-        f"Of {RUNS} runs at each time, s; the 95 % band of a single moment is {low:.2f} to {high:.2f}.",
+        f"{RUNS} runs at each time, s; the 95 % band of a single moment is {low:.2f} to {high:.2f}.",
         "RMS errors of the last 10 s, m, with the filter's σ. z: smallest and largest RMS of error/σ of all states at",
         f"these times; sampling alone spreads one by {100 / np.sqrt(2 * RUNS):.1f} % (1 sigma). Tightly coupled: fixes "
         "at 1 Hz.",

@@ -39,7 +39,7 @@ LEFT: dict[str, tuple[str, ...]] = {
 CLEAR: dict[str, tuple[str, tuple[str, ...]]] = {
     "landing.yaml": ("landing", ()),
     "two systems": ("landing", ("sky.source=nominal",)),
-    "pseudolites on a clock of their own": ("landing", ("pseudolites.clock=own",)),
+    "pseudolites on a separate clock": ("landing", ("pseudolites.clock=own",)),
     "landing_gnss_only.yaml": ("landing_gnss_only", ()),
     "landing_smooth.yaml": ("landing_smooth", ()),
     "a fix a second, late by 0.25 s, lever arm": (
@@ -185,8 +185,8 @@ def main() -> None:
     head = [
         "# Tight and loose coupling, measured",
         "",
-        f"Made by `make validate` (`scripts/outages.py`), seed {SEED}, default filter (`gaussian-sum`). What coupling",
-        "means: [the filter](filter.md#tight-coupling).",
+        f"Made by `make validate` (`scripts/outages.py`), seed {SEED}, default filter (`gaussian-sum`).",
+        "[The filter](filter.md#tight-coupling) explains coupling.",
         "",
     ]
     lines, kept = outages()

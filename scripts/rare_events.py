@@ -119,8 +119,8 @@ def costs() -> list[str]:
     lines = [
         f"## Landings until the 95 % interval is ±20 %, at {COST_AT:g}",
         "",
-        "Boxes of the lateral and the vertical error, three seeds each. Off: what is not of first order in a limited",
-        "error, standard deviation over the pushed runs, in sigmas of it.",
+        "Boxes of the lateral and the vertical error, three seeds each. Off: nonlinear part of a limited error,",
+        "standard deviation over the pushed runs, in sigmas of it.",
         "",
         "| case | landings | probabilities | off |",
         "|---|---|---|---|",
@@ -140,8 +140,8 @@ def honesty() -> list[str]:
     lines = [
         "## How honest the interval is where errors are not linear",
         "",
-        f"{TRIALS} studies each of two errors of which a part ν σ, Gaussian, is not linear in what is drawn and so not",
-        f"pushed; boxes at {COST_AT:g} to first order, until ±20 %, {MOST} runs at most. Missed: share of the",
+        f"{TRIALS} studies each of two errors of which a part ν σ, Gaussian, is not linear in the random inputs and so",
+        f"not pushed; boxes at {COST_AT:g} to first order, until ±20 %, {MOST} runs at most. Missed: share of the",
         "intervals that end below the truth, 2.5 % where they are right.",
         "",
         "| ν | runs | found over truth, median | missed | effective samples, median |",

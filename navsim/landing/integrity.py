@@ -439,12 +439,12 @@ def level_warnings(case: Case) -> list[str]:
     if unmonitored[worst] <= section.p_unmonitored_max:
         budget = (section.p_hmi_v + section.p_hmi_h) / section.effective_samples
         if unmonitored[worst] >= budget:
-            text = f"has the probability {unmonitored[worst]:.2g}, and p_hmi_v and p_hmi_h allow {budget:.2g} in all"
-            return [f"{many}: what is not monitored {text}"]
+            text = f"is {unmonitored[worst]:.2g}, and p_hmi_v and p_hmi_h allow {budget:.2g} in all"
+            return [f"{many}: the probability of unmonitored faults {text}"]
         return [f"{many}: there is no fix"]
     what = f" ({unseen})" if unseen else " (several at once)"
     return [
-        f"{many}: what is not monitored{what} has the probability {unmonitored[worst]:.2g}; "
+        f"{many}: the probability of unmonitored faults{what} is {unmonitored[worst]:.2g}; "
         f"integrity.p_unmonitored_max is {section.p_unmonitored_max:g}"
     ]
 
@@ -472,6 +472,6 @@ def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
     if not said:
         return []
     return [
-        f"integrity: without {said} there is no fix, and what is then left of the filter, its inertial sensors, makes "
-        "the levels grow; p_constellations gives systems probabilities of their own"
+        f"integrity: without {said} there is no fix, the filter then relies on its inertial sensors, and the levels "
+        "grow; p_constellations sets a probability for each system"
     ]

@@ -33,7 +33,8 @@ LAYOUTS = {
     SWEEP: "every combination of a study's settings",
     OPTIMIZE: "the best placements",
     TABLE2: "the paper's Table 2, published and computed",
-    INTEGRITY_TABLE: "what few satellites and pseudolites make possible, and what levels they give in an approach",
+    INTEGRITY_TABLE: "capabilities of few satellites and pseudolites by rank, and their protection levels in an "
+       "approach",
     ELEVATION: "the companion paper on MLS elevation",
     ATC: "the companion paper on tracking by an air traffic control radar",
     AZIMUTH: "the companion paper on azimuth tracking",
@@ -48,11 +49,11 @@ WORDS = {
     "mixed": "the units of the states",
     "unit": "its own",
     "key": "the varied key",
-    "quantity": "what is optimised",
+    "quantity": "objective",
     "how": "for errors of the filter, levels and with requirements: by the coarse analysis, in proportion",
     "confidence": "the confidence asked for",
     "of_axis": "the axis of the key",
-    "points": "the values of its key, or points of the axis where it has several",
+    "points": "values of its key, or points of the axis if it has several",
     "statement": "the requirement in words",
     "moving": "the speed from which on the tuning counts fixes",
 }
@@ -63,7 +64,7 @@ FAMILIES = {
     "dimension": "axis of the study, named by its keys",
     "varied": "varied key, by its last part",
     "number": "number of a requirement of the scenario, presets as their parts",
-    "case": "further case, named by scan period and what is measured",
+    "case": "further case, named by scan period and measurements",
 }
 """Families whose members a study names."""
 
@@ -175,7 +176,8 @@ _TRUTH = Chapter(
         _a("/truth/position_llh", "time llh", "rad, rad, m", "latitude, longitude, height of the IMU", _FLOWN),
         _a("/truth/velocity_ned", "time ned", "m/s", "velocity over ground", _FLOWN),
         _a("/truth/attitude_rpy", "time rpy", "rad", "roll, pitch, yaw", _FLOWN),
-        _a("/truth/wind_ned", "time ned", "m/s", "mean wind where the aircraft is, where it goes", _FLOWN, when=_WIND),
+        _a("/truth/wind_ned", "time ned", "m/s", "mean wind at the aircraft, direction to which it moves",
+           _FLOWN, when=_WIND),
         _a("/truth/airspeed", "time", "m/s", "speed through the mean wind", _FLOWN, when=_WIND),
         _a("/truth/event", "event", "1", "names of the events", _FLOWN, TEXT),
         _a("/truth/event_time", "event", "s", "times of the events", _FLOWN),
@@ -187,10 +189,10 @@ _TRUTH = Chapter(
         _a("/geometry/line_of_sight", "time source enu", "1",
            "unit vectors antenna to source at truth, nan where not used", _FLOWN),
         _a("/geometry/{dop}", "time", "1", "{DOP}, unit weights, nan without a fix", _FLOWN, dop=_DOPS),
-        _a("/geometry/instant", "instant", "s", f"fix epochs at which the whole sky is kept: at most {SKY_TIMES}, "
-           "evenly spread, the first and the last among them", _FLOWN),
+        _a("/geometry/instant", "instant", "s", f"fix epochs with the complete sky: at most {SKY_TIMES}, evenly "
+           "spread, including the first and the last", _FLOWN),
         _a("/geometry/{angle}", "instant source", "rad",
-           "{angle} of a source at truth, used or not, nan where no message tells where it is", _FLOWN,
+           "{angle} of a source at truth, used or not, nan without orbit data", _FLOWN,
            angle=("azimuth", "elevation")),
         _a("/geometry/bearing", "bearing", "rad", "azimuths of the corners of the horizon, growing", _FLOWN,
            when=_HORIZON),
@@ -198,8 +200,8 @@ _TRUTH = Chapter(
            when=_HORIZON),
         _a("/geometry/behind_terrain", "source", "1", "fix epochs at which terrain hides the source: a satellite that "
            "the mask lets pass, or a pseudolite", _FLOWN, WHOLE, when="where there is `terrain`"),
-        _a("/geometry/shadowed", "source", "1", "fix epochs at which the aircraft is in the way of the source: a "
-           "satellite that the mask lets pass, or a pseudolite", _FLOWN, WHOLE, when="where there is "
+        _a("/geometry/shadowed", "source", "1", "fix epochs at which the aircraft hides the source: a satellite above "
+           "the mask, or a pseudolite", _FLOWN, WHOLE, when="where there is "
            "`receiver.antenna`"),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
         _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
@@ -210,13 +212,13 @@ _RECEIVER = Chapter(
     "Receiver",
     "Measurements and fixes, simulated or recorded.",
     (
-        _a("/receiver/time", "time", "s", "times of the fixes since the epoch: of validity, of a recorded flight those "
-           "that stand in the log", (*_FLOWN, REPLAY)),
+        _a("/receiver/time", "time", "s", "times of the fixes since the epoch: of validity; of a recorded flight those "
+           "in the log", (*_FLOWN, REPLAY)),
         _a("/receiver/position_llh", "run time llh", "rad, rad, m", "fixes of the antenna", (LANDING, REPLAY),
            when={LANDING: _ALL}),
-        _a("/receiver/true_position_llh", "run time llh", "rad, rad, m", "where the antenna truly was", LANDING,
+        _a("/receiver/true_position_llh", "run time llh", "rad, rad, m", "true position of the antenna", LANDING,
            when=f"{_WAYS}, {_ALL}"),
-        _a("/receiver/velocity_ned", "run time ned", "m/s", "velocity fixes of the antenna, nan where there is none",
+        _a("/receiver/velocity_ned", "run time ned", "m/s", "velocity fixes of the antenna, nan if missing",
            (LANDING, REPLAY), when={LANDING: _ALL}),
         _a("/receiver/clock_name", "clock_name", "1", "time scales", LANDING, TEXT, when=_ALL),
         _a("/receiver/clock", "run time clock_name", "m", "receiver clock against each time scale", LANDING, when=_ALL),
@@ -261,14 +263,15 @@ _FILTER = Chapter(
         _a("/filter/nees_position_velocity", "run time", "1",
            "normalised estimation error squared of position and velocity", LANDING, when=_KEPT,
            attributes=("degrees_of_freedom",)),
-        _a("/filter/deviation_{axis}", "run time", "m", "how far the way of a run is off the route, {axis}", LANDING,
+        _a("/filter/deviation_{axis}", "run time", "m", "deviation of a run from the route, {axis}", LANDING,
            when=f"{_WAYS}, {_KEPT}", axis=RUNWAY_AXES),
-        _a("/filter/gust_{axis}", "run time", "m/s", "gusts and turbulence beside the mean wind (`/truth/wind_ned`), "
-           "{axis}: to the right of the course, along it, up; both together are the wind that the aircraft meets",
+        _a("/filter/gust_{axis}", "run time", "m/s", "gusts and turbulence in addition to the mean wind "
+           "(`/truth/wind_ned`), {axis}: to the right of the course, along it, up; both together are the wind that the "
+           "aircraft meets",
            LANDING, when=f"{_WAYS}, {_ALL}", axis=RUNWAY_AXES),
         _a("/filter/epoch", "epoch", "s", "fix epochs, time of validity", LANDING, when=_KEPT),
         _a("/filter/innovation_squared", "run epoch", "1",
-           "normalised innovation squared, nan where nothing is weighed", LANDING, when=_KEPT,
+           "normalised innovation squared, nan without a measurement", LANDING, when=_KEPT,
            attributes=("degrees_of_freedom",)),
         _a("/filter/start_position_llh", "run llh", "rad, rad, m", "position that the filter starts from at time 0",
            LANDING, when=_ALL),
@@ -289,28 +292,28 @@ _FILTER = Chapter(
                 "velocity_north", "velocity_east", "velocity_down"),
         _labels("/filter/fix_column", "columns of matrices of these numbers", LANDING, "position_north",
                 "position_east", "position_down", "velocity_north", "velocity_east", "velocity_down"),
-        _a("/filter/fix_position_llh", "run epoch llh", "rad, rad, m", "fixes of the antenna as the filter takes them, "
-           "nan where it takes none: less what it knows of their errors, without those that a monitor excludes",
+        _a("/filter/fix_position_llh", "run epoch llh", "rad, rad, m", "fixes of the antenna that the filter uses, "
+           "nan where it uses none: minus the errors that it knows, without those that a monitor excludes",
            LANDING, when=_LOOSE),
-        _a("/filter/fix_velocity_ned", "run epoch ned", "m/s", "their velocities, nan where the filter takes none",
+        _a("/filter/fix_velocity_ned", "run epoch ned", "m/s", "their velocities, nan where the filter uses none",
            LANDING, when=_LOOSE),
         _a("/filter/fix_covariance", "run epoch fix_number fix_column", "m2, m2/s, m2/s2", "covariance of position and "
-           "velocity, NED, that the filter takes a fix for, beside the errors that it follows as states",
+           "velocity, NED, of a fix in the filter model, without the errors that it estimates as states",
            LANDING, when=_LOOSE),
-        _a("/filter/fix_error", "fix_error", "1", "states of the filter that stand for lasting errors of fixes",
+        _a("/filter/fix_error", "fix_error", "1", "states of the filter for time-correlated errors of fixes",
            LANDING, TEXT, when=_LASTING),
-        _a("/filter/fix_effect", "epoch fix_number fix_error", "m, m/s", "what an error of 1 of each of these states "
-           "does to a fix", LANDING, when=_LASTING),
+        _a("/filter/fix_effect", "epoch fix_number fix_error", "m, m/s", "effect of an error of 1 of each of these "
+           "states on a fix", LANDING, when=_LASTING),
         _a("/filter/source", "source", "1", "names of the sources", LANDING, TEXT, when=_TIGHT),
         _a("/filter/range_status", "run epoch source", "1",
            "0 not received, 1 used, 2 rejected by the gate", LANDING, WHOLE, when=_TIGHT),
         _a("/filter/fix_status", "run epoch", "1",
            "0 no fix, 1 used, 2 rejected by the gate; tightly coupled: 0 no range, 1 some used, 2 all rejected",
            LANDING, WHOLE, when=_KEPT),
-        _a("/innovations/time", "time", "s", "times of the fixes since the epoch, as they are stamped", (REPLAY, LIVE)),
-        _a("/innovations/{part}_ned", "time ned", "m", "fix less prediction, {part}, nan where it was not used",
+        _a("/innovations/time", "time", "s", "time stamps of the fixes since the epoch", (REPLAY, LIVE)),
+        _a("/innovations/{part}_ned", "time ned", "m", "fix minus prediction, {part}, nan if not used",
            (REPLAY, LIVE), part=("position",)),
-        _a("/innovations/{part}_ned", "time ned", "m/s", "fix less prediction, {part}, nan where it was not used",
+        _a("/innovations/{part}_ned", "time ned", "m/s", "fix minus prediction, {part}, nan if not used",
            (REPLAY, LIVE), part=("velocity",)),
         _a("/innovations/{part}_ned_sigma", "time ned", "m", "1 sigma of the innovation, {part}", REPLAY,
            part=("position",)),
@@ -322,18 +325,19 @@ _FILTER = Chapter(
            (REPLAY, LIVE), WHOLE),
         _a("/innovations/status", "time", "1", "0 no fix, 1 used, 2 rejected by the gate", (REPLAY, LIVE), WHOLE),
         _a("/innovations/source", "source", "1", "names of the satellites", REPLAY, TEXT, when=_TIGHT_REPLAY),
-        _a("/innovations/range", "time source", "m", "pseudorange less prediction, nan where there is none", REPLAY,
+        _a("/innovations/range", "time source", "m", "pseudorange minus prediction, nan if missing", REPLAY,
            when=_TIGHT_REPLAY),
-        _a("/innovations/range_rate", "time source", "m/s", "the same of range rates", REPLAY, when=_TIGHT_REPLAY),
+        _a("/innovations/range_rate", "time source", "m/s", "innovations of range rates, likewise",
+           REPLAY, when=_TIGHT_REPLAY),
         _a("/innovations/range_status", "time source", "1", "0 none, 1 used, 2 rejected by the gate", REPLAY, WHOLE,
            when=_TIGHT_REPLAY),
-        _a("/innovations/off_flight_ned", "time ned", "m", "fix less the flight's antenna position", LIVE),
+        _a("/innovations/off_flight_ned", "time ned", "m", "fix minus the flight's antenna position", LIVE),
         _a("/innovations/fix_sigma", "time", "m", "1 sigma of the scenario's fixes in space", LIVE),
         _a("/aiding/{sensor}/time", "time", "s", "times of the measurements since the epoch", LANDING, when=_KEPT),
-        _a("/aiding/{sensor}/number", "number", "1", "what is measured", LANDING, TEXT, when=_ALL),
+        _a("/aiding/{sensor}/number", "number", "1", "measured quantity", LANDING, TEXT, when=_ALL),
         _a("/aiding/{sensor}/measured", "run time number", "{unit}", "as measured", LANDING, when=_ALL),
         _a("/aiding/{sensor}/innovation_squared", "run time", "1",
-           "normalised innovation squared, nan where there is none", LANDING, when=_KEPT,
+           "normalised innovation squared, nan without a measurement", LANDING, when=_KEPT,
            attributes=("degrees_of_freedom",)),
         _a("/aiding/{sensor}/status", "run time", "1", "0 not used, 1 used, 2 rejected by the gate", LANDING, WHOLE,
            when=_KEPT),
@@ -348,9 +352,9 @@ _CONSISTENCY = Chapter(
         _a("/consistency/time", "time", "s", "times of the filter's outputs", _FLOWN),
         _a("/consistency/state", "state", "1", "states of the filter", _FLOWN, TEXT),
         _a("/consistency/z", "time state", "1", "root mean square over runs of error / sigma, in plain coordinates; "
-           "nan where the state has no uncertainty or is not finite; of a covariance analysis the expected one. A "
-           "right filter stays within the band in every state at every output in 999 of 1000 ensembles; runs: 0 for an "
-           "expectation", _FLOWN, attributes=("band_low", "band_high", "runs")),
+           "nan if the state has no uncertainty or is not finite; of a covariance analysis the expected one. The "
+           "ratios of a consistent filter stay within the band in every state at every output in 999 of 1000 "
+           "ensembles; runs: 0 for an expectation", _FLOWN, attributes=("band_low", "band_high", "runs")),
         _a("/consistency/beyond_95", "time state", "1", "share of runs with an error beyond 1.960 sigma, 5 % is right",
            LANDING),
         _a("/consistency/beyond_99_9", "time state", "1", "share of runs with an error beyond 3.291 sigma, 0.1 % is "
@@ -412,12 +416,12 @@ _SUMMARY = Chapter(
         _a("/summary/track/specific_force", "", "m/s2", "its largest specific force", _FLOWN, when=_TRACK),
         _a("/summary/track/rate", "", "rad/s", "its largest rate against inertial space", _FLOWN, when=_TRACK),
         _a("/summary/at/{axis}_fte", "height interval", "m",
-           "root mean square over runs of the {axis} flight-technical error, of the way flown, in gusts and turbulence "
-           "too, from the route", LANDING,
+           "root mean square over runs of the {axis} flight-technical error, the deviation from the route, including "
+           "gusts and turbulence", LANDING,
            when=_WAYS, axis=RUNWAY_AXES),
         _a("/summary/at/{axis}_fte_run", "run height", "m",
-           "{axis} flight-technical error of each run, when the route passes the height; of one that is steered by its "
-           "estimate, how far that is off the route", LANDING, when=_WAYS,
+           "{axis} flight-technical error of each run, when the route passes the height; with guidance by the "
+           "estimate, deviation of the estimate from the route", LANDING, when=_WAYS,
            axis=RUNWAY_AXES),
         _a("/summary/at/{axis}_tse", "height interval", "m",
            "root mean square over runs of the {axis} total system error", LANDING, when=_WAYS, axis=RUNWAY_AXES),
@@ -429,7 +433,7 @@ _SUMMARY = Chapter(
         _a("/summary/at/crosswind", "height", "m/s", "mean wind across the course, from the left positive", _FLOWN,
            when=_WIND),
         _a("/summary/at/airspeed", "height", "m/s", "speed through the mean wind", _FLOWN, when=_WIND),
-        _a("/summary/at/crab", "height", "rad", "how far the nose that holds the course is right of it", _FLOWN,
+        _a("/summary/at/crab", "height", "rad", "crab angle of the nose to the right of the course", _FLOWN,
            when=_WIND),
         _a("/summary/coverage/level", "level", "1", "size of the ellipsoid in sigmas", LANDING),
         _a("/summary/coverage/position", "level interval", "1",
@@ -455,8 +459,8 @@ _SUMMARY = Chapter(
         _a("/summary/consistency/verdict", "", "1", "verdict on all states at all outputs: the worst one by name and "
            "time, with its z; percent: of z - 1", _FLOWN, TEXT, attributes=("tolerance",)),
         _a("/summary/consistency/state", "state", "1", "states of the filter", _FLOWN, TEXT),
-        _a("/summary/consistency/looks", "state", "1", "effective number of independent outputs, by which the band of "
-           "`/consistency/z` is as wide as it is", _FLOWN),
+        _a("/summary/consistency/looks", "state", "1", "effective number of independent outputs, which determines the "
+           "width of the band of `/consistency/z`", _FLOWN),
         _a("/summary/consistency/worst_z", "state", "1", "largest `/consistency/z` of each state; nan without "
            "uncertainty", _FLOWN),
         _a("/summary/consistency/worst_time", "state", "s", "time of worst_z", _FLOWN),
@@ -535,8 +539,8 @@ _BOX_AXES = "position errors in axes of the runway: lateral (right), along (forw
 _BOX_WHEN = "where the scenario has a box"
 _BOX = Chapter(
     "Leaving a box",
-    "How often a landing ends outside the scenario's box: counted, by the covariance analysis, or by runs that were "
-    "pushed towards its edge and weighed.",
+    "Probability that a landing ends outside the scenario's box: counted, from the covariance analysis, or by "
+    "importance sampling.",
     (
         _labels("/axis", _BOX_AXES, RARE, *RUNWAY_AXES),
         _a("/rare/error", "run axis", "m", "position error at the height of the box, truth minus estimate", RARE),
@@ -547,9 +551,9 @@ _BOX = Chapter(
             _a(path, dims, units, meaning, layouts, of, when=dict.fromkeys(_FLOWN, _BOX_WHEN))
             for path, dims, units, meaning, layouts, of in (
                 ("/summary/box/axis", "axis", "1", _BOX_AXES, _FLOWN, TEXT),
-                ("/summary/box/height", "", "m", "true height above the runway at which errors are judged",
+                ("/summary/box/height", "", "m", "true height above the runway at which errors are evaluated",
                  (*_FLOWN, RARE), NUMBER),
-                ("/summary/box/time", "", "s", "when the aircraft last comes down through it", (*_FLOWN, RARE), NUMBER),
+                ("/summary/box/time", "", "s", "time of the last descent through it", (*_FLOWN, RARE), NUMBER),
                 ("/summary/box/lower", "axis", "m", "least error inside the box, -inf for none", (*_FLOWN, RARE),
                  NUMBER),
                 ("/summary/box/upper", "axis", "m", "largest error inside the box, inf for none", (*_FLOWN, RARE),
@@ -572,21 +576,22 @@ _BOX = Chapter(
             )
         ),
         _a("/summary/box/place", "", "m",
-           "where the route is at that time, along the runway from the threshold; limits along count from there",
+           "position of the route at that time, along the runway from the threshold; limits along are relative to it",
            (*_FLOWN, RARE), when="where the scenario has `box.from_threshold_m`"),
         _a("/summary/box/axis_gaussian", "axis", "1",
            "chance that a Gaussian error with the mean and sigma of the runs exceeds its limit, nan for none", LANDING,
            when=f"{_BOX_WHEN}, with `box.error: total`"),
         _a("/summary/rare/probability", "interval", "1",
-           "probability that a landing ends outside the box; nan, its interval from 0, where it is below 1e-300", RARE),
+           "probability that a landing ends outside the box; nan, its interval from 0, if it is below 1e-300", RARE),
         _a("/summary/rare/axis_probability", "axis interval", "1",
-           "the same of this error beyond its limit, nan for no limit", RARE),
+           "probability that this error exceeds its limit, nan for no limit", RARE),
         _a("/summary/rare/relative_error", "", "1",
            "1 sigma of the probability over itself; nan where no run, or every one, is outside", RARE),
         _a("/summary/rare/effective_samples", "", "1",
-           "number of equally weighted runs outside the box that would tell as much", RARE),
-        _a("/summary/rare/axis_effective_samples", "axis", "1", "the same of each error, nan for none", RARE),
-        _a("/summary/rare/landings", "", "1", "number of runs that were flown", RARE, WHOLE),
+           "effective number of equally weighted runs outside the box", RARE),
+        _a("/summary/rare/axis_effective_samples", "axis", "1", "number of equally weighted runs beyond the limit of "
+           "each error, nan for none", RARE),
+        _a("/summary/rare/landings", "", "1", "number of runs", RARE, WHOLE),
         _a("/summary/rare/outside", "", "1", "number of them outside the box", RARE, WHOLE),
         _a("/summary/count/runs", "", "1", "number of runs", RARE, WHOLE),
     ),
@@ -599,13 +604,13 @@ _INTERFERENCE = Chapter(
     (
         _a("/interference/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_JAMMED),
         _a("/interference/source", "source", "1", "names of the sources", _FLOWN, TEXT, when=_JAMMED),
-        _a("/interference/jammer", "jammer", "1", "names of the jammers, after them of pseudolites where they jam",
+        _a("/interference/jammer", "jammer", "1", "names of the jammers, followed by pseudolites if they jam",
            _FLOWN, TEXT, when=_JAMMED),
-        _a("/interference/js", "jammer time source", "dB", "power of the jammer by that of the signal, of pulses "
-           "while they last; -inf while it is not received, nan where the signal is not", _FLOWN, when=_JAMMED),
-        _a("/interference/cn0", "time source", "dB-Hz", "effective carrier to noise density ratio, nan where the "
-           "signal is not used", _FLOWN, when=_JAMMED),
-        _a("/interference/held", "time source", "1", "1 where the signal is used", _FLOWN, WHOLE, when=_JAMMED),
+        _a("/interference/js", "jammer time source", "dB", "jammer to signal power ratio, of pulses while they last; "
+           "-inf while the jammer is not received, nan where the signal is not", _FLOWN, when=_JAMMED),
+        _a("/interference/cn0", "time source", "dB-Hz", "effective carrier to noise density ratio, nan if the signal "
+           "is not used", _FLOWN, when=_JAMMED),
+        _a("/interference/held", "time source", "1", "1 if the signal is used", _FLOWN, WHOLE, when=_JAMMED),
     ),
 )  # fmt: skip
 
@@ -627,8 +632,8 @@ _INTEGRITY = Chapter(
     (
         _a("/integrity/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_WATCHED),
         _a("/integrity/hpl", "time", "m", "horizontal protection level of a fix from all sources used. With method "
-           "filter it is the filter's after this fix, as all that follows. Inf where a "
-           "range is not checked, nan where there is none", _FLOWN, when=_WATCHED),
+           "filter it is the filter's after this fix, as are all that follow. Inf if a range is unchecked, nan without "
+           "a fix", _FLOWN, when=_WATCHED),
         _a("/integrity/vpl", "time", "m", "vertical protection level, the same", _FLOWN, when=_WATCHED),
         _a("/integrity/level_{axis}", "time", "m", "protection level of the {axis} error, in axes of the runway",
            _FLOWN, when=_WATCHED, axis=("lateral", "along")),
@@ -637,15 +642,15 @@ _INTEGRITY = Chapter(
         _a("/integrity/gbas_{level}", "time", "m", "{LEVEL} that the form of GBAS gives it, the larger with and "
            "without a faulty reference receiver; across the track (lpl) and over the glide path (vpl)", _FLOWN,
            when=_COMPARED_GBAS, level=("lpl", "vpl")),
-        _a("/integrity/sigma_vertical", "time", "m", "1 sigma of the vertical error of the fix, or the filter, without "
-           "a fault; nan where there is none", _FLOWN, when=_WATCHED),
-        _a("/integrity/threshold", "time", "1", "what the statistic may be without an alarm", _FLOWN, when=_WATCHED),
+        _a("/integrity/sigma_vertical", "time", "m", "fault-free 1 sigma of the vertical error of the fix, or the "
+           "filter; nan without one", _FLOWN, when=_WATCHED),
+        _a("/integrity/threshold", "time", "1", "largest statistic without an alarm", _FLOWN, when=_WATCHED),
         _a("/integrity/fault", "fault", "1", "faults that are expected, of sources that are used", _FLOWN, TEXT,
            when=_SEPARATED),
         _a("/integrity/prior", "fault", "1", "their probabilities", _FLOWN, when=_SEPARATED),
-        _a("/integrity/monitored", "fault time", "1", "1 where what is without the fault is compared", _FLOWN, WHOLE,
+        _a("/integrity/monitored", "fault time", "1", "1 if the solution without the fault is compared", _FLOWN, WHOLE,
            when=_SEPARATED),
-        _a("/integrity/unmonitored", "time", "1", "probability of what is not monitored", _FLOWN, when=_SEPARATED),
+        _a("/integrity/unmonitored", "time", "1", "probability of unmonitored faults", _FLOWN, when=_SEPARATED),
         _a("/integrity/emt", "time", "m", "effective monitor threshold", _FLOWN, when=_SEPARATED),
         _a("/integrity/statistic", "run time", "1", "square of the residuals in sigmas (chi2), or the largest "
            "difference of fixes, or filters, by its threshold (mhss, filter); nan without a fix", LANDING,
@@ -655,35 +660,37 @@ _INTEGRITY = Chapter(
            when=_WATCHED_KEPT),
         _a("/integrity/error_{axis}", "run time", "m", "size of the {axis} error of the fix, or the filter", LANDING,
            when=_WATCHED_KEPT, axis=("horizontal", "vertical")),
-        _a("/integrity/innovation_ratio", "run time", "1", "sum of the normalised innovations squared of a window by "
-           "its threshold, above which it is an alarm; nan where nothing was weighed", LANDING, when=_TRIED_KEPT),
+        _a("/integrity/innovation_ratio", "run time", "1", "sum of the normalised innovations squared of a window "
+           "relative to its threshold, above which it is an alarm; nan without a measurement",
+           LANDING, when=_TRIED_KEPT),
         _a("/integrity/candidate", "candidate", "1", "sources or faults that may be excluded", LANDING, TEXT,
            when=_EXCLUDING),
         _a("/integrity/excluded", "run time", "1", "number of the candidate that the fix is made without, from 0; -1 "
            "for none", LANDING, WHOLE, when=_EXCLUDING_KEPT),
-        _a("/integrity/{level}_run", "run time", "m", "{LEVEL} of the fix as it is, after an exclusion that of what is "
-           "left; nan without a test", LANDING, when=_EXCLUDING_KEPT, level=("hpl", "vpl")),
+        _a("/integrity/{level}_run", "run time", "m", "{LEVEL} of the fix, after an exclusion that of the remaining "
+           "sources; nan without a test", LANDING, when=_EXCLUDING_KEPT, level=("hpl", "vpl")),
         _a("/integrity/tails/at", "at", "s", "fix epochs at which risks beyond the levels are sampled", _FLOWN,
            when=_SAMPLED),
         _a("/integrity/tails/axis", "axis", "1", "axes of the levels", _FLOWN, TEXT, when=_SAMPLED),
         _a("/integrity/tails/fault", "fault", "1", "no fault, then faults (mhss) or sources (chi2)", _FLOWN, TEXT,
            when=_SAMPLED),
-        _a("/integrity/tails/level", "at axis", "m", "protection level along the axis; nan or inf where there is none",
+        _a("/integrity/tails/level", "at axis", "m", "protection level along the axis; nan or inf without one",
            _FLOWN, when=_SAMPLED),
-        _a("/integrity/tails/bias", "at axis fault", "m", "largest bias of a range of the fault: those that are most "
-           "often beyond the level without an alarm", _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/bias", "at axis fault", "m", "largest bias of a range of the fault: the biases that most "
+           "often exceed the level without an alarm", _FLOWN, when=_SAMPLED),
         _a("/integrity/tails/risk", "at axis fault interval", "1", "chance to be beyond the level without an alarm, if "
            "the fault is there with these biases, and nominal ones at their worst (mhss)", _FLOWN, when=_SAMPLED),
-        _a("/integrity/tails/effective", "at axis fault", "1", "samples of one weight that would tell as much", _FLOWN,
+        _a("/integrity/tails/effective", "at axis fault", "1", "effective number of equally weighted samples", _FLOWN,
            when=_SAMPLED),
-        _a("/integrity/tails/total", "at axis interval", "1", "sum over all faults by their probabilities, and what is "
-           "not monitored (mhss); the largest of them (chi2)", _FLOWN, when=_SAMPLED),
-        _a("/integrity/tails/allowed", "axis", "1", "what it may be: p_hmi_v or half of p_hmi_h (mhss), p_md (chi2)",
+        _a("/integrity/tails/total", "at axis interval", "1", "sum over all faults by their probabilities, and "
+           "unmonitored faults (mhss); the largest of them (chi2)", _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/allowed", "axis", "1", "largest allowed risk: p_hmi_v or half of p_hmi_h (mhss), p_md "
+           "(chi2)",
            _FLOWN, when=_SAMPLED),
-        _a("/summary/integrity/{level}", "statistic", "m", "{LEVEL} on the glide, where there is one", _FLOWN,
+        _a("/summary/integrity/{level}", "statistic", "m", "{LEVEL} on the glide, if any", _FLOWN,
            when=_WATCHED, level=("hpl", "vpl")),
-        _a("/summary/integrity/level_{axis}", "statistic", "m", "level of the {axis} error on the glide, where there "
-           "is one", _FLOWN, when=_WATCHED, axis=("lateral", "along")),
+        _a("/summary/integrity/level_{axis}", "statistic", "m", "level of the {axis} error on the glide, if any",
+           _FLOWN, when=_WATCHED, axis=("lateral", "along")),
         _a("/summary/integrity/sbas_{level}", "statistic", "m", "{LEVEL} on the glide by the form of SBAS", _FLOWN,
            when=_COMPARED_SBAS, level=("hpl", "vpl")),
         _a("/summary/integrity/gbas_{level}", "statistic", "m", "{LEVEL} on the glide by the form of GBAS", _FLOWN,
@@ -695,7 +702,7 @@ _INTEGRITY = Chapter(
         _a("/summary/integrity/tta", "", "s", "time to alert that is asked for", _FLOWN, when=_ASKED),
         _a("/summary/integrity/tested", "", "1", "fixes on the glide that were tested, of all runs", LANDING, WHOLE,
            when=_WATCHED),
-        _a("/summary/integrity/alarms", "", "1", "those of them with an alarm, but for exclusions", LANDING, WHOLE,
+        _a("/summary/integrity/alarms", "", "1", "number of these with an alarm, without exclusions", LANDING, WHOLE,
            when=_WATCHED),
         _a("/summary/integrity/lost", "", "1", "epochs on the glide, of all runs, without a fix, or with nothing "
            "received (filter): alerts, too, but none of the alarms", LANDING, WHOLE, when=_WATCHED),
@@ -706,10 +713,10 @@ _INTEGRITY = Chapter(
         _a("/summary/integrity/innovation_alarms", "", "1", "epochs on the glide with an alarm by the innovations, of "
            "all runs; they are among the alarms", LANDING, WHOLE, when=_TRIED),
         _a("/summary/integrity/innovation_share", "interval", "1", "their share", LANDING, when=_TRIED),
-        _a("/summary/integrity/exclusions", "", "1", "fixes on the glide that were made without what was excluded "
-           "after an alarm, of all runs; they are none of the alarms", LANDING, WHOLE, when=_EXCLUDING),
-        _a("/summary/integrity/exclusions_{outcome}", "", "1", "those of them, by the events that there are at the "
-           "time: correct, nothing of them is left; wrong, something is; needless, there are none", LANDING, WHOLE,
+        _a("/summary/integrity/exclusions", "", "1", "fixes on the glide after an exclusion, of all runs; they do not "
+           "count as alarms", LANDING, WHOLE, when=_EXCLUDING),
+        _a("/summary/integrity/exclusions_{outcome}", "", "1", "outcome of the exclusions during events: "
+           "correct, no affected source remains; wrong, one remains; needless, without an event", LANDING, WHOLE,
            when=_EXCLUDING, outcome=("correct", "wrong", "needless")),
         _a("/summary/integrity/exclusion_share", "interval", "1", "share of exclusions among them and the alarms",
            LANDING, when=_EXCLUDING),
@@ -721,15 +728,16 @@ _INTEGRITY = Chapter(
            "alarm, and levels within their limits", LANDING, when=_ASKED),
         _a("/summary/integrity/approaches", "interval", "1", "share of runs with that at every epoch from "
            "integrity.decision_height_m to touchdown", LANDING, when=_ASKED),
-        _a("/summary/integrity/continuity_risk", "interval", "1", "share of stretches of 15 s on the glide that begin "
-           "available and do not stay so; nan where there is none", LANDING, when=_ASKED),
+        _a("/summary/integrity/continuity_risk", "interval", "1", "share of intervals of 15 s on the glide that begin "
+           "available and lose availability; nan without any", LANDING, when=_ASKED),
         _a("/summary/integrity/hmi", "interval", "1", "share of runs with hazardously misleading information: an error "
            "beyond its limit for longer than the time to alert, or to the end, no alarm, the level within it", LANDING,
            when=_ASKED),
-        _a("/summary/integrity/hmi_{axis}", "interval", "1", "the same of the {axis} error", LANDING, when=_ASKED,
+        _a("/summary/integrity/hmi_{axis}", "interval", "1", "fraction of runs with hazardously misleading "
+           "information, {axis} error", LANDING, when=_ASKED,
            axis=("horizontal", "vertical")),
         _a("/summary/integrity/time_to_alert", "", "s", "longest wait for an alarm while an error was beyond its limit "
-           "and the level within it; inf where it was due and did not come, nan where none was due", LANDING,
+           "and the level within it; inf if a due alarm did not come, nan if none was due", LANDING,
            when=_ASKED),
         _a("/summary/integrity/region", "region", "1", "regions of a Stanford diagram, and epochs with an alarm",
            LANDING, TEXT, when=_ASKED),
@@ -748,17 +756,17 @@ _REQUIREMENTS = Chapter(
         _a(f"/summary/requirements/{name}", dims, units, meaning, (*_FLOWN, RARE), of, when=_ASKED_FOR)
         for name, dims, units, meaning, of in (
             ("requirement", "requirement", "1", "numbers of the statements, in order", WHOLE),
-            ("statement", "requirement", "1", "what is asked for, in words", TEXT),
-            ("value", "requirement interval", "1", "what was found, in the unit of the statement; nan where the method "
-             "tells nothing of it", NUMBER),
-            ("limit", "requirement", "1", "what is asked for", NUMBER),
+            ("statement", "requirement", "1", "requirement, in words", TEXT),
+            ("value", "requirement interval", "1", "value, in the unit of the statement; nan if the method "
+             "does not compute it", NUMBER),
+            ("limit", "requirement", "1", "required limit", NUMBER),
             ("what", "requirement", "1", "kind of the statement, as `what` of the scenario", TEXT),
-            ("of", "requirement", "1", "error, RMS or level that it speaks of, empty for others", TEXT),
+            ("of", "requirement", "1", "error, RMS or level concerned, empty for others", TEXT),
             ("at", "requirement", "1", "height at which its error counts, empty for others", TEXT),
-            ("size", "requirement", "m", "what its error, RMS or level is to stay below, nan for others", NUMBER),
+            ("size", "requirement", "m", "upper limit of its error, RMS or level, nan for others", NUMBER),
             ("verdict", "requirement", "1", "met, not met or undecided, by the interval", TEXT),
-            ("more_runs", "requirement", "1", "how many more runs like these would decide; nan where none would, or "
-             "where it is decided", NUMBER),
+            ("more_runs", "requirement", "1", "number of further runs for a decision, if they are like these; nan if "
+               "none would be enough, or if it is decided", NUMBER),
         )
     ),
 )  # fmt: skip
@@ -799,7 +807,7 @@ _NAVIGATION = Chapter(
 
 _REPLAY = Chapter(
     "A recorded flight",
-    "How it was tuned, what the innovations say, how far it drifts without fixes.",
+    "Tuning, innovations, and drift without fixes.",
     (
         *(
             _a(f"/tuning/{name}", "", units, name.replace("_", " "), REPLAY, attributes=("origin",))
@@ -818,14 +826,14 @@ _REPLAY = Chapter(
         ),
         _a("/lost/span", "span", "1", "number of the time at which the output is worthless", REPLAY, WHOLE),
         _a("/lost/start", "span", "s", "when the filter was lost", REPLAY),
-        _a("/lost/end", "span", "s", "when it started anew, or the flight ended", REPLAY),
-        _a("/lost/cause", "span", "1", "why: no samples, of which time there is no output; or the filter contradicted "
-           "its fixes", REPLAY, TEXT),
+        _a("/lost/end", "span", "s", "time of the restart, or end of the flight", REPLAY),
+        _a("/lost/cause", "span", "1", "reason: no samples, and no output of that time; or the filter contradicted its "
+           "fixes", REPLAY, TEXT),
         _a("/outages/outage", "outage", "1", "number of the outage", REPLAY, WHOLE),
         _a("/outages/start", "outage", "s", "start of the outage", REPLAY),
         _a("/outages/end", "outage", "s", "end of the outage", REPLAY),
         _a("/outages/horizontal_error", "outage", "m",
-           "withheld fix less prediction at the end, horizontal; nan outside the flight", REPLAY),
+           "withheld fix minus prediction at the end, horizontal; nan outside the flight", REPLAY),
         _a("/outages/vertical_error", "outage", "m", "the same, vertical", REPLAY),
         _a("/summary/fixes", "fixes", "1", "all, or in motion above {moving}", REPLAY, TEXT),
         _a("/summary/fixes", "fixes", "1", "all", LIVE, TEXT),
@@ -843,7 +851,7 @@ _REPLAY = Chapter(
 COUNTS = {
     "received": "lines received",
     "used": "messages used",
-    "corrupt": "lines with what is no message: checksum, syntax, values",
+    "corrupt": "lines without a valid message: checksum, syntax, values",
     "doubled": "messages that came again unchanged",
     "late": "messages for a time already passed: late or out of order",
     "contradicting": "messages of one time with another place: of another sender",
@@ -860,30 +868,30 @@ COUNTS = {
     "untimed": "NMEA sentences without a time of day",
     "no_height": "fixes without a height: none in GGA or GNS, or neither of them",
     "no_separation": "fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid",
-    "other": "whole sentences of kinds that have no fix",
+    "other": "valid sentences of kinds without a fix",
 }
 """Counters of a live run for its stream."""
 
 _LIVE = Chapter(
     "A live run",
-    "Messages that arrived, and what navsim did with them.",
+    "Messages received, and navsim's use of them.",
     (
         *(_a(f"/stream/{name}", "", "1", meaning, LIVE, WHOLE) for name, meaning in COUNTS.items()),
-        _a("/clock/offset", "", "s", "what the source's clock reads at time 0 of the flight", LIVE),
-        _a("/clock/shift", "", "s", "how far the fixes lie ahead of the flight along the track, in time", LIVE),
+        _a("/clock/offset", "", "s", "reading of the source's clock at time 0 of the flight", LIVE),
+        _a("/clock/shift", "", "s", "lead of the fixes over the flight along the track, in time", LIVE),
         *(
             _a(f"/off_flight/{name}", "", "m", meaning, LIVE)
             for name, meaning in (
-                ("across", "mean of the fixes right of the flight, without what a shift along the track explains"),
-                ("across_sigma", "1 sigma of the same where errors of the scenario's size last all the flight"),
-                ("up", "mean of the fixes above the flight, without what a shift along the track explains"),
-                ("up_sigma", "1 sigma of the same where errors of the scenario's size last all the flight"),
+                ("across", "mean deviation of the fixes to the right of the flight, without a shift along the track"),
+                ("across_sigma", "its 1 sigma if errors of the scenario's size last the whole flight"),
+                ("up", "mean deviation of the fixes above the flight, without a shift along the track"),
+                ("up_sigma", "its 1 sigma if errors of the scenario's size last the whole flight"),
                 ("undulation", "height of the geoid above the ellipsoid at the start of the flight, nan where unknown"),
             )
         ),
         _a("/clock/shift_sigma", "", "s", "1 sigma of the same, from its scatter", LIVE),
         _a("/summary/rms_position_ned", "ned", "m",
-           f"rms position error over the last {RMS_WINDOW:g} s that came, not those to touchdown", LIVE),
+           f"rms position error over the last {RMS_WINDOW} s received, not those to touchdown", LIVE),
     ),
 )  # fmt: skip
 
@@ -952,16 +960,16 @@ _SWEEP = Chapter(
                when="with method monte-carlo, where it is one of `outputs`", end=("low", "high"))
             for name, (units, meaning) in (FILTER_QUANTITIES | WATCHED_QUANTITIES).items()
         ),
-        _a("/sweep/requirement_{number}", "*axes", "{unit}", "{statement}: what was found", SWEEP,
+        _a("/sweep/requirement_{number}", "*axes", "{unit}", "{statement}: value", SWEEP,
            when=_OF_REQUIREMENTS, attributes=("limit", "least")),
-        _a("/sweep/requirement_{number}_{end}", "*axes", "{unit}", "{statement}: {end} end of the 95 % interval of "
-           "what was found", SWEEP, when=f"{_OF_REQUIREMENTS}, with method monte-carlo", end=("low", "high")),
+        _a("/sweep/requirement_{number}_{end}", "*axes", "{unit}", "{statement}: {end} end of the 95 % interval of the "
+           "value", SWEEP, when=f"{_OF_REQUIREMENTS}, with method monte-carlo", end=("low", "high")),
         _a("/sweep/requirement_{number}_verdict", "*axes", "1", "{statement}: "
            + ", ".join(f"{number} {words}" for number, words in enumerate(VERDICTS)), SWEEP, WHOLE,
            when=_OF_REQUIREMENTS),
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
-        _a("/flown/runs", "", "1", "runs that the best combinations were flown with", SWEEP, WHOLE, when=_CONFIRMED),
+        _a("/flown/runs", "", "1", "runs of each of the best combinations", SWEEP, WHOLE, when=_CONFIRMED),
         *(
             entry
             for name, (units, meaning) in FILTER_QUANTITIES.items()
@@ -1010,9 +1018,9 @@ _OPTIMIZE = Chapter(
         _a("/loss", "loss", "1", "relative loss of the objective", OPTIMIZE),
         _a("/front/objective", "pseudolites", "{unit}", "{quantity}", OPTIMIZE, attributes=("without_pseudolites",)),
         _a("/front/evaluations", "pseudolites", "1", "placements tried", OPTIMIZE, WHOLE),
-        _a("/front/evaluations_coarse", "pseudolites", "1", "of the placements tried, those by coarse covariance "
-           "analysis", OPTIMIZE, WHOLE),
-        _a("/front/evaluations_full", "pseudolites", "1", "of the placements tried, those by covariance analysis",
+        _a("/front/evaluations_coarse", "pseudolites", "1", "number of placements tried by coarse covariance analysis",
+           OPTIMIZE, WHOLE),
+        _a("/front/evaluations_full", "pseudolites", "1", "number of placements tried by covariance analysis",
            OPTIMIZE, WHOLE),
         _a("/front/every_choice", "pseudolites", "1", "1: every choice was tried", OPTIMIZE, WHOLE),
         _a("/front/finished", "pseudolites", "1", "1: the search came to its end, 0: it was stopped", OPTIMIZE, WHOLE),
@@ -1024,25 +1032,25 @@ _OPTIMIZE = Chapter(
         _a("/optimum/{coordinate}", "pseudolites pseudolite", "m", "WGS-84 {coordinate}", OPTIMIZE,
            coordinate=("height",)),
         _a("/optimum/neighbourhood", "pseudolites pseudolite loss bearing", "m",
-           "how far a pseudolite may be moved by itself{how}; nan where the area or a rule ends it first, or "
-           "requirements are not met to begin with", OPTIMIZE),
-        _a("/optimum/violation", "pseudolites", "m", "by how much the tightest rule is broken (dB for near_far_db); "
-           "negative: room left", OPTIMIZE),
-        _a("/optimum/tightest_rule", "pseudolites", "1", "the rule, a key below `constraints`, that is kept with the "
-           "least room; `aircraft`: the distance that pseudolites keep from it", OPTIMIZE, TEXT),
+           "largest shift of a single pseudolite{how}; nan if the area or a rule ends it first, or requirements are "
+           "not met to begin with", OPTIMIZE),
+        _a("/optimum/violation", "pseudolites", "m", "violation of the tightest rule (dB for near_far_db); negative: "
+           "margin", OPTIMIZE),
+        _a("/optimum/tightest_rule", "pseudolites", "1", "rule with the least margin, a key below `constraints`; "
+           "`aircraft`: the distance of pseudolites from it", OPTIMIZE, TEXT),
         *(
             _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE)
             for name, (units, meaning) in DOP_QUANTITIES.items()
         ),
-        _a("/flown/runs", "pseudolites", "1", "runs that the best placement was flown with; 0: none", OPTIMIZE, WHOLE),
-        _a("/flown/verdict", "pseudolites", "1", "verdict of the runs on all states at all outputs; empty where "
-           "none was flown", OPTIMIZE, TEXT),
+        _a("/flown/runs", "pseudolites", "1", "runs of the best placement; 0: none", OPTIMIZE, WHOLE),
+        _a("/flown/verdict", "pseudolites", "1", "verdict of the runs on all states at all outputs; empty without runs",
+           OPTIMIZE, TEXT),
         _a("/flown/objective", "pseudolites interval", "{unit}",
-           "{quantity}, of the best placement by runs; nan where none was flown, or the objective is no error of the "
+           "{quantity}, of the best placement by runs; nan without runs, or if the objective is not an error of the "
            "filter", OPTIMIZE),
         *(
             _a(f"/flown/{part}", "pseudolites interval", "m", f"{part} position error, {_RMS}, of the best placement; "
-               "nan where none was flown", OPTIMIZE)
+               "nan without runs", OPTIMIZE)
             for part in ("horizontal", "vertical")
         ),
         _a("/rejected/rejected", "rejected", "1", "numbers of placements that runs spoke against", OPTIMIZE, WHOLE,
@@ -1053,27 +1061,27 @@ _OPTIMIZE = Chapter(
         _a("/rejected/analysed", "rejected", "{unit}", "{quantity}, by covariance analysis", OPTIMIZE,
            when=_REJECTING),
         _a("/rejected/flown", "rejected interval", "{unit}", "{quantity}, by runs", OPTIMIZE, when=_REJECTING),
-        _a("/front/met", "pseudolites", "1", "1: all requirements that placements are judged by are met", OPTIMIZE,
+        _a("/front/met", "pseudolites", "1", "1: all decidable requirements are met", OPTIMIZE,
            WHOLE, when=_MEETING),
         _a("/front/met_without", "", "1", "the same without pseudolites", OPTIMIZE, WHOLE, when=_MEETING),
-        _a("/front/fewest", "", "1", "fewest pseudolites with which they are met, 0 where none are needed, -1 where no "
-           "number will do", OPTIMIZE, WHOLE, when=_MEETING),
+        _a("/front/fewest", "", "1", "fewest pseudolites with which they are met, 0 if none are needed, -1 if no "
+           "number is enough", OPTIMIZE, WHOLE, when=_MEETING),
         *(
             _a(f"/requirements/{name}", "requirement", "1", meaning, OPTIMIZE, of, when=_MEETING)
             for name, meaning, of in (
                 ("requirement", "numbers of the statements, in order", WHOLE),
-                ("statement", "what is asked for, in words", TEXT),
-                ("limit", "what is asked for", NUMBER),
-                ("decided", "1: placements are judged by it, 0: runs alone decide it", WHOLE),
+                ("statement", "requirement, in words", TEXT),
+                ("limit", "required limit", NUMBER),
+                ("decided", "1: placements are evaluated by it, 0: only runs decide it", WHOLE),
             )
         ),
         *(
             entry
             for name, meaning, of in (
-                ("value", "what was found, in the unit of the statement; nan where nothing is known of it", NUMBER),
+                ("value", "value, in the unit of the statement; nan if unknown", NUMBER),
                 ("verdict", "met, not met or undecided", TEXT),
-                ("utilisation", "the size that would just be kept as often as asked for, by the size asked for: above "
-                 "1 where it is not met, inf where none would be kept", NUMBER),
+                ("utilisation", "smallest size that is kept as often as required, relative to the required size: above "
+                 "1 if it is not met, inf if no size is kept", NUMBER),
             )
             for entry in (
                 _a(f"/requirements/{name}", "pseudolites requirement", "1", meaning, OPTIMIZE, of, when=_MEETING),
@@ -1085,8 +1093,8 @@ _OPTIMIZE = Chapter(
         _a("/map/s", "s", "m", "right of the runway's axis", OPTIMIZE),
         _a("/map/l1", "l1", "m", "before the threshold", OPTIMIZE),
         _a("/map/objective", "pseudolites s l1", "{unit}",
-           "{quantity}, the first pseudolite moved, the others kept{how}; nan where a rule is broken, or "
-           "requirements are not met", OPTIMIZE),
+           "{quantity}, the first pseudolite moved, the others kept{how}; nan if a rule is violated, or requirements "
+           "are not met", OPTIMIZE),
     ),
 )  # fmt: skip
 
@@ -1112,18 +1120,18 @@ _TABLE2 = Chapter(
            attributes=("runs",)),
         _a("/fit/parameters", "calibration", "1", "number of fitted parameters", TABLE2, WHOLE),
         _a("/fit/letter", "calibration", "1", "letters", TABLE2, TEXT),
-        _a("/fit/meaning", "calibration", "1", "what was fitted under which constraint", TABLE2, TEXT),
+        _a("/fit/meaning", "calibration", "1", "fitted quantity and its constraint", TABLE2, TEXT),
         _a("/fit/weighted", "calibration", "1",
-           "1: the weighted DOPs stand beside the published ones, not the unit-weight ones", TABLE2, WHOLE),
+           "1: the published DOPs are compared with weighted ones; 0: with unit-weight ones", TABLE2, WHOLE),
         _a("/fit/dop_rms", "calibration", "1", "root mean square relative difference over the 21 DOP cells", TABLE2),
         _a("/fit/dop_max", "calibration", "1", "largest relative difference of a DOP cell", TABLE2),
         _a("/fit/sko_rms", "calibration", "1", "root mean square relative difference over the 14 SKO cells", TABLE2),
         _a("/fit/sko_max", "calibration", "1", "largest relative difference of an SKO cell", TABLE2),
         _a("/claims/claim", "claim", "1", "claims", TABLE2, TEXT),
-        _a("/claims/says", "claim", "1", "what is claimed", TABLE2, TEXT),
+        _a("/claims/says", "claim", "1", "claim", TABLE2, TEXT),
         _a("/claims/reason", "claim", "1", "reasons", TABLE2, TEXT),
         _a("/claims/calibration", "calibration", "1", "calibrations", TABLE2, TEXT),
-        _a("/claims/computed", "calibration claim", "1", "what was computed", TABLE2, TEXT),
+        _a("/claims/computed", "calibration claim", "1", "computed value", TABLE2, TEXT),
         _a("/claims/holds", "calibration claim", "1", "1: the claim holds", TABLE2, WHOLE),
         _a("/approach/time", "time", "s", "fix epochs of the default calibration", TABLE2),
         _a("/approach/pseudolites", "curve", "1", "pseudolites, those at S = 200, L1 = 5000 m", TABLE2, WHOLE),
@@ -1138,8 +1146,8 @@ MOST_LEVELS = 60
 _SEPARATING = "with method mhss or filter"
 _INTEGRITY_TABLE = Chapter(
     "Table of integrity",
-    "For each number of sources on one clock: what their geometry allows by rank, and the share of epochs of the glide "
-    "with both protection levels within the limits.",
+    "For each number of sources on one clock: capabilities of their geometry by rank, and the share of epochs of the "
+    "glide with both protection levels within the limits.",
     (
         _a("/pseudolites", "pseudolites", "1", "number of pseudolites", INTEGRITY_TABLE, WHOLE),
         _a("/satellites", "satellites", "1", "number of satellites left", INTEGRITY_TABLE, WHOLE),
@@ -1154,19 +1162,19 @@ _INTEGRITY_TABLE = Chapter(
         ),
         *(
             _a(f"/useful/{name}", "pseudolites satellites", "1", "share of `/glide/time` with both levels within their "
-               f"limits, {which}; nan where the scenario has too few sources", INTEGRITY_TABLE)
+               f"limits, {which}; nan if the scenario has too few sources", INTEGRITY_TABLE)
             for name, which in (
                 ("worst", "the worst subset of satellites"),
                 ("median", "the median subset: more than half of them reach it"),
             )
         ),
         _a("/useful/{level}", "pseudolites satellites", "m", "median {LEVEL} over `/glide/time` that more than half of "
-           "the subsets keep; inf where they have none, nan where the scenario has too few sources", INTEGRITY_TABLE,
+           "the subsets keep; inf if they have none, nan if the scenario has too few sources", INTEGRITY_TABLE,
            level=("hpl", "vpl")),
         _a("/useful/subsets", "satellites", "1", "subsets of satellites that levels were computed for", INTEGRITY_TABLE,
            WHOLE),
-        _a("/useful/subsets_of_all", "satellites", "1", "subsets that there are; those computed are drawn where they "
-           "are fewer", INTEGRITY_TABLE, WHOLE),
+        _a("/useful/subsets_of_all", "satellites", "1", "number of subsets; if fewer are computed, they are drawn",
+           INTEGRITY_TABLE, WHOLE),
         _a("/useful/satellite", "satellite", "1", "satellites that are used throughout the glide: subsets are of these",
            INTEGRITY_TABLE, TEXT),
         _a("/useful/pseudolite", "pseudolite", "1", "pseudolites in the order in which they are added", INTEGRITY_TABLE,
@@ -1176,8 +1184,8 @@ _INTEGRITY_TABLE = Chapter(
         _a("/useful/fault", "fault", "1", "faults that are expected, of sources that are used", INTEGRITY_TABLE, TEXT,
            when=_SEPARATING),
         _a("/useful/prior", "fault", "1", "their probabilities", INTEGRITY_TABLE, when=_SEPARATING),
-        _a("/glide/time", "time", "s", f"fix epochs of the glide that levels were computed at: all, of more than "
-           f"{MOST_LEVELS} so many, evenly spread", INTEGRITY_TABLE, attributes=("epochs_of_glide",)),
+        _a("/glide/time", "time", "s", f"fix epochs of the glide with computed levels: all, or {MOST_LEVELS} of more, "
+           "evenly spread", INTEGRITY_TABLE, attributes=("epochs_of_glide",)),
     ),
 )  # fmt: skip
 
@@ -1199,7 +1207,7 @@ _ELEVATION = Chapter(
            ELEVATION),
         _a("/montecarlo/covariance_all", "step state state_column", _DEG2, "second moments of all experiments",
            ELEVATION),
-        _a("/band", "band", "1", "ways to read the band", ELEVATION, TEXT),
+        _a("/band", "band", "1", "interpretations of the band", ELEVATION, TEXT),
         _a("/experiment", "experiment", "1", "number of the experiment", ELEVATION, WHOLE),
         _a("/montecarlo/fraction_in_band", "experiment band", "1",
            "share of steps with the sample's beta inside the band", ELEVATION),
@@ -1217,11 +1225,11 @@ _ELEVATION = Chapter(
         _labels("/approach/segment", "segments of the approach", ELEVATION, "level leg", "glide", "flare", "roll-out"),
         _a("/approach/segment_start", "segment", "s", "where each of them begins", ELEVATION),
         _a("/nominal/rate_variance", "rate_variance", "deg2/s2", "Q of the filter", ELEVATION),
-        _a("/nominal/time", "time", "s", "time of the approach; judged after settling", ELEVATION,
+        _a("/nominal/time", "time", "s", "time of the approach; evaluated after settling", ELEVATION,
            attributes=("settling_s",)),
         _a("/nominal/beta", "time", "deg", "true angle", ELEVATION),
         _a("/nominal/bias", "rate_variance time", "deg", "estimate minus truth without noise", ELEVATION),
-        _a("/nominal/noise", "rate_variance time", "deg", "1 sigma of what measurement noise adds", ELEVATION),
+        _a("/nominal/noise", "rate_variance time", "deg", "1 sigma due to measurement noise", ELEVATION),
         _a("/nominal/worst_rmse", "rate_variance", "deg", "largest root mean square error after settling", ELEVATION),
         _a("/nominal/peak_bias", "rate_variance", "deg", "largest bias after settling", ELEVATION),
         _a("/nominal/peak_time", "rate_variance", "s", "time of the largest bias", ELEVATION),
@@ -1233,17 +1241,17 @@ _ELEVATION = Chapter(
            ELEVATION),
         _a("/order/gain", "filter", "1", "gain of the angle in the limit", ELEVATION),
         _a("/order/sigma", "filter", "deg", "1 sigma of the angle in the limit", ELEVATION),
-        _a("/order/before", "filter", "deg", "bias just before the capture of the glide, nan where the run has none",
+        _a("/order/before", "filter", "deg", "bias just before glide-slope capture, nan if the run has none",
            ELEVATION),
         _a("/order/recovery", "filter", "s",
-           "time from the capture until the bias stays below a tenth of its largest value, nan where it does not",
+           "time from the capture until the bias stays below a tenth of its largest value, nan if it does not",
            ELEVATION),
         *(
             entry
             for place, dims in (("/order", "filter"), ("/azimuth", "rate_variance"), ("/flare", "source rate_variance"))
             for entry in (
                 _a(f"{place}/bias", f"{dims} time", "deg", "estimate minus truth without noise", ELEVATION),
-                _a(f"{place}/noise", f"{dims} time", "deg", "1 sigma of what measurement noise adds", ELEVATION),
+                _a(f"{place}/noise", f"{dims} time", "deg", "1 sigma due to measurement noise", ELEVATION),
                 _a(f"{place}/peak_bias", dims, "deg", "largest bias after settling", ELEVATION),
                 _a(f"{place}/peak_time", dims, "s", "time of the largest bias", ELEVATION),
                 _a(f"{place}/worst_rmse", dims, "deg", "largest root mean square error after settling", ELEVATION),
@@ -1267,14 +1275,14 @@ _ELEVATION = Chapter(
         _a("/limit/to_white", "correlation_time", "1",
            "largest relative difference of Q of angle and rate from that of a white acceleration", ELEVATION),
         _a("/limit/drive", "correlation_time", "1",
-           "variance that a period adds to the acceleration, as a share of its own", ELEVATION),
+           "variance that a period adds to the acceleration, relative to its steady variance", ELEVATION),
         _a("/limit/angle", "correlation_time", "1", "steady variance of the angle over that of the paper's model",
            ELEVATION),
         _a("/azimuth/rate_variance", "rate_variance", "deg2/s2", "Q of the filter", ELEVATION),
         _a("/azimuth/time", "time", "s", "time of the approach", ELEVATION),
         _a("/azimuth/angle", "time", "deg", "true azimuth", ELEVATION),
         _a("/azimuth/steady_sigma", "rate_variance", "deg", "1 sigma of the azimuth in the limit", ELEVATION),
-        _labels("/flare/source", "what guides in the flare", ELEVATION, "angle of the station",
+        _labels("/flare/source", "guidance source in the flare", ELEVATION, "angle of the station",
                 "range and radio altimeter", "both"),
         _a("/flare/rate_variance", "rate_variance", "deg2/s2", "Q of the filter", ELEVATION),
         _a("/flare/time", "time", "s", "time of the approach", ELEVATION),
@@ -1282,8 +1290,8 @@ _ELEVATION = Chapter(
         _a("/flare/measured_sigma", "source time", "deg", "1 sigma of one measured angle", ELEVATION),
         _a("/flare/touchdown_rmse", "source rate_variance", "deg", "root mean square error at touchdown", ELEVATION),
         _a("/flare/touchdown_height_rmse", "source rate_variance", "m",
-           "the same as a height over the station's plane", ELEVATION),
-        _a("/audit/statement", "statement", "1", "what the paper states", ELEVATION, TEXT),
+           "root mean square error at touchdown as a height over the station's plane", ELEVATION),
+        _a("/audit/statement", "statement", "1", "statement of the paper", ELEVATION, TEXT),
         _a("/audit/published", "statement", "see unit", "the paper's value", ELEVATION),
         _a("/audit/computed", "statement", "see unit", "the value computed", ELEVATION),
         _a("/audit/unit", "statement", "1", "units", ELEVATION, TEXT),
@@ -1314,7 +1322,7 @@ _ATC = Chapter(
     "Air traffic control",
     "Errors truth - estimate.",
     (
-        _a("/case", "case", "1", "cases: scan period, what is measured", ATC, TEXT),
+        _a("/case", "case", "1", "cases: scan period, measurements", ATC, TEXT),
         _a("/state", "state", "1", "states", ATC, TEXT, attributes=("state_units",)),
         _a("/singer_state", "singer_state", "1", "states of singer: m, m/s, m/s2", ATC, TEXT),
         _a("/cartesian_state", "cartesian_state", "1", "figures of cartesian: m, m/s, rad, rad", ATC, TEXT),
@@ -1339,9 +1347,9 @@ _ATC = Chapter(
            ATC),
         _a("/summary/multiplications_full", "", "1",
            "multiplications of a covariance step, 13 states, six scalar updates", ATC, WHOLE),
-        _a("/summary/multiplications_decoupled", "", "1", "the same of the six groups", ATC, WHOLE),
+        _a("/summary/multiplications_decoupled", "", "1", "multiplications for the six groups", ATC, WHOLE),
         _a("/summary/stored_full", "", "1", "numbers of the covariance stored", ATC, WHOLE),
-        _a("/summary/stored_decoupled", "", "1", "the same of the six groups", ATC, WHOLE),
+        _a("/summary/stored_decoupled", "", "1", "numbers of the covariances of the six groups stored", ATC, WHOLE),
         *(
             _a(path, dims, units, meaning, ATC, when="where `link.study_runs` is not 0 and there is noise")
             for path, dims, units, meaning in (
@@ -1354,8 +1362,8 @@ _ATC = Chapter(
                  "that over the RMSE with exact reports, in the same runs"),
             )
         ),
-        _labels("/link/reports", "what is reported", ATC, "levels", "levels and rates"),
-        _labels("/link/knowledge", "what the filters know of age and quantisation", ATC, "unknown", "known"),
+        _labels("/link/reports", "reported quantity", ATC, "levels", "levels and rates"),
+        _labels("/link/knowledge", "filter model of age and quantisation", ATC, "unknown", "known"),
         _labels("/link/link_filter", "filters that use reports", ATC, "full", "adapt", "fix", "cartesian"),
         _labels("/group", "pairs of level and rate", ATC, "speed", "path_angle", "track", "elevation", "azimuth"),
         _labels("/gain_of", "gain of", ATC, "level", "rate"),
@@ -1400,7 +1408,7 @@ _AZIMUTH = Chapter(
            "RMSE in the manoeuvre over RMSE on the straight stretch", AZIMUTH),
         _a("/summary/peak_growth", "period baseline", "1",
            "largest RMSE of a scan of the manoeuvre over RMSE on the straight stretch", AZIMUTH),
-        _labels("/age", "what the filter knows of the age of reports", AZIMUTH, "unknown", "stamped"),
+        _labels("/age", "filter model of the age of reports", AZIMUTH, "unknown", "stamped"),
         _a("/summary/latency_rmse", "period latency age", "deg", "RMSE of L4 in the manoeuvre", AZIMUTH),
         _labels("/acceleration", "accelerations of the azimuth", AZIMUTH, "exact", "error of (14)",
                 "error of a_t/Dh"),
@@ -1445,17 +1453,17 @@ FINDINGS = "/findings"
 """Group with the findings."""
 _FINDINGS = Chapter(
     "Findings",
-    "Warnings with counts, in every result; of length 0 where there is nothing to say.",
+    "Warnings with counts, in every result; of length 0 without warnings.",
     tuple(
         _a(f"{FINDINGS}/{name}", "finding", units, meaning, tuple(LAYOUTS), of)
         for name, units, meaning, of in (
-            ("finding", "1", "names of what the user must hear about", TEXT),
-            ("text", "1", "what was found", TEXT),
-            ("against", "1", "what it speaks against: fix, consistent, or neither", TEXT),
-            ("count", "1", "how many it is about", WHOLE),
-            ("of", "1", "of how many", WHOLE),
+            ("finding", "1", "names of the findings", TEXT),
+            ("text", "1", "message", TEXT),
+            ("against", "1", "condition that it violates: fix, consistent, or neither", TEXT),
+            ("count", "1", "number of items concerned", WHOLE),
+            ("of", "1", "number of all items", WHOLE),
             ("runs", "1", "in how many runs", WHOLE),
-            ("first", "s", "time of the first, nan where it has none", NUMBER),
+            ("first", "s", "time of the first, nan without a time", NUMBER),
         )
     ),
 )  # fmt: skip
@@ -1475,8 +1483,8 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "schema_version": (tuple(LAYOUTS), "version of this page's contents"),
     "navsim_version": (tuple(LAYOUTS), "the version that wrote the file"),
     "seed": (tuple(LAYOUTS), "root of all random numbers"),
-    "scenario": (tuple(LAYOUTS), "the whole resolved scenario, YAML"),
-    "study": ((SWEEP, OPTIMIZE), "the whole resolved study, YAML"),
+    "scenario": (tuple(LAYOUTS), "the complete resolved scenario, YAML"),
+    "study": ((SWEEP, OPTIMIZE), "the complete resolved study, YAML"),
     "scenario_sha256": (tuple(LAYOUTS), "SHA-256 of study and scenario"),
     "epoch": (tuple(LAYOUTS), "UTC of time 0"),
     "created": (tuple(LAYOUTS), "when the file was made, UTC"),
@@ -1486,21 +1494,21 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "runs": ((SWEEP,), "runs of each combination, 0 without runs"),
     "combinations": ((SWEEP,), "number of combinations"),
     "refused": ((SWEEP,), "number of combinations that are nan"),
-    "objective": ((OPTIMIZE,), "what is optimised"),
-    "stopped": ((OPTIMIZE,), "why the work ended early; empty where it did not"),
-    "undone": ((OPTIMIZE,), "what was left of the work"),
+    "objective": ((OPTIMIZE,), "objective"),
+    "stopped": ((OPTIMIZE,), "why the work ended early; empty if it is complete"),
+    "undone": ((OPTIMIZE,), "remaining part of the work"),
     "recorded_s": ((REPLAY,), "first and last time of samples and fixes in the log, s"),
-    "flown_s": ((REPLAY,), "first and last time of the log that is flown, s"),
-    "not_judged": ((REPLAY,), "what the checks of units, axes, signs and clocks cannot judge by this flight"),
+    "flown_s": ((REPLAY,), "first and last time of the log that the filter uses, s"),
+    "not_judged": ((REPLAY,), "units, axes, signs and clocks that this flight does not show; they are unchecked"),
     "alignment_time": ((REPLAY,), "time of the log at which the flight is aligned, s"),
-    "alignment_until": ((REPLAY,), "end of the data it is aligned with, s"),
+    "alignment_until": ((REPLAY,), "end of the alignment data, s"),
     "alignment_sigma_deg": ((REPLAY,), "1 sigma of the alignment, north, east, down, degrees"),
     "replaced_block": ((LIVE,), "receiver or imu: which block was real"),
-    "clock": ((LIVE,), "what the source's clock was settled by"),
-    "verdict": ((LIVE,), "flown, or why this is no result"),
-    "least_pdop_of_case_6_from_cases_1_and_2": ((TABLE2,), "what the paper's cases 1 and 2 leave for case 6"),
-    "largest_pdop_of_case_6_printed": ((TABLE2,), "what the paper prints for case 6, rounding in favour"),
-    CHECKSUMS: (tuple(LAYOUTS), "that the file carries checksums"),
+    "clock": ((LIVE,), "basis of the source's clock"),
+    "verdict": ((LIVE,), "flown, or the reason why this is not a valid result"),
+    "least_pdop_of_case_6_from_cases_1_and_2": ((TABLE2,), "bound on case 6 from the paper's cases 1 and 2"),
+    "largest_pdop_of_case_6_printed": ((TABLE2,), "the paper's printed value for case 6, rounding in its favour"),
+    CHECKSUMS: (tuple(LAYOUTS), "marks a file with checksums"),
 }
 """Root attributes: layouts and meanings."""
 LATE = ("verdict", CHECKSUMS)

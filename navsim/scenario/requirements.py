@@ -33,7 +33,7 @@ class ErrorRequirement(RequirementSection):
     """The filter's error at a height stays below a size in a share of the runs."""
 
     what: Literal["error"]
-    """the filter's error at a height"""
+    """filter error at a height"""
     of: Literal["lateral", "along", "vertical"]
     """axis of the runway"""
     at: Height = "touchdown"
@@ -48,7 +48,7 @@ class RmsRequirement(RequirementSection):
     """Root mean square of the filter's error over the last seconds before touchdown."""
 
     what: Literal["rms"]
-    """the root mean square of the filter's error over the last 20 s before touchdown"""
+    """root mean square error over the last 20 s before touchdown"""
     of: Literal["horizontal", "vertical"]
     """horizontal: both axes together; or vertical"""
     below_m: Length
@@ -60,7 +60,7 @@ class BoxRequirement(RequirementSection):
 
     needs: ClassVar[str] = "box"
     what: Literal["box"]
-    """how often a landing ends outside the scenario's box"""
+    """probability of ending outside the scenario's box"""
     at_most: Risk
     """probability that is allowed"""
 
@@ -70,7 +70,7 @@ class LevelRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity"
     what: Literal["level"]
-    """a protection level of the fixes"""
+    """protection level of the fixes"""
     of: Literal["hpl", "vpl"]
     """horizontal or vertical protection level"""
     below_m: Length
@@ -84,7 +84,7 @@ class ThresholdRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity"
     what: Literal["emt"]
-    """effective monitor threshold of solution separation: largest effect on the height of a fault that is not rare"""
+    """effective monitor threshold of solution separation"""
     below_m: Length
     """size that the threshold stays within"""
     share: Share = 0.99
@@ -96,7 +96,7 @@ class AccuracyRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity"
     what: Literal["accuracy"]
-    """the vertical error of the fixes without a fault, as their Gaussian errors of ranges make it"""
+    """fault-free vertical error of the fixes"""
     below_m: Length
     """size that the error stays within"""
     at_most: Risk = 0.05
@@ -110,7 +110,7 @@ class AvailabilityRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["availability", "approaches"]
-    """how much is available: epochs of the glide (availability), or approaches throughout (approaches)"""
+    """available epochs of the glide, or fully available approaches"""
     at_least: Share
     """share that is asked for"""
 
@@ -120,8 +120,7 @@ class RiskRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["continuity", "misleading"]
-    """risk of losing continuity within 15 s (continuity), or of a run with hazardously misleading information
-    (misleading)"""
+    """risk of lost continuity within 15 s, or of hazardously misleading information"""
     at_most: Risk
     """probability that is allowed"""
 
@@ -131,7 +130,7 @@ class AlertRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["time_to_alert"]
-    """the longest time to an alarm"""
+    """longest time to an alarm"""
     within_s: Annotated[float, Field(ge=0.0, le=60.0)]
     """time to alert that is allowed"""
 
@@ -161,7 +160,7 @@ class PresetRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["preset"]
-    """requirements of an operation: alert limits, vertical accuracy, continuity, integrity; LPV-200 also emt"""
+    """alert limits, vertical accuracy, continuity, integrity of an operation; LPV-200 also emt"""
     operation: Operation
     """the operation"""
     availability: Share = 0.99

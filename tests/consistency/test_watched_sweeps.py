@@ -113,7 +113,7 @@ def test_requirements_are_judged_as_in_single_landings(tmp_path: Path, method: s
             assert VERDICTS[swept[f"/sweep/{name}_verdict"][i]] == verdict == rows[i][f"{name}_verdict"]
             variable = swept.variables[f"/sweep/{name}"]
             assert variable.attributes["limit"] == one["/summary/requirements/limit"][k]
-            assert variable.long_name == f"{one['/summary/requirements/statement'][k]}: what was found"
+            assert variable.long_name == f"{one['/summary/requirements/statement'][k]}: value"
     assert swept.variables["/sweep/requirement_2"].units == "m"
     # two pseudolites make some of them come true
     assert swept["/sweep/requirement_1_verdict"].tolist() == [0, 2]

@@ -650,7 +650,7 @@ def test_lines_without_a_fix_are_not_called_none(flown) -> None:  # type: ignore
     assert flying.failures(flew(c, [])[1]) == ["no message could be used: none came"]
     satellites = sentence("GPGSV,1,1,01,05,40,083,46").strip()
     assert flying.failures(flew(c, [satellites] * 3)[1]) == [
-        "no message could be used: 3 whole sentences of kinds that have no fix"
+        "no message could be used: 3 valid sentences of kinds without a fix"
     ]
     course = sentence("GPVTG,84.4,T,,M,22.4,N,41.5,K,A").strip()
     assert flying.failures(flew(c, [course] * 3)[1]) == ["no message could be used: 3 lines received"]
