@@ -1,11 +1,11 @@
-"""First-order errors of runs: the linearised filter, driven by all that is drawn of each run.
+"""First-order errors of runs: the linearised filter, driven by all random inputs of each run.
 
-To first order the filter's gains are those along the truth (`filter.linearised`). The error of a run is then a
-linear function of its draws, and one pass through the same matrices computes it at every output. The state has minus
-the estimates of the sensor states, so the increments bring the errors of the sensors in, whatever their model.
+To first order the filter's gains are those along the truth (`filter.linearised`). The error of a run is then a linear
+function of its random inputs, and one pass through the same matrices computes it at every output. The state contains
+minus the estimates of the sensor states, so the increments contribute the sensor errors, whatever their model.
 
-Within an interval the error of a step enters velocity and attitude at its end and position by the trapezoid rule, as in
-`filter.interval.add_white`; the covariance analysis of the same flight has the covariance of these errors.
+Within an interval the error of a step enters velocity and attitude at its end, and position by the trapezoid rule, as
+in `filter.interval.add_white`. The covariance analysis of the same flight has the covariance of these errors.
 
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8. Derivation:
 `docs/theory/control-variates.md`, section 2.
@@ -23,37 +23,48 @@ from navsim.filter.states import ATT, GYRO, MOST, POS, SENSORS, VEL
 
 
 class ErrorRoute(NamedTuple):
-    """A linearised filter, event by event.
-
-    Of events (k,): ahead, as of `records.Events`; output, interval, weighed: rows, -1 for none; row: of what is
-    measured, in its table; sample, steps: the first IMU step of the interval, and how many; shares (k, 2): the parts of
-    the first and the last step that belong to it. Of i intervals: transition (i, n, n). Of w measurements: h (w, MOST,
-    n), gain (w, n, MOST). Of IMU steps: time (s + 1,) s, attitude (s, 3, 3) C_nb, force (s, 3) NED, m/s2. Of fixes or
-    ranges (m,): epoch; source, -1 for all; by_range, by_rate (m, MOST, s) for all sources, (m, MOST, 1) for one.
-    aided (w, MOST): which of the numbers of the sensors beside the receiver it is, -1 for none; slope (w,).
-    """
+    """A linearised filter, event by event: k events, i intervals, w measurements, s IMU steps, m fixes or ranges."""
 
     ahead: np.ndarray
+    """(k,) see `records.Events`."""
     output: np.ndarray
+    """(k,) row of the output, -1 for none."""
     interval: np.ndarray
+    """(k,) row of the interval that the event ends, -1 for none."""
     weighed: np.ndarray
+    """(k,) row of the measurement, -1 for none."""
     row: np.ndarray
+    """(k,) row in the table of the measurement."""
     sample: np.ndarray
+    """(k,) first IMU step of the interval."""
     steps: np.ndarray
+    """(k,) number of IMU steps."""
     shares: np.ndarray
+    """(k, 2) fractions of the first and the last step in the interval."""
     latest: np.ndarray
     transition: np.ndarray
+    """(i, n, n)."""
     h: np.ndarray
+    """(w, MOST, n)."""
     gain: np.ndarray
+    """(w, n, MOST)."""
     time: np.ndarray
+    """(s + 1,) s."""
     attitude: np.ndarray
+    """(s, 3, 3) C_nb."""
     force: np.ndarray
+    """(s, 3) NED, m/s2."""
     epoch: np.ndarray
+    """(m,)."""
     source: np.ndarray
+    """(m,) -1 for all."""
     by_range: np.ndarray
+    """(m, MOST, s) for all sources, (m, MOST, 1) for one; also `by_rate`."""
     by_rate: np.ndarray
     aided: np.ndarray
+    """(w, MOST) index among the numbers of the sensors beside the receiver, -1 for none."""
     slope: np.ndarray
+    """(w,) derivative of the innovation by such a number."""
 
 
 class Readings(NamedTuple):
@@ -126,16 +137,14 @@ def _correct(h, gain, d, x):
 
 @kernel
 def carry_errors(route, measured, exact, used, aided, x, errors):
-    """Compute the errors of position to first order of runs in lanes.
+    """First-order position errors of runs in lanes.
 
-    Parameters
-    ----------
-    route : ErrorRoute
-    measured, exact : Readings of the runs, and where nothing is drawn; those may be numbers, the same for all runs.
-    used : array (e, s), bool, which ranges are received.
-    aided : array (m,) of lanes, errors of the numbers of the sensors beside the receiver.
-    x : array (2, n) of lanes, the errors at the start and room for the copy that runs ahead; overwritten.
-    errors : array (o, 3) of lanes, NED, m, truth - estimate, out: at the outputs, without their mean.
+    - `route`: the linearised filter.
+    - `measured`, `exact`: `Readings` of the runs, and those without random errors, which may be numbers for all runs.
+    - `used` (e, s): bool, ranges that are received.
+    - `aided` (m,) of lanes: errors of the numbers of the sensors beside the receiver.
+    - `x` (2, n) of lanes: initial errors, and room for the copy that predicts ahead; overwritten.
+    - `errors` (o, 3) of lanes, out: NED, m, truth minus estimate, at the outputs, without their mean.
     """
     x, errors, aided = registers(x), registers(errors), registers(aided)
     dtheta, dv, ranges, rates = (

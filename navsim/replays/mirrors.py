@@ -15,8 +15,10 @@ def without_mirrors(found: list[Mistake], log: Log) -> list[Mistake]:
     """Replace axes that together make a mirrored trajectory consistent by the wrong sign that mirrors it.
 
     A negated longitude mirrors positions. Left-handed axes of velocities and accelerometers, with gyros of the other
-    sense, mirror all else: the two worlds cannot be told apart. navsim takes the one with fewer departures from the
-    usual axes. found: mistakes of the sensors; log: as written and corrected before these.
+    sense, mirror all else. The two cannot be distinguished, so navsim takes the one with fewer departures from the
+    usual axes.
+
+    found: mistakes of the sensors; log: as written and corrected before these.
     """
     remedy = dict(found[0].remedies[0]) if found and found[0].remedies else {}
     axes = remedy.pop("imu.axes", None)

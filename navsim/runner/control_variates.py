@@ -1,20 +1,22 @@
-"""Estimates from runs whose first-order error is known: control variates.
+"""Control variates: estimates from runs whose first-order error is known.
 
-A control is a number of each run with an exactly known mean, that goes with the number whose mean is wanted. What the
-controls say too much or too little in these runs, the estimate says too, and is corrected for it.
+A control is a number of each run with a known mean that is correlated with the number of interest. The estimate is
+corrected by the deviation of the controls from their means in these runs.
 
 - Means: the coefficients are estimated by cross-fitting. Those for a run come from all others, so they are independent
-  of the controls that they multiply: the estimate has no bias.
+  of the controls that they multiply, and the estimate has no bias.
 - Probabilities and percentiles: the control is the same indicator of the first-order error, with coefficient 1. Nothing
-  is estimated, so nothing can bias. What is left, the runs for which both disagree, is a difference of paired shares.
+  is estimated, so there is no bias. The rest, the runs for which both disagree, is a difference of paired shares.
 
 Derivation: `docs/theory/control-variates.md`.
 
-Sources: [1] Glasserman, Monte Carlo Methods in Financial Engineering (2003), section 4.1 (control variates). [2]
-Avramidis & Wilson, Operations Research Letters 14 (1993) (splitting, for estimates without bias). [3] Peherstorfer,
-Willcox & Gunzburger, SIAM Review 60 (2018) (multi-fidelity Monte Carlo). [4] Tango, Statistics in Medicine 17 (1998)
-(interval of a difference of paired shares). [5] Hesterberg & Nelson, Management Science 44 (1998) (probabilities and
-quantiles).
+Sources:
+
+- [1] Glasserman, Monte Carlo Methods in Financial Engineering (2003), section 4.1 (control variates).
+- [2] Avramidis & Wilson, Operations Research Letters 14 (1993) (splitting, for estimates without bias).
+- [3] Peherstorfer, Willcox & Gunzburger, SIAM Review 60 (2018) (multi-fidelity Monte Carlo).
+- [4] Tango, Statistics in Medicine 17 (1998) (interval of a difference of paired shares).
+- [5] Hesterberg & Nelson, Management Science 44 (1998) (probabilities and quantiles).
 """
 
 from __future__ import annotations
