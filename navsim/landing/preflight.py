@@ -245,7 +245,7 @@ def lone_pseudolite_warning(clock: str, when: str, instead: str) -> str:
 
 def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings about the trajectory, and about sections that need no sources of signals."""
-    out = []
+    out = scenario.runway.defaulted
     touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
     if touchdown > scenario.duration_s:
         out.append(

@@ -117,6 +117,9 @@ class Runway(Section):
             for key in ("declination_deg", "bearing_year"):
                 if getattr(self, key) is not None:
                     raise reject("is for a published direction: give bearing_deg", key)
+            if self.bearing_is == "magnetic":
+                text = "belongs to bearing_deg, which is not given; heading_deg counts from true north"
+                raise reject(f"{text}: write the magnetic direction as bearing_deg, with declination_deg", "bearing_is")
         elif self.bearing_is == "magnetic" and not isinstance(self.declination_deg, float):
             raise reject("a direction from magnetic north needs the declination there", "declination_deg")
         return self
@@ -124,6 +127,24 @@ class Runway(Section):
     def is_pavement(self, along: float, right: float) -> bool:
         """Whether a place, m from the threshold in the direction of landing and right of the centre line, is on it."""
         return 0.0 <= along <= self.length_m and abs(right) < 0.5 * self.width_m
+
+    @property
+    def defaulted(self) -> list[str]:
+        """Warnings about numbers of a runway with a position that are neither given nor follow from others."""
+        if self.threshold is None:
+            return []
+        out = []
+        if "heading_deg" not in self.model_fields_set:
+            out.append(
+                "runway.heading_deg is not given: 0 (north) is taken; write heading_deg, or the threshold of the other "
+                "direction (end), or bearing_deg"
+            )
+        if "height_m" not in self.model_fields_set:
+            out.append(
+                "runway.height_m is not given: 0 m above the ellipsoid is taken; write height_m, and height_above: "
+                "geoid with geoid_undulation_m for a height above sea level"
+            )
+        return out
 
     @property
     def misprint_deg(self) -> float:

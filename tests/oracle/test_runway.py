@@ -171,6 +171,7 @@ def test_a_magnetic_bearing(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (("runway.bearing_deg=355", "runway.bearing_is=magnetic"), "runway.declination_deg", "needs the declination"),
         (("runway.declination_deg=3",), "runway.declination_deg", "give bearing_deg"),
+        (("runway.heading_deg=240", "runway.bearing_is=magnetic"), "runway.bearing_is", "as bearing_deg, with declin"),
         (("runway.bearing_deg=5", "runway.heading_deg=7"), "runway.heading_deg", "is 5 by bearing_deg"),
         (("runway.tch_m=15.24", "runway.aim_point_m=300"), "runway.aim_point_m", "is 174.194 by tch_m"),
         ((f"runway.end={point(ODENSE[0])}",), "runway.end", "give runway.threshold"),
@@ -188,6 +189,16 @@ def test_what_does_not_go_together(settings: tuple[str, ...], place: str, words:
     with pytest.raises(InputError, match=words) as refused:
         scenario(*settings)
     assert place in {problem.key for problem in refused.value.problems}
+
+
+def test_numbers_of_a_real_runway_are_not_assumed_silently() -> None:
+    """A runway with a position has a direction and a height; defaults of the paper's abstract runway are not its."""
+    threshold = f"threshold: {point(ODENSE[0])}"
+    settings = ("approach.start=~", "pseudolites={count: 0}")
+    bare = case(*settings, f"runway={{{threshold}}}").warnings
+    assert [text.partition(" is not given")[0] for text in bare[:2]] == ["runway.heading_deg", "runway.height_m"]
+    given = case(*settings, f"runway={{{threshold}, end: {point(ODENSE[1])}, height_m: 14}}").warnings
+    assert not any("is not given" in text for text in given)
 
 
 def test_a_real_aerodrome() -> None:
