@@ -10,8 +10,9 @@ import typer
 from navsim.cli.common import called, leave, read_result
 from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED
 from navsim.cli.results import shown_as_stored
+from navsim.words import install_extra
 
-INSTALL = "pip install 'navsim-landing[report]'"
+INSTALL = install_extra("report")
 _BEGINNING = 2000
 """Bytes at the beginning of a page that contain its generator."""
 

@@ -350,4 +350,4 @@ def test_without_dask_the_way_to_it_is_said(place: Path) -> None:
     command = [sys.executable, "-c", code, "run", str(SCENARIOS / "landing.yaml"), "--scheduler", "tcp://127.0.0.1:1"]
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == 2
-    assert "pip install 'navsim-landing[cluster]'" in done.stderr
+    assert "pip install '.[cluster]'" in done.stderr

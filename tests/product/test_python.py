@@ -386,7 +386,7 @@ except ModuleNotFoundError as error:
 """
         done = python(code, tmp_path)
         assert done.returncode == 0, done.stderr
-        assert "pip install 'navsim-landing[xarray]'" in done.stdout
+        assert "pip install '.[xarray]'" in done.stdout
 
 
 def test_the_import_is_light_and_names_are_found(tmp_path: Path) -> None:
