@@ -56,8 +56,3 @@ def seen(path: object) -> str:
 def setting(key: str, value: object) -> str:
     """The assignment of a value to a key of the file."""
     return f"set[{key!r}]" if _python.get() else f"--set {key}={value}"
-
-
-def install_extra(name: str) -> str:
-    """The command that installs an optional dependency, for a message."""
-    return f"pip install '.[{name}]' in the folder of navsim"

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from navsim.runner.errors import BadInput, RunFailed, as_problems
-from navsim.words import install_extra, of_python
+from navsim.words import of_python
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from navsim.results.findings import Finding
     from navsim.results.result import Result
 
-INSTALL = install_extra("xarray")
+INSTALL = "pip install '.[xarray]' in the folder of navsim"
 
 
 @dataclass(frozen=True)

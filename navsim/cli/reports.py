@@ -10,9 +10,8 @@ import typer
 from navsim.cli.common import called, leave, read_result
 from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED
 from navsim.cli.results import shown_as_stored
-from navsim.words import install_extra
 
-INSTALL = install_extra("report")
+INSTALL = "pip install '.[report]' in the folder of navsim"
 _BEGINNING = 2000
 """Bytes at the beginning of a page that contain its generator."""
 

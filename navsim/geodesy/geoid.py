@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import importlib
 
-from navsim.words import install_extra
-
 
 class NoGeoid(Exception):
     """There is no model of the geoid."""
@@ -21,7 +19,8 @@ def undulation(lat: float, lon: float) -> float:
         model = importlib.import_module("egm96")
     except ImportError:
         raise NoGeoid(
-            f"needs the extra `geoid` ({install_extra('geoid')}, Python 3.12 or later); or give the number"
+            "needs the extra `geoid` (pip install '.[geoid]' in the folder of navsim, Python 3.12 or later); or give "
+            "the number"
         ) from None
     if not hasattr(model, "undulation"):
         # versions before 0.3, which pip takes on Python 3.11, have code and no grid

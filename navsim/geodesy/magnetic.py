@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import importlib
 
-from navsim.words import install_extra
-
 
 class NoDeclination(Exception):
     """There is no model of the magnetic field, or none of the time."""
@@ -23,7 +21,7 @@ def declination(lat: float, lon: float, height: float, year: float) -> float:
     try:
         model = importlib.import_module("pygeomag")
     except ImportError:
-        text = f"needs the extra `magnetic` ({install_extra('magnetic')}); or give the number"
+        text = "needs the extra `magnetic` (pip install '.[magnetic]' in the folder of navsim); or give the number"
         raise NoDeclination(text) from None
     try:
         field = model.GeoMag(base_year=year)

@@ -39,7 +39,6 @@ from navsim.sensors import imu
 from navsim.simulation.landing import initial_errors, initial_estimate
 from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator
-from navsim.words import install_extra
 
 Block = Literal["receiver", "imu"]
 _OF_NMEA = {
@@ -520,7 +519,7 @@ def _why_above(off: float, result: Result) -> str:
         low, high = _UNDULATIONS
         return (
             "heights above the geoid given as heights above the ellipsoid, or the reverse? They differ by the geoid's "
-            f"undulation, {low:g} to {high:g} m over the Earth ({install_extra('geoid')} computes it); {how}"
+            f"undulation, {low:g} to {high:g} m over the Earth (pip install '.[geoid]' in the folder of navsim computes it); {how}"
         )
     for wrong, text in ((-geoid, "are above the geoid"), (geoid, "have the geoid's undulation twice")):
         if abs(off - wrong) < _AS_GEOID * abs(geoid):

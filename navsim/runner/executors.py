@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from navsim.runner.errors import BadInput, as_problems, translate_errors
 from navsim.runner.reporter import Reporter
-from navsim.words import install_extra, option
+from navsim.words import option
 
 if TYPE_CHECKING:
     from navsim.runner.executor import Executor
     from navsim.runner.job import Options
 
-INSTALL = install_extra("cluster")
+INSTALL = "pip install '.[cluster]' in the folder of navsim"
 
 
 @contextmanager

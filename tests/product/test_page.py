@@ -459,7 +459,8 @@ def test_without_bokeh_the_way_to_it_is_said(place: Path, monkeypatch: pytest.Mo
                           capture_output=True, text=True, check=False)  # fmt: skip
     assert done.returncode == 2
     assert done.stderr == (
-        "error: navsim report draws with Bokeh, which is not installed here: pip install '.[report]' in the folder of navsim\n"
+        "error: navsim report draws with Bokeh, which is not installed here: pip install '.[report]' in the folder of "
+        "navsim\n"
     )
     assert not (tmp_path / "x.html").exists()
 
