@@ -519,7 +519,8 @@ def _why_above(off: float, result: Result) -> str:
         low, high = _UNDULATIONS
         return (
             "heights above the geoid given as heights above the ellipsoid, or the reverse? They differ by the geoid's "
-            f"undulation, {low:g} to {high:g} m over the Earth (pip install '.[geoid]' in the folder of navsim computes it); {how}"
+            f"undulation, {low:g} to {high:g} m over the Earth (the extra `geoid` computes it: pip install "
+            f"'.[geoid]' in the folder of navsim); {how}"
         )
     for wrong, text in ((-geoid, "are above the geoid"), (geoid, "have the geoid's undulation twice")):
         if abs(off - wrong) < _AS_GEOID * abs(geoid):
