@@ -71,6 +71,14 @@ def write_bibliography() -> None:
         beside.replace(target)
 
 
+def link_reference(_: Sphinx, __: str, source: list[str]) -> None:
+    """Lead links to the built pages of the reference, which a clone does not have.
+
+    Sources link to a page that is in a clone, with the built page as the link's title.
+    """
+    source[0] = re.sub(r'\]\(((?:\.\./)*)keys-and-variables\.md "(reference/[^"]+)"\)', r"](\1\2)", source[0])
+
+
 def add_tree(_: Sphinx, name: str, source: list[str]) -> None:
     """Give a contents page the tree that its list of links is: a page is listed once, readable on a forge."""
     if name.startswith((CONTENTS, "result-file")):
@@ -109,6 +117,7 @@ class GlossaryIndex(SphinxTransform):
 
 def setup(app: Sphinx) -> None:
     """What Sphinx calls first."""
+    app.connect("source-read", link_reference)
     app.connect("source-read", add_tree)
     app.connect("doctree-read", leave_out_of_search)
     app.add_transform(GlossaryIndex)

@@ -33,7 +33,7 @@ PAGES = [
     *GENERATED,
 ]
 
-_LINK = re.compile(r"!?\[([^\]\n]*)\]\(([^)\s]+)\)")
+_LINK = re.compile(r"!?\[([^\]\n]*)\]\(([^)\s]+)(?: \"([^\"]*)\")?\)")
 _NUMBERS = r"\(?\d+\)?(?:(?:,|\s+to|\s+and)\s+\(?\d+\)?)*"
 _CITED = re.compile(
     r"(?P<page>[\w./*-]+\.md)`?"
@@ -138,18 +138,44 @@ def test_pages_cited_by_code_are_there() -> None:
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def dead_links(path: Path, text: str) -> list[str]:
+    """Links of a page that lead nowhere in a clone, where the pages that the site's build writes are not.
+
+    Links to these go to a page of the clone; their title, by which the site replaces it, must be one of these.
+    """
+    out = []
+    for _, link, title in _LINK.findall(text):
+        if re.match(r"https?:|mailto:", link):
+            continue
+        file, _, anchor = link.partition("#")
+        there = Path(os.path.normpath(path.parent / file)) if file else path
+        is_built = there in GENERATED
+        there_for_readers = there.exists() or is_built if path in GENERATED else there.exists() and not is_built
+        if not there_for_readers or (anchor and anchor not in page(there).anchors):
+            out.append(f"a link to {link}")
+        if title.startswith("reference/"):
+            file, _, anchor = title.partition("#")
+            built = Path(os.path.normpath(there.parent / file))
+            if built not in GENERATED or (anchor and anchor not in page(built).anchors):
+                out.append(f"a link to {title} of the site")
+    return out
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_pages_lead_somewhere(path: Path) -> None:
     """Links of a page, with their anchors, and pages it names."""
     text = text_of(path)
     _, lost = missing(text, path.parent)
-    for _, target in _LINK.findall(text):
-        if re.match(r"https?:", target):
-            continue
-        file, _, anchor = target.partition("#")
-        there = Path(os.path.normpath(path.parent / file)) if file else path
-        if not (there.exists() or there in GENERATED) or (anchor and anchor not in page(there).anchors):
-            lost.append(f"a link to {target}")
+    lost += dead_links(path, text)
     assert not lost, "\n".join(lost)
+
+
+def test_dead_links_of_a_clone_are_found() -> None:
+    """A page of the reference exists in the site alone."""
+    text = '[a](reference/landing.md) [b](nowhere.md) [c](index.md#nowhere) [d](https://example.org/x.md) '
+    text += '[e](keys-and-variables.md "reference/landing.md") [f](keys-and-variables.md "reference/nowhere.md")'
+    expected = ["reference/landing.md", "nowhere.md", "index.md#nowhere", "reference/nowhere.md of the site"]
+    assert dead_links(ROOT / "docs/page.md", text) == [f"a link to {link}" for link in expected]
 
 
 _USERS = "results"
