@@ -3,7 +3,7 @@
 A single Gaussian becomes inconsistent when the aircraft turns while its heading is uncertain. The biases B = C b are
 known along level axes but not along the vertical, and they rotate with the body. The error is then a product of two
 uncertain quantities. This filter holds several components, each with a small heading sigma. Each component is a `tfg`
-filter without held axes (`tfg.hold_axes`).
+filter with a rule of its own for held axes (`_hold_axes`).
 
 - Split: before a turn, a component that is too wide in heading is divided into three. The split follows the correlation
   of the other states with heading.
@@ -53,7 +53,7 @@ from navsim.filter.range_update import (
 )
 from navsim.filter.receiver_clock import forget_clock, has_jumped
 from navsim.filter.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
-from navsim.filter.states import A_D, A_E, A_N, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_VEL, POS
+from navsim.filter.states import A_D, A_E, A_N, ATT, GYRO, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, POS
 from navsim.filter.steady_force import (
     begin_interval,
     couple_sum,
@@ -75,6 +75,12 @@ _TURN = 0.02
 """A turn that must always be expected, rad."""
 _AHEAD = 2.0
 """Time for which a turn is expected to continue, s."""
+_HELD_RATE = 0.002
+"""Least rate about the level axes of the body that is a turn, rad/s."""
+_HELD_HEADING = 0.003
+"""1 sigma of heading below which bias axes are not held, rad."""
+_HELD_LEVEL = 0.1
+"""Largest sigma of level gyro biases for which axes are held, relative to the vertical one."""
 _CROSSED = 0.5
 """Largest quadratic error of a level bias that a turn may cause, relative to its sigma."""
 _LEVEL_KNOWN = 0.01
@@ -332,6 +338,41 @@ def turn_ahead(imu, cursor, until, nav):
         body[i] -= nav[NAV_GYRO + i] * span
     size = math.sqrt(body[0] * body[0] + body[1] * body[1] + body[2] * body[2])
     return _TURN + size * max(1.0, _AHEAD / span) if span > 0.0 else 0.0 * size
+
+
+@kernel
+def _hold_axes(nav, p, before, dt, axes):
+    """Hold the axes of the biases back by the body's turn in dt (s) since the attitude `before` (4,).
+
+    Before a turn the filter knows the biases in body axes: the level ones well, the vertical one badly. Axes that turned
+    with the body would add half of heading error x turn x vertical bias to the level ones. axes (3, 3): work space.
+    """
+    held, q = nav[NAV_HELD:NAV_SENSORS], nav[NAV_QUAT:NAV_HELD]
+    # the conjugate of the attitude before, times that of now
+    w = before[0] * q[0] + before[1] * q[1] + before[2] * q[2] + before[3] * q[3]
+    x = before[0] * q[1] - before[1] * q[0] - before[2] * q[3] + before[3] * q[2]
+    y = before[0] * q[2] + before[1] * q[3] - before[2] * q[0] - before[3] * q[1]
+    z = before[0] * q[3] - before[1] * q[2] + before[2] * q[1] - before[3] * q[0]
+    turning = 4.0 * (x * x + y * y) > (_HELD_RATE * dt) * (_HELD_RATE * dt)
+    holds = turning | (abs(held[1]) + abs(held[2]) + abs(held[3]) > 0.0)
+    if not any_lane(holds):
+        return
+    variance = small_vector(nav, 3)
+    tfg.bias_axes(nav, axes)
+    for i in range(3):
+        variance[i] = 0.0
+        for j in range(3):
+            for k in range(3):
+                variance[i] += axes[i, j] * p[GYRO + j, GYRO + k] * axes[i, k]
+    level = select(variance[0] > variance[1], variance[0], variance[1])
+    holds = holds & (p[A_D, A_D] > _HELD_HEADING * _HELD_HEADING)
+    holds = holds & (level < _HELD_LEVEL * _HELD_LEVEL * variance[2])
+    turns = holds & turning
+    a, b, c, d = held[0], held[1], held[2], held[3]
+    held[0] = select(turns, a * w - b * x - c * y - d * z, select(holds, a, 1.0))
+    held[1] = select(turns, a * x + b * w + c * z - d * y, select(holds, b, 0.0))
+    held[2] = select(turns, a * y - b * z + c * w + d * x, select(holds, c, 0.0))
+    held[3] = select(turns, a * z + b * y - c * x + d * w, select(holds, d, 0.0))
 
 
 @kernel
@@ -596,10 +637,12 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 begin_interval(line, v, variance, force_noise(model, cursor), cursor[1])
             for j in range(count):
                 copy(cursors[ahead], cursor)
+                copy(now.navigation[j, NAV_QUAT:NAV_HELD], attitude)
                 advance(
                     chart, events.time[i], imu, model, now.navigation[j], now.covariance[j], cursor, now.increments[j],
                     space,
                 )  # fmt: skip
+                _hold_axes(now.navigation[j], now.covariance[j], attitude, cursor[1] - cursors[ahead, 1], space.c_nb)
             copy(cursor, cursors[ahead])
         if model.steady_force and not ahead and what != OUTPUT and what != PASS and has_begun(line):
             mean_velocity(now, count, v, variance)

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from navsim.filter.states import A_D
+from navsim.filter.states import A_D, GYRO
 from navsim.landing.study import Case, fly_all
 from navsim.runner.executor import threads
 from tests.conftest import LANDINGS
@@ -156,6 +156,17 @@ def test_the_default_is_true_at_the_papers_errors(settings: tuple[str, ...], nam
     for mean in (full, part):
         assert np.all((mean > 0.9) & (mean < 1.15)), mean
     assert farthest < 6.0
+
+
+@pytest.mark.parametrize(("name", "before", "after"), [("landing", 59.0, 66.0), ("landing_smooth", 34.0, 46.0)])
+def test_a_turn_takes_nothing_from_what_is_known_of_biases(name: str, before: float, after: float) -> None:
+    """The body leaves the glide, or begins it, with heading unknown to 12 or 8 deg. The gyro about the axis of that
+    turn has a constant bias, known to 2.5 deg/h: a turn cannot make it worse."""
+    flown = case(name=name)
+    time = flown.world.filter_time
+    sigma = fly_all(flown, 2, 0, 8, threads(), keep="errors")["sigma"][..., GYRO + 1]
+    at, later = int(np.argmin(np.abs(time - before))), (time > before) & (time < after)
+    assert np.all(sigma[:, later].max(axis=1) < 1.02 * sigma[:, at])
 
 
 def test_late_fixes_with_a_lever_arm_are_used_as_well() -> None:
