@@ -344,8 +344,9 @@ def turn_ahead(imu, cursor, until, nav):
 def _hold_axes(nav, p, before, dt, axes):
     """Hold the axes of the biases back by the body's turn in dt (s) since the attitude `before` (4,).
 
-    Before a turn the filter knows the biases in body axes: the level ones well, the vertical one badly. Axes that turned
-    with the body would add half of heading error x turn x vertical bias to the level ones. axes (3, 3): work space.
+    Before a turn the filter knows the biases in body axes: the level ones well, the vertical one badly. Axes that
+    turned with the body would add half of heading error x turn x vertical bias to the level ones. axes (3, 3): work
+    space.
     """
     held, q = nav[NAV_HELD:NAV_SENSORS], nav[NAV_QUAT:NAV_HELD]
     # the conjugate of the attitude before, times that of now
