@@ -32,8 +32,10 @@ def solved(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.nd
     """Fixes from measurements (e, s, W); start: (3,) ECEF, where the iteration begins."""
     shapes: tuple[tuple[int, ...], ...] = ((3,), (3,), (MAX_CLOCKS,), (6, 6))
     out = ReceiverFixes(*(np.empty((ranges.shape[0], *shape, WIDTH)) for shape in shapes))
+    # those of some sources have steps, and numba would compile the kernel once more for them
+    of_sources = (signals.position, signals.velocity, signals.fix_sigma, signals.fix_rate_sigma)
     fixes(
-        start, signals.position, signals.velocity, signals.fix_sigma, signals.fix_rate_sigma, signals.clock,
+        start, *map(np.ascontiguousarray, of_sources), signals.clock,
         *(in_lanes(m) for m in (ranges, rates, *out)),
     )  # fmt: skip
     return out

@@ -601,7 +601,11 @@ def test_knots_of_a_whole_real_flight_are_named(
     assert found[0].remedies == ({"gnss.speed_unit": due},)
 
 
-@pytest.mark.parametrize("name", BY_NAME)
+EVERY_THIRD = [pytest.param(name, marks=() if i % 3 == 0 else pytest.mark.long) for i, name in enumerate(BY_NAME)]
+"""Mistakes of real recordings: of a simulated one each is tried every time."""
+
+
+@pytest.mark.parametrize("name", EVERY_THIRD)
 def test_each_mistake_of_a_real_flight_is_named(name: str, thor: tuple[Samples, Fixes]) -> None:
     (found,) = named(BY_NAME[name], thor)
     # heights that wander do not tell km/h from ft/s, which are 9 % apart
@@ -618,7 +622,7 @@ SHOWN_BY_A_MOTORWAY = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", BY_NAME)
+@pytest.mark.parametrize("name", EVERY_THIRD)
 def test_each_mistake_that_a_motorway_shows_is_named(name: str, comma: tuple[Samples, Fixes]) -> None:
     """A car that hardly turns for a minute: what it shows is named, if need be among others; of the rest nothing is
     said, and nothing wrong."""

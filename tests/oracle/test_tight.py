@@ -227,7 +227,7 @@ def test_the_receivers_own_fix_knows_a_little_less() -> None:
     assert lost.min() > -1e-6
 
 
-@pytest.mark.parametrize("moved", [1e-5, 5.0])
+@pytest.mark.parametrize("moved", [pytest.param(1e-5, marks=pytest.mark.long), 5.0])
 @pytest.mark.parametrize("sky", SKIES)
 @pytest.mark.parametrize("kind", FILTERS)
 def test_the_order_of_sources_does_not_matter(sky: str, kind: int, moved: float) -> None:

@@ -33,8 +33,10 @@ MEMORY = 0.5, 2.0
 """The peak of a process over its estimate."""
 
 
-@pytest.mark.parametrize("method", ["monte-carlo", "covariance"])
-@pytest.mark.parametrize("name", LANDINGS)
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [*((name, "monte-carlo") for name in LANDINGS), ("landing_open_sky", "covariance"), ("circuit", "covariance")],
+)
 def test_result_file_of_every_landing(name: str, method: str, tmp_path: Path) -> None:
     here = case(f"method={method}", name=name)
     if method == "covariance":

