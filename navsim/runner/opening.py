@@ -50,7 +50,7 @@ def open_job(command: str, source: Source, assignments: Sequence[Assignment], op
         if options.method is not None and (own := own_method(source, assignments)) is not None:
             given.append(Setting("method", options.method))
             suffix = "" if own == options.method else f"_{options.method}"
-        if command == "sweep" and options.runs is not None:
+        if command == "sweep" and options.runs:  # 0 is of the runs that verify, which no study counts
             given.append(Setting("runs", options.runs))
         section, document = read_for(command, source, given)
         job: Job = named(KINDS[document.data["kind"]].job)(section, document, options)

@@ -158,6 +158,12 @@ class WindSection(Section):
     response: ResponseSection = ResponseSection()
     """response of the aircraft to gusts and turbulence"""
 
+    def unused(self) -> list[str]:
+        """Keys without effect, as messages."""
+        if self.blows or not self.from_deg:
+            return []
+        return ["wind.from_deg changes nothing: there is no mean wind; give wind.speed_m_s"]
+
     @model_validator(mode="after")
     def _of_its_profile(self) -> Self:
         given = self.model_fields_set

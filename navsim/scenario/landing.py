@@ -617,7 +617,7 @@ class Landing(Section):
 
     def unused_of_flight(self) -> list[str]:
         """Keys without effect of the trajectory, the sensors and the pseudolites."""
-        out = self.pseudolites.unused() + self.doubted_heights()
+        out = self.pseudolites.unused() + self.doubted_heights() + self.wind.unused() + self.imu.unused()
         if self.method == "covariance" and (air := self.air()) is not None:
             out += [f"{'.'.join(key)} changes nothing here: the covariance analysis is of the route" for key in air[1]]
         if self.imu.temperature is not None and not self.imu.warms():

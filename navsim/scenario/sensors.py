@@ -534,6 +534,18 @@ class Imu(_Sensors):
         given = (name for name in ("vibration", "temperature") if getattr(self, name) is not None)
         return next(((name,) for name in given), None)
 
+    def unused(self) -> list[str]:
+        """Keys without effect, as messages."""
+        drawn = (
+            ("gyro", self.gyro, ("markov_deg_h", "bias_instability_deg_h")),
+            ("accelerometer", self.accelerometer, ("markov_mg", "bias_instability_mg")),
+        )
+        return [
+            f"imu.{name}.markov_time_s changes nothing: give imu.{name}.{keys[0]} or {keys[1]}"
+            for name, sensor, keys in drawn
+            if sensor.markov_time_s is not None and not any(getattr(sensor, key) for key in keys)
+        ]
+
     def warms(self) -> bool:
         """Whether a sensor has errors that go with its temperature."""
         given = (sensor.model_dump(exclude_none=True).items() for sensor in (self.gyro, self.accelerometer))

@@ -156,6 +156,12 @@ class Sky(Section):
         names = (*SOURCES_FROM_FILES, "directions")
         given = [name for name in names if name != self.source and getattr(self, name)]
         out = [f"sky.{name} is not used: sky.source is {self.source}" for name in given]
+        usual = type(self).model_fields
+        out += [
+            f"sky.{key} is not used: sky.source is {self.source}, not almanac"
+            for key in ("almanac_system", "almanac_warning_days")
+            if self.source != "almanac" and getattr(self, key) != usual[key].default
+        ]
         if self.messages() and (self.source != "navigation" or GALILEO not in self.wanted()):
             out.append(f"sky.galileo_message is not used: no {GALILEO.title} satellite flies by messages")
         return out

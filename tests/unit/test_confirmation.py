@@ -10,6 +10,11 @@ import pytest
 from navsim.landing.confirmation import Candidate, Confirmation, Errors, OfRuns, confirm
 from navsim.results.findings import CONSISTENT
 from navsim.results.schema import FILTER_QUANTITIES
+from navsim.runner.errors import BadInput
+from navsim.runner.job import Options
+from navsim.runner.opening import open_job
+from navsim.sweeps.job import SweepJob
+from tests.conftest import SCENARIOS
 
 
 def errors(value: float) -> Errors:
@@ -84,3 +89,13 @@ def test_arrays_hold_all() -> None:
     again = Confirmation.of(found.arrays())
     assert (again.best.choice[0], len(again.rejected), again.runs) == (1, 1, 200)
     np.testing.assert_array_equal(again.rejected[0].errors, found.rejected[0].errors)
+
+
+def test_a_sweep_by_covariance_can_leave_its_best_unflown() -> None:
+    """`--runs 0` is of the verification; the study's own runs are another number."""
+    study = SCENARIOS / "placement_sweep.yaml"
+    job, _ = open_job("sweep", study, [], Options(1, 0, method="covariance"))
+    assert isinstance(job, SweepJob)
+    assert job.confirming == 0
+    with pytest.raises(BadInput, match="at least"):
+        open_job("sweep", study, [], Options(1, 0, method="monte-carlo"))

@@ -114,3 +114,24 @@ def test_bounds_have_units_and_values_that_follow_their_key() -> None:
         scenario("duration_s=1e7")
     with pytest.raises(InputError, match=r"aim_point_m: follows from .* must be at most 3000 m, not 5\d+\.\d+ m"):
         scenario("runway.tch_m=99", "approach.glide_slope_deg=1.1")
+
+
+@pytest.mark.parametrize(
+    ("settings", "key"),
+    [
+        (("wind.from_deg=90",), "wind.from_deg"),
+        (("imu.gyro.markov_time_s=100",), "imu.gyro.markov_time_s"),
+        (("imu.accelerometer.markov_time_s=100",), "imu.accelerometer.markov_time_s"),
+        (("sky.almanac_system=glonass",), "sky.almanac_system"),
+        (("sky.almanac_warning_days=3",), "sky.almanac_warning_days"),
+    ],
+)
+def test_keys_that_need_another_key_are_told(settings: tuple[str, ...], key: str) -> None:
+    """They were found by changing each key of a shipped landing alone, and comparing results."""
+    (text,) = scenario(*settings).unused()
+    assert text.startswith(f"{key} ")
+
+
+def test_shipped_landings_have_no_key_without_effect() -> None:
+    assert scenario().unused() == []
+    assert scenario("wind.speed_m_s=3", "wind.from_deg=90", "imu.gyro={markov_deg_h: 5, markov_time_s: 9}").unused() == []
