@@ -134,4 +134,5 @@ def test_keys_that_need_another_key_are_told(settings: tuple[str, ...], key: str
 
 def test_shipped_landings_have_no_key_without_effect() -> None:
     assert scenario().unused() == []
-    assert scenario("wind.speed_m_s=3", "wind.from_deg=90", "imu.gyro={markov_deg_h: 5, markov_time_s: 9}").unused() == []
+    settings = ("wind.speed_m_s=3", "wind.from_deg=90", "imu.gyro={markov_deg_h: 5, markov_time_s: 9}")
+    assert scenario(*settings).unused() == []
