@@ -14,10 +14,10 @@ import yaml
 
 from navsim.kinds import OF_FILES
 from navsim.scenario import shipped
+from navsim.scenario.imu import NEEDED
 from navsim.scenario.keys import ITEM, NAME, KeyRow, rows
 from navsim.scenario.load import section
 from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
-from navsim.scenario.sensors import NEEDED
 from navsim.scenario.source import load
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference"

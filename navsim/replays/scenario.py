@@ -34,8 +34,8 @@ from navsim.scenario.base import (
     reject,
 )  # fmt: skip
 from navsim.scenario.filter import Components, Coupling, Kind
+from navsim.scenario.imu import Accelerometer, Gyro, filled
 from navsim.scenario.presets import SENSOR_CLASSES
-from navsim.scenario.sensors import Accelerometer, Gyro, filled
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import Checksums, Files, Name
 

@@ -6,13 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from navsim.scenario.aiding_sensors import FilterBarometricAltimeter, FilterRadioAltimeter
 from navsim.scenario.base import (
     FixLatency,
     Section,
     Sigma,
     Triple,
 )
-from navsim.scenario.sensors import Accelerometer, FilterBarometricAltimeter, FilterRadioAltimeter, Gyro
+from navsim.scenario.imu import Accelerometer, Gyro
 from navsim.scenario.signals import ClockNoise
 
 

@@ -14,6 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.aerodrome import with_published
+from navsim.scenario.aiding_sensors import (
+    AltimeterSection,
+    BarometricAltimeterSection,
+    FilterBarometricAltimeter,
+    FilterRadioAltimeter,
+    RadioAltimeterSection,
+)
 from navsim.scenario.air import WindSection, beside
 from navsim.scenario.approach import (
     S_TURN_LASTS,
@@ -40,21 +47,11 @@ from navsim.scenario.base import (
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import AnyEvent
 from navsim.scenario.filter import SMOOTHERS, FilterSection
+from navsim.scenario.imu import Accelerometer, Gyro, Imu, believed
+from navsim.scenario.initial_errors import InitialErrorsSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.interference import InterferenceSection
 from navsim.scenario.requirements import AnyRequirement
-from navsim.scenario.sensors import (
-    Accelerometer,
-    AltimeterSection,
-    BarometricAltimeterSection,
-    FilterBarometricAltimeter,
-    FilterRadioAltimeter,
-    Gyro,
-    Imu,
-    InitialErrorsSection,
-    RadioAltimeterSection,
-    believed,
-)
 from navsim.scenario.signals import ClockNoise, PseudolitesSection, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
 from navsim.scenario.terrain import RidgeSection, tops_of

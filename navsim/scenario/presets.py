@@ -23,7 +23,7 @@ IMU_PRESETS: dict[str, dict[str, dict[str, float]]] = {
         "accelerometer": {"bias_mg": 0.0, "noise_mg": 0.0},
     },
     # From here on data sheets, with no numbers but theirs (`IMU_SHEETS`). Missing ones are left out;
-    # `scenario/sensors.py` asks for those that a simulation needs. Correlation times are on no sheet: 100 s, except
+    # `scenario/imu.py` asks for those that a simulation needs. Correlation times are on no sheet: 100 s, except
     # here if the printed white noise would then exceed the printed minimum of the Allan deviation.
     "hg9900": {
         "gyro": {

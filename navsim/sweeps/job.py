@@ -18,6 +18,8 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
 from navsim.scenario.source import Document
 from navsim.sweeps import study as sweep
+from navsim.sweeps.plan import MOST_MAP_SITES, Axis, Plan
+from navsim.sweeps.plan import plan as plan_sweep
 from navsim.sweeps.scenario import REQUIREMENTS, Sweep
 from navsim.words import option
 
@@ -35,7 +37,7 @@ class SweepJob:
     """Every combination of the settings."""
 
     suffix, unit, work, even = "", "combinations", "combinations", True
-    plan: sweep.Plan
+    plan: Plan
 
     def __init__(self, section: Sweep, document: Document, options: Options) -> None:
         if options.runs is not None and section.method == "dop":
@@ -65,7 +67,7 @@ class SweepJob:
         return self.plan.warnings
 
     def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
-        self.plan = sweep.plan(self.section, self.document, self.base, self.seed)
+        self.plan = plan_sweep(self.section, self.document, self.base, self.seed)
         allow(self.estimate(executor))
 
     def estimate(self, executor: Executor) -> Budget:
@@ -73,7 +75,7 @@ class SweepJob:
         planned = self.plan
         names = sweep.columns(planned)
         keys = sum(len(axis.keys) for axis in planned.axes)
-        of_one = NUMBER * (len(names) + 2 * sweep.MOST_MAP_SITES)
+        of_one = NUMBER * (len(names) + 2 * MOST_MAP_SITES)
         axes = sum(len(axis.points) * (len(axis.keys) + 1) for axis in planned.axes)
         variables = len(names) + keys + len(planned.axes) + 14
         row = _OUTPUT_WIDTH * len(names) + sum(_width(axis, i) for axis in planned.axes for i in range(len(axis.keys)))
@@ -108,7 +110,7 @@ class SweepJob:
         return Outcome(sweep.sweep_result(self.plan, found, confirmed))
 
 
-def _width(axis: sweep.Axis, number: int) -> float:
+def _width(axis: Axis, number: int) -> float:
     """Mean width of the values of a key in the table, characters."""
     some = axis.points[:: max(len(axis.points) // _WIDTHS, 1)]
     return 1.0 + sum(len(_written(point[number])) for point in some) / len(some)
@@ -118,7 +120,7 @@ def _written(value: Any) -> str:
     return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
-def _combination(planned: sweep.Plan, scenario: Landing) -> float:
+def _combination(planned: Plan, scenario: Landing) -> float:
     """Memory of one combination, without the process itself, bytes."""
     here = extent(scenario, planned.sources)
     study, memory = planned.study, 0
@@ -132,7 +134,7 @@ def _combination(planned: sweep.Plan, scenario: Landing) -> float:
 def check(section: Sweep, document: Document) -> list[str]:
     """Warnings about a study: its base scenario with the values that the study sets, and its combinations. Raises
     InputError."""
-    whole = sweep.plan(section, document, base_of(section, document), seed=1)
+    whole = plan_sweep(section, document, base_of(section, document), seed=1)
     looked, wrong = whole.invalid(_LOOKED_AT)
     if not wrong:
         return whole.warnings

@@ -33,8 +33,9 @@ from navsim.simulation.landing_covariance import AnalysisError
 from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.placement_geometry import Geometry
 from navsim.simulation.shared_truth import World
+from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
-from navsim.sweeps.study import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs, plan
+from navsim.sweeps.study import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs
 from tests.helpers import SCENARIOS, case, scenario
 
 FLAG = st.booleans()

@@ -29,8 +29,9 @@ from navsim.results.schema import COVARIANCE
 from navsim.runner.opening import checked
 from navsim.scenario.load import read_study
 from navsim.scenario.source import load
+from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
-from navsim.sweeps.study import SweepStudy, filter_outputs, plan
+from navsim.sweeps.study import SweepStudy, filter_outputs
 from tests.helpers import SCENARIOS, case
 
 EAST, WEST = {"name": "east", "s_m": 600, "l1_m": 500}, {"name": "west", "s_m": -600, "l1_m": 500}

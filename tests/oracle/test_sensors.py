@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from navsim.scenario.base import DEG, DEG_H, DEG_SQRT_H
-from navsim.scenario.sensors import G
+from navsim.scenario.imu import G
 from navsim.sensors.imu import (
     MARKOV_PEAK,
     SensorErrors,

@@ -24,7 +24,7 @@ from navsim.kinds import KINDS
 from navsim.report import citations, summary_tables
 from navsim.report.compare import differences, settings_of
 from navsim.report.figure_data import one_run
-from navsim.report.page import landing, plots
+from navsim.report.page import landing, plots, touchdown
 from navsim.report.page.document import GENERATOR, Read, page
 from navsim.report.page.plots import MOST_POINTS, some
 from navsim.report.page.terrain import ridge_lines
@@ -327,7 +327,7 @@ def test_errors_against_height_are_those_of_the_table(name: str, place: Path) ->
     drawing = landing.heights([(name, result)])
     assert drawing is not None
     column = "error" if name == "one" else "rms"
-    for axis, panel in zip(landing.AXES, drawing.panels, strict=True):
+    for axis, panel in zip(plots.AXES, drawing.panels, strict=True):
         (of,) = {r.data_source for r in panel.renderers if column in r.data_source.data}
         drawn_there = np.interp(result["/summary/at/height"], of.data["x"][::-1], of.data[column][::-1])
         told = result[f"/summary/at/{axis}_run"][0] if name == "one" else result[f"/summary/at/{axis}"][:, 0]
@@ -347,7 +347,7 @@ def test_sigma_is_named_as_it_is_drawn(name: str, place: Path) -> None:
 
 def test_a_single_run_has_its_point_in_the_box(place: Path) -> None:
     result = one_run(read(place / "runs.h5"), 3)
-    drawing = landing.scatter([("one", result)])
+    drawing = touchdown.scatter([("one", result)])
     assert drawing is not None
     on = drawing.panels[0]
     told = [r.data_source.data for r in on.renderers if "run" in r.data_source.data]
@@ -356,7 +356,7 @@ def test_a_single_run_has_its_point_in_the_box(place: Path) -> None:
     np.testing.assert_allclose([point["x"][0], point["y"][0]], [lateral, vertical], rtol=1e-6)
     assert any(r.data_source.data.get("x", np.empty(0)).size == 5 for r in on.renderers)  # the box
     assert "ellipse" not in drawing.caption
-    assert landing.scatter([("one", read(place / "one.h5"))]) is None
+    assert touchdown.scatter([("one", read(place / "one.h5"))]) is None
 
 
 def test_of_one_run_the_box_counts_that_run(place: Path) -> None:

@@ -16,8 +16,9 @@ from navsim.runner.checkpoint import CheckpointError
 from navsim.runner.executor import threads
 from navsim.scenario.load import read_study
 from navsim.scenario.source import InputError
+from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import Sweep
-from navsim.sweeps.study import SweepStudy, compute, partial_key, plan, sweep_result
+from navsim.sweeps.study import SweepStudy, compute, partial_key, sweep_result
 from tests.helpers import SCENARIOS
 
 GPS = """******** Week 911 almanac for PRN-{prn:02d} ********

@@ -22,6 +22,7 @@ from navsim.runner.opening import checked
 from navsim.scenario.load import read, read_study
 from navsim.simulation.placement_geometry import glide_geometry
 from navsim.sweeps import study as sweep
+from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
 from tests.helpers import case, scenario
@@ -172,7 +173,7 @@ def test_studies_tell_of_heights(tmp_path: Path) -> None:
     )
     assert [text for text in problem(*read_study(file, Optimize)).warnings if text.startswith("height_m: 5000 m above")]
     file.write_text(f"kind: sweep\n{base}{settings}vary: [{{key: pseudolites.height_m, values: [3, 5000]}}]\n")
-    planned = sweep.plan(*read_study(file, Sweep), 1)
+    planned = plan(*read_study(file, Sweep), 1)
     (found,) = of(sweep.sweep_result(planned, sweep.compute(planned, threads(1))))
     assert "in 1 of 2 combinations" in found.text
     assert "5000 m above the runway" in found.text

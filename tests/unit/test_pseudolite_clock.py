@@ -16,6 +16,7 @@ from navsim.runner.executor import threads
 from navsim.runner.opening import checked
 from navsim.scenario.load import read_study, resolved_yaml
 from navsim.sweeps import study as sweep
+from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
 from tests.helpers import case
@@ -103,7 +104,7 @@ def swept(tmp_path: Path, settings: str, vary: str, method: str = "dop") -> Resu
         f"set: {{duration_s: 62, receiver.rate_hz: 0.2, imu.rate_hz: 20, pseudolites.frame: runway, {settings}}}\n"
         f"vary: {vary}\n"
     )
-    planned = sweep.plan(*read_study(file, Sweep), 1)
+    planned = plan(*read_study(file, Sweep), 1)
     return sweep.sweep_result(planned, sweep.compute(planned, threads(1)))
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from navsim.scenario.load import read_any
 from navsim.scenario.source import InputError
+from navsim.sweeps.plan import axes
 from navsim.sweeps.scenario import MOST_COMBINATIONS, Sweep
-from navsim.sweeps.study import axes
 
 HEAD = "kind: sweep\nversion: 1\nbase: nowhere.yaml\n"
 

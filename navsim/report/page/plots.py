@@ -31,6 +31,8 @@ from navsim.results.result import Result
 
 Named = tuple[str, Result]
 """A result with its name on the page."""
+AXES = ("lateral", "along", "vertical")
+"""Axes of errors in the frame of the runway."""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#A67C00", "#7A6FF0")
 """Colours of results and lines, distinguishable for the colour-blind (Okabe and Ito). Their yellow and sky blue are too
 light on white and are replaced. Each has a contrast of 3:1 on white and on the page's dark."""
@@ -89,6 +91,11 @@ def keys_of(results: Sequence[Named], *more: Key, of: Sequence[tuple[Any, ...]] 
     """
     drawn = range(len(results)) if of is None else [each[0] for each in of]
     return [*(Key(results[i][0], colour(i)) for i in drawn if len(results) > 1), *more]
+
+
+def having(results: Sequence[Named], path: str) -> list[tuple[int, str, Result]]:
+    """The results that have a variable, each with its number, which gives its colour."""
+    return [(i, name, result) for i, (name, result) in enumerate(results) if path in result]
 
 
 def small(values: Any) -> np.ndarray:
