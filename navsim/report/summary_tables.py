@@ -165,7 +165,7 @@ def _consistency(table: Table, results: Sequence[tuple[str, Result]]) -> None:
     groups = dict.fromkeys(group for _, result in results for group in _state_groups(result))
     for name in groups:
         if any(_is_wrong(result, name) for _, result in results):
-            table.add(f"  {name}, largest z", *(_worst(result, name) for _, result in results))
+            table.add(f"  {name}, largest and least z", *(_worst(result, name) for _, result in results))
 
 
 def _band(result: Result) -> str:
@@ -219,21 +219,27 @@ _STATE_AXES = {"north", "east", "down", *"xyz", *"123", *(a + b for a in "xyz" f
 
 
 def _worst(result: Result, group: str) -> Cell | str:
-    """The largest z of a group of states: which and when, and how many runs are beyond the limits of right ones."""
+    """The largest and least z of a group of states, and how many runs are beyond the limits of a correct sigma."""
     states = _state_groups(result).get(group, [])
     z = result["/summary/consistency/worst_z"][states] if states else np.empty(0)
     if not np.isfinite(z).any():
         return ABSENT
     i = states[int(np.nanargmax(z))]
-    value, least, time = (float(result[f"/summary/consistency/{n}"][i]) for n in ("worst_z", "least_z", "worst_time"))
-    name = display_name(str(result[_STATES][i]))
+    value, time = (float(result[f"/summary/consistency/{n}"][i]) for n in ("worst_z", "worst_time"))
+    smallest = result["/summary/consistency/least_z"][states]
+    j = states[int(np.nanargmin(smallest))]
+    least = float(result["/summary/consistency/least_z"][j])
+    name, least_name = (display_name(str(result[_STATES][state])) for state in (i, j))
     shares = [f"/summary/consistency/worst_beyond_{limit}" for limit in ("95", "99_9")]
-    if single(result) or shares[0] not in result:
+    if single(result):
         return cell("{:.2f}  {}, {:g} s", value, name, time, names=("z", "state", "time"))
+    if shares[0] not in result:
+        names = ("z", "state", "time", "least z", "state of least z")
+        return cell("{:.2f}  {}, {:g} s\nleast z {:.2f}  {}", value, name, time, least, least_name, names=names)
     beyond = [100.0 * float(result[path][i]) for path in shares]
-    names = ("z", "state", "time", "beyond 1.96σ", "beyond 3.29σ", "least z")
-    return cell("{:.3f}  {}, {:g} s\n{:.1f} % > 1.96σ, {:.2f} % > 3.29σ; least z {:.3f}",
-                value, name, time, *beyond, least, names=names)  # fmt: skip
+    names = ("z", "state", "time", "beyond 1.96σ", "beyond 3.29σ", "least z", "state of least z")
+    return cell("{:.3f}  {}, {:g} s\n{:.1f} % > 1.96σ, {:.2f} % > 3.29σ\nleast z {:.3f}  {}",
+                value, name, time, *beyond, least, least_name, names=names)  # fmt: skip
 
 
 def _carries(result: Result, sensor: str) -> bool:

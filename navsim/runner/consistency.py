@@ -166,7 +166,7 @@ def evaluate(ratios: Ratios, band: RatioBand, tolerance: float) -> StateVerdict:
         words = f"sigma right as far as {whose} tell (z {band.low:.2f} to {band.high:.2f}): {largest}"
     else:
         worst, at = (most, first) if most - 1.0 > 1.0 - least else (least, last)
-        words = f"sigma {_off(worst)} (significant, within the {_percent(tolerance)} tolerance): {at}"
+        words = f"errors {_beside(worst)} sigma (significant, within the {_percent(tolerance)} tolerance): {at}"
     return StateVerdict(words + _unknown(ratios), small, top)
 
 
@@ -200,7 +200,12 @@ def _off(z: float) -> str:
         return "over 1000 times too large"
     if z < 1.0 / _GROSS:
         return f"too large by a factor of {1.0 / z:.3g}"
-    return f"{_percent(abs(z - 1.0))} {'small' if z > 1.0 else 'large'}"
+    return f"too {'small' if z > 1.0 else 'large'}, errors {_beside(z)} it"
+
+
+def _beside(z: float) -> str:
+    """By how much errors are larger or smaller than a sigma, as z and the tolerance count it, in words."""
+    return f"{_percent(abs(z - 1.0))} {'above' if z > 1.0 else 'below'}"
 
 
 def _number(z: float) -> str:

@@ -70,7 +70,8 @@ def test_one_false_belief_is_found_by_name_and_time() -> None:
     z = found["/consistency/z"][:, state.index("attitude_down")]
     output = int(np.argmax(z))
     time = found["/consistency/time"][output]
-    assert words == f"sigma {100 * (z.max() - 1):.0f} % small: heading at {time:g} s (z {z.max():.2f}, 1200 runs)"
+    above = f"errors {100 * (z.max() - 1):.0f} % above it"
+    assert words == f"sigma too small, {above}: heading at {time:g} s (z {z.max():.2f}, 1200 runs)"
     assert z[0] == pytest.approx(1.0 / 0.85, abs=0.06)
     assert state[int(np.argmax(worst))] == "attitude_down"
     (finding,) = (one for one in of(found) if one.name == "sigma_of_state")
@@ -78,16 +79,20 @@ def test_one_false_belief_is_found_by_name_and_time() -> None:
     assert unmet_requirements(found, ExitRequirements(consistent=True)) == [f"--require-consistent: {words}"]
     shown = rows(found)
     assert shown["all states"] == words
-    assert "position, largest z" not in shown  # right, as the verdict says
+    assert "position, largest and least z" not in shown  # right, as the verdict says
     beyond = 100 * found["/consistency/beyond_95"][output, state.index("attitude_down")]
-    assert shown["attitude, largest z"].startswith(f"{z.max():.3f}  heading, {time:g} s\n{beyond:.1f} % > 1.96σ")
+    row = shown["attitude, largest and least z"]
+    assert row.startswith(f"{z.max():.3f}  heading, {time:g} s\n{beyond:.1f} % > 1.96σ")
+    # the least of the group, not of the state with the largest
+    least = found["/summary/consistency/least_z"][[i for i, name in enumerate(state) if name.startswith("attitude")]]
+    assert row.splitlines()[-1].startswith(f"least z {least.min():.3f}  ")
     assert beyond > 7.0
 
 
 def test_the_tolerance_is_the_scenarios() -> None:
     found = flown(believing_too_little(0.85, A_D, "filter.sigma_tolerance=0.3"), 1200)
     words = str(found["/summary/consistency/verdict"])
-    assert " % small (significant, within the 30 % tolerance): heading at " in words
+    assert " % above sigma (significant, within the 30 % tolerance): heading at " in words
     assert found.variables["/summary/consistency/verdict"].attributes["tolerance"] == 0.3
     assert not [one for one in of(found) if one.name == "sigma_of_state"]
     assert unmet_requirements(found, ExitRequirements(consistent=True)) == []
@@ -95,8 +100,8 @@ def test_the_tolerance_is_the_scenarios() -> None:
 
 def test_a_sigma_that_is_too_large_is_reported_and_no_finding() -> None:
     found = flown(believing_too_little(1.5, A_D), 300)
-    assert str(found["/summary/consistency/verdict"]).startswith("sigma 3")
-    assert " % large: heading at " in str(found["/summary/consistency/verdict"])
+    assert str(found["/summary/consistency/verdict"]).startswith("sigma too large, errors 3")
+    assert " % below it: heading at " in str(found["/summary/consistency/verdict"])
     assert unmet_requirements(found, ExitRequirements(consistent=True)) == []
 
 
@@ -127,7 +132,7 @@ def test_a_covariance_analysis_has_the_expected_ratio() -> None:
     assert found["/consistency/z"][0, state] == pytest.approx(1.25)
     np.testing.assert_allclose(found["/consistency/z"][:, state], found["/covariance/rms"][:, state]
                                / found["/filter/sigma"][0, :, state])  # fmt: skip
-    assert str(found["/summary/consistency/verdict"]).startswith("sigma 25 % small: ")
+    assert str(found["/summary/consistency/verdict"]).startswith("sigma too small, errors 25 % above it: ")
     assert str(found["/summary/consistency/verdict"]).endswith("(z 1.25, to first order)")
     (finding,) = (one for one in of(found) if one.name == "sigma_of_state")
     assert finding.text == str(found["/summary/consistency/verdict"])
@@ -169,7 +174,7 @@ def test_results_beside_each_other_and_of_an_earlier_version() -> None:
     named = [("right", right), ("wrong", wrong)]
     (table,) = compared(named, [summary_tables.summary_table(named)], [])
     assert isinstance(table, Table)
-    (row,) = (row for row in table.rows if str(row.cells[0]).strip() == "attitude, largest z")
+    (row,) = (row for row in table.rows if str(row.cells[0]).strip() == "attitude, largest and least z")
     ratio = wrong["/summary/consistency/worst_z"][6:9].max() / right["/summary/consistency/worst_z"][6:9].max()
     assert row.texts()[-1] == f"{ratio:.3f}"
     old = Result(right.attributes, {path: v for path, v in right.variables.items()

@@ -81,21 +81,24 @@ def test_correlation_from_squares_and_steps() -> None:
     assert np.isnan(correlation_of(np.full((5, 1), np.nan), np.zeros(1))[0])
 
 
+SMALL = "sigma too small, errors 18 % above it"
+
+
 @pytest.mark.parametrize(
     ("z", "words"),
     [
-        (right((118, 1, 1.18), (4, 0, 1.12)), "sigma 18 % small: heading at 59 s (z 1.18, 1000 runs)"),
-        (right((10, 2, 0.75)), "sigma 25 % large: gyro bias z at 5 s (z 0.75, 1000 runs)"),
+        (right((118, 1, 1.18), (4, 0, 1.12)), f"{SMALL}: heading at 59 s (z 1.18, 1000 runs)"),
+        (right((10, 2, 0.75)), "sigma too large, errors 25 % below it: gyro bias z at 5 s (z 0.75, 1000 runs)"),
         (right((118, 1, 1.18), (10, 2, 0.75)),
-         "sigma 18 % small: heading at 59 s (z 1.18, 1000 runs); sigma 25 % large: gyro bias z at 5 s (z 0.75, 1000 "
-         "runs)"),
+         f"{SMALL}: heading at 59 s (z 1.18, 1000 runs); sigma too large, errors 25 % below it: gyro bias z at 5 s "
+         "(z 0.75, 1000 runs)"),
         (right((3, 0, 1.04)), "sigma right as far as 1000 runs tell (z 0.90 to 1.10): largest z 1.04, position north "
          "at 1.5 s"),
         (right((3, 0, np.inf)), "sigma 0 where there are errors: position north at 1.5 s (z inf, 1000 runs)"),
         (right((3, 0, 19.0)), "sigma too small by a factor of 19: position north at 1.5 s (z 19, 1000 runs)"),
         (right((3, 0, 0.2)), "sigma too large by a factor of 5: position north at 1.5 s (z 0.20, 1000 runs)"),
         (right((3, 0, 1e-9)), "sigma over 1000 times too large: position north at 1.5 s (z 0.00, 1000 runs)"),
-        (right((118, 1, 1.18), (30, 0, np.nan)), "sigma 18 % small: heading at 59 s (z 1.18, 1000 runs); 1 of 121 "
+        (right((118, 1, 1.18), (30, 0, np.nan)), f"{SMALL}: heading at 59 s (z 1.18, 1000 runs); 1 of 121 "
          "outputs are not finite and not judged"),
         (np.full((4, 3), np.nan), "none: no uncertainty"),
     ],
@@ -109,14 +112,15 @@ def test_words(z: np.ndarray, words: str) -> None:
 @pytest.mark.parametrize(
     ("most", "tolerance", "words", "small"),
     [
-        (1.04, 0.05, "4 % small (significant, within the 5 % tolerance): heading at 59 s (z 1.04, 90000 runs)", False),
-        (1.04, 0.03, "4 % small: heading at 59 s (z 1.04, 90000 runs)", True),
-        (1.02, 0.05, "right within 4 %: largest z 1.02, heading at 59 s (90000 runs)", False),
+        (1.04, 0.05, "errors 4 % above sigma (significant, within the 5 % tolerance): heading at 59 s (z 1.04, 90000 "
+         "runs)", False),
+        (1.04, 0.03, "sigma too small, errors 4 % above it: heading at 59 s (z 1.04, 90000 runs)", True),
+        (1.02, 0.05, "sigma right within 4 %: largest z 1.02, heading at 59 s (90000 runs)", False),
     ],
-)
+)  # fmt: skip
 def test_significant_and_large_are_two_questions(most: float, tolerance: float, words: str, small: bool) -> None:
     found = evaluate(ratios(right((118, 1, most)), 90000), RatioBand(0.985, 1.015, BAND.looks), tolerance)
-    assert (found.words, found.small) == (f"sigma {words}", small)
+    assert (found.words, found.small) == (words, small)
 
 
 def test_one_run_can_tell_gross_errors() -> None:
@@ -136,7 +140,7 @@ def test_an_expectation_has_no_band() -> None:
     z = right((118, 1, 1.18))
     expected = ratios(z, 0)
     assert evaluate(expected, simultaneous_band(expected), 0.05).words == (
-        "sigma 18 % small: heading at 59 s (z 1.18, to first order)"
+        "sigma too small, errors 18 % above it: heading at 59 s (z 1.18, to first order)"
     )
 
 
