@@ -288,6 +288,11 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         clock, when = CLOCKS[sources.pseudolites.clock], f"at {lone} of {len(geometry.receiver)} epochs"
         warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
     warnings += implausible(scenario, trajectory)
+    if scenario.requirements and not study.constraints.requirements:
+        warnings.append(
+            f"the requirements of {study.base} are not evaluated: write `constraints: {{requirements: true}}`, or run "
+            "the best placement with navsim run, which prints a verdict on each"
+        )
     if doubted := scenario.runway.doubted_height("height_m", study.height_m):
         warnings.append(doubted)
     if study.objective in FILTER_OUTPUTS and study.constraints.distance_m is None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from navsim.geodesy import earth
-from navsim.report.table import Table, cell, number, numbers
+from navsim.report.table import Cell, Table, cell, number, numbers
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result, scenario_of
 
@@ -22,10 +23,13 @@ REJECTED = 2
 def tables(result: Result) -> list[Table | str]:
     """Innovations, what was tuned, drift without fixes."""
     seen = Table("Innovations, rms", ("fixes", "position N E D, m", "velocity N E D, m/s", "NIS per degree"))
+    away = rejected(result)
     for i, name in enumerate(result["/summary/fixes"]):
-        position = numbers(result["/summary/innovation_position"][i], 2, ("north", "east", "down"))
-        velocity = numbers(result["/summary/innovation_velocity"][i], 3, ("north", "east", "down"))
-        seen.add(str(name), position, velocity, number(result["/summary/nis"][i], 2))
+        position, velocity = (result[f"/summary/innovation_{part}"][i] for part in ("position", "velocity"))
+        without = str(name) if not away.any() else f"accepted{'' if name == 'all' else f', {name}'}"
+        seen.add(without, *_innovation_cells(position, velocity, float(result["/summary/nis"][i])))
+    if away.any() and "/innovations/range_status" not in result:  # NIS of ranges is without rejected ones
+        seen.add("all, with rejected", *_innovation_cells(*_of_all_fixes(result)))
     tuned = Table("Noise and latency", ("what", "value", "unit", "from"))
     for path, variable in sorted(result.variables.items()):
         if path.startswith("/tuning/"):
@@ -56,6 +60,24 @@ def tables(result: Result) -> list[Table | str]:
         drift = [number(result[f"/summary/drift_{name}"][i], 1) for name in ("median", "max")]
         lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift)
     return [*every, lost, said]
+
+
+def _innovation_cells(position: np.ndarray, velocity: np.ndarray, nis: float) -> tuple[Cell, Cell, Cell]:
+    """Cells of RMS innovations, position (3,), m, and velocity (3,), m/s, and of their NIS per degree of freedom."""
+    axes = ("north", "east", "down")
+    return numbers(position, 2, axes), numbers(velocity, 3, axes), number(nis, 2)
+
+
+def _of_all_fixes(result: Result) -> tuple[np.ndarray, np.ndarray, float]:
+    """RMS innovations (3,), position and velocity, and NIS per degree of freedom, of fixes whether rejected or not."""
+    degrees, squared = result["/innovations/degrees"], result["/innovations/normalized_squared"]
+    known = (degrees > 0) & np.isfinite(squared)
+    nis = float(squared[known].sum() / degrees[known].sum()) if known.any() else math.nan
+    rms = []
+    for part in ("position", "velocity"):
+        seen = np.ma.masked_invalid(result[f"/innovations/{part}_ned"])
+        rms.append(np.sqrt(np.ma.mean(seen**2, axis=0)).filled(np.nan))
+    return rms[0], rms[1], nis
 
 
 def _worthless(result: Result) -> list[Table]:

@@ -234,8 +234,8 @@ def _worst(result: Result, group: str) -> Cell | str:
     if single(result):
         return cell("{:.2f}  {}, {:g} s", value, name, time, names=("z", "state", "time"))
     if shares[0] not in result:
-        names = ("z", "state", "time", "least z", "state of least z")
-        return cell("{:.2f}  {}, {:g} s\nleast z {:.2f}  {}", value, name, time, least, least_name, names=names)
+        return cell("{:.2f}  {}, {:g} s\nleast z {:.2f}  {}", value, name, time, least, least_name,
+                    names=("z", "state", "time", "least z", "state of least z"))  # fmt: skip
     beyond = [100.0 * float(result[path][i]) for path in shares]
     names = ("z", "state", "time", "beyond 1.96σ", "beyond 3.29σ", "least z", "state of least z")
     return cell("{:.3f}  {}, {:g} s\n{:.1f} % > 1.96σ, {:.2f} % > 3.29σ\nleast z {:.3f}  {}",

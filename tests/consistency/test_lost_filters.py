@@ -21,6 +21,7 @@ from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.replays.page import replays
 from navsim.replays.report import figures, lost_spans, tables
+from navsim.report.table import Table
 from navsim.results import findings
 from navsim.results.result import Result
 from navsim.trajectory.recorded import RecordedTrajectory
@@ -77,6 +78,12 @@ def test_half_a_second_of_wild_fixes_does_no_damage(kind: str, tmp_path: Path) -
         "2 of 197 fixes were rejected by the innovation gate, at 50.1 to 50.6 s"
     )
     assert int(result["/summary/count/rejected"]) == 2
+    # the table says which rows leave them out, and has one that does not
+    (table, *_) = tables(result)
+    assert isinstance(table, Table)
+    assert [str(row.cells[0]) for row in table.rows] == ["accepted", "accepted, moving", "all, with rejected"]
+    accepted, _, every = (row.cells[1].values for row in table.rows)
+    assert max(every) > 2.0 * max(accepted)
     assert 0.7 < result["/summary/nis"][0] < 1.4
 
 
