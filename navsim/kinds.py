@@ -61,8 +61,8 @@ KINDS = {
         "replay", "navsim.replays.report:VIEW", "navsim.replays.scenario:Replay", "navsim.replays.job:ReplayJob",
         "log", "navsim.replays.job:check",
     ),
-    "table2": Kind("table2", "navsim.report.table2:VIEW"),
-    "integrity-table": Kind("integrity-table", "navsim.report.integrity_table:VIEW"),
+    "table2": Kind("table2", "navsim.landing.table2_report:VIEW"),
+    "integrity-table": Kind("integrity-table", "navsim.landing.integrity_table_report:VIEW"),
     "live": Kind("live", "navsim.replays.live_report:VIEW"),
 }  # fmt: skip
 OF_FILES = tuple(name for name, kind in KINDS.items() if kind.section)

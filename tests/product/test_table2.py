@@ -12,7 +12,7 @@ import xarray as xr
 from PIL import Image
 
 from navsim.landing import table2 as study
-from navsim.report.table2 import cells
+from navsim.landing.table2_report import cells
 from navsim.results.result import read
 from tests.layout import as_declared
 from tests.product.test_run import navsim

@@ -29,7 +29,7 @@ ALLOWED = {
     "scenario": WORLD | FILES | {"kinds", "words"},
     "report": FILES | {"kinds"},
     "runner": FILES | {"scenario", "report", "kinds", "words"},
-    "landing": WORLD | FILES | {"integrity", "simulation", "scenario", "runner", "words"},
+    "landing": WORLD | FILES | {"integrity", "simulation", "scenario", "report", "runner", "words"},
     "sweeps": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "words"},
     "optimization": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "sweeps"},
     "replays": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "words"},

@@ -41,7 +41,7 @@ OTHER_MEANINGS = {
     ("formats/sp3.py", "E"): "a clock event",
     ("formats/text.py", "E"): "exponents",
     ("report/sky.py", "E"): "east",
-    ("report/integrity_table.py", "G"): "the ground may be lost",
+    ("landing/integrity_table_report.py", "G"): "the ground may be lost",
     ("replays/scenario.py", "SE"): "south, east",
     ("replays/sensor_checks.py", "R"): "right",
     ("runner/checkpoint.py", "C"): "order of an array",

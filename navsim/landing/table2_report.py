@@ -219,5 +219,5 @@ VIEW = View(
     ("/fit", "/claims", "/table"),
     texts=texts,
     verdicts=one_by_one(lambda result: [_claims(result)]),
-    drawings="navsim.report.page.published_tables:table2s",
+    drawings="navsim.landing.published_tables_page:table2s",
 )

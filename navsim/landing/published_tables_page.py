@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from bokeh.models import FactorRange
 
-from navsim.report import integrity_table, table2
+from navsim.landing import integrity_table_report as integrity_table
+from navsim.landing import table2_report as table2
 from navsim.report.figure_data import settled
 from navsim.report.page.plots import (
     Drawing,

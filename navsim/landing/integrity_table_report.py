@@ -115,5 +115,5 @@ def more(result: Result) -> dict[str, Any]:
 
 VIEW = View(
     one_by_one(tables), figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more,
-    drawings="navsim.report.page.published_tables:few_satellites",
+    drawings="navsim.landing.published_tables_page:few_satellites",
 )  # fmt: skip
