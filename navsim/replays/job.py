@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from navsim.replays import study as replay
+from navsim.replays.reading import read
 from navsim.replays.scenario import Replay
 from navsim.results.findings import several
 from navsim.results.result import ResultKind
@@ -81,4 +82,4 @@ class ReplayJob:
 
 def check(section: Replay, document: Document) -> list[str]:
     """Warnings of a log, whose files are read. Raises InputError."""
-    return replay.read(section, document).warnings
+    return read(section, document).warnings

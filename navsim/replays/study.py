@@ -17,40 +17,38 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 
 from navsim.filter import states
 from navsim.filter.design import Beliefs
-from navsim.filter.estimate import FILTER_KINDS, is_smoother
+from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_models import FIX
-from navsim.filter.records import NOT_USED, REJECTED, TFG
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
-from navsim.formats.recording import is_nmea, read_fixes, read_imu
-from navsim.formats.text import Dropped, FileError
-from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, quaternion_from_dcm
-from navsim.gnss.timescales import gps_from_utc
+from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
-from navsim.replays.diagnosis import examine
-from navsim.replays.mistakes import Log
-from navsim.replays.recorded_ranges import read_messages, read_ranges, together
-from navsim.replays.scenario import FixError, KnownSection, Outage, Replay
-from navsim.replays.single_point import PositioningOptions
-from navsim.replays.tuning import EVALUATIONS, FASTEST_NEEDED, LATENCY, moving_speed, tune
-from navsim.results import files
+from navsim.replays.findings import findings, outage_spans, warn_of_outages, warn_of_unflown
+from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read
+from navsim.replays.result_groups import (
+    DILUTION,
+    write_filter,
+    write_fixes,
+    write_innovations,
+    write_lost_spans,
+    write_outages,
+    write_summary,
+)
+from navsim.replays.scenario import FixError, KnownSection, Replay
+from navsim.replays.tuning import EVALUATIONS, LATENCY, moving_speed, tune
 from navsim.results.builder import ResultBuilder
-from navsim.results.findings import CONSISTENT, Finding, kept, several
+from navsim.results.findings import kept, several
 from navsim.results.result import Result
 from navsim.results.schema import REPLAY
 from navsim.runner.attributes import root_attributes
-from navsim.runner.findings import DOUBTED, limit, notes, of_flight
-from navsim.runner.job import JobError
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.base import DEG, DEG_H, MG
-from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.scenario.source import Document, InputError, Problem
 from navsim.sensors.imu import Triad
 from navsim.simulation.inertial_states import followed
 
@@ -58,14 +56,6 @@ POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
 STANDSTILL_FACTOR = 5.0
 """Drift of a gyro bias after a standstill, in multiples of its in-run instability."""
-_MOST_PDOP = 30.0
-"""Largest PDOP of fixes from ranges that are flown, RTKLIB's: their sigma is that of all fixes."""
-MOST_DAMAGED = 0.1
-"""Share of rows outside of physical limits up to which they are damage; of more, the unit may be another one."""
-LARGEST_NIS = 2.0
-"""Mean normalised innovation squared of a recorded flight, whose noise is tuned to 1, that is no accident."""
-LEAST_SAMPLES, LEAST_FIXES = 10, 4
-"""Least number of samples and fixes for an alignment."""
 _BEFORE = 1.5
 """Intervals before the first sample at which a known state may be: it is of the end of its interval."""
 _START = (0.3, 0.3)
@@ -74,27 +64,11 @@ NEVER = 1_000_000_000
 """Rejections in a row that are never reached."""
 USUAL_HEADING = 10.0 * DEG
 """1 sigma of heading that a restart of the filter needs, if the log gives the initial heading."""
-MANY_REJECTED = 0.05
-"""Fraction of rejected fixes, or ranges, beyond which a finding is reported."""
-PAUSE = 3.0
-"""Shortest reported time without fixes, s, if it is longer than `USUAL` intervals."""
-USUAL, TOLD = 5.0, 5
-"""Length of a pause in usual intervals; number of pauses of one kind that are reported individually."""
-UNFLOWN = 10.0
-"""Shortest part of a recording that is missed when it is not flown, s."""
-SIDEWAYS, OFF_COURSE = 60.0 * DEG, 10.0
-"""Angle between nose and course that wind and sideslip explain, rad, and for how long more is no accident, s."""
 _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
           "latency")  # fmt: skip
 _TUNED_TIGHT = ("range_rate_sigma", "range_sigma", *_TUNED[2:])
 _START_TIGHT = (0.1, 1.0)
 """Noise of range rates and ranges overhead where the tuning of a tight filter starts, and without it, m/s, m."""
-_DILUTION = 3.0
-"""1 sigma of a fix in that of a range, for the start of a tight filter and the innovations of fixes."""
-
-
-class ReplayError(JobError):
-    """A recording that can be read, but not flown."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +143,7 @@ class Recording:
     def fix_sigma(self, settings: np.ndarray) -> np.ndarray:
         """1 sigma of the fixes' position and velocity (6,), north, east, down, m, m/s, for values of `tuned` (5,)."""
         if self.tight:
-            return _DILUTION * np.repeat(settings[[1, 0]], 3)
+            return DILUTION * np.repeat(settings[[1, 0]], 3)
         horizontal, vertical = settings[:2]
         velocity = np.array([horizontal, horizontal, vertical if self.has_vertical else horizontal])
         given = self.scenario.gnss.position_sigma_m
@@ -239,43 +213,6 @@ class Recording:
         return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
 
 
-@dataclass(frozen=True)
-class ReadLog:
-    """Files of a log: data, scenario with their checksums, remarks."""
-
-    scenario: Replay
-    samples: Samples
-    fixes: Fixes
-    ranges: Ranges | None
-    warnings: list[str]
-    not_judged: tuple[str, ...]
-
-
-def read(scenario: Replay, document: Document) -> ReadLog:
-    """Read and check. Raises InputError for files that cannot be used or do not seem to match the log."""
-    motion, place, fewest = scenario.imu.convention(), scenario.gnss.convention(), scenario.gnss.min_satellites
-    tables = [_table(document, scenario, "imu", lambda path, *how: read_imu(path, how[0], motion, how[1]))]
-    ranges = None
-    if scenario.gnss.navigation is None:
-        simulated = scenario.gnss.simulator_fixes
-
-        def fixes_of(path: Path, lenient: bool, limited: bool) -> Any:
-            return read_fixes(path, fewest, lenient, place, limited, simulated)
-
-        tables.append(_table(document, scenario, "gnss", fixes_of))
-    else:
-        of_ranges, ranges = _observed(document, scenario)
-        tables.append(of_ranges)
-    scenario = _pinned(scenario, document)
-    warnings, not_judged = _checked(scenario, document, *(table.judged for table in tables))
-    for table in tables:
-        if table.refusal is not None:
-            raise table.refusal
-        warnings += table.lost.said()
-    samples, fixes = (table.rows for table in tables)
-    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged))
-
-
 def prepare(scenario: Replay, document: Document) -> Recording:
     """Read, check and align. Raises InputError as `read`, ReplayError where no alignment is found."""
     log = read(scenario, document)
@@ -316,8 +253,8 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     again = search if search.heading is None else replace(search, heading=None, heading_sigma=USUAL_HEADING)
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
         raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
-    warnings += _not_flown(scenario, log, first, aligned)
-    warnings += _outages_elsewhere(scenario, aligned.time, float(samples.time[-1]))
+    warnings += warn_of_unflown(scenario, log, first, aligned)
+    warnings += warn_of_outages(scenario, aligned.time, float(samples.time[-1]))
     return Recording(
         scenario,
         samples,
@@ -336,140 +273,6 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         log.not_judged,
         warnings,
     )
-
-
-def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[list[str], list[str]]:
-    """Warnings about probable mistakes in how the recording is written, and about unchecked quantities.
-
-    Raises InputError if it cannot be used.
-    """
-    if scenario.checks == "off":
-        return [], ["everything: checks are off"]
-    log = Log(
-        samples,
-        fixes,
-        scenario.imu.convention(),
-        scenario.gnss.convention(),
-        latency=scenario.gnss.latency_s,
-        first=-np.inf if scenario.begin is None else scenario.begin,
-        last=np.inf if scenario.end_s is None else scenario.end_s,
-        sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.lenient),
-    )
-    examined = examine(log)
-    found = examined.mistakes
-    if found and scenario.checks == "refuse":
-        way_out = "(`checks: warn` flies it nevertheless)"
-        raise InputError(
-            [Problem(document.place((m.section, "file")), f"{m.section}.file", f"{m} {way_out}") for m in found]
-        )
-    return [str(mistake) for mistake in found], examined.not_judged
-
-
-@dataclass(frozen=True)
-class _Table:
-    """Rows of a file."""
-
-    judged: Any
-    """Rows for the checks."""
-    rows: Any
-    """Rows for the filter."""
-    lost: Dropped
-    """Rows that were left out."""
-    refusal: InputError | None = None
-    """Why the rows are unusable, unless the checks find a better reason."""
-
-
-def _table(
-    document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path, bool, bool], Any]
-) -> _Table:
-    """Read a file with a reader of (path, lenient, limited). Raises InputError.
-
-    Values outside of physical limits are damage, or a wrong unit. If there are many, the checks include them, so that
-    the wrong unit is found.
-    """
-    rows, lost = _read(document, scenario, section, lambda path: reader(path, scenario.lenient, False))
-    if lost.outside is None:
-        return _Table(rows, rows, lost)
-    try:
-        within, left = _read(document, scenario, section, lambda path: reader(path, True, True))
-    except InputError as too_few:
-        lost.outside.salvageable = False
-        refusal = too_few if scenario.lenient else _refused(document, scenario, section, lost.outside)
-        return _Table(rows, rows, lost, refusal)
-    judged = within if within.time.size >= (1.0 - MOST_DAMAGED) * rows.time.size else rows
-    if scenario.lenient:
-        return _Table(judged, within, left)
-    return _Table(judged, rows, lost, _refused(document, scenario, section, lost.outside))
-
-
-def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
-    """The fixes of RINEX observations, and their ranges. Raises InputError."""
-    gnss, dropped = scenario.gnss, Dropped(scenario.lenient)
-    several = []
-    for i, name in enumerate(gnss.navigation or ()):
-        path = document.resolve(("gnss", "navigation"), name)
-        place = document.place(("gnss", "navigation"))
-        try:
-            several.append(read_messages(path, scenario.lenient, dropped, gnss.wanted()))
-        except FileError as error:
-            at = Place(str(path), error.line, 1) if error.line else place
-            raise InputError([Problem(at, f"gnss.navigation[{i}]", f"{name}: {error.message}")]) from None
-        except OSError as error:
-            message = f"{name}: cannot be read: {error.strerror or error} ({path})"
-            raise InputError([Problem(place, f"gnss.navigation[{i}]", message)]) from None
-    shift = gnss.time_offset_s - float(gps_from_utc(scenario.epoch.timestamp()))
-    messages = together(several)
-    options = PositioningOptions(mask=gnss.mask_deg * DEG, troposphere=gnss.atmosphere, most_pdop=_MOST_PDOP)
-    fixes, ranges = _read(
-        document, scenario, "gnss",
-        lambda path: read_ranges(path, messages, options, gnss.min_satellites, shift, dropped),
-    )  # fmt: skip
-    return _Table(fixes, fixes, dropped), ranges
-
-
-def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path], Any]) -> Any:
-    name = getattr(scenario, section).file
-    path = document.resolve((section, "file"), name)
-    where = document.place((section, "file"))
-    key = f"{section}.file"
-    try:
-        return reader(path)
-    except FileError as error:
-        raise _refused(document, scenario, section, error) from None
-    except OSError as error:
-        message = f"{name}: cannot be read: {error.strerror or error} ({path})"
-        raise InputError([Problem(where, key, message)]) from None
-
-
-def _refused(document: Document, scenario: Replay, section: str, error: FileError) -> InputError:
-    """A file that cannot be used, at its line."""
-    where = document.place((section, "file"))
-    path = document.resolve((section, "file"), getattr(scenario, section).file)
-    place = Place(str(path), error.line, 1) if error.line else where
-    cure = "; `lenient: true` takes the intact part" if error.salvageable else ""
-    return InputError([Problem(place, f"{section}.file", f"{error.message} (named at {where}){cure}")])
-
-
-def _pinned(scenario: Replay, document: Document) -> Replay:
-    """The log with its files' checksums, which must be those given. Raises InputError."""
-    update = {}
-    for name in ("imu", "gnss"):
-        section = getattr(scenario, name)
-        checksum = files.checksum(document.resolve((name, "file"), section.file))
-        if section.file_sha256 not in (None, checksum):
-            place = document.place((name, "file_sha256"))
-            message = f"{section.file} has the checksum {checksum}, not this one"
-            raise InputError([Problem(place, f"{name}.file_sha256", message)])
-        update[name] = section.model_copy(update={"file_sha256": checksum})
-    if scenario.gnss.navigation is not None:
-        key = ("gnss", "navigation")
-        sums = tuple(files.checksum(document.resolve(key, name)) for name in scenario.gnss.navigation)
-        if scenario.gnss.navigation_sha256 not in (None, sums):
-            place = document.place(("gnss", "navigation_sha256"))
-            message = f"the files have the checksums {', '.join(sums)}, not these"
-            raise InputError([Problem(place, "gnss.navigation_sha256", message)])
-        update["gnss"] = update["gnss"].model_copy(update={"navigation_sha256": sums})
-    return scenario.model_copy(update=update)
 
 
 def _search(scenario: Replay, gyro: Triad, accel: Triad) -> aligning.Search:
@@ -613,7 +416,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     withheld = np.zeros(flight.arrival.size, dtype=bool)
     for outage in scenario.outages:
         if outage.withhold:
-            for first, last in _spans(outage):
+            for first, last in outage_spans(outage):
                 withheld |= (flight.arrival >= first) & (flight.arrival <= last)
     try:
         flown = replay.fly(
@@ -625,16 +428,16 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     blocks = beliefs.sensors.blocks
     names = states.names(blocks, scales), states.units(blocks, len(scales))
     draft = ResultBuilder(REPLAY, {"mixed": ", ".join(dict.fromkeys(names[1]))})
-    _filter(draft, flown, np.isin(flown.time, times), *names)
-    _innovations(draft, flight, flown)
-    _outages(draft, recording, flight, settings)
-    _lost(draft, flown)
-    _fixes(draft, flight)
+    write_filter(draft, flown, np.isin(flown.time, times), *names)
+    write_innovations(draft, flight, flown)
+    write_outages(draft, recording, flight, settings)
+    write_lost_spans(draft, flown)
+    write_fixes(draft, flight)
     for name, value, was_free in zip(recording.tuned, settings, tuning.tuned, strict=True):
         of_fixes = name in _TUNED[:2] and recording.fixes.has_own_noise
         origin = "not used: each fix has its own" if of_fixes else "tuned to the innovations" if was_free else "given"
         draft.put(f"/tuning/{name}", value, {"origin": origin})
-    _summary(draft, flight, flown, recording.moving_speed)
+    write_summary(draft, flight, flown, recording.moving_speed)
     alignment = recording.alignment
     out = draft.result(
         root_attributes(
@@ -646,262 +449,6 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     )  # fmt: skip
     out.variables.update(kept([*tuning.findings, *findings(recording, out, withheld, flight, flown)]))
     return out
-
-
-def findings(
-    recording: Recording, result: Result, withheld: np.ndarray, flight: replay.RecordedFlight, flown: replay.Replayed
-) -> list[Finding]:
-    """Findings for the user; withheld: (e,) bool, fixes withheld by outages."""
-    out = notes(recording.warnings)
-    broken = {begin for begin, _ in flight.breaks}
-    for first, length in flight.gaps:
-        begin = float(flight.imu_time[first])
-        if begin not in broken:
-            text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
-            out.append(Finding("gap", text, (), 1, 1, 1, begin))
-    out += _pauses(flight) + [_of_lost(one) for one in flown.lost] + _outliers(flight, flown)
-    if recording.scenario.checks != "off":
-        out += _off_course(flight, flown)
-    return out + of_flight(result, None, withheld | ~flown.flown) + _inconsistent(result)
-
-
-def _inconsistent(result: Result) -> list[Finding]:
-    """Finding of innovations whose squares exceed `LARGEST_NIS`, in the group of fixes with the largest ones.
-
-    `of_flight` reports larger ones for their size alone.
-    """
-    degrees = result["/innovations/degrees"]
-    nis = dict(zip(result["/summary/fixes"], result["/summary/nis"], strict=True))
-    group = max((name for name in nis if np.isfinite(nis[name])), key=lambda name: float(nis[name]), default="all")
-    most = LARGEST_NIS * limit(float(degrees.sum())) / DOUBTED
-    if not nis[group] > most or nis["all"] > limit(float(degrees.sum())):
-        return []
-    text = (
-        f"the innovations of {group} fixes have a NIS of {nis[group]:.2f} per degree of freedom where 1 is due. The "
-        "filter trusts its fixes and sensors too much, and its sigmas are too small. Give "
-        "gnss.velocity_sigma_m_s, or leave it out so that it is tuned"
-    )
-    return [Finding("innovations", text, (CONSISTENT,), int(degrees.astype(bool).sum()), degrees.size)]
-
-
-def _pauses(flight: replay.RecordedFlight) -> list[Finding]:
-    """The finding of times without fixes."""
-    solved = Fixes(flight.arrival, flight.llh, flight.velocity).take(np.isfinite(flight.llh[:, 0]))
-    if solved.time.size < 2:
-        return []
-    pauses = solved.pauses(max(PAUSE, USUAL * float(np.median(np.diff(solved.time)))))
-    if not pauses.size:
-        return []
-    each = [f"{end - begin:.1f} s from {begin:.1f} s on" for begin, end in pauses]
-    text = f"no fixes for {_few(each)}: the filter goes by its inertial sensors alone"
-    return [Finding("pauses", text, (), len(each), len(each), 1, float(pauses[0, 0]))]
-
-
-def _few(each: list[str]) -> str:
-    """Some texts as one, and how many more there are."""
-    more = f", and {len(each) - TOLD} more" if len(each) > TOLD else ""
-    return ", ".join(each[:TOLD]) + more
-
-
-def _of_lost(lost: replay.LostSpan) -> Finding:
-    """The finding of a time at which the output is worthless."""
-    if lost.why == replay.GAP:
-        text = f"no samples for {lost.end - lost.begin:.1f} s, longer than the attitude survives: there is no output"
-    else:
-        jump = float(np.linalg.norm(lost.jump))
-        apart = f", {jump:.3g} m apart at the end" if np.isfinite(jump) else " twice, and the fixes came back"
-        text = f"the filter contradicted its fixes{apart}: its output is worthless"
-    after = "nothing after it is flown, since no alignment was found" if lost.ended else "then the filter starts anew"
-    text += f" from {lost.begin:.1f} to {lost.end:.1f} s; {after}"
-    return Finding("lost", text, (CONSISTENT,), 1, 1, 1, lost.begin)
-
-
-def _outliers(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
-    """The finding of fixes, or ranges, that the gate rejected, but those of times at which the filter was lost."""
-    when = flight.arrival[: flown.rejected.size]
-    away = np.zeros(when.size, bool)
-    for one in flown.lost:
-        away |= (when >= one.begin) & (when <= one.end)
-    rejected = np.where(away, 0, flown.rejected)
-    count = int(rejected.sum())
-    if not count:
-        return []
-    tight = flown.range_status.size > 0
-    of = int((flown.range_status != NOT_USED).sum() if tight else (flown.status != NOT_USED).sum())
-    rows = np.flatnonzero(rejected)
-    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    spans = [f"{when[r[0]]:.1f} s" if r.size == 1 else f"{when[r[0]]:.1f} to {when[r[-1]]:.1f} s" for r in runs]
-    lost = int(flown.rejected.sum()) - count
-    text = f"{count} of {of} {'ranges' if tight else 'fixes'} were rejected by the innovation gate, at {_few(spans)}"
-    if lost:
-        text += f"; {lost} more were rejected while the filter was lost"
-    against = (CONSISTENT,) if count > MANY_REJECTED * of else ()
-    name = "rejected_ranges" if tight else "rejected_fixes"
-    return [Finding(name, text, against, count, of, 1, float(when[rows[0]]))]
-
-
-def _not_flown(scenario: Replay, log: ReadLog, first: float, aligned: aligning.Alignment) -> list[str]:
-    """Warnings about parts of a recording, longer than `UNFLOWN`, that the filter does not process without being asked
-    to.
-
-    They are before the first fix or sample, before the alignment, and after the last sample.
-    """
-    samples, fixes = log.samples.time, log.fixes.time
-    away = f"no {scenario.alignment.longest_s:g} s of motion give the heading to "
-    away += f"{scenario.alignment.heading_sigma_deg:g} degrees"
-    parts = [(first, aligned.since, away)]
-    if scenario.begin is None:
-        parts.insert(0, (float(samples[0]), first, "there are samples and no fixes"))
-        parts.insert(0, (float(fixes[0]), first, "there are fixes and no samples"))
-    if scenario.end_s is None:
-        parts.append((float(samples[-1]), float(fixes[-1]), "there are fixes and no samples"))
-    return [
-        f"{begin:.1f} to {end:.1f} s of the recording ({end - begin:.0f} s) are not flown: {why}"
-        for begin, end, why in parts
-        if end - begin > UNFLOWN
-    ]
-
-
-def _off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
-    """The findings of the times at which the nose points far from the course: `SIDEWAYS` and three sigma, for
-    `OFF_COURSE` seconds of motion on end."""
-    at = np.minimum(np.searchsorted(flown.time, flight.arrival), flown.time.size - 1)
-    nose = dcm_from_quaternion(flown.navigation[at, states.NAV_QUAT : states.NAV_HELD])[:, :2, 0]
-    angle = np.angle(np.exp(1j * (np.arctan2(nose[:, 1], nose[:, 0]) - flight.course)))
-    moving = np.flatnonzero((flight.speed > FASTEST_NEEDED) & flown.flown & (flown.status != REJECTED))
-    off = np.abs(angle[moving]) > SIDEWAYS + 3.0 * flown.sigma[at[moving], states.A_D]
-    edges = np.flatnonzero(np.diff(off, prepend=False, append=False)).reshape(-1, 2)
-    out = []
-    for begin, end in edges:
-        rows = moving[begin:end]
-        first, last = (float(t) for t in flight.arrival[rows[[0, -1]]])
-        if last - first < OFF_COURSE:
-            continue
-        text = (
-            f"heading {np.degrees(np.median(np.abs(angle[rows]))):.0f} degrees off the course from {first:.1f} to "
-            f"{last:.1f} s (median of {rows.size} fixes faster than {FASTEST_NEEDED:g} m/s, 1 sigma of the heading "
-            f"{np.degrees(np.median(flown.sigma[at[rows], states.A_D])):.1f} degrees). The attitude is wrong, unless "
-            "the aircraft flies sideways. Align elsewhere with start_s, or silence this with `checks: off`"
-        )
-        out.append(Finding("off_course", text, (CONSISTENT,), rows.size, moving.size, 1, first))
-    return out
-
-
-def _outages_elsewhere(scenario: Replay, first: float, last: float) -> list[str]:
-    """Warnings about outages outside the flight, from first to last, s: they have no effect."""
-    out = []
-    for i, outage in enumerate(scenario.outages):
-        spans = _spans(outage)
-        away = [f"{begin:g} to {end:g} s" for begin, end in spans if begin <= first or end > last]
-        if away:
-            flown = f"the replayed part, {first:.1f} to {last:.1f} s"
-            out.append(f"outages.{i}: {len(away)} of {len(spans)} are not within {flown}, and not judged: {away[0]}")
-    return out
-
-
-def _spans(outage: Outage) -> list[tuple[float, float]]:
-    return [(start, start + length) for length in outage.duration_s for start in outage.start_s]
-
-
-def _filter(
-    draft: ResultBuilder, flown: replay.Replayed, wanted: np.ndarray, names: Sequence[str], units: Sequence[str]
-) -> None:
-    draft["/filter/time"] = flown.time[wanted]
-    draft.put("/filter/state", np.array(names, dtype=object), {"state_units": ", ".join(units)})
-    draft["/filter/position_llh"] = flown.navigation[wanted, states.NAV_LLH : states.NAV_VEL]
-    draft["/filter/velocity_ned"] = flown.navigation[wanted, states.NAV_VEL : states.NAV_QUAT]
-    draft["/filter/attitude_rpy"] = flown.rpy[wanted]
-    draft["/filter/sigma"] = flown.sigma[wanted]
-    draft["/filter/gyro_bias"] = flown.navigation[wanted, states.NAV_GYRO : states.NAV_ACCEL]
-    draft["/filter/accelerometer_bias"] = flown.navigation[wanted, states.NAV_ACCEL : states.NAV_N]
-
-
-def _innovations(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
-    draft["/innovations/time"] = flight.arrival
-    for name, part in (("position_ned", slice(0, 3)), ("velocity_ned", slice(3, 6))):
-        draft[f"/innovations/{name}"] = flown.innovation[:, part]
-        draft[f"/innovations/{name}_sigma"] = flown.innovation_sigma[:, part]
-    draft["/innovations/normalized_squared"] = flown.innovation_squared
-    draft["/innovations/degrees"] = flown.degrees
-    draft["/innovations/status"] = flown.status
-    if flight.ranges is None:
-        return
-    draft["/innovations/source"] = np.array(flight.ranges.names, dtype=object)
-    for i, name in enumerate(("range", "range_rate")):
-        draft[f"/innovations/{name}"] = flown.range_innovation[..., i]
-    draft["/innovations/range_status"] = flown.range_status
-
-
-def _lost(draft: ResultBuilder, flown: replay.Replayed) -> None:
-    draft["/lost/span"] = np.arange(len(flown.lost))
-    draft["/lost/start"] = np.array([one.begin for one in flown.lost], dtype=float)
-    draft["/lost/end"] = np.array([one.end for one in flown.lost], dtype=float)
-    draft["/lost/cause"] = np.array([one.why for one in flown.lost], dtype=object)
-
-
-def _fixes(draft: ResultBuilder, flight: replay.RecordedFlight) -> None:
-    draft["/receiver/time"] = flight.arrival
-    draft["/receiver/position_llh"] = flight.llh
-    draft["/receiver/velocity_ned"] = flight.velocity
-
-
-def _outages(draft: ResultBuilder, recording: Recording, flight: replay.RecordedFlight, settings: np.ndarray) -> None:
-    beliefs = of_outages(recording.beliefs(settings, FILTER_KINDS[recording.scenario.filter.kind]))
-    fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
-    rows = []
-    for first, last in sorted({span for outage in recording.scenario.outages for span in _spans(outage)}):
-        inside = (flight.arrival >= first) & (flight.arrival <= last + 1e-9)
-        solved = inside & np.isfinite(flight.llh[:, 0])
-        if not solved.any() or first <= flight.imu_time[0] or last > flight.imu_time[-1]:
-            rows.append((first, last, np.nan, np.nan))
-            continue
-        final = int(np.flatnonzero(solved)[-1])
-        inside[final] = False  # the innovation of this one is the drift
-        flown = replay.fly(flight, beliefs, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
-        north, east, down = flown.innovation[final, :3]
-        rows.append((first, last, float(np.hypot(north, east)), float(abs(down))))
-    table = np.array(rows).reshape(-1, 4)
-    for index, name in enumerate(("start", "end", "horizontal_error", "vertical_error")):
-        draft[f"/outages/{name}"] = table[:, index]
-    draft["/outages/outage"] = np.arange(table.shape[0])
-
-
-def of_outages(beliefs: Beliefs) -> Beliefs:
-    """The filter model for outages, in which the filter may not know what comes after an outage."""
-    return replace(beliefs, kind=TFG if is_smoother(beliefs.kind) else beliefs.kind)
-
-
-def _summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
-    used = (flown.degrees > 0) & (flown.status != REJECTED)
-    groups = {"all": used, "moving": used & (flight.speed > moving)}
-    draft.put("/summary/fixes", np.array(list(groups)), moving=f"{moving:.2g} m/s")
-    rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
-    draft["/summary/innovation_position"] = rms[:, :3]
-    draft["/summary/innovation_velocity"] = rms[:, 3:]
-    nis = [
-        float(np.sum(flown.innovation_squared[m]) / np.sum(flown.degrees[m])) if m.any() else np.nan
-        for m in groups.values()
-    ]
-    draft["/summary/nis"] = np.array(nis)
-    for name, count in (
-        ("samples", flight.imu_time.size),
-        ("fixes", flight.arrival.size),
-        ("rejected", np.sum(flown.rejected)),
-        ("gaps", len(flight.gaps)),
-    ):
-        draft[f"/summary/count/{name}"] = np.int64(count)
-    of = np.round(draft["/outages/end"] - draft["/outages/start"], 9)
-    lengths, error = np.unique(of), draft["/outages/horizontal_error"]
-    draft["/summary/duration"] = lengths
-    for name, function in (("median", np.nanmedian), ("max", np.nanmax)):
-        values = np.array([function(error[of == length]) if np.isfinite(error[of == length]).any() else np.nan
-                           for length in lengths], dtype=float)  # fmt: skip
-        draft[f"/summary/drift_{name}"] = values
-
-
-def _rms(x: np.ndarray) -> float:
-    x = x[np.isfinite(x)]
-    return float(np.sqrt(np.mean(x**2))) if x.size else np.nan
 
 
 def extent(recording: Recording) -> int:

@@ -17,6 +17,7 @@ from navsim.replays import alignment
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.replays.alignment import Alignment, Search
+from navsim.replays.findings import find_off_course
 from navsim.results import findings
 from navsim.scenario.load import read_replay
 from navsim.trajectory.recorded import RecordedTrajectory
@@ -213,9 +214,9 @@ def test_a_heading_off_the_course_is_found(tmp_path: Path) -> None:
     beliefs = recording.beliefs(recording.settings, TFG)
     seen = simulated.fly(flight, beliefs, recording.fix_sigma(recording.settings), np.empty(0))
     turned = replace(flight, course=flight.course + np.radians(160.0))
-    (told,) = replay._off_course(turned, seen)
+    (told,) = find_off_course(turned, seen)
     assert told.against == (findings.CONSISTENT,)
     assert re.match(r"heading 1[56]\d degrees off the course from 1\.1 to 99\.1 s \(median of 197 fixes", told.text)
     briefly = np.where((flight.arrival > 40.0) & (flight.arrival < 49.0), np.pi, 0.0)
     short = replace(flight, course=flight.course + briefly)
-    assert replay._off_course(short, seen) == []
+    assert find_off_course(short, seen) == []

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from navsim.replays import study as replay
+from navsim.replays.reading import read as read_log
 from navsim.results import findings
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay
@@ -156,7 +157,7 @@ def test_a_table_of_no_covariance_is_refused(columns: dict[str, str], words: str
         flown(tmp_path / "log.yaml", *FIXED)
     assert words in str(refused.value)
     log, document = read_replay(tmp_path / "log.yaml", (*FIXED, "lenient=true"))
-    read = replay.read(log, document)
+    read = read_log(log, document)
     assert read.fixes.time.size == m - 1
     assert any("1 rows left out" in text for text in read.warnings)
 

@@ -18,7 +18,7 @@ from navsim.cli.main import app
 from navsim.formats.recorded_data import Samples
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.replays import flight as simulated
-from navsim.replays import study as replay
+from navsim.replays.findings import find_outliers
 from navsim.replays.page import replays
 from navsim.replays.report import figures, lost_spans, tables
 from navsim.report.table import Table
@@ -346,6 +346,6 @@ def test_fixes_rejected_while_lost_are_counted_apart() -> None:
     lost = SimpleNamespace(begin=4.0, end=7.0)
     states = {"status": np.zeros(10), "range_status": np.empty((0, 0))}
     flown = SimpleNamespace(rejected=np.array([0, 1, 0, 0, 1, 1, 1, 1, 0, 0]), lost=[lost], **states)
-    (found,) = replay._outliers(flight, flown)  # type: ignore[arg-type]
+    (found,) = find_outliers(flight, flown)  # type: ignore[arg-type]
     assert found.text.startswith("1 of ")
     assert found.text.endswith("; 4 more were rejected while the filter was lost")

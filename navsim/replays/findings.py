@@ -1,0 +1,192 @@
+"""Warnings and findings of a replay."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.filter import states
+from navsim.filter.records import NOT_USED, REJECTED
+from navsim.formats.recorded_data import Fixes
+from navsim.geodesy.attitude import dcm_from_quaternion
+from navsim.replays import alignment as aligning
+from navsim.replays import flight as replay
+from navsim.replays.reading import ReadLog
+from navsim.replays.scenario import Outage, Replay
+from navsim.replays.tuning import FASTEST_NEEDED
+from navsim.results.findings import CONSISTENT, Finding
+from navsim.results.result import Result
+from navsim.runner.findings import DOUBTED, limit, notes, of_flight
+from navsim.scenario.base import DEG
+
+if TYPE_CHECKING:
+    from navsim.replays.study import Recording
+
+LARGEST_NIS = 2.0
+"""Mean normalised innovation squared of a recorded flight, whose noise is tuned to 1, that is no accident."""
+MANY_REJECTED = 0.05
+"""Fraction of rejected fixes, or ranges, beyond which a finding is reported."""
+PAUSE = 3.0
+"""Shortest reported time without fixes, s, if it is longer than `USUAL` intervals."""
+USUAL, TOLD = 5.0, 5
+"""Length of a pause in usual intervals; number of pauses of one kind that are reported individually."""
+UNFLOWN = 10.0
+"""Shortest part of a recording that is missed when it is not flown, s."""
+SIDEWAYS, OFF_COURSE = 60.0 * DEG, 10.0
+"""Angle between nose and course that wind and sideslip explain, rad, and for how long more is no accident, s."""
+
+
+def findings(
+    recording: Recording, result: Result, withheld: np.ndarray, flight: replay.RecordedFlight, flown: replay.Replayed
+) -> list[Finding]:
+    """Findings for the user; withheld: (e,) bool, fixes withheld by outages."""
+    out = notes(recording.warnings)
+    broken = {begin for begin, _ in flight.breaks}
+    for first, length in flight.gaps:
+        begin = float(flight.imu_time[first])
+        if begin not in broken:
+            text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
+            out.append(Finding("gap", text, (), 1, 1, 1, begin))
+    out += _pauses(flight) + [_of_lost(one) for one in flown.lost] + find_outliers(flight, flown)
+    if recording.scenario.checks != "off":
+        out += find_off_course(flight, flown)
+    return out + of_flight(result, None, withheld | ~flown.flown) + _inconsistent(result)
+
+
+def _inconsistent(result: Result) -> list[Finding]:
+    """Finding of innovations whose squares exceed `LARGEST_NIS`, in the group of fixes with the largest ones.
+
+    `of_flight` reports larger ones for their size alone.
+    """
+    degrees = result["/innovations/degrees"]
+    nis = dict(zip(result["/summary/fixes"], result["/summary/nis"], strict=True))
+    group = max((name for name in nis if np.isfinite(nis[name])), key=lambda name: float(nis[name]), default="all")
+    most = LARGEST_NIS * limit(float(degrees.sum())) / DOUBTED
+    if not nis[group] > most or nis["all"] > limit(float(degrees.sum())):
+        return []
+    text = (
+        f"the innovations of {group} fixes have a NIS of {nis[group]:.2f} per degree of freedom where 1 is due. The "
+        "filter trusts its fixes and sensors too much, and its sigmas are too small. Give "
+        "gnss.velocity_sigma_m_s, or leave it out so that it is tuned"
+    )
+    return [Finding("innovations", text, (CONSISTENT,), int(degrees.astype(bool).sum()), degrees.size)]
+
+
+def _pauses(flight: replay.RecordedFlight) -> list[Finding]:
+    """The finding of times without fixes."""
+    solved = Fixes(flight.arrival, flight.llh, flight.velocity).take(np.isfinite(flight.llh[:, 0]))
+    if solved.time.size < 2:
+        return []
+    pauses = solved.pauses(max(PAUSE, USUAL * float(np.median(np.diff(solved.time)))))
+    if not pauses.size:
+        return []
+    each = [f"{end - begin:.1f} s from {begin:.1f} s on" for begin, end in pauses]
+    text = f"no fixes for {_few(each)}: the filter goes by its inertial sensors alone"
+    return [Finding("pauses", text, (), len(each), len(each), 1, float(pauses[0, 0]))]
+
+
+def _few(each: list[str]) -> str:
+    """Some texts as one, and how many more there are."""
+    more = f", and {len(each) - TOLD} more" if len(each) > TOLD else ""
+    return ", ".join(each[:TOLD]) + more
+
+
+def _of_lost(lost: replay.LostSpan) -> Finding:
+    """The finding of a time at which the output is worthless."""
+    if lost.why == replay.GAP:
+        text = f"no samples for {lost.end - lost.begin:.1f} s, longer than the attitude survives: there is no output"
+    else:
+        jump = float(np.linalg.norm(lost.jump))
+        apart = f", {jump:.3g} m apart at the end" if np.isfinite(jump) else " twice, and the fixes came back"
+        text = f"the filter contradicted its fixes{apart}: its output is worthless"
+    after = "nothing after it is flown, since no alignment was found" if lost.ended else "then the filter starts anew"
+    text += f" from {lost.begin:.1f} to {lost.end:.1f} s; {after}"
+    return Finding("lost", text, (CONSISTENT,), 1, 1, 1, lost.begin)
+
+
+def find_outliers(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
+    """The finding of fixes, or ranges, that the gate rejected, but those of times at which the filter was lost."""
+    when = flight.arrival[: flown.rejected.size]
+    away = np.zeros(when.size, bool)
+    for one in flown.lost:
+        away |= (when >= one.begin) & (when <= one.end)
+    rejected = np.where(away, 0, flown.rejected)
+    count = int(rejected.sum())
+    if not count:
+        return []
+    tight = flown.range_status.size > 0
+    of = int((flown.range_status != NOT_USED).sum() if tight else (flown.status != NOT_USED).sum())
+    rows = np.flatnonzero(rejected)
+    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    spans = [f"{when[r[0]]:.1f} s" if r.size == 1 else f"{when[r[0]]:.1f} to {when[r[-1]]:.1f} s" for r in runs]
+    lost = int(flown.rejected.sum()) - count
+    text = f"{count} of {of} {'ranges' if tight else 'fixes'} were rejected by the innovation gate, at {_few(spans)}"
+    if lost:
+        text += f"; {lost} more were rejected while the filter was lost"
+    against = (CONSISTENT,) if count > MANY_REJECTED * of else ()
+    name = "rejected_ranges" if tight else "rejected_fixes"
+    return [Finding(name, text, against, count, of, 1, float(when[rows[0]]))]
+
+
+def warn_of_unflown(scenario: Replay, log: ReadLog, first: float, aligned: aligning.Alignment) -> list[str]:
+    """Warnings about parts of a recording, longer than `UNFLOWN`, that the filter does not process without being asked
+    to.
+
+    They are before the first fix or sample, before the alignment, and after the last sample.
+    """
+    samples, fixes = log.samples.time, log.fixes.time
+    away = f"no {scenario.alignment.longest_s:g} s of motion give the heading to "
+    away += f"{scenario.alignment.heading_sigma_deg:g} degrees"
+    parts = [(first, aligned.since, away)]
+    if scenario.begin is None:
+        parts.insert(0, (float(samples[0]), first, "there are samples and no fixes"))
+        parts.insert(0, (float(fixes[0]), first, "there are fixes and no samples"))
+    if scenario.end_s is None:
+        parts.append((float(samples[-1]), float(fixes[-1]), "there are fixes and no samples"))
+    return [
+        f"{begin:.1f} to {end:.1f} s of the recording ({end - begin:.0f} s) are not flown: {why}"
+        for begin, end, why in parts
+        if end - begin > UNFLOWN
+    ]
+
+
+def find_off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
+    """The findings of the times at which the nose points far from the course: `SIDEWAYS` and three sigma, for
+    `OFF_COURSE` seconds of motion on end."""
+    at = np.minimum(np.searchsorted(flown.time, flight.arrival), flown.time.size - 1)
+    nose = dcm_from_quaternion(flown.navigation[at, states.NAV_QUAT : states.NAV_HELD])[:, :2, 0]
+    angle = np.angle(np.exp(1j * (np.arctan2(nose[:, 1], nose[:, 0]) - flight.course)))
+    moving = np.flatnonzero((flight.speed > FASTEST_NEEDED) & flown.flown & (flown.status != REJECTED))
+    off = np.abs(angle[moving]) > SIDEWAYS + 3.0 * flown.sigma[at[moving], states.A_D]
+    edges = np.flatnonzero(np.diff(off, prepend=False, append=False)).reshape(-1, 2)
+    out = []
+    for begin, end in edges:
+        rows = moving[begin:end]
+        first, last = (float(t) for t in flight.arrival[rows[[0, -1]]])
+        if last - first < OFF_COURSE:
+            continue
+        text = (
+            f"heading {np.degrees(np.median(np.abs(angle[rows]))):.0f} degrees off the course from {first:.1f} to "
+            f"{last:.1f} s (median of {rows.size} fixes faster than {FASTEST_NEEDED:g} m/s, 1 sigma of the heading "
+            f"{np.degrees(np.median(flown.sigma[at[rows], states.A_D])):.1f} degrees). The attitude is wrong, unless "
+            "the aircraft flies sideways. Align elsewhere with start_s, or silence this with `checks: off`"
+        )
+        out.append(Finding("off_course", text, (CONSISTENT,), rows.size, moving.size, 1, first))
+    return out
+
+
+def warn_of_outages(scenario: Replay, first: float, last: float) -> list[str]:
+    """Warnings about outages outside the flight, from first to last, s: they have no effect."""
+    out = []
+    for i, outage in enumerate(scenario.outages):
+        spans = outage_spans(outage)
+        away = [f"{begin:g} to {end:g} s" for begin, end in spans if begin <= first or end > last]
+        if away:
+            flown = f"the replayed part, {first:.1f} to {last:.1f} s"
+            out.append(f"outages.{i}: {len(away)} of {len(spans)} are not within {flown}, and not judged: {away[0]}")
+    return out
+
+
+def outage_spans(outage: Outage) -> list[tuple[float, float]]:
+    return [(start, start + length) for length in outage.duration_s for start in outage.start_s]

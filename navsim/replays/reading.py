@@ -1,0 +1,206 @@
+"""Reading of the files of a recorded flight: samples, fixes or ranges, their checks and checksums."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from navsim.formats.recorded_data import Fixes, Ranges, Samples
+from navsim.formats.recording import is_nmea, read_fixes, read_imu
+from navsim.formats.text import Dropped, FileError
+from navsim.gnss.timescales import gps_from_utc
+from navsim.replays.diagnosis import examine
+from navsim.replays.mistakes import Log
+from navsim.replays.recorded_ranges import read_messages, read_ranges, together
+from navsim.replays.scenario import Replay
+from navsim.replays.single_point import PositioningOptions
+from navsim.results import files
+from navsim.runner.job import JobError
+from navsim.scenario.base import DEG
+from navsim.scenario.source import Document, InputError, Place, Problem
+
+_MOST_PDOP = 30.0
+"""Largest PDOP of fixes from ranges that are flown, RTKLIB's: their sigma is that of all fixes."""
+MOST_DAMAGED = 0.1
+"""Share of rows outside of physical limits up to which they are damage; of more, the unit may be another one."""
+LEAST_SAMPLES, LEAST_FIXES = 10, 4
+"""Least number of samples and fixes for an alignment."""
+
+
+class ReplayError(JobError):
+    """A recording that can be read, but not flown."""
+
+
+@dataclass(frozen=True)
+class ReadLog:
+    """Files of a log: data, scenario with their checksums, remarks."""
+
+    scenario: Replay
+    samples: Samples
+    fixes: Fixes
+    ranges: Ranges | None
+    warnings: list[str]
+    not_judged: tuple[str, ...]
+
+
+def read(scenario: Replay, document: Document) -> ReadLog:
+    """Read and check. Raises InputError for files that cannot be used or do not seem to match the log."""
+    motion, place, fewest = scenario.imu.convention(), scenario.gnss.convention(), scenario.gnss.min_satellites
+    tables = [_table(document, scenario, "imu", lambda path, *how: read_imu(path, how[0], motion, how[1]))]
+    ranges = None
+    if scenario.gnss.navigation is None:
+        simulated = scenario.gnss.simulator_fixes
+
+        def fixes_of(path: Path, lenient: bool, limited: bool) -> Any:
+            return read_fixes(path, fewest, lenient, place, limited, simulated)
+
+        tables.append(_table(document, scenario, "gnss", fixes_of))
+    else:
+        of_ranges, ranges = _observed(document, scenario)
+        tables.append(of_ranges)
+    scenario = _pinned(scenario, document)
+    warnings, not_judged = _checked(scenario, document, *(table.judged for table in tables))
+    for table in tables:
+        if table.refusal is not None:
+            raise table.refusal
+        warnings += table.lost.said()
+    samples, fixes = (table.rows for table in tables)
+    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged))
+
+
+def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[list[str], list[str]]:
+    """Warnings about probable mistakes in how the recording is written, and about unchecked quantities.
+
+    Raises InputError if it cannot be used.
+    """
+    if scenario.checks == "off":
+        return [], ["everything: checks are off"]
+    log = Log(
+        samples,
+        fixes,
+        scenario.imu.convention(),
+        scenario.gnss.convention(),
+        latency=scenario.gnss.latency_s,
+        first=-np.inf if scenario.begin is None else scenario.begin,
+        last=np.inf if scenario.end_s is None else scenario.end_s,
+        sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.lenient),
+    )
+    examined = examine(log)
+    found = examined.mistakes
+    if found and scenario.checks == "refuse":
+        way_out = "(`checks: warn` flies it nevertheless)"
+        raise InputError(
+            [Problem(document.place((m.section, "file")), f"{m.section}.file", f"{m} {way_out}") for m in found]
+        )
+    return [str(mistake) for mistake in found], examined.not_judged
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Rows of a file."""
+
+    judged: Any
+    """Rows for the checks."""
+    rows: Any
+    """Rows for the filter."""
+    lost: Dropped
+    """Rows that were left out."""
+    refusal: InputError | None = None
+    """Why the rows are unusable, unless the checks find a better reason."""
+
+
+def _table(
+    document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path, bool, bool], Any]
+) -> _Table:
+    """Read a file with a reader of (path, lenient, limited). Raises InputError.
+
+    Values outside of physical limits are damage, or a wrong unit. If there are many, the checks include them, so that
+    the wrong unit is found.
+    """
+    rows, lost = _read(document, scenario, section, lambda path: reader(path, scenario.lenient, False))
+    if lost.outside is None:
+        return _Table(rows, rows, lost)
+    try:
+        within, left = _read(document, scenario, section, lambda path: reader(path, True, True))
+    except InputError as too_few:
+        lost.outside.salvageable = False
+        refusal = too_few if scenario.lenient else _refused(document, scenario, section, lost.outside)
+        return _Table(rows, rows, lost, refusal)
+    judged = within if within.time.size >= (1.0 - MOST_DAMAGED) * rows.time.size else rows
+    if scenario.lenient:
+        return _Table(judged, within, left)
+    return _Table(judged, rows, lost, _refused(document, scenario, section, lost.outside))
+
+
+def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
+    """The fixes of RINEX observations, and their ranges. Raises InputError."""
+    gnss, dropped = scenario.gnss, Dropped(scenario.lenient)
+    several = []
+    for i, name in enumerate(gnss.navigation or ()):
+        path = document.resolve(("gnss", "navigation"), name)
+        place = document.place(("gnss", "navigation"))
+        try:
+            several.append(read_messages(path, scenario.lenient, dropped, gnss.wanted()))
+        except FileError as error:
+            at = Place(str(path), error.line, 1) if error.line else place
+            raise InputError([Problem(at, f"gnss.navigation[{i}]", f"{name}: {error.message}")]) from None
+        except OSError as error:
+            message = f"{name}: cannot be read: {error.strerror or error} ({path})"
+            raise InputError([Problem(place, f"gnss.navigation[{i}]", message)]) from None
+    shift = gnss.time_offset_s - float(gps_from_utc(scenario.epoch.timestamp()))
+    messages = together(several)
+    options = PositioningOptions(mask=gnss.mask_deg * DEG, troposphere=gnss.atmosphere, most_pdop=_MOST_PDOP)
+    fixes, ranges = _read(
+        document, scenario, "gnss",
+        lambda path: read_ranges(path, messages, options, gnss.min_satellites, shift, dropped),
+    )  # fmt: skip
+    return _Table(fixes, fixes, dropped), ranges
+
+
+def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path], Any]) -> Any:
+    name = getattr(scenario, section).file
+    path = document.resolve((section, "file"), name)
+    where = document.place((section, "file"))
+    key = f"{section}.file"
+    try:
+        return reader(path)
+    except FileError as error:
+        raise _refused(document, scenario, section, error) from None
+    except OSError as error:
+        message = f"{name}: cannot be read: {error.strerror or error} ({path})"
+        raise InputError([Problem(where, key, message)]) from None
+
+
+def _refused(document: Document, scenario: Replay, section: str, error: FileError) -> InputError:
+    """A file that cannot be used, at its line."""
+    where = document.place((section, "file"))
+    path = document.resolve((section, "file"), getattr(scenario, section).file)
+    place = Place(str(path), error.line, 1) if error.line else where
+    cure = "; `lenient: true` takes the intact part" if error.salvageable else ""
+    return InputError([Problem(place, f"{section}.file", f"{error.message} (named at {where}){cure}")])
+
+
+def _pinned(scenario: Replay, document: Document) -> Replay:
+    """The log with its files' checksums, which must be those given. Raises InputError."""
+    update = {}
+    for name in ("imu", "gnss"):
+        section = getattr(scenario, name)
+        checksum = files.checksum(document.resolve((name, "file"), section.file))
+        if section.file_sha256 not in (None, checksum):
+            place = document.place((name, "file_sha256"))
+            message = f"{section.file} has the checksum {checksum}, not this one"
+            raise InputError([Problem(place, f"{name}.file_sha256", message)])
+        update[name] = section.model_copy(update={"file_sha256": checksum})
+    if scenario.gnss.navigation is not None:
+        key = ("gnss", "navigation")
+        sums = tuple(files.checksum(document.resolve(key, name)) for name in scenario.gnss.navigation)
+        if scenario.gnss.navigation_sha256 not in (None, sums):
+            place = document.place(("gnss", "navigation_sha256"))
+            message = f"the files have the checksums {', '.join(sums)}, not these"
+            raise InputError([Problem(place, "gnss.navigation_sha256", message)])
+        update["gnss"] = update["gnss"].model_copy(update={"navigation_sha256": sums})
+    return scenario.model_copy(update=update)

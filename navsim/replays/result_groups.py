@@ -1,0 +1,126 @@
+"""Groups of the result of a replay: filter, innovations, lost spans, fixes, outages, summary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.filter import states
+from navsim.filter.design import Beliefs
+from navsim.filter.estimate import FILTER_KINDS, is_smoother
+from navsim.filter.records import REJECTED, TFG
+from navsim.replays import flight as replay
+from navsim.replays.findings import outage_spans
+from navsim.results.builder import ResultBuilder
+
+if TYPE_CHECKING:
+    from navsim.replays.study import Recording
+
+DILUTION = 3.0
+"""1 sigma of a fix in that of a range, for the start of a tight filter and the innovations of fixes."""
+
+
+def write_filter(
+    draft: ResultBuilder, flown: replay.Replayed, wanted: np.ndarray, names: Sequence[str], units: Sequence[str]
+) -> None:
+    draft["/filter/time"] = flown.time[wanted]
+    draft.put("/filter/state", np.array(names, dtype=object), {"state_units": ", ".join(units)})
+    draft["/filter/position_llh"] = flown.navigation[wanted, states.NAV_LLH : states.NAV_VEL]
+    draft["/filter/velocity_ned"] = flown.navigation[wanted, states.NAV_VEL : states.NAV_QUAT]
+    draft["/filter/attitude_rpy"] = flown.rpy[wanted]
+    draft["/filter/sigma"] = flown.sigma[wanted]
+    draft["/filter/gyro_bias"] = flown.navigation[wanted, states.NAV_GYRO : states.NAV_ACCEL]
+    draft["/filter/accelerometer_bias"] = flown.navigation[wanted, states.NAV_ACCEL : states.NAV_N]
+
+
+def write_innovations(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
+    draft["/innovations/time"] = flight.arrival
+    for name, part in (("position_ned", slice(0, 3)), ("velocity_ned", slice(3, 6))):
+        draft[f"/innovations/{name}"] = flown.innovation[:, part]
+        draft[f"/innovations/{name}_sigma"] = flown.innovation_sigma[:, part]
+    draft["/innovations/normalized_squared"] = flown.innovation_squared
+    draft["/innovations/degrees"] = flown.degrees
+    draft["/innovations/status"] = flown.status
+    if flight.ranges is None:
+        return
+    draft["/innovations/source"] = np.array(flight.ranges.names, dtype=object)
+    for i, name in enumerate(("range", "range_rate")):
+        draft[f"/innovations/{name}"] = flown.range_innovation[..., i]
+    draft["/innovations/range_status"] = flown.range_status
+
+
+def write_lost_spans(draft: ResultBuilder, flown: replay.Replayed) -> None:
+    draft["/lost/span"] = np.arange(len(flown.lost))
+    draft["/lost/start"] = np.array([one.begin for one in flown.lost], dtype=float)
+    draft["/lost/end"] = np.array([one.end for one in flown.lost], dtype=float)
+    draft["/lost/cause"] = np.array([one.why for one in flown.lost], dtype=object)
+
+
+def write_fixes(draft: ResultBuilder, flight: replay.RecordedFlight) -> None:
+    draft["/receiver/time"] = flight.arrival
+    draft["/receiver/position_llh"] = flight.llh
+    draft["/receiver/velocity_ned"] = flight.velocity
+
+
+def write_outages(
+    draft: ResultBuilder, recording: Recording, flight: replay.RecordedFlight, settings: np.ndarray
+) -> None:
+    beliefs = of_outages(recording.beliefs(settings, FILTER_KINDS[recording.scenario.filter.kind]))
+    fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
+    rows = []
+    for first, last in sorted({span for outage in recording.scenario.outages for span in outage_spans(outage)}):
+        inside = (flight.arrival >= first) & (flight.arrival <= last + 1e-9)
+        solved = inside & np.isfinite(flight.llh[:, 0])
+        if not solved.any() or first <= flight.imu_time[0] or last > flight.imu_time[-1]:
+            rows.append((first, last, np.nan, np.nan))
+            continue
+        final = int(np.flatnonzero(solved)[-1])
+        inside[final] = False  # the innovation of this one is the drift
+        flown = replay.fly(flight, beliefs, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
+        north, east, down = flown.innovation[final, :3]
+        rows.append((first, last, float(np.hypot(north, east)), float(abs(down))))
+    table = np.array(rows).reshape(-1, 4)
+    for index, name in enumerate(("start", "end", "horizontal_error", "vertical_error")):
+        draft[f"/outages/{name}"] = table[:, index]
+    draft["/outages/outage"] = np.arange(table.shape[0])
+
+
+def of_outages(beliefs: Beliefs) -> Beliefs:
+    """The filter model for outages, in which the filter may not know what comes after an outage."""
+    return replace(beliefs, kind=TFG if is_smoother(beliefs.kind) else beliefs.kind)
+
+
+def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
+    used = (flown.degrees > 0) & (flown.status != REJECTED)
+    groups = {"all": used, "moving": used & (flight.speed > moving)}
+    draft.put("/summary/fixes", np.array(list(groups)), moving=f"{moving:.2g} m/s")
+    rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
+    draft["/summary/innovation_position"] = rms[:, :3]
+    draft["/summary/innovation_velocity"] = rms[:, 3:]
+    nis = [
+        float(np.sum(flown.innovation_squared[m]) / np.sum(flown.degrees[m])) if m.any() else np.nan
+        for m in groups.values()
+    ]
+    draft["/summary/nis"] = np.array(nis)
+    for name, count in (
+        ("samples", flight.imu_time.size),
+        ("fixes", flight.arrival.size),
+        ("rejected", np.sum(flown.rejected)),
+        ("gaps", len(flight.gaps)),
+    ):
+        draft[f"/summary/count/{name}"] = np.int64(count)
+    of = np.round(draft["/outages/end"] - draft["/outages/start"], 9)
+    lengths, error = np.unique(of), draft["/outages/horizontal_error"]
+    draft["/summary/duration"] = lengths
+    for name, function in (("median", np.nanmedian), ("max", np.nanmax)):
+        values = np.array([function(error[of == length]) if np.isfinite(error[of == length]).any() else np.nan
+                           for length in lengths], dtype=float)  # fmt: skip
+        draft[f"/summary/drift_{name}"] = values
+
+
+def _rms(x: np.ndarray) -> float:
+    x = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(x**2))) if x.size else np.nan
