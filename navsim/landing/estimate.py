@@ -14,6 +14,7 @@ from navsim.landing.ensemble import HISTORIES, history_bytes
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
 from navsim.results.schema import SKY_TIMES
 from navsim.runner.batches import BATCH, TASK_BYTES
+from navsim.runner.control_variates import LEAST_RUNS
 from navsim.runner.estimate import (
     BASE_MEMORY,
     BATCH_FILE,
@@ -31,6 +32,10 @@ from navsim.simulation.landing_covariance import SOURCES
 
 STATISTICS = 288
 """Memory for the statistics of a run, bytes; three times while they are computed."""
+FIRST_ORDER = 36
+"""Numbers that an ensemble keeps of the first-order errors of a run."""
+CONTROLLED = 30
+"""Variables of controlled estimates; those of each run have 12 numbers."""
 COLUMNS = 52
 """Numbers of a run that its result keeps for merging."""
 PUSHED = 8
@@ -151,10 +156,15 @@ def landing(
         held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
     streamed = runs * stored
     # in addition to the sums of each block, once, the entry of each of their numbers
-    part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(here)
+    linear = FIRST_ORDER if runs > 1 else 0
+    statistics = STATISTICS + NUMBER * linear
+    part = runs * (COLUMNS + linear + (36 if here.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(here)
     result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
     result += NUMBER * (5 + here.sizes()["group"] + 3 * here.states) * (here.epochs + 1)
     variables = {"none": 119, "errors": 128, "all": 152}[keep] + (27 if runs > 1 else 0)
+    if runs >= LEAST_RUNS:
+        variables += CONTROLLED
+        result += 12 * NUMBER * runs
     if here.ways:
         variables += {"none": 16, "errors": 19, "all": 23}[keep]
     lasting = 0 if scenario.filter.tight else scenario.lasting_states(here.sources)
@@ -164,9 +174,9 @@ def landing(
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources + (here.samples if keep == "all" else 0))
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
-        shared_memory(here) + held + 3 * STATISTICS * runs + sums + image,
+        shared_memory(here) + _linear_memory(here, runs) + held + 3 * statistics * runs + sums + image,
         result,
-        runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
+        runs * (of_run + statistics) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
     )
 
 
@@ -203,6 +213,14 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
 def shared_memory(here: Extent) -> float:
     gains = NUMBER * MOST * here.states * here.filters * (here.epochs * max(1, here.ranged // 2) + here.aided)
     return BASE_MEMORY + SAMPLE_MEMORY * here.samples + SIGNAL_MEMORY * here.epochs * here.sources + 2 * gains
+
+
+def _linear_memory(here: Extent, runs: int) -> float:
+    """Memory of the linearised filter that computes first-order errors, and of the covariance analysis, bytes."""
+    if runs == 1:
+        return 0.0
+    route = NUMBER * here.epochs * (2 * here.states**2 + 2 * MOST * (here.states + max(1, here.sources)))
+    return route + NUMBER * 13 * here.samples + (ANALYSED_MEMORY * here.epochs if runs >= LEAST_RUNS else 0.0)
 
 
 def sums_bytes(here: Extent) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from navsim.filter.states import display_name, is_sigma_wrong
+from navsim.report.controlled_rows import controlled_rows
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
 from navsim.results.result import Result, scenario_of
 from navsim.results.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
@@ -751,6 +752,8 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     for i, label in enumerate(labels):
         for name in ("lateral", "along", "vertical"):
             row(f"  {label}, {name}", lambda r, n=name, i=i: _at(r, n, i))
+
+    controlled_rows(table, results)
 
     def levels(result: Result) -> str:
         return "" if single(result) else "  ".join(f"{p} %" for p in result["/summary/percentile"]) + " of runs below"
