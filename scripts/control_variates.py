@@ -1,5 +1,5 @@
 """Control variates: how many landings an ensemble is worth with its first-order errors, and whether its intervals
-cover; writes docs/control-variates-measured.md.
+cover; writes the page of measured gains.
 
 Run by `make validate`, some ten minutes on two cores.
 """
