@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import shutil
 from pathlib import Path
 
 from navsim.formats.export import export
@@ -43,8 +44,9 @@ COMMANDS: dict[str, tuple[object, ...]] = {
 
 
 def _table2(folder: Path) -> None:
-    navsim("table2", "--runs", 2, "-q", "-o", "t2", cwd=folder)
-    (folder / "t2" / "table2.h5").rename(folder / "table2.h5")
+    done = navsim("table2", "--runs", 12, "-o", "t2", cwd=folder)
+    (folder / "t2" / "printed.txt").write_text(done.stdout, encoding="utf-8")
+    shutil.copy(folder / "t2" / "table2.h5", folder)
 
 
 def _live(folder: Path) -> None:

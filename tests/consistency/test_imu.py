@@ -216,7 +216,7 @@ FURTHER = (
 """All of them, of sizes that the filter bears without knowing of them."""
 
 
-@pytest.mark.parametrize("kind", ["tfg", "eskf"])
+@pytest.mark.parametrize("kind", ["tfg", pytest.param("eskf", marks=pytest.mark.long)])
 def test_landing_with_every_error(kind: str) -> None:
     """Position and velocity NEES/6 of 200 runs at every 10 s within 0.9 to 1.15."""
     gentle = "receiver.rate_hz=1", "initial_errors.attitude_deg=1"

@@ -246,8 +246,7 @@ def without(path: Path, first: float, last: float) -> None:
     path.write_text("\n".join([head, *(r for r in rows if not first < float(r.split(",")[0]) < last)]) + "\n")
 
 
-@pytest.mark.parametrize("kind", ["rts", "map"])
-@pytest.mark.parametrize("fixes_lost", [False, True])
+@pytest.mark.parametrize(("kind", "fixes_lost"), [("rts", True), ("map", False)])
 def test_smoothing_carries_across_a_gap(kind: str, fixes_lost: bool, tmp_path: Path) -> None:
     """No samples for two seconds, while the flight rolls from one turn into the other: what came later corrects what
     was before and within, and the sigmas are those of the errors."""

@@ -375,6 +375,7 @@ def test_what_init_writes_runs_in_an_empty_folder(template: str, tmp_path: Path)
     for name in shipped.needs(template):
         assert (tmp_path / name).read_bytes() == (SCENARIOS / name).read_bytes()
         assert name in said
+    assert "\t" not in (tmp_path / "mine.yaml").read_text()
 
 
 def test_init_leaves_other_files_alone(tmp_path: Path) -> None:

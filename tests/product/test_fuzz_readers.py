@@ -281,7 +281,7 @@ def damage(draw: st.DrawFn) -> Callable[[bytes], bytes]:
 
 
 @pytest.mark.parametrize("name", READERS)
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(harm=st.lists(damage(), min_size=1, max_size=3))
 def test_a_damaged_file_is_read_or_refused(name: str, harm: list[Callable[[bytes], bytes]], tmp_path: Path) -> None:
     data = READERS[name][1].encode()
@@ -293,7 +293,7 @@ def test_a_damaged_file_is_read_or_refused(name: str, harm: list[Callable[[bytes
 
 
 @pytest.mark.parametrize("name", READERS)
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.binary(max_size=400))
 def test_rubbish_is_refused(name: str, data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "file"

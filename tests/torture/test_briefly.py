@@ -37,7 +37,7 @@ def test_mutants_are_computed_in_time(commands: Forks, scenarios: Path) -> None:
 
 
 def test_killed_anywhere_and_resumed(commands: Forks, tmp_path: Path) -> None:
-    assert trials.killed(commands, tmp_path, 103, 2, QUICK).wrong == []
+    assert trials.killed(commands, tmp_path, 103, 1, QUICK).wrong == []
 
 
 @pytest.mark.parametrize("most", [3, pytest.param(1000, marks=pytest.mark.long)])
@@ -46,7 +46,7 @@ def test_full_disk_at_steps_of_a_study(most: int, commands: Forks, tmp_path: Pat
     whole = trials.filled(commands, tmp_path / "whole", 104, most, ("landing",))
     assert whole.wrong == []
     assert whole.count >= 3
-    assert trials.filled(commands, tmp_path / "drawn", 104, 2, ("ensemble",)).wrong == []
+    assert trials.filled(commands, tmp_path / "drawn", 104, 1, ("ensemble",)).wrong == []
 
 
 def test_flipped_bytes_change_no_number(commands: Forks, tmp_path: Path) -> None:

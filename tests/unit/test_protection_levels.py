@@ -122,7 +122,7 @@ def test_a_source_out_is_a_line_of_arithmetic(drawn: tuple[int, int]) -> None:
     np.testing.assert_allclose(more.covariance, fix.covariance, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", [4, 5, 6])
+@pytest.mark.parametrize("seed", [4, *(pytest.param(seed, marks=pytest.mark.long) for seed in (5, 6))])
 def test_levels_bound_errors_at_budgets_that_can_be_counted(seed: int) -> None:
     """With p_HMI of 1e-3 and priors of 1e-2 the fault that the level comes from, at any size, all biases at their
     worst, leaves errors beyond it without an alarm in a tenth of 200 000 samples at most; and that is not far off."""
