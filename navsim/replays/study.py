@@ -29,6 +29,7 @@ from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays.findings import findings, outage_spans, warn_of_outages, warn_of_unflown
+from navsim.replays.flight_tables import own_or_usual
 from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read
 from navsim.replays.result_groups import (
     DILUTION,
@@ -180,7 +181,7 @@ class Recording:
         if self.tight:
             sigma = settings[:2]
         else:
-            own = replay.own_or_usual(flight.covariance, self.fix_sigma(settings))
+            own = own_or_usual(flight.covariance, self.fix_sigma(settings))
             sigma = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
         limit = float(limits[sigma.shape[-1]])
         counts = 0.5 * limit + np.sum(np.log(sigma), axis=-1)

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.filter.states import display_name
-from navsim.formats.export import choose_run, true_antenna
+from navsim.formats.export import choose_run
+from navsim.formats.export_maps import true_antenna
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
 from navsim.report.summary_tables import runs_of, setting

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.formats.export import true_antenna
+from navsim.formats.export_maps import true_antenna
 from navsim.formats.ridges import RidgeLine, ridges
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.geodesy.horizon import crossings, reach

@@ -13,19 +13,17 @@ Their sum is the true covariance, whatever the filter model, and the terms are t
 The propagated state has nine navigation errors, the negative sensor states of the filter, and the true sensor states.
 The filter's error of a state is the sum of those with the same meaning. An error drawn once a run (initial error,
 constant bias, orbit, clock) is propagated as the effect of its one sigma; noise is propagated as a covariance
-(`filter.sensitivity_propagation`). Noise of carrier-smoothed ranges is correlated in time: see `_Smoothed`.
+(`filter.sensitivity_propagation`). Noise of carrier-smoothed ranges is correlated in time: see `SmoothedRanges`.
 
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8.
 """
 
 from __future__ import annotations
 
-import copy as copying
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,16 +37,22 @@ from navsim.filter.records import OUTPUT, Events, ImuData
 from navsim.filter.sensitivity_propagation import Route, carry_columns, carry_covariances, carry_excess
 from navsim.filter.states import MOST, Block
 from navsim.gnss.correlated_errors import LastingErrors
-from navsim.gnss.pseudolite_clock import WanderingClocks
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.fix_slopes import slopes
 from navsim.simulation.aiding import Aid
+from navsim.simulation.correlated_sources import (
+    LastingSources,
+    SmoothedRanges,
+    SourceErrors,
+    WanderingClockErrors,
+    white_noise,
+)
 from navsim.simulation.inertial_states import TrueState, followed, true_states
 from navsim.simulation.landing import Flight, InitialErrors, begun, exact_clock, exact_start, with_clock
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
 from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.range_curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
-from navsim.simulation.shared_truth import CARRIER_SIGMA, believed_measurements, without_noise
+from navsim.simulation.shared_truth import believed_measurements, without_noise
 
 SOURCES = (
     "initial_position",
@@ -128,198 +132,6 @@ class Analysis:
         second = self.covariance + self.mean[:, :, None] * self.mean[:, None, :]
         believed, second = (p[:, numbers[:, None], numbers] for p in (self.believed, second))
         return np.trace(np.linalg.solve(believed, second), axis1=1, axis2=2) / numbers.size
-
-
-class _SourceErrors(ABC):
-    """Time-correlated ranging errors together with their effect on the state: covariance (S + s)^2 for each of k kinds.
-
-    Each source has one or more states after the S propagated ones. epoch: of the present errors, -1 before the first.
-    """
-
-    def __init__(self, kinds: int, size: int, sources: int):
-        """size: number S of propagated states."""
-        self.size, self.epoch = size, -1
-        self.cov = np.zeros((kinds, size + sources, size + sources))
-
-    def copied(self) -> Self:
-        """Independent copy."""
-        out = copying.copy(self)
-        out.cov = self.cov.copy()
-        return out
-
-    def carry(self, phi: np.ndarray) -> None:
-        """Propagate by a change of the state `phi` (S, S): an interval, or the update with another sensor."""
-        self.cov[:, : self.size] = phi @ self.cov[:, : self.size]
-        self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ phi.T
-
-    def states(self) -> np.ndarray:
-        """Covariances of the state by each kind (k, S, S)."""
-        return self.cov[:, : self.size, : self.size]
-
-    def errors(self, when: float) -> np.ndarray:
-        """Covariances of the errors of the filter's states by each kind (k, S, S) at a time, s."""
-        return self.states()
-
-    @abstractmethod
-    def measure(self, i: int) -> None:
-        """The errors become those of epoch i, if they are not yet."""
-
-    @abstractmethod
-    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Propagate through the update of a fix, or a range, of epoch i; returns the addition to E[z z'] (m, m).
-
-        gain (S, m); here (m, S): measurement matrix; slope (m, s): derivative by the errors.
-        """
-
-
-class _Lasting(_SourceErrors):
-    """Time-correlated measurement errors, of each kind those of sources of variance one.
-
-    shown: returns their effect on the filter's states for such errors at an epoch (n, k, s). moving: whether they
-    change between epochs, or keep the last value.
-    """
-
-    def __init__(
-        self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray,
-        shown: Callable[[int], np.ndarray], moving: bool = False,
-    ):  # fmt: skip
-        """size: number S of propagated states; errors, used (e, s), time (e,) of `Signals`."""
-        super().__init__(len(errors.names), size, used.shape[1])
-        self.shown, self.time, self.decay, self.moving = shown, time, 1.0 / errors.time, moving
-        self.sigma = np.where(used, errors.sigma, 0.0)
-        self.kept, self.new = errors.steps(time)
-
-    def measure(self, i: int) -> None:
-        """The errors become those of epoch i, if they are not yet."""
-        at = self.size + np.arange(self.cov.shape[1] - self.size)
-        while self.epoch < i:
-            self.epoch += 1
-            kept = self.kept[self.epoch][:, None, None]
-            self.cov[:, self.size :] *= kept
-            self.cov[:, :, self.size :] *= kept
-            self.cov[:, at, at] += self.new[self.epoch][:, None] ** 2
-
-    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """See `_SourceErrors.fixed`; slope (m, s): derivative by the ranges."""
-        out = np.zeros((slope.shape[0],) * 2)
-        for cov, sigma in zip(self.cov, self.sigma[:, i], strict=True):
-            seen = np.hstack([here, slope * sigma])
-            by = seen @ cov
-            out += by @ seen.T
-            cov[: self.size] -= gain @ by
-            cov[:, : self.size] -= (cov @ seen.T) @ gain.T
-        return out
-
-    def errors(self, when: float) -> np.ndarray:
-        """Covariances of the errors of the filter's states by each kind (k, S, S) at a time, s."""
-        turn = np.eye(self.size, self.cov.shape[1])
-        out = np.empty((self.cov.shape[0], self.size, self.size))
-        at = max(self.epoch, 0)
-        age, of_kinds = abs(when - self.time[at]) if self.moving else 0.0, self.shown(at)
-        for k, cov in enumerate(self.cov):
-            shown, kept = of_kinds[:, k], math.exp(-age * self.decay[k])
-            turn[:, self.size :] = kept * shown
-            out[k] = turn @ cov @ turn.T
-            if kept < 1.0:
-                out[k] += (1.0 - kept**2) * shown @ shown.T
-        return out
-
-
-def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.ndarray, epoch: np.ndarray) -> np.ndarray:
-    """Covariance of measurements (m, MOST, MOST) by independent errors of chosen (s,) sources; slope: (m, MOST, s) in
-    the epochs (m,), others: (e, s)."""
-    spread = slope * np.where(used & chosen, sigma, 0.0)[epoch, None, :]
-    return spread @ np.swapaxes(spread, 1, 2)
-
-
-class _Smoothed(_SourceErrors):
-    """Range noise after Hatch's filter, of satellites and of pseudolites.
-
-    The smoothed noise is x + w, with the carrier noise w. With the code noise v, x = (1 - 1/n) x before + (v - w) / n:
-    a first-order process driven by white noise, one state more for each source.
-    """
-
-    def __init__(
-        self,
-        size: int,
-        counts: np.ndarray,
-        sigma: np.ndarray,
-        used: np.ndarray,
-        of_pseudolites: np.ndarray,
-    ):
-        """size: number S of propagated states; counts, sigma, used: (e, s) of `Signals`; of_pseudolites: (s,) bool."""
-        super().__init__(2, size, of_pseudolites.size)
-        self.n = np.maximum(counts, 1)
-        self.decay = np.where(counts > 1, 1.0 - 1.0 / self.n, 0.0)
-        self.sigma, self.used = sigma, used
-        self.chosen = (~of_pseudolites, of_pseudolites)
-
-    def measure(self, i: int) -> None:
-        """The smoothed noises become those of epoch i, if they are not yet."""
-        if self.epoch == i:
-            return
-        self.epoch, decay = i, self.decay[i]
-        self.cov[:, self.size :] *= decay[:, None]
-        self.cov[:, :, self.size :] *= decay
-        at = self.size + np.arange(decay.size)
-        for cov, chosen in zip(self.cov, self.chosen, strict=True):
-            code = np.where(chosen & self.used[i], self.sigma[i], 0.0)
-            phase = np.where(chosen & self.used[i], CARRIER_SIGMA, 0.0)
-            cov[at, at] += (code**2 + phase**2) / self.n[i] ** 2
-
-    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """See `_SourceErrors.fixed`; slope (m, s): derivative by the ranges."""
-        m = slope.shape[0]
-        turn = np.eye(self.cov.shape[1])
-        turn[: self.size, : self.size] -= gain @ here
-        turn[: self.size, self.size :] = -gain @ slope
-        seen = np.hstack([here, slope])
-        out = np.zeros((m, m))
-        for k, chosen in enumerate(self.chosen):
-            phase = np.where(chosen & self.used[i], CARRIER_SIGMA**2, 0.0)
-            # the carrier's noise is in the fix and, with the other sign, in the smoothed state
-            with_phase = np.zeros((self.cov.shape[1], phase.size))
-            with_phase[self.size :] = np.diag(-phase / self.n[i])
-            cross = seen @ with_phase @ slope.T
-            out += seen @ self.cov[k] @ seen.T + cross + cross.T + (slope * phase) @ slope.T
-            direct = np.zeros_like(with_phase)
-            direct[: self.size] = -gain @ slope
-            cross = turn @ with_phase @ direct.T
-            self.cov[k] = turn @ self.cov[k] @ turn.T + cross + cross.T + (direct * phase) @ direct.T
-        return out
-
-
-class _Wandering(_SourceErrors):
-    """Clock noise of pseudolites, of one kind: the offsets of all, then their rates."""
-
-    def __init__(self, size: int, clocks: WanderingClocks, used: np.ndarray, time: np.ndarray):
-        """size: number S of propagated states; used (e, s), time (e,) of `Signals`."""
-        super().__init__(1, size, 2 * int(clocks.which.sum()))
-        self.used = np.tile(used[:, clocks.which], 2)
-        self.transition, self.new = clocks.steps(time)
-
-    def measure(self, i: int) -> None:
-        """The errors become those of epoch i, if they are not yet."""
-        own, one = slice(self.size, None), np.eye(self.used.shape[1] // 2)
-        while self.epoch < i:
-            self.epoch += 1
-            on = np.kron(self.transition[self.epoch], one)
-            self.cov[:, own] = on @ self.cov[:, own]
-            self.cov[:, :, own] = self.cov[:, :, own] @ on.T
-            self.cov[:, own, own] += np.kron(self.new[self.epoch], one)
-
-    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Propagate through the update of a fix, or a range, of epoch i; returns the addition to E[z z'] (m, m).
-
-        gain (S, m); here (m, S): measurement matrix; slope (m, 2 p): derivatives by offsets and rates.
-        """
-        seen = np.hstack([here, np.where(self.used[i], slope, 0.0)])
-        (cov,) = self.cov
-        by = seen @ cov
-        out = by @ seen.T
-        cov[: self.size] -= gain @ by
-        cov[:, : self.size] -= (cov @ seen.T) @ gain.T
-        return np.asarray(out)
 
 
 class _Augmented:
@@ -474,9 +286,11 @@ def analyse(
     # white noise at each measurement, by its source: covariance (w, MOST, MOST)
     noise = {source: np.zeros((*there.shape, MOST)) for source in (*_RATES, *_RANGES, *range(len(own), len(sources)))}
     for which, chosen in enumerate((~of_pseudolites, of_pseudolites)):
-        noise[_RATES[which]][weighed] = np.where(both, _white(by_rate, s.rate_sigma, s.used, chosen, epoch)[row], 0.0)
+        of_rates = white_noise(by_rate, s.rate_sigma, s.used, chosen, epoch)
+        noise[_RATES[which]][weighed] = np.where(both, of_rates[row], 0.0)
         if s.smoothing is None:
-            noise[_RANGES[which]][weighed] = np.where(both, _white(by_range, s.sigma, s.used, chosen, epoch)[row], 0.0)
+            of_ranges = white_noise(by_range, s.sigma, s.used, chosen, epoch)
+            noise[_RANGES[which]][weighed] = np.where(both, of_ranges[row], 0.0)
     if curvature is not None:
         noise[sources.index(CURVATURE)] = np.zeros((*there.shape, MOST))
         noise[sources.index(CURVATURE)][weighed] = np.where(both, curvature.white[epoch][row], 0.0)
@@ -814,7 +628,7 @@ def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudoli
     """Add the effect of smoothed range noise."""
     s = flight.world.signals
     assert s.smoothing is not None
-    own = _Smoothed(along.lin.believed.shape[1], s.smoothing, s.sigma, s.used, of_pseudolites)
+    own = SmoothedRanges(along.lin.believed.shape[1], s.smoothing, s.sigma, s.used, of_pseudolites)
     _carry_remembered(flight, along, route, own, _own_kind(flight), along.epoch, along.by_range, list(_RANGES), out)
 
 
@@ -831,7 +645,7 @@ def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[i
         out[followed_] = of_states(epoch)
         return out
 
-    own = _Lasting(n, s.lasting, s.used, s.time, shown)
+    own = LastingSources(n, s.lasting, s.used, s.time, shown)
     own.measure(0)
     _carry_remembered(flight, along, route, own, _own_kind(flight), along.epoch, along.by_range, rows, out)
 
@@ -840,7 +654,7 @@ def _carry_wandering(flight: Flight, along: AlongTruth, route: Route, row: int, 
     """Add the effect of clock noise of pseudolites."""
     s = flight.world.signals
     assert s.wandering is not None
-    own = _Wandering(along.lin.believed.shape[1], s.wandering, s.used, s.time)
+    own = WanderingClockErrors(along.lin.believed.shape[1], s.wandering, s.used, s.time)
     slope = np.concatenate([by[..., s.wandering.which] for by in (along.by_range, along.by_rate)], axis=2)
     _carry_remembered(flight, along, route, own, _own_kind(flight), along.epoch, slope, [row], out)
 
@@ -875,7 +689,7 @@ def _carry_aided(flight: Flight, along: AlongTruth, route: Route, aid: Aid, rows
         for k in np.flatnonzero(there == error):
             shown[:, state, k] = aid.slope * sigma[k]
     those = LastingErrors(_lasting_of(aid), errors.time[there], sigma)
-    own = _Lasting(n, those, np.ones((m, 1), bool), aid.time, shown.__getitem__, moving=True)
+    own = LastingSources(n, those, np.ones((m, 1), bool), aid.time, shown.__getitem__, moving=True)
     by = np.zeros((m, MOST, 1))
     by[:, : aid.exact.shape[1]] = aid.slope
     own.measure(0)
@@ -888,7 +702,7 @@ def _own_kind(flight: Flight) -> int:
 
 
 def _carry_remembered(
-    flight: Flight, along: AlongTruth, route: Route, own: _SourceErrors, kind: int, epoch: np.ndarray,
+    flight: Flight, along: AlongTruth, route: Route, own: SourceErrors, kind: int, epoch: np.ndarray,
     slope: np.ndarray, rows: list[int], out: _Sums,
 ) -> None:  # fmt: skip
     """Add the effect of time-correlated errors of a kind of measurements, each kind of error to the variance of its

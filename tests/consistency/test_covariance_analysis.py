@@ -162,17 +162,17 @@ def test_a_matched_filter_with_a_wrong_expectation_stops(monkeypatch: pytest.Mon
     """Expected NIS off 1 by more than 1 % is navsim's mistake: with the noise lost, as once, the analysis raises."""
     flown = case(*GENTLE, "duration_s=20")
     covariance_analysis(flown)
-    lost = landing_covariance._white
+    lost = landing_covariance.white_noise
 
     def quieter(*arguments: np.ndarray) -> np.ndarray:
         return 0.97 * lost(*arguments)
 
-    monkeypatch.setattr(landing_covariance, "_white", quieter)
+    monkeypatch.setattr(landing_covariance, "white_noise", quieter)
     with pytest.raises(landing_covariance.AnalysisError, match=r"NIS is 0\.9"):
         covariance_analysis(flown)
     # a filter that believes otherwise may be off
     covariance_analysis(case(*GENTLE, "duration_s=20", "filter.fix_sigma_scale=2"))
-    monkeypatch.setattr(landing_covariance, "_white", lambda *arguments: np.nan * lost(*arguments))
+    monkeypatch.setattr(landing_covariance, "white_noise", lambda *arguments: np.nan * lost(*arguments))
     with pytest.raises(landing_covariance.AnalysisError, match="undefined"):
         covariance_analysis(case(*GENTLE, "duration_s=20", "filter.fix_sigma_scale=2"))
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from shapely.geometry import shape
 
-from navsim.formats import export
-from navsim.formats.export import true_antenna
+from navsim.formats import export, export_maps
+from navsim.formats.export_maps import true_antenna
 from navsim.geodesy import earth
 from navsim.geodesy import earth_kernels as point
 from navsim.landing import study as landing
@@ -113,10 +113,10 @@ def test_an_area_is_cut_as_well() -> None:
     """And one that lies beyond the line is brought back whole."""
     ring = [[179.0, 0.0, 5.0], [181.0, 0.0, 5.0], [181.0, 1.0, 5.0], [179.0, 1.0, 5.0], [179.0, 0.0, 5.0]]
     for given in (ring, ring[::-1], [[lon - 360.0, *rest] for lon, *rest in ring]):
-        cut = shape(export._geometry("Polygon", given))
+        cut = shape(export_maps._geometry("Polygon", given))
         assert sorted(part.bounds for part in cut.geoms) == [(-180.0, 0.0, -179.0, 1.0), (179.0, 0.0, 180.0, 1.0)]
         assert all(part.exterior.is_ccw for part in cut.geoms)
-    beyond = export._geometry("LineString", [[180.5, 0.0, 5.0], [181.0, 0.0, 5.0]])
+    beyond = export_maps._geometry("LineString", [[180.5, 0.0, 5.0], [181.0, 0.0, 5.0]])
     assert beyond == {"type": "LineString", "coordinates": [[-179.5, 0.0, 5.0], [-179.0, 0.0, 5.0]]}
 
 
@@ -155,7 +155,7 @@ def test_a_recorded_flight_across_the_date_line(tmp_path: Path) -> None:
 def test_a_line_that_crosses_itself_is_cut_as_it_is_flown() -> None:
     """There and back, and once more: four parts in their order, with their own heights."""
     there = [[179.0, 0.0, 1.0], [181.0, 0.0, 2.0], [179.0, 0.0, 3.0], [181.0, 0.0, 4.0]]
-    cut = export._geometry("LineString", there)
+    cut = export_maps._geometry("LineString", there)
     assert cut["type"] == "MultiLineString"
     assert cut["coordinates"] == [
         [[179.0, 0.0, 1.0], [180.0, 0.0, 1.5]],
@@ -163,5 +163,5 @@ def test_a_line_that_crosses_itself_is_cut_as_it_is_flown() -> None:
         [[180.0, 0.0, 2.5], [179.0, 0.0, 3.0], [180.0, 0.0, 3.5]],
         [[-180.0, 0.0, 3.5], [-179.0, 0.0, 4.0]],
     ]
-    west = export._geometry("LineString", [[-179.0, 0.0, 0.0], [-181.0, 0.0, 0.0]])
+    west = export_maps._geometry("LineString", [[-179.0, 0.0, 0.0], [-181.0, 0.0, 0.0]])
     assert west["coordinates"] == [[[-179.0, 0.0, 0.0], [-180.0, 0.0, 0.0]], [[180.0, 0.0, 0.0], [179.0, 0.0, 0.0]]]

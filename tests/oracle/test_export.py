@@ -12,7 +12,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from navsim.formats.export import _runway, export
+from navsim.formats.export import export
+from navsim.formats.export_maps import _runway
 from navsim.formats.recording import read_fixes
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import read_obs

@@ -117,7 +117,7 @@ def test_states_are_named_and_not_counted() -> None:
             )
         ),
         *(PACKAGE / "simulation" / f"{name}.py" for name in (
-            "landing", "landing_covariance", "inertial_states",
+            "landing", "landing_covariance", "correlated_sources", "inertial_states",
         )),
         *(PACKAGE / "replays" / f"{name}.py" for name in ("flight", "live", "live_filter")),
         *sorted((PACKAGE / "landing").glob("[!t]*.py")), PACKAGE / "landing" / "result_groups.py",  # table2 has rows
