@@ -161,7 +161,7 @@ def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) ->
     how = how or Shown()
     kinds = {str(result.attributes["kind"]) for _, result in results}
     if len(kinds) > 1:
-        leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
+        leave(BAD_INPUT, f"results of different kinds cannot be compared: {', '.join(sorted(kinds))}")
     here = view(kinds.pop())
     parts: Sequence[Table | str] = here.tables(results)
     if how.compare:
@@ -184,7 +184,7 @@ def print_parts(parts: Sequence[Table | str], how: Shown) -> None:
         parts = chosen(tables, how.rows)
         if not parts:
             near = nearest_rows(how.rows, {str(row.cells[0]).strip() for table in tables for row in table.rows})
-            ask = f"nearest: {'; '.join(near)}" if near else "without --rows all stand there"
+            ask = f"nearest: {'; '.join(near)}" if near else "without --rows all are printed"
             leave(BAD_INPUT, f"--rows {how.rows}: no row has it, nor a heading of rows; {ask}")
     if how.format == "terminal":
         _print_fitted(parts, how.compare)

@@ -170,7 +170,7 @@ def ends() -> Iterator[None]:
             _leave_for_signal()  # typer caught it before a command had begun, and says nothing
         raise
     except MemoryError:
-        print_message("error: there is too little memory; --dry-run tells how much is needed")
+        print_message("error: not enough memory; --dry-run prints the need")
         sys.exit(RUN_FAILED)
     except Defect as error:
         print_message(f"error: {error}")

@@ -55,7 +55,7 @@ def merge(
         target = target_of(given.output, given.output.stem)
     for file in parts:
         if target.exists() and target.samefile(file):
-            leave(BAD_INPUT, f"{file}: is a part, and cannot be the whole as well; choose another -o/--output")
+            leave(BAD_INPUT, f"{file}: is one of the parts; choose another -o/--output")
     with leaving(), translate_errors(target):
         job = MergeJob(results, given.folder.absolute())
     wanted = TerminalRequest(care, required, Options(), given.figures, given.dry_run, given.json_)

@@ -171,7 +171,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     if came:
         raise typer.Exit(128 + came[0])
     if wrong:
-        leave(RUN_FAILED, f"what was flown is no result; what came is kept in {target}")
+        leave(RUN_FAILED, f"this is no valid result; the data are kept in {target}")
 
 
 def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Session:
@@ -230,7 +230,7 @@ def _ended_by_signals(session: Session) -> Iterator[list[int]]:
 
     def end(number: int, _: object) -> None:
         came.append(number)
-        session.stopped = f"{WORDS[number]}; what came so far is kept"
+        session.stopped = f"{WORDS[number]}; the data so far are kept"
         if number == signal.SIGHUP:  # a terminal that hung up takes no more words, and fails at each
             for descriptor in terminals:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)

@@ -73,7 +73,7 @@ def show(
     if provenance and compare:
         leave(BAD_INPUT, "--provenance has no numbers to compare: not with --compare")
     if compare and len(files) < 2:
-        leave(BAD_INPUT, "--compare needs two results or more: the first is what the others are held against")
+        leave(BAD_INPUT, "--compare needs two results or more; it compares the others with the first")
     results = list(zip(called(files), map(read_result, files), strict=True))
     from navsim.report.view import plain, view
     from navsim.results.result import ResultError
@@ -114,7 +114,7 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
 
     for file, result in zip(files, results, strict=True):
         if (version := _layout(result)) is None:
-            text = f"{file}: does not tell the version of its layout; this navsim shows version {SCHEMA_VERSION}"
+            text = f"{file}: has no layout version; this navsim shows version {SCHEMA_VERSION}"
             AT_TERMINAL.warn(text)
         elif version > SCHEMA_VERSION:
             AT_TERMINAL.warn(
@@ -140,7 +140,7 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
         for result, file in zip(results, files, strict=True):
             if (version := _layout(result)) != SCHEMA_VERSION:
                 by = result.attributes.get("navsim_version")
-                written = "does not tell what wrote it" if by is None else f"written by navsim {by}"
+                written = "does not name the program that wrote it" if by is None else f"written by navsim {by}"
                 newer = version is not None and version > SCHEMA_VERSION
                 helps = "read it with a newer navsim" if newer else "compute it again with this version"
                 of_others.append(f"{file}: {written}; {helps}")
@@ -204,7 +204,7 @@ def plot(
             folder = figure_folder(figures, file, skipped=False)
         result = read_result(file)
         if folder is None:
-            print_message(f"{file}: no figures, as --figures none says")
+            print_message(f"{file}: no figures (--figures none)")
             continue
         with shown_as_stored([result], [file]):
             from navsim.report.printing import Print

@@ -166,7 +166,7 @@ def compiling() -> str:
     if _FOLDERS is None or _NOT_KEPT:
         return f"compiling the kernels, about a minute at every start: {_NOT_KEPT}"
     return (
-        "compiling the kernels of this kind of computation, about a minute; they are kept for the next time in "
+        "compiling the kernels of this kind of computation, about a minute; the next computation finds them in "
         f"{_FOLDERS.version}"
     )
 

@@ -197,7 +197,7 @@ def _yuma(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Kepleria
                 lines[at][0], "expected a headline such as ******** Week 866 almanac for PRN-01 ********", path
             )
         if "GLO" in lines[at][1].upper():
-            raise FileError(lines[at][0], "a YUMA file of GLONASS satellites does not tell their slots; use .agl", path)
+            raise FileError(lines[at][0], "a YUMA file of GLONASS satellites has no slots; use .agl", path)
         block = lines[at + 1 : at + 1 + len(_YUMA)]
         values = []
         for due, (line, text) in zip(_YUMA, block, strict=False):

@@ -49,7 +49,7 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
     """
     kind = str(result.attributes["kind"])
     if result.attributes.get("method") == "rare":
-        raise ResultError("of pushed runs (method rare) only the errors at the box are kept: there is no flight in it")
+        raise ResultError("method rare keeps errors at the box, but no flight; export a result of method monte-carlo")
     if kind == "landing":
         writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "imu": _imu, "kml": write_kml, "geojson": write_geojson}
     elif kind == "replay":

@@ -227,7 +227,7 @@ def _alone(parts: SplitResult) -> str:
     """Note for a source without an address."""
     if parts.hostname:
         return ""
-    return f"only this machine is heard; {parts.scheme}://0.0.0.0:{parts.port} hears others too"
+    return f"listening to this machine only; {parts.scheme}://0.0.0.0:{parts.port} accepts others, too"
 
 
 def _udp(parts: SplitResult) -> _Source:

@@ -563,7 +563,7 @@ def integer(path: Path, line: int, text: str, name: str) -> int:
     """An integer. Raises FileError."""
     value = number(path, line, text, name)
     if value != int(value):
-        raise FileError(line, f"{name} must be a whole number, not {text.strip()[:30]}", path)
+        raise FileError(line, f"{name} must be an integer, not {text.strip()[:30]}", path)
     return int(value)
 
 

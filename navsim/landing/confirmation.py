@@ -152,7 +152,7 @@ class Confirmation:
             text = f"{whose}: {label(one.choice)} is rejected: {self._both(one)}"
             out.append(Finding("rejected_choice", text))
         if self.best.is_worse:
-            text = f"{whose}: covariance analysis and runs do not agree: {self._both(self.best)}; believe the runs"
+            text = f"{whose}: covariance analysis and runs do not agree: {self._both(self.best)}; trust the runs"
             text += "; nothing else that was flown is better" if self.rejected else ""
             out.append(Finding("choice_worse_than_analysed", text, (CONSISTENT,)))
         elif is_better(self.best.analysed, self.best.errors[0]):

@@ -465,7 +465,7 @@ def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
     silent = glide & ~bank.aided
     if silent.any():
         return [
-            f"integrity: nothing is received at {silent.sum()} of {glide.sum()} epochs of the glide: an alert, and no "
+            f"integrity: no signal at {silent.sum()} of {glide.sum()} epochs of the glide: an alert, and no "
             "level counts there"
         ]
     said = _named(case, (bank.found.monitored & bank.idle)[:, glide].any(axis=1))

@@ -43,7 +43,7 @@ def ordered(given: Parts) -> Parts:
         kind, method = (str(one.attributes.get(name, "")) for name in ("kind", "method"))
         if kind != "landing" or method == "covariance":
             what = f"kind {kind}" if kind != "landing" else "method covariance"
-            raise OptionError(f"{file}: is no part of an ensemble of landings but of {what}")
+            raise OptionError(f"{file}: is not part of an ensemble of landings but of {what}")
         if not mergeable(one):
             raise OptionError(f"{file}: has no {PART}, written by an earlier version of navsim; fly it again")
         mine, theirs = _identity(one), _identity(first)
@@ -134,8 +134,8 @@ def merged(parts: Parts, case: Case) -> Result:
             for other_file, other in parts:
                 if path not in other or not _same(other.variables[path], whole.variables[path]):
                     raise OptionError(
-                        f"{other_file}: {path}, which all runs share, is another than here: flown by other code, "
-                        "another numba or another sort of processor"
+                        f"{other_file}: {path}, common to all runs, differs from the others: it was computed by other "
+                        "code, another numba or another type of processor; compute it again here"
                     )
     return whole
 

@@ -148,9 +148,9 @@ def _wind(scenario: Landing, trajectory: Moving) -> Iterator[str]:
         crab = math.degrees(float(np.nanmax(np.abs(flown.crab))))
         yield (
             f"wind.{key}: at {times[worst]:.1f} s the wind of {speed[worst]:.1f} m/s is {100.0 * share:.0f} % of the "
-            f"airspeed of {flown.airspeed[worst]:.1f} m/s; no aircraft lands in that. A mean wind only turns the nose, "
+            f"airspeed of {flown.airspeed[worst]:.1f} m/s; no aircraft lands in it. A mean wind only turns the nose, "
             f"here by up to {crab:.0f} deg, so accuracies hardly change. Check the unit (1 kt is 0.514 m/s); "
-            "wind.turbulence and wind.gusts are what disturbs a flight"
+            "wind.turbulence and wind.gusts disturb the flight"
         )
 
 

@@ -267,7 +267,7 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
     out += _gains_passed_over(scenario)
     if (broken_off := trajectory.path.events.get(GO_AROUND, math.inf)) <= scenario.duration_s:
         out.append(
-            f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
+            f"the go-around begins at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
             "there are not defined, and those of the last seconds before it are of the end of the simulation"
         )
     out += implausible(scenario, trajectory) + one_direction(scenario, trajectory)
@@ -319,7 +319,7 @@ def _gains_passed_over(scenario: Landing) -> list[str]:
     if not there:
         return []
     names, cures = (" and ".join(words) for words in zip(*((name, cure) for name, cure, _ in there), strict=True))
-    told = f"which the filter takes for none: give {cures}"
+    told = f"which the filter model lacks: give {cures}"
     if imu.preset in IMU_SHEETS:
         return [f"imu.preset: {imu.preset} has {names}, {told}"]
     return [f"{', '.join(key for *_, keys in there for key in keys)}: the sensors have {names}, {told}"]
@@ -418,7 +418,7 @@ def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> l
 def _hidden_throughout(names: Sequence[str], hidden: np.ndarray) -> list[str]:
     """Warning about pseudolites that terrain hides at all fixes, (e, p) bool."""
     return [
-        f"terrain: {name} is behind it during the whole flight, and never received"
+        f"terrain: {name} is behind it during the whole flight and never received; move it, or the ridge"
         for name, times in zip(names, hidden.T, strict=True)
         if times.size and times.all()
     ]

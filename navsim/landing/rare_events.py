@@ -211,7 +211,7 @@ def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
         axis = AXES[np.flatnonzero(np.isfinite(edge.box.upper))[off.argmax()]]
         text = (
             f"the {axis} error at the box is not linear in the random inputs by {off.max():.2g} sigma; the "
-            "interval is too narrow more often than it says (docs/rare-events.md)"
+            "interval contains the true probability in less than 95 % of the studies (docs/rare-events.md)"
         )
         out.append(Finding("not_linear", text, (), flown.runs, flown.runs, flown.runs))
     return out

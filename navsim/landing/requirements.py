@@ -99,7 +99,7 @@ def untold_by_pushed_runs(scenario: Landing) -> list[str]:
     untold = [said + _statement(one)[0] for said, one in every if not isinstance(one, BoxRequirement)]
     if not untold:
         return []
-    return [f"requirements: method rare tells of the box alone; method monte-carlo tells of: {'; '.join(untold)}"]
+    return [f"requirements: method rare evaluates only the box; method monte-carlo also evaluates: {'; '.join(untold)}"]
 
 
 @dataclass(frozen=True)

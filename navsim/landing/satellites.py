@@ -127,7 +127,7 @@ def _read_almanac(path: Path, utc: float, scenario: Landing) -> _Read:
     if found.untitled:
         raise FileError(
             0,
-            f"{found.untitled} of its two-line elements have no names, which would tell their systems; give "
+            f"{found.untitled} of its two-line elements have no names, so their system is unknown; give "
             f"sky.almanac_system ({' or '.join(NAMES)}), or a file with names",
         )
     return _Read(found.constellations, found.not_used)
@@ -224,10 +224,10 @@ class _Files:
                     nearest = found
         key, text = ("signals", "system_offsets_ns", system), ""
         if nearest is None:
-            text = f"no header of sky.navigation says how far {system} time is from GPS time (TIME SYSTEM CORR)"
+            text = f"no header of sky.navigation has the offset of {system} time (TIME SYSTEM CORR); give a number"
         elif abs(now - nearest.reference) > _LONGEST_WORD:
             days = abs(now - nearest.reference) / timescales.DAY
-            text = f"what sky.navigation says of {system} time is of {days:.0f} days away from the epoch; give a number"
+            text = f"the {system} time offset of sky.navigation is {days:.0f} days away from the epoch; give a number"
         if nearest is None or text:
             raise InputError([Problem(self.document.place(key), dotted(key), text)])
         return nearest.at(now)
@@ -249,7 +249,7 @@ def _warn_of_age(limit_days: float, constellations: Sequence[Constellation], gps
             )
 
 
-_UNNAMED, _UNHEALTHY, _UNKNOWN = "sky.systems does not name them", "marked as unhealthy", "nothing tells where they are"
+_UNNAMED, _UNHEALTHY, _UNKNOWN = "sky.systems does not name them", "marked as unhealthy", "no orbit data"
 """Why satellites are not used."""
 
 

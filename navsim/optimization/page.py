@@ -111,7 +111,7 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
 
 def _requirements(k: int, name: str, result: Result, several: bool) -> Drawing:
     """Utilisation of each requirement, by number of pseudolites."""
-    on = plot("", "pseudolites", "size kept as often as asked for, by the size asked for", 320)
+    on = plot("", "pseudolites", "size kept as often as required, relative to the required size", 320)
     counts, statements, used = report.used(result)
     marks = []
     for i, statement in enumerate(statements):

@@ -263,15 +263,15 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     epochs = fixes[counted]
     if sources.strength_placed and study.objective in DOP_OBJECTIVES:
         text = (
-            f"{study.objective} is judged by directions alone. With `interference`, or noise by range_law cn0, and "
-            "pseudolites.cn0_reference_m or eirp_dbm, distances of pseudolites matter too. With "
-            "receiver.antenna.mask_deg the attitude of the aircraft matters. Take a level, or an error of the filter"
+            f"{study.objective} is evaluated from directions alone. With `interference`, or noise by range_law cn0, "
+            "and pseudolites.cn0_reference_m or eirp_dbm, distances of pseudolites matter too. With "
+            "receiver.antenna.mask_deg the attitude of the aircraft matters. Use a level, or an error of the filter"
         )
         raise _refused(document, ("objective",), text)
     if sources.smoothing_placed and study.objective.startswith("fix_"):
         text = (
-            f"{study.objective} is judged by directions alone; with terrain and receiver.smoothing_s it matters for "
-            "how long pseudolites are seen: take a level, or an error of the filter"
+            f"{study.objective} is evaluated from directions alone; with terrain and receiver.smoothing_s the time for "
+            "which pseudolites are visible matters: use a level, or an error of the filter"
         )
         raise _refused(document, ("objective",), text)
     seen = sources

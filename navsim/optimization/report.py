@@ -121,7 +121,7 @@ def _met(flag: np.ndarray) -> str:
 def _fewest(number: int) -> str:
     """With how many pseudolites requirements are met, in words."""
     if number < 0:
-        return "the requirements are met by no placement found, whatever the number of pseudolites"
+        return "no placement found meets the requirements, for any number of pseudolites"
     return f"the fewest pseudolites with which the requirements are met: {number}"
 
 
@@ -129,7 +129,7 @@ def requirements(result: Result) -> Table:
     """Every requirement with each number of pseudolites: verdict, value, and margin."""
     counts = [0, *(int(count) for count in result["/pseudolites"])]
     heads = ("requirement", "limit", *(f"{count} pseudolite{'' if count == 1 else 's'}" for count in counts))
-    out = Table("Requirements: verdict, what was found (room within the size asked for)", heads)
+    out = Table("Requirements: verdict, value (margin to the required size)", heads)
     branch = "/requirements"
     for k, statement in enumerate(result[f"{branch}/statement"]):
         cells = []
@@ -367,7 +367,7 @@ def utilisation(result: Result) -> Figure:
     ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("pseudolites")
-    ax.set_ylabel("size kept as often as asked for,\nby the size asked for")
+    ax.set_ylabel("size kept as often as required,\nrelative to the required size")
     legend_above(fig, ax, 1)
     return fig
 

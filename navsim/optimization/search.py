@@ -451,7 +451,8 @@ def _sites(here: PlacementProblem, count: int) -> np.ndarray:
     usable = here.sites()[_usable(here)]
     if len(usable) < count:
         total = len(here.study.sites)
-        raise NoPlacement(f"only {len(usable)} of {total} sites keep the constraints, {count} are wanted")
+        text = f"only {len(usable)} of {total} sites keep the constraints, {count} are needed"
+        raise NoPlacement(f"{text}; add sites, or relax `constraints`")
     return usable
 
 

@@ -185,7 +185,7 @@ class PlannedScenario:
         runway = self.scenario.runway
         if runway.is_pavement(float(place[0]), float(place[1])):
             text = (
-                f"{name} would stand on the pavement of the runway, {runway.length_m:g} m by {runway.width_m:g} m; put "
+                f"{name} would be on the pavement of the runway, {runway.length_m:g} m by {runway.width_m:g} m; put "
                 f"it more than {0.5 * runway.width_m:g} m from the centre line"
             )
             place_of = self.document.place(("pseudolites",))

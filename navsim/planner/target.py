@@ -43,7 +43,7 @@ class Target:
         write_text(self.path, found.text)
         self.written = found.text
         proposal.saved = proposal.document.data
-        lost = " Comments were lost in what was changed: it could not be changed line by line." if found.lost else ""
+        lost = " The changed section lost its comments: it could not be changed line by line." if found.lost else ""
         return f"Saved. Fly it: navsim run {self.path}{lost}"
 
 

@@ -459,7 +459,7 @@ def failures(result: Result) -> list[str]:
         return [f"no message could be used: {', '.join(why) or without_cause}"]
     out = []
     if not np.isfinite(result["/innovations/normalized_squared"]).any():
-        out.append(f"none of the {several(used, 'fix')} could be weighed")
+        out.append(f"none of the {several(used, 'fix')} could be used")
     misplaced = count["late"] + count["contradicting"]
     whole = count["used"] + misplaced
     if misplaced > MOST_MISPLACED * whole:
@@ -558,7 +558,7 @@ def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
         )
     scenario, came = session.case.scenario, result["/innovations/time"]
     if came.size and came[-1] < scenario.duration_s - max(1.0, 2.0 * session.period):
-        said.append(f"what came ends at {came[-1]:.1f} s of a flight of {scenario.duration_s:g} s")
+        said.append(f"the data end at {came[-1]:.1f} s of a flight of {scenario.duration_s:g} s")
     gate = scenario.filter.gate.probability
     return [*notes(session.case.sky_warnings), *(Finding("stream", text) for text in said), *of_flight(result, gate)]
 

@@ -51,7 +51,7 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
     out.head("Errors there to first order, m", *("mean, 1 sigma" for _ in results))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _first_order(r, i))  # type: ignore[misc]
-    out.head("What it rests on")
+    out.head("Basis")
     row("  relative error, 1 sigma", _relative_error)
     row("  effective samples", lambda r: cell("{:.0f}", _effective(r)))
     row("  runs outside the box", lambda r: Cell("{}", (int(r["/summary/rare/outside"]),), trials=r["/run"].size))

@@ -200,9 +200,9 @@ def _is_wrong(result: Result, group: str) -> bool:
 def state_verdict(result: Result) -> str:
     """The verdict on every state's sigma."""
     if "/rare/error" in result:
-        return "not judged by method rare, whose runs are pushed off on purpose"
+        return "not evaluated by method rare, which shifts its runs"
     if _VERDICT not in result or np.ndim(result[_VERDICT]):
-        return "none: the file is of a navsim that judged groups of states alone; fly it again"
+        return "none: the file is of an earlier version without this test; run it again"
     return str(result[_VERDICT])
 
 
@@ -252,7 +252,7 @@ def _aiding(result: Result, sensor: str) -> Cell | str:
     """Status of the measurements of a sensor beside the receiver."""
     branch = f"/summary/aiding/{sensor}"
     if f"{branch}/nis" not in result:
-        return "carried to first order" if _carries(result, sensor) else ABSENT
+        return "propagated to first order" if _carries(result, sensor) else ABSENT
     counts = (int(result[f"{branch}/{name}"]) for name in ("rejected", "missing"))
     return Cell("{} rejected, {} missing; NIS {:.3f}", (*counts, float(result[f"{branch}/nis"])),
                 names=("rejected", "missing", "NIS"), trials=result["/run"].size)  # fmt: skip
@@ -515,14 +515,14 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
     if not asked:
         return
     found = (f"found{'' if single(result) else ' [95 %]'}" for _, result in results)
-    table.head("Requirements", *(f"verdict: {what}; what would decide" for what in found))
+    table.head("Requirements", *(f"verdict: {what}; number of runs for a decision" for what in found))
     for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
 
 
 def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
     """Verdicts on requirements, and on the filter's sigmas if there are runs."""
-    out = Table("", ("", *(name for name, _ in results)), caption="Verdicts on what was asked for")
+    out = Table("", ("", *(name for name, _ in results)), caption="Verdicts on requirements")
     requirements(out, results)
     if any(_VERDICT in result for _, result in results):
         out.head("Sigma of every state", *("" for _ in results))
@@ -600,7 +600,7 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     if flown:
         row("alarms, of tested epochs", _alarms)
         if any(int(r["/summary/integrity/lost"]) for _, r in results if "/summary/integrity/lost" in r):
-            row("alerts for want of a fix or source", lambda r: _count(r, "/summary/integrity/lost"))
+            row("alerts without a fix or source", lambda r: _count(r, "/summary/integrity/lost"))
         for name in ("horizontal", "vertical"):
             row(f"{name} error beyond its level", lambda r, n=name: _share(r, f"/summary/integrity/exceeded_{n}"))  # type: ignore[misc]
     if any(_range_noise(result) != ABSENT for _, result in results):

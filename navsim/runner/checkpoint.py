@@ -249,9 +249,9 @@ def _check_owner(file: Path) -> None:
     """Raise CheckpointError if a folder or file is another user's, who could then decide what this user computes."""
     status = file.stat()
     if status.st_uid not in (0, os.geteuid()):
-        raise CheckpointError(f"{file}: belongs to user {status.st_uid}, and says what you would compute; {_BY_HAND}")
+        raise CheckpointError(f"{file}: belongs to user {status.st_uid}, who could decide what you compute; {_BY_HAND}")
     if status.st_mode & 0o002:
-        raise CheckpointError(f"{file}: everybody may write it, and it says what you would compute; {_BY_HAND}")
+        raise CheckpointError(f"{file}: everybody may write it, and could decide what you compute; {_BY_HAND}")
 
 
 def command_of(folder: Path) -> Command:

@@ -171,7 +171,7 @@ class Cluster(RemoteExecutor):
                 wrong[worker] = missing or _differences(theirs, ours)
         said = [f"{worker} has {what}" for worker, what in wrong.items() if what]
         if said:
-            text = f"workers that would not find the same numbers: {'; '.join(said)}"
+            text = f"workers that would compute different numbers: {'; '.join(said)}"
             raise OptionError(f"--scheduler {self.address}: {text}")
 
     @property

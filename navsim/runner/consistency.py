@@ -176,9 +176,9 @@ def _unknown(ratios: Ratios) -> str:
     count = int((~known[1:, known.any(axis=0)]).any(axis=1).sum())
     lost = max(ratios.flown - ratios.runs, 0)
     runs = (
-        f"; {several(lost, 'run')} of {ratios.flown} not finite at some outputs, and not judged there" if lost else ""
+        f"; {several(lost, 'run')} of {ratios.flown} not finite at some outputs, and not tested there" if lost else ""
     )
-    return runs + (f"; {count} of {known.shape[0]} outputs are not finite and not judged" if count else "")
+    return runs + (f"; {count} of {known.shape[0]} outputs are not finite and not tested" if count else "")
 
 
 def _place(flat: np.intp, z: np.ndarray) -> tuple[int, int]:

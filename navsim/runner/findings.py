@@ -28,11 +28,11 @@ BEYOND = 10.0
 """Sigmas an error never reaches: a Gaussian one does with a chance of 1e-23."""
 
 LANDING: dict[str, tuple[tuple[str, ...], str]] = {
-    "no_fix": ((FIX,), "no fix epoch in the flight, or in the glide where placements are judged by it"),
+    "no_fix": ((FIX,), "no fix epoch in the flight, or in the part of the glide that evaluates placements"),
     "epochs_without_fix": ((FIX,), "epochs without a fix: too few usable sources, or all of them on one cone"),
     "lost_fixes": ((FIX,), "epochs without a fix: sources enough, but the least squares found no solution"),
-    "fixes_without_velocity": ((FIX,), "fixes without the velocity that the filter wants"),
-    "unweighed_fixes": ((FIX,), "fixes could not be weighed: the innovations' covariance is not positive"),
+    "fixes_without_velocity": ((FIX,), "fixes without the velocity that the filter needs"),
+    "unweighed_fixes": ((FIX,), "fixes could not be used: the innovation covariance is not positive definite"),
     "rejected_fixes": ((FIX, CONSISTENT), "fixes were rejected by the innovation gate"),
     "epochs_without_range": ((FIX,), "epochs without a pseudorange: the filter goes by its inertial sensors alone"),
     "rejected_ranges": ((FIX, CONSISTENT), "epochs have ranges that were rejected by the innovation gate"),

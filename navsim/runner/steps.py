@@ -169,7 +169,7 @@ def _earlier_work_text(job: Job, target: Path, seconds: float | None, fresh: boo
         return ""
     if not job.even:
         parts = f"{earlier.pieces} finished steps and {earlier.analyses} analyses"
-        return f"{folder}: begun before; {parts} are kept, and are not made again"
+        return f"{folder}: begun before; {parts} are kept and not computed again"
     left = max(job.pieces - earlier.pieces, 0)
     kept = f"{folder}: begun before; {earlier.pieces} of {job.pieces} pieces of the {job.work} are kept"
     if seconds is None:
@@ -194,7 +194,7 @@ def _computed(
 
     def kept() -> str:
         if store is None or not store.holds_work():
-            return f"no work is kept; {again()} starts anew"
+            return f"no work is kept; {again()} starts from the beginning"
         if refused:
             way = f"move {target} away, or give {switch('force')}: {again()} then writes them, computing nothing anew"
             return f"finished {job.work} are kept in {store.folder}; {way}"

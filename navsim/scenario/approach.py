@@ -432,7 +432,7 @@ class _Captured(_ToTheGround):
         if self.taxi_speed_kmh is not None and self.speed_is == "air":
             raise reject("on the ground no airspeed is held: use `speed_is: ground`", "taxi_speed_kmh")
         if self.taxi_speed_kmh == 0.0 and self.taxi_s is not None:
-            raise reject("the aircraft stands already: taxi_speed_kmh is 0", "taxi_s")
+            raise reject("the aircraft has stopped: taxi_speed_kmh is 0", "taxi_s")
         return self
 
     def stops(self, path: Path, duration: float) -> bool:

@@ -479,7 +479,7 @@ class _Sensors(Section):
             taken = [one for one in (key, other) if one in IMU_PRESETS.get(self.preset, {}).get(sensor, {})]
             if taken:
                 other = other if taken[0] == key else key
-                text = f"is taken away from what preset {self.preset} has; give it or {other}, 0 or more, 0 for none"
+                text = f"removes a value of preset {self.preset}; give it or {other}, 0 or more, 0 for none"
                 raise reject(text, sensor, taken[0])
             also = "".join(f", imu.{name}.{keys[0]} (or {keys[1]})" for name, keys in others)
             whose = f"is not printed in the data sheet of {self.preset}" if sheet else "is needed"

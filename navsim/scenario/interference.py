@@ -180,7 +180,7 @@ class InterferenceSection(Section):
     @model_validator(mode="after")
     def _check_consistent(self) -> Self:
         if not self.jammers and self.pseudolites is None:
-            raise reject("nobody jams: give a list here, or `pseudolites`", "jammers")
+            raise reject("no jammer: give a list here, or `pseudolites`", "jammers")
         if self.horizon and not self.jammers:
             raise reject("hides jammers, and there are none", "horizon")
         names = [jammer.name for jammer in self.jammers]

@@ -158,7 +158,7 @@ class Landing(Section):
             raise reject(text, "signals", "system_offset_sigma_ns")
         for name, value in self.signals.system_offsets_ns.items():
             if value == "broadcast" and self.sky.source != "navigation":
-                text = "messages say it: give `sky: {source: navigation, navigation: [FILE]}`, or a number"
+                text = "messages contain it: give `sky: {source: navigation, navigation: [FILE]}`, or a number"
                 raise reject(text, "signals", "system_offsets_ns", name)
         if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
             raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
@@ -167,7 +167,7 @@ class Landing(Section):
         if self.method == "rare" and self.box is None:
             raise reject("method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`", "box")
         if self.filter.clock is not None and not self.filter.tight:
-            raise reject("is for `coupling: tight`: fixes solve for the clock anew", "filter", "clock")
+            raise reject("is for `coupling: tight`: each fix solves for the clock", "filter", "clock")
         if self.integrity is not None:
             try:
                 self.integrity.check_names(self.pseudolites.names())
@@ -196,7 +196,7 @@ class Landing(Section):
             text = "all runs fly the route: give approach.flight_technical_error, wind.turbulence or wind.gusts"
             raise reject(text, "box", "error")
         if self.steered and self.filter.kind in SMOOTHERS:
-            text = f"{self.filter.kind} is a smoother, which tells after the flight; use null, or another filter.kind"
+            text = f"{self.filter.kind} is a smoother, with output after the flight; use null, or another filter.kind"
             raise reject(text, "approach", "flight_technical_error", "follow_estimate_s")
         there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
         there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
@@ -204,7 +204,7 @@ class Landing(Section):
             if not there[requirement.needs]:
                 of_limits = requirement.needs == "integrity.limits"
                 example = "; for example limits: {operation: LPV-200, tta_s: 6}" if of_limits else ""
-                text = f"speaks of `{requirement.needs}`, which the scenario does not have{example}"
+                text = f"refers to `{requirement.needs}`, which the scenario does not have{example}"
                 raise reject(text, "requirements", i, "what")
         for i, event in enumerate(self.events):
             if event.at_s >= self.duration_s:
@@ -360,7 +360,7 @@ class Landing(Section):
         """Raise for scenarios that the covariance analysis cannot handle."""
         if self.method == "rare" and (air := self.air()) is not None:
             raise reject(
-                "method rare pushes what sensors draw, not yet the way that is flown; use method monte-carlo"
+                "method rare shifts sensor errors, not the trajectory; use method monte-carlo"
                 + beside(air[1]),
                 *air[1][0],
             )
@@ -369,7 +369,7 @@ class Landing(Section):
             raise reject(text, "box", "error")
         if self.integrity is not None and self.integrity.error_model != "gaussian":
             raise reject(
-                "covariance analysis and method rare are of Gaussian noise with the sigmas that are believed; use "
+                "covariance analysis and method rare assume Gaussian noise with the sigmas of the filter model; use "
                 "method monte-carlo, or `error_model: gaussian`",
                 "integrity",
                 "error_model",
@@ -621,8 +621,8 @@ class Landing(Section):
             out.append("imu.temperature changes nothing: no sensor has an error that goes with it (temperature_...)")
         if self.pseudolites.differential is not None and self.signals.errors.models():
             out.append(
-                "pseudolites.differential takes nothing off signals.errors, which are what corrections leave: one of "
-                "both is too much, unless the errors are the station's"
+                "pseudolites.differential does not reduce signals.errors, which are residuals after corrections; give "
+                "only one of both, unless the errors are the station's"
             )
         return out
 

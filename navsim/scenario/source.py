@@ -274,7 +274,7 @@ class _Builder:
             here = (*path, key)
             if key in out:
                 first = self.document.keys[here]
-                message = f"the key stands twice, first on line {first.line}; keep one of them"
+                message = f"duplicate key, first on line {first.line}; keep one of them"
                 self.problems.append(Problem(self.place(key_node), dotted(here), message))
                 continue
             last, before = here, value_node

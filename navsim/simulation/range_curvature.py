@@ -129,7 +129,7 @@ class NearPass:
         order = "first" if self.order == 1 else "second"
         return (
             f"{self.name} is passed at {self.distance:.0f} m with a position sigma of {self.sigma:.2g} m across the "
-            f"line of sight: covariances are right to {order} order only there; believe runs, or move it away"
+            f"line of sight: covariances are right only to {order} order there; trust runs, or move it away"
         )
 
 

@@ -85,7 +85,7 @@ def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure
         tell(on, marks, ("along", "$x{0} m"), ("right", "$y{0} m"),
              ("value", "@image{0.0000}" + ("" if unit == "1" else f" {unit}")))  # fmt: skip
         panels.append(on)
-    text = f"Colours: {report.label(result, name)}, by where pseudolites stand; star: the best."
+    text = f"Colours: {report.label(result, name)}, by the positions of the pseudolites; star: the best."
     text += f" Not drawn: {unlike}." if (unlike := report.varied_terrain(result)) else ""
     keys = [RUNWAY, Key("ground track", GREY, "dash"), Key("best", ORANGE, "star"), *terrain_key(result)]
     return panels, text, [*keys, Key("no solution", GREY, "band")] if hollow else keys

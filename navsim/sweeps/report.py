@@ -117,7 +117,7 @@ def tables(result: Result) -> list[Table | str]:
         if ends:
             notes.append("* the end of its range: the best may lie beyond")
         if whole is None:
-            notes.append(f"{said}: {int(tied.sum())} combinations are as good as each other; the first one stands here")
+            notes.append(f"{said}: {int(tied.sum())} combinations are equally good; this is the first one")
         places = (
             "any" if key in free else _place(setting(result, key, index), " *" if key in ends else "") for key in names
         )
@@ -159,7 +159,7 @@ def requirements(result: Result) -> Table | None:
     numbered = [name.removesuffix(VERDICT) for name in outputs(result) if name.endswith(VERDICT)]
     if not numbered:
         return None
-    out = Table("Requirements, in how many combinations", ("output", "what is asked for", "limit", *VERDICTS[::-1]))
+    out = Table("Requirements, in how many combinations", ("output", "requirement", "limit", *VERDICTS[::-1]))
     every = np.full(result["/outcome/combination"].shape, True)
     for name in numbered:
         variable, verdict = result.variables[f"/sweep/{name}"], result[f"/sweep/{name}{VERDICT}"]

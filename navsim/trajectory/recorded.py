@@ -125,7 +125,7 @@ def smoothed_path(
     found: Any
     (found, _), _, flaw, message = splprep(scaled.T, u=time, k=_DEGREE, s=float(scaled.size), full_output=1, quiet=1)
     if flaw > 0:
-        raise ValueError(f"no smooth curve is as near to the places as their sigma says: {message}")
+        raise ValueError(f"no smooth curve is within the sigma of the positions: {message}")
     knots, coefficients = found[0], np.array(found[1]).T * weight
     spline = BSpline(knots, coefficients @ frame.axes.T + frame.origin, _DEGREE)
     return RecordedPath(spline, frame, np.unique(knots), events, _rms(spline(time) - ecef))

@@ -318,7 +318,7 @@ def test_the_paper_gives_nothing_unasked() -> None:
         ("imu={preset: paper, gyro: {noise_deg_h: ~}}", "imu.gyro.noise_deg_h", "give it or arw_deg_sqrt_h, 0"),
         (
             "imu={preset: stim300, gyro: {drift_deg_h: 5, bias_instability_deg_h: ~}}",
-            "imu.gyro.bias_instability_deg_h", "is taken away from what preset stim300 has; give it or markov_deg_h, 0",
+            "imu.gyro.bias_instability_deg_h", "removes a value of preset stim300; give it or markov_deg_h, 0",
         ),
     ):
         with pytest.raises(InputError, match=re.escape(more)) as caught:
@@ -331,19 +331,19 @@ UNFOLLOWED = "filter={scale_factors: false, misalignments: false}"
 
 def test_gains_of_a_sheet_that_nobody_follows_are_told() -> None:
     sheet = ("duration_s=2", "receiver.rate_hz=1", "imu={preset: stim300, gyro: {drift_deg_h: 10}}")
-    told = "imu.preset: stim300 has scale factors and misalignments, which the filter takes for none: give filter.scale"
+    told = "imu.preset: stim300 has scale factors and misalignments, which the filter model lacks: give filter.scale"
     assert [said for said in case(*sheet, UNFOLLOWED).warnings if said.startswith(told)]
     followed = case(*sheet, UNFOLLOWED, "filter.scale_factors=true").warnings
-    assert "has misalignments, which the filter takes for none: give filter.misalignments: true" in " ".join(followed)
+    assert "has misalignments, which the filter model lacks: give filter.misalignments: true" in " ".join(followed)
     assert "imu.preset" not in " ".join(case(*sheet).warnings)
 
 
 def test_gains_given_by_hand_that_nobody_follows_are_told() -> None:
     own = ("duration_s=2", "receiver.rate_hz=1", "imu={preset: paper, gyro: {scale_ppm: 300}}", UNFOLLOWED)
-    told = "imu.gyro.scale_ppm: the sensors have scale factors, which the filter takes for none: give filter.scale_fact"
+    told = "imu.gyro.scale_ppm: the sensors have scale factors, which the filter model lacks: give filter.scale_fact"
     assert [said for said in case(*own).warnings if said.startswith(told)]
     both = case(*own, "imu.accelerometer={scale_ppm: 100, misalignment_mrad: 1}", "filter.scale_factors=true").warnings
-    told = "imu.accelerometer.misalignment_mrad: the sensors have misalignments, which the filter takes for none"
+    told = "imu.accelerometer.misalignment_mrad: the sensors have misalignments, which the filter model lacks"
     assert [said for said in both if told in said]
     assert "imu." not in " ".join(case(*own, "filter.scale_factors=true", "imu.gyro.misalignment_mrad=0").warnings)
 

@@ -232,9 +232,9 @@ def test_pushed_runs_judge_the_box(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("requirement", "says"),
     [
-        ({"what": "box", "at_most": 1e-6}, "requirements.0.what: speaks of `box`"),
-        ({"what": "level", "of": "hpl", "below_m": 40}, "requirements.0.what: speaks of `integrity`"),
-        ({"what": "continuity", "at_most": 1e-6}, "requirements.0.what: speaks of `integrity.limits`"),
+        ({"what": "box", "at_most": 1e-6}, "requirements.0.what: refers to `box`"),
+        ({"what": "level", "of": "hpl", "below_m": 40}, "requirements.0.what: refers to `integrity`"),
+        ({"what": "continuity", "at_most": 1e-6}, "requirements.0.what: refers to `integrity.limits`"),
         ({"what": "preset", "operation": "NPA"}, "requirements.0.operation: continuity and integrity of NPA"),
         ({"what": "errors"}, "did you mean 'error'?"),
     ],
@@ -285,7 +285,7 @@ def test_levels_without_a_test_are_not_within_anything(tmp_path: Path) -> None:
     time = result["/integrity/time"]
     assert np.isfinite(result["/integrity/hpl"][1:]).all()
     np.testing.assert_allclose(result[branch], np.mean(time[time <= 60.2] < 40.0))
-    assert "nothing is received at" in said
+    assert "no signal at" in said
     none = "integrity={p_satellite: 0, p_constellation: 0, p_pseudolite: 0, ground_groups: []}"
     result, said = flown(tmp_path, asked, "--set", none, "--method", "covariance", "--force")
     np.testing.assert_array_equal(result[branch], 0.0)

@@ -156,7 +156,7 @@ def test_a_run_that_is_not_finite_leaves_the_others_judged(monkeypatch: pytest.M
     found = flown(right, 40)
     words = str(found["/summary/consistency/verdict"])
     assert "as far as 39 runs tell" in words
-    assert words.endswith("; 1 run of 40 not finite at some outputs, and not judged there")
+    assert words.endswith("; 1 run of 40 not finite at some outputs, and not tested there")
     z = found["/consistency/z"]
     np.testing.assert_array_equal(z[:5], whole.z[:5])
     assert np.isfinite(z).all()
@@ -164,7 +164,7 @@ def test_a_run_that_is_not_finite_leaves_the_others_judged(monkeypatch: pytest.M
     assert 0.0 < np.nanmean(found["/consistency/beyond_95"]) < 0.15
     lost.extend(range(19, 40))
     assert str(flown(right, 40)["/summary/consistency/verdict"]).endswith(
-        "; 16 of 21 outputs are not finite and not judged"
+        "; 16 of 21 outputs are not finite and not tested"
     )
 
 
@@ -182,6 +182,6 @@ def test_results_beside_each_other_and_of_an_earlier_version() -> None:
                                     ("verdict", "state", "looks", "worst_z", "worst_time", "least_z")})  # fmt: skip
     shown = summary_tables.summary_table([("old", old), ("right", right)])
     (row,) = (row for row in shown.rows if str(row.cells[0]).strip() == "all states")
-    assert row.texts()[1] == "none: the file is of a navsim that judged groups of states alone; fly it again"
+    assert row.texts()[1] == "none: the file is of an earlier version without this test; run it again"
     assert row.texts()[2] == str(right["/summary/consistency/verdict"])
     assert "NEES, 15 states" in rows(old)

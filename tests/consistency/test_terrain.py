@@ -147,7 +147,7 @@ def test_what_is_hidden_is_counted_by_name(hilly: Case, result: Result) -> None:
     assert 2 < (lost > 0).sum() < len(lost)
     assert not [said for said in hilly.warnings if said.startswith("terrain")]
     high = field([WALL | {"height_m": 300}])
-    said = "terrain: east is behind it during the whole flight, and never received"
+    said = "terrain: east is behind it during the whole flight and never received; move it, or the ridge"
     assert said in high.warnings
     given = (f"{key}={json.dumps(value)}" for key, value in (FIELD | {"terrain": [WALL | {"height_m": 300}]}).items())
     assert checked(SCENARIOS / "landing.yaml", [*given])[2] == [said]

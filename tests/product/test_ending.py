@@ -189,7 +189,7 @@ def test_too_little_memory_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left, exit_status.ends():
         raise MemoryError
     assert left.value.code == exit_status.RUN_FAILED
-    assert capsys.readouterr().err == "error: there is too little memory; --dry-run tells how much is needed\n"
+    assert capsys.readouterr().err == "error: not enough memory; --dry-run prints the need\n"
 
 
 # --- streams

@@ -120,7 +120,7 @@ def test_another_study_is_refused_unless_fresh(place: Path) -> None:
 def test_full_disk_keeps_finished_batches(place: Path) -> None:
     """A limit on the size of a file stands for a full disk: the first batch that does not fit ends the study."""
     file = place / "full.h5"
-    ends = {0: "; no work is kept; the same command starts anew\n", 2: KEPT.format(file)}
+    ends = {0: "; no work is kept; the same command starts from the beginning\n", 2: KEPT.format(file)}
     for before, end in ends.items():
         if before:
             stopped_by("SIGKILL", file, before)

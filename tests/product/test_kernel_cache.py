@@ -322,7 +322,7 @@ def test_where_machine_code_is_kept(tmp_path: Path) -> None:
         try:
             assert Path(folder).parent == base
             assert Path(folder).stat().st_mode & 0o777 == 0o700
-            assert words.endswith(f"kept for the next time in {folder}")
+            assert words.endswith(f"the next computation finds them in {folder}")
         finally:
             shutil.rmtree(base, ignore_errors=True)
 

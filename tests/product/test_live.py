@@ -104,7 +104,7 @@ def test_fixes_that_cannot_be_weighed_are_no_result(flown) -> None:  # type: ign
     session = Session(c, "receiver", 1)
     session.noise[...] = np.diag([25.0, 25.0, 25.0, -1e9, -1e9, -1e9])
     session.pump(lines_of(table.read_text()), 1.0)
-    assert "none of the 120 fixes could be weighed" in session.result().attributes["verdict"]
+    assert "none of the 120 fixes could be used" in session.result().attributes["verdict"]
 
 
 def test_a_header_names_the_columns(flown) -> None:  # type: ignore[no-untyped-def]
@@ -823,7 +823,7 @@ def test_signals_keep_what_came(flown, number: signal.Signals, tmp_path: Path) -
                 break
         process.send_signal(number)
         assert process.wait(60.0) == 128 + number
-        assert "what came so far is kept" in process.stderr.read()
+        assert "the data so far are kept" in process.stderr.read()
     kept = read(tmp_path / "a.h5")
     assert kept.attributes["verdict"] == "flown"
     assert kept["/innovations/time"].size > 0
@@ -864,7 +864,7 @@ def test_ignored_signals_stay_ignored(flown) -> None:  # type: ignore[no-untyped
             assert session.stopped is None
             signal.raise_signal(signal.SIGTERM)
             assert came == [signal.SIGTERM]
-            assert session.stopped == "terminated; what came so far is kept"
+            assert session.stopped == "terminated; the data so far are kept"
             assert signal.getsignal(signal.SIGTERM) is before[signal.SIGTERM]  # a second one ends the program
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:

@@ -417,7 +417,7 @@ def test_the_page_takes_no_file_s_place(place: Path, tmp_path: Path) -> None:
     assert navsim("report", "live.h5", cwd=tmp_path).stdout == "live.html\n"
     navsim("report", "live.h5", cwd=tmp_path)  # a page is written again
     said = navsim("report", "live.h5", place / "sweep.h5", cwd=tmp_path, code=2).stderr
-    assert "results of different kinds do not stand on one page: live, sweep" in said
+    assert "results of different kinds cannot share a page: live, sweep" in said
     (tmp_path / "cut.h5").write_bytes(before[:-5000])
     assert "damaged" in navsim("report", "cut.h5", cwd=tmp_path, code=2).stderr
 

@@ -216,7 +216,7 @@ def test_pavement_is_no_place_for_a_pseudolite(tmp_path: Path) -> None:
     document = load(file)
     proposal = PlannedScenario(document, UNJAMMED)
     before = proposal.document.data
-    with pytest.raises(InputError, match="east would stand on the pavement of the runway, 1000 m by 30 m; put it more"):
+    with pytest.raises(InputError, match="east would be on the pavement of the runway, 1000 m by 30 m; put it more"):
         proposal.move(0, np.array([500.0, -14.0, 0.0]))
     assert proposal.document.data == before
     proposal.move(0, np.array([500.0, -16.0, 0.0]))

@@ -358,7 +358,7 @@ def test_full_disk_is_a_clear_error(place: Path) -> None:
     again = ("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "-o", file)
     done = navsim(*again, cwd=place, code=3, file_bytes=100_000)
     assert "full.h5" in done.stderr
-    assert done.stderr.endswith("; no work is kept; the same command starts anew\n")
+    assert done.stderr.endswith("; no work is kept; the same command starts from the beginning\n")
     assert file.read_bytes() == before
 
 

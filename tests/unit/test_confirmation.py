@@ -75,7 +75,7 @@ def test_one_that_flies_better_than_all_others_is_kept_and_told(flown: list[floa
     assert (found.best.choice[0], len(calls)) == (0, 1)
     told = found.findings("vertical", str)
     assert [one.name for one in told] == ["choice_worse_than_analysed"]
-    assert "believe the runs" in told[0].text
+    assert "trust the runs" in told[0].text
 
 
 def test_runs_better_than_the_analysis_are_told_and_kept() -> None:

@@ -99,7 +99,7 @@ SMALL = "sigma too small, errors 18 % above it"
         (right((3, 0, 0.2)), "sigma too large by a factor of 5: position north at 1.5 s (z 0.20, 1000 runs)"),
         (right((3, 0, 1e-9)), "sigma over 1000 times too large: position north at 1.5 s (z 0.00, 1000 runs)"),
         (right((118, 1, 1.18), (30, 0, np.nan)), f"{SMALL}: heading at 59 s (z 1.18, 1000 runs); 1 of 121 "
-         "outputs are not finite and not judged"),
+         "outputs are not finite and not tested"),
         (np.full((4, 3), np.nan), "none: no uncertainty"),
     ],
 )  # fmt: skip

@@ -117,7 +117,7 @@ def test_pushed_runs_tell_of_the_box_alone() -> None:
     )
     scenario, _ = read(LANDING, [box, asked])
     (said,) = untold_by_pushed_runs(scenario)
-    assert said.endswith("; method monte-carlo tells of: lateral error at touchdown below 8 m in 95 % of runs")
+    assert said.endswith("; method monte-carlo also evaluates: lateral error at touchdown below 8 m in 95 % of runs")
     assert untold_by_pushed_runs(read(LANDING, [box, "requirements=[{what: box, at_most: 0.1}]"])[0]) == []
 
 
@@ -144,7 +144,7 @@ def test_what_of_an_earlier_layout_is_not_shown(capsys: pytest.CaptureFixture[st
         ({"schema_version": SCHEMA_VERSION + 1, "navsim_version": "9.9"},
          f"this navsim version {SCHEMA_VERSION}: what stands elsewhere there is not shown; a newer navsim shows it",
          "written by navsim 9.9; read it with a newer navsim"),
-        ({}, "does not tell the version of its layout", "does not tell what wrote it; compute it again"),
+        ({}, "has no layout version", "does not name the program that wrote it; compute it again"),
     ],
 )  # fmt: skip
 def test_what_another_layout_wrote(
@@ -172,8 +172,8 @@ def test_a_drift_of_none_may_have_a_time(tmp_path: Path) -> None:
 def test_sigma_that_no_run_could_judge_is_not_called_old() -> None:
     """Pushed runs of method rare are off on purpose; results of earlier versions judged groups of states alone."""
     pushed = Result({}, {"/rare/error": Variable(("run", "axis"), np.zeros((2, 3)), "m", "errors")})
-    assert state_verdict(pushed).startswith("not judged by method rare")
-    assert state_verdict(Result({}, {})).startswith("none: the file is of a navsim that judged groups")
+    assert state_verdict(pushed).startswith("not evaluated by method rare")
+    assert state_verdict(Result({}, {})).startswith("none: the file is of an earlier version")
 
 
 @pytest.mark.parametrize(

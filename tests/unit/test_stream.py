@@ -71,7 +71,7 @@ def test_all_addresses_are_those_of_both_kinds(kind: str) -> None:
 def test_without_an_address_only_this_machine_is_heard(kind: str) -> None:
     with open_source(f"{kind}://:0") as lines:
         assert lines.place.startswith(f"{kind}://127.0.0.1:")
-        assert lines.note == f"only this machine is heard; {kind}://0.0.0.0:0 hears others too"
+        assert lines.note == f"listening to this machine only; {kind}://0.0.0.0:0 accepts others, too"
     with open_source(f"{kind}://0.0.0.0:0") as lines:
         assert lines.place.startswith(f"{kind}://0.0.0.0:")
         assert not lines.note

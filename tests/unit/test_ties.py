@@ -52,7 +52,7 @@ def test_several_that_are_no_whole_axis_are_counted() -> None:
     cube = np.array([[1.0, 2.0], [2.0, 1.0]])
     places, notes = said(cube)
     assert places == ["0", "0"]
-    assert notes == "HDOP: 2 combinations are as good as each other; the first one stands here"
+    assert notes == "HDOP: 2 combinations are equally good; this is the first one"
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def page(read: Sequence[Read]) -> str:
     have."""
     kinds = sorted({str(each.result.attributes["kind"]) for each in read})
     if len(kinds) > 1:
-        raise ResultError(f"results of different kinds do not stand on one page: {', '.join(kinds)}")
+        raise ResultError(f"results of different kinds cannot share a page: {', '.join(kinds)}")
     here = view(kinds[0])
     results = [(each.name, each.result) for each in read]
     drawings: list[Drawing] = named(here.drawings)(results)
