@@ -447,7 +447,7 @@ def test_placement_path_equals_the_landing(
             objective.problem(*read_study(path, Optimize, []))
         return
     if by_strength:
-        with pytest.raises(InputError, match="judged by directions alone"):
+        with pytest.raises(InputError, match="evaluated from directions alone"):
             objective.problem(*read_study(path, Optimize, []))
         return
     here = objective.problem(*read_study(path, Optimize, []))

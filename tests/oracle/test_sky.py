@@ -262,7 +262,7 @@ def test_time_offset_of_messages(navigation: Navigation, shared: Path, within: W
 
 def test_no_time_offset(shared: Path, tmp_path: Path) -> None:
     """Of what no file says, and no file is named for; of another time, or of none."""
-    with pytest.raises(InputError, match=r"system_offsets_ns\.galileo: messages say it"):
+    with pytest.raises(InputError, match=r"system_offsets_ns\.galileo: messages contain it"):
         read(SCENARIOS / "landing.yaml", ["signals.system_offsets_ns={galileo: broadcast}"])
     text = gzip.decompress((shared / BROADCAST).read_bytes()).decode()
     (line,) = (line for line in text.splitlines() if line.startswith("GAGP"))

@@ -155,7 +155,7 @@ def test_damaged_and_altered_parts_are_refused(place: Path) -> None:
     assert "damaged.h5" in done.stderr
     altered = place / "altered.h5"
     for path, words in (
-        ("/geometry/pdop", "which all runs share"),
+        ("/geometry/pdop", "common to all runs"),
         ("/part", "an earlier version"),
     ):
         shutil.copy(parts[1], altered)
