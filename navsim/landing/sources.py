@@ -136,7 +136,7 @@ def _refuse_worthless(path: Path, begin: float, end: float) -> None:
     each = [f"{a:.1f} to {b:.1f} s ({why})" for a, b, why in spans if b > begin and a < end]
     if each:
         raise ValueError(
-            f"its output is invalid at {', '.join(each)}, within the {begin:.1f} to {end:.1f} s that the flight "
+            f"its output is worthless at {', '.join(each)}, within the {begin:.1f} to {end:.1f} s that the flight "
             "needs. Choose approach.start_s and duration_s so that the flight, with a second before and after it, is "
             "beside these times"
         )

@@ -108,7 +108,7 @@ def test_fixes_that_are_off_for_long_are_named(kind: str, tmp_path: Path) -> Non
     np.testing.assert_allclose(result["/lost/start"], [40.12])
     np.testing.assert_allclose(result["/lost/end"], [80.12])
     text = told(result, "lost")
-    assert text.startswith("the filter contradicted its fixes twice, and the fixes came back: its output is invalid")
+    assert text.startswith("the filter contradicted its fixes twice, and the fixes came back: its output is worthless")
     assert "from 40.1 to 80.1 s" in text
     z, time = scaled(result, truth)
     assert time.max() > 98.0
