@@ -145,7 +145,7 @@ def some_finished(running: Running, file: Path, number: int = 1) -> None:
 def test_runs_are_those_of_threads(cluster: Cluster, place: Path) -> None:
     command = ("run", SCENARIOS / "landing.yaml", *PLAIN, "--runs", 80, "--keep", "all", "-q")
     navsim(*command, "-o", "threads.h5", cwd=place)
-    navsim(*command, "-o", "dask.h5", "--scheduler", cluster.address, cwd=place)
+    navsim(*command, "-o", "dask.h5", "--scheduler", cluster.file, cwd=place)
     assert stored(place / "dask.h5") == stored(place / "threads.h5")
     assert not (place / "dask.h5.partial").exists()
 
