@@ -108,7 +108,7 @@ def keys(
         print("\nnavsim keys KIND prints the keys of a kind, with a word those about it: navsim keys landing wind")
         return
     if kind not in OF_FILES:
-        leave(BAD_INPUT, f"{kind!r} is no kind of scenario; {hint(kind, list(OF_FILES))}")
+        leave(BAD_INPUT, f"{kind!r} is not a kind of scenario; {hint(kind, list(OF_FILES))}")
     every = rows(section(kind).model_json_schema())
     found = every if word is None else matching(every, word)
     if not found:
@@ -132,7 +132,7 @@ def completion(
     navsim writes no file: docs/prompt.md says where each shell looks for the script.
     """
     if shell not in SHELLS:
-        leave(BAD_INPUT, f"{shell!r} is no shell that is known here; allowed: {', '.join(SHELLS)}")
+        leave(BAD_INPUT, f"{shell!r} is not a supported shell; allowed: {', '.join(SHELLS)}")
     sys.stdout.write(script(shell))
 
 

@@ -76,7 +76,7 @@ def _refuse(target: Path, files: list[Path], generator: str) -> None:
     except OSError as error:
         leave(BAD_INPUT, f"{target}: {error.strerror or error}")
     if not ours:
-        leave(BAD_INPUT, f"{target}: is no page of navsim report and is not overwritten; choose another -o/--output")
+        leave(BAD_INPUT, f"{target}: is not a page of navsim report and is not overwritten; choose another -o/--output")
 
 
 def cite(

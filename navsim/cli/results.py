@@ -118,8 +118,8 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
             AT_TERMINAL.warn(text)
         elif version > SCHEMA_VERSION:
             AT_TERMINAL.warn(
-                f"{file}: has version {version} of the layout, this navsim version {SCHEMA_VERSION}: what stands "
-                "elsewhere there is not shown; a newer navsim shows it"
+                f"{file}: has version {version} of the layout, this navsim version {SCHEMA_VERSION}: parts "
+                "that are stored elsewhere there are not shown; a newer navsim shows them"
             )
         elif version < SCHEMA_VERSION:
             box = any(path.startswith("/summary/box/") for path in result.variables)

@@ -65,7 +65,7 @@ def resume(
     print_message(f"navsim {shlex.join(words)}")
     if dropped:
         print_message(
-            f"without {shlex.join(dropped)} of its first command; give it to navsim resume if you want it again"
+            f"options not repeated: {shlex.join(dropped)}. Add them to navsim resume if needed"
         )
     with resuming(folder.absolute()):
         try:

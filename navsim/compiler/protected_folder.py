@@ -73,7 +73,7 @@ class ProtectedFolder:
         with os.fdopen(os.open(name, os.O_RDONLY | _FILE, dir_fd=self.descriptor), "rb") as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
-                raise OSError(errno.EINVAL, "is no file", str(self.path / name))
+                raise OSError(errno.EINVAL, "is not a file", str(self.path / name))
             _check(status, file.fileno(), self.path / name, sticky_suffices=False)
             return file.read()
 

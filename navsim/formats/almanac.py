@@ -124,7 +124,7 @@ def _threes(path: Path, lines: list[tuple[int, str]]) -> list[list[tuple[int, st
 def _once(path: Path, names: list[float], where: list[int], what: str) -> None:
     for index, name in enumerate(names):
         if name in names[:index]:
-            raise FileError(where[index], f"{what} {name:.0f} stands twice in the file", path)
+            raise FileError(where[index], f"{what} {name:.0f} occurs twice in the file", path)
 
 
 def _agl_record(path: Path, block: list[tuple[int, str]]) -> tuple[float, ...]:
@@ -318,7 +318,7 @@ def _tle(path: Path, lines: list[tuple[int, str]]) -> tle.TwoLineSets:
                 raise FileError(line, f"the checksum is {text[68]}, computed {digits % 10}", path)
         name = tle.short_name(title, pair[0][1])
         if name in names:
-            raise FileError(pair[0][0], f"{name} stands twice in the file", path)
+            raise FileError(pair[0][0], f"{name} occurs twice in the file", path)
         names[name] = None
         titles.append(title)
         firsts.append(pair[0][1].rstrip())

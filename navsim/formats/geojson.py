@@ -20,7 +20,7 @@ def features(content: bytes) -> list[tuple[Any, dict[str, Any]]]:
     except ValueError as error:
         raise ValueError(f"not a GeoJSON file: {error}") from None
     if not isinstance(data, dict):
-        raise ValueError("not a GeoJSON file: its top is no object")
+        raise ValueError("not a GeoJSON file: its top level is not an object")
     found = data.get("features") if data.get("type") == "FeatureCollection" else [data]
     if not isinstance(found, list):
         raise ValueError("not a GeoJSON file: its features are no list")
@@ -103,4 +103,4 @@ def _drawn(geometry: Any, within: bool = False) -> list[tuple[str, list[list[tup
         return [("area", rings(given))]
     if kind == "MultiPolygon":
         return [("area", rings(each)) for each in parts(given, "polygons")]
-    raise ValueError(f"{kind!r:.40} is no geometry")
+    raise ValueError(f"{kind!r:.40} is not a geometry")

@@ -230,7 +230,7 @@ def time_offset(path: Path, index: int, line: str) -> TimeOffset:
 def rinex_version(path: Path, lines: list[str]) -> tuple[float, str]:
     """Version and satellite system of the first line. Raises FileError for anything but RINEX 2, 3 and 4."""
     if lines[0][60:80].strip() != "RINEX VERSION / TYPE":
-        raise FileError(1, "not a RINEX file: the first line is no RINEX VERSION / TYPE", path)
+        raise FileError(1, "not a RINEX file: the first line is not RINEX VERSION / TYPE", path)
     version = number(path, 1, lines[0][:9], "the RINEX version")
     if not 2.0 <= version < _LATEST:
         raise FileError(1, f"RINEX version {version:g} is not read; 2, 3 and 4 are", path)

@@ -499,7 +499,7 @@ class _Reader:
     def _row(self, at: int, name: str, seen: set[str], layout: _Layout, texts: list[str]) -> None:
         """The values of a satellite, whose texts begin on line index `at`."""
         if name in seen:
-            raise FileError(at + 1, f"{name} stands twice in this epoch", self.path)
+            raise FileError(at + 1, f"{name} occurs twice in this epoch", self.path)
         numbers, flags = [], []
         for code, (line, start, factor) in zip(layout.codes, layout.fields, strict=True):
             text = texts[line]

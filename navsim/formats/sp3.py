@@ -83,7 +83,7 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
                 if not records:
                     raise FileError(index, "a position before the first epoch", path)
                 if name in records[-1]:
-                    raise FileError(index, f"{name} stands twice in this epoch", path)
+                    raise FileError(index, f"{name} occurs twice in this epoch", path)
                 if name not in listed[:satellites]:
                     raise FileError(index, f"{name} is not in the header's list", path)
             except FileError as error:

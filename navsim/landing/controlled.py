@@ -204,7 +204,7 @@ def far_from_first_order(case: Case, ensemble: Ensemble) -> list[Finding]:
     if not little:
         return []
     text = f"the errors are far from first order (correlation with the first-order error: {', '.join(little)})"
-    return [Finding("far_from_first_order", f"{text}: a covariance analysis does not tell of this flight")]
+    return [Finding("far_from_first_order", f"{text}: a covariance analysis is not valid for this flight")]
 
 
 _UNTIL = re.compile(r"\s*(rms_horizontal|rms_vertical)\s+within\s+([0-9.]+)\s*%\s*")

@@ -251,7 +251,7 @@ def percent(text: str, expression: str, least: float, most: float) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise ValueError(f"{expression!r}: {text!r} is no number") from None
+        raise ValueError(f"{expression!r}: {text!r} is not a number") from None
     if not least <= value <= most:
         raise ValueError(f"{expression!r}: {text} % is not within {least:g} to {most:g} percent")
     return value / 100.0

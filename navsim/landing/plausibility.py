@@ -59,7 +59,7 @@ def one_direction(scenario: Landing, trajectory: Moving) -> list[str]:
         if apart[i] < LEAST_ANGLE:
             far = float(np.linalg.norm(sites[j] - sites[i]))
             out.append(
-                f"pseudolites: {names[j]} stands {far:.1f} m from {names[i]}, and the antenna sees both within "
+                f"pseudolites: {names[j]} is {far:.1f} m from {names[i]}, and the antenna sees both within "
                 f"{apart[i]:.1f} deg of each other throughout the flight. The second one adds no geometry; give "
                 f"{names[j]} a position on another side of the approach"
             )

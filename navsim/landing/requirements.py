@@ -99,7 +99,8 @@ def untold_by_pushed_runs(scenario: Landing) -> list[str]:
     untold = [said + _statement(one)[0] for said, one in every if not isinstance(one, BoxRequirement)]
     if not untold:
         return []
-    return [f"requirements: method rare evaluates only the box; method monte-carlo also evaluates: {'; '.join(untold)}"]
+    text = "requirements: `--method rare` judges only the box. For these requirements use `--method monte-carlo`"
+    return [f"{text}: {'; '.join(untold)}"]
 
 
 @dataclass(frozen=True)

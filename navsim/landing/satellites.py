@@ -249,7 +249,8 @@ def _warn_of_age(limit_days: float, constellations: Sequence[Constellation], gps
             )
 
 
-_UNNAMED, _UNHEALTHY, _UNKNOWN = "sky.systems does not name them", "marked as unhealthy", "no orbit data"
+_UNNAMED, _UNHEALTHY = "sky.systems does not name them", "marked as unhealthy"
+_UNKNOWN = "no valid ephemeris at this time"
 """Why satellites are not used."""
 
 

@@ -245,9 +245,8 @@ def _check_events(scenario: Landing, document: Document, sources: Environment) -
         for j, name in enumerate(event.sources):
             if name not in known:
                 path = ("events", i, "sources", j)
-                problems.append(
-                    Problem(document.place(path), dotted(path), f"{name!r} is no source; {hint(name, sorted(known))}")
-                )
+                text = f"{name!r} is not a source; {hint(name, sorted(known))}"
+                problems.append(Problem(document.place(path), dotted(path), text))
     if problems:
         raise InputError(problems)
 

@@ -77,7 +77,7 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
     s, along = result["/map/s"], -result["/map/l1"]
     panels = []
     for i, count in enumerate(map(int, result["/pseudolites"])):
-        on = plot(report.plan_title(result, i), "along the runway from the threshold, m", "right of the axis, m", 410)
+        on = plot(report.plan_title(result, i), "beyond the threshold (= -l1), m", "right of the axis, m", 410)
         values = result["/map/objective"][i]
         known = values[np.isfinite(values)]
         sites = (-result["/optimum/l1"][i][:count], result["/optimum/s"][i][:count])
@@ -123,5 +123,5 @@ def _requirements(k: int, name: str, result: Result, several: bool) -> Drawing:
     on.xaxis[0].ticker = [int(count) for count in counts]
     tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), ("used", "@y{0.000}"))
     keys = [Key(statement, colour(i)) for i, statement in enumerate(statements)]
-    caption = "Below the dashed line a requirement is met. The table tells of those that are left to runs."
+    caption = "Below the dashed line a requirement is met. The table has those that only runs decide."
     return Drawing(f"requirements-{k}", f"Requirements{f' ({name})' if several else ''}", [on], caption, keys, 1)

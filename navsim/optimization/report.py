@@ -321,7 +321,7 @@ def plan(result: Result) -> Figure:
     legend_above(fig, axes[0], 3, f"colours: PL1 moved{others}" if mapped else unmapped)
     unmet = ", or requirements not met" if "/front/met" in result else ""
     grey = f"; grey: not allowed{unmet}" if mapped else ""
-    axes[-1].set_xlabel(f"along the runway from the threshold, m{grey}")
+    axes[-1].set_xlabel(f"beyond the threshold (= -l1), m{grey}")
     return fig
 
 

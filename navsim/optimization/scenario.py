@@ -129,7 +129,7 @@ class Constraints(Section):
     @model_validator(mode="after")
     def _upwards(self) -> Self:
         if self.keep_out_sha256 is not None and self.keep_out is None:
-            raise reject("there is no keep_out it could be of", "keep_out_sha256")
+            raise reject("there is no keep_out: give it, or leave the checksum out", "keep_out_sha256")
         if self.distance_m is not None and not 0.0 <= self.distance_m[0] < self.distance_m[1]:
             raise reject("expected a least distance, then a larger one", "distance_m")
         return self
@@ -185,7 +185,7 @@ class Optimize(Section):
         if not self.pseudolites:
             raise reject("an empty list", "pseudolites")
         if len({*self.counts}) < len(self.counts):
-            raise reject("a number stands twice", "pseudolites")
+            raise reject("a number is given twice", "pseudolites")
         if self.sites and max(self.counts) > len(self.sites):
             raise reject(f"there are only {len(self.sites)} sites", "pseudolites")
         if self.period is not None and (self.objective not in DOP_OBJECTIVES or self.constraints.requirements):

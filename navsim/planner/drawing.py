@@ -86,7 +86,7 @@ class AerodromePlan:
 
     def __init__(self, proposal: PlannedScenario, area: ShownArea, overlay: list[Outline], on_pan: str) -> None:
         """on_pan: JavaScript with `cb_obj` for each drag event."""
-        on = plot("", "along the runway from the threshold, m", "right of the axis, m", 600)
+        on = plot("", "beyond the threshold (= -l1), m", "right of the axis, m", 600)
         on.update(sizing_mode=None, frame_width=560, frame_height=560, height=None, name="aerodrome")
         self.figure = on
         self.mapper: LinearColorMapper = shades(0.0, 1.0, reverse=True)

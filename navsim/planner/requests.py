@@ -32,11 +32,11 @@ class Known:
 def read_order(text: object, known: Known) -> dict[str, Any]:
     """An order, with each of its members of the right type and within its range. Raises WrongOrder."""
     if not isinstance(text, str) or len(text) > _LONGEST:
-        raise WrongOrder("an order of the page is no text, or too long")
+        raise WrongOrder("a request of the page is not text, or too long")
     try:
         order = json.loads(text)
     except (ValueError, RecursionError):
-        raise WrongOrder("an order of the page is no JSON") from None
+        raise WrongOrder("a request of the page is not JSON") from None
     if not isinstance(order, dict) or not isinstance(do := order.get("do"), str) or do not in _MEMBERS:
         raise WrongOrder("the page asks for something that the planner does not do")
     out: dict[str, Any] = {"do": do}

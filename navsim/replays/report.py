@@ -10,6 +10,7 @@ import numpy as np
 from navsim.geodesy import earth
 from navsim.report.table import Cell, Table, cell, number, numbers
 from navsim.report.view import View, one_by_one
+from navsim.results.findings import several
 from navsim.results.result import Result, scenario_of
 
 if TYPE_CHECKING:
@@ -43,7 +44,8 @@ def tables(result: Result) -> list[Table | str]:
     start = "aligned at {:.2f} s with data up to {:.2f} s" if known is None else "known at {:.2f} s"
     said = (
         f"{start.format(begin, until)}: tilt to {max(sigma[:2]):.1f}, heading to "
-        f"{sigma[2]:.1f} degrees (1 sigma); " + ", ".join(f"{count} {name}" for name, count in counts.items())
+        f"{sigma[2]:.1f} degrees (1 sigma); {several(counts['samples'], 'sample')}, {several(counts['fixes'], 'fix')}, "
+        f"{counts['rejected']} rejected, {several(counts['gaps'], 'gap')}"
     )
     if "flown_s" in alignment:  # results of earlier versions lack it
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))

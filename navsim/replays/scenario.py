@@ -69,7 +69,7 @@ def _columns(names: tuple[str, ...]) -> Any:
     def known(value: dict[str, str]) -> dict[str, str]:
         for name in value:
             if name not in names:
-                raise ValueError(f"{name!r} is no column; {hint(name, list(names))}")
+                raise ValueError(f"{name!r} is not a column; {hint(name, list(names))}")
         return value
 
     return Annotated[dict[str, str], AfterValidator(known)]

@@ -333,7 +333,7 @@ def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float
     if search.heading is not None:
         raise ReplayError(
             f"alignment.heading_deg needs a standstill at the start, and there is none in the {aligning.LONGEST:g} s "
-            f"from {first:g} s on; leave it out, or let start_s begin where the aircraft stands"
+            f"from {first:g} s on; leave it out, or let start_s begin where the aircraft is at rest"
         )
     raise ReplayError(
         f"no alignment: nowhere after {first:g} s do {search.longest:g} s of motion give the heading to "

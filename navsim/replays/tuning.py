@@ -165,9 +165,9 @@ def wandering_errors(recording: Recording, settings: np.ndarray) -> list[str]:
     horizontal, vertical = (f"{sigma:.2g}" for sigma in size * noise)
     return [
         f"the position errors of the fixes wander over about {time:g} s by {horizontal} m (1 sigma). A filter that "
-        f"follows them finds the innovations e^{gain:.0f} times likelier; one that takes them for white noise has too "
-        f"small sigmas of position. Write `gnss: {{errors: [{{time_s: {time:g}, position_sigma_m: [{horizontal}, "
-        f"{vertical}]}}]}}`"
+        f"follows them explains the innovations far better (log-likelihood higher by {gain:.0f}). Without it the "
+        f"sigmas of position are too small. Write `gnss: {{errors: [{{time_s: {time:g}, position_sigma_m: "
+        f"[{horizontal}, {vertical}]}}]}}`"
     ]
 
 

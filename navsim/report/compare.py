@@ -15,8 +15,8 @@ from navsim.results.result import Result
 
 TEXTS = ("scenario", "study")
 """Root attributes with the inputs of a result."""
-_ALIKE = "no intervals: the results share random numbers (seed and runs), or tell no intervals"
-_COUNTS = "counts are compared by the run, or by what else the difference names, not in all"
+_ALIKE = "no intervals: the results share random numbers (seed and runs), or have no intervals"
+_COUNTS = "counts are compared per run, or per the unit shown, not as totals"
 _APART = "95 % intervals of differences and ratios by Zou and Donner (2008), for results of other seeds or runs"
 
 

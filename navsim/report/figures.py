@@ -45,7 +45,7 @@ from navsim.report.printing import (
 )
 from navsim.report.ridges import BROWN, ShownRidge, clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import REACH, RINGS, SHADE, WRITTEN, bearings, masked, shaded, sides, source_tracks
-from navsim.report.summary_tables import runs_of, setting, single
+from navsim.report.summary_tables import runs_of, setting, single, source_title
 from navsim.results.result import Result, ResultError, write_bytes
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def track(result: Result) -> Figure:
         profile.axvline(at, color=_ORANGE, lw=0.8, ls="--")
         profile.annotate("touchdown", (at, 0.85), xycoords=("data", "axes fraction"), xytext=(4, 0),
                          textcoords="offset points", color=_ORANGE, fontsize=SMALL)  # fmt: skip
-    profile.set_xlabel("along the runway from the threshold, m")
+    profile.set_xlabel("beyond the threshold (= -l1), m")
     profile.set_ylabel("height above the threshold, m")
     fig.align_ylabels([plan, profile])
     return fig
@@ -399,7 +399,7 @@ def budget(result: Result) -> Figure:
     axes[1, 0].set_ylabel("share of mean square, %")
     fig.align_ylabels(axes[:, 0])
     handles = [Patch(facecolor=styles[i][0], hatch=styles[i][1], edgecolor="white", lw=0) for i in sorted(seen)]
-    labels = [names[i].replace("_", " ") for i in sorted(seen)]
+    labels = [source_title(names[i]) for i in sorted(seen)]
     legend(fig, handles, labels, 4, "outside lower center", "sources above 1 %, from below")
     return fig
 

@@ -313,11 +313,16 @@ def _shares(result: Result, name: str) -> tuple[float, float]:
     return horizontal, vertical
 
 
+def source_title(name: str) -> str:
+    """Name of a source of error in reports."""
+    return name.replace("satellite_lasting_", "time-correlated ").replace("_", " ")
+
+
 def _budget_rows(results: Sequence[Result]) -> dict[str, list[str]]:
     """Sources of the error budget by the names of their rows: the largest of any result first, small ones last."""
     largest = {name: max(max(_shares(r, name)) for r in results) for name in _named(results, _SOURCES)}
     order = sorted(largest, key=lambda name: -largest[name])
-    out = {name.replace("_", " "): [name] for name in order if largest[name] >= _SMALL_SHARE}
+    out = {source_title(name): [name] for name in order if largest[name] >= _SMALL_SHARE}
     rest = [name for name in order if largest[name] < _SMALL_SHARE]
     return out | ({f"{len(rest)} others, below {100 * _SMALL_SHARE:g} % each": rest} if rest else {})
 
@@ -539,7 +544,7 @@ def _verdict(result: Result, statement: str) -> Cell | str:
     word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
     value, low, high = map(float, result[f"{branch}/value"][i])
     if np.isnan(value):
-        return cell("{}: nothing is known of it", word)
+        return cell("{}: not evaluated by this method", word)
     number = f"{more:.2g}" if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
     if low == high or np.isnan(low) or single(result):

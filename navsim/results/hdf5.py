@@ -308,5 +308,5 @@ def _text(value: str | bytes, path: str) -> str:
     except UnicodeDecodeError:
         raise CorruptFile(f"{path}: not UTF-8") from None
     if found:
-        raise CorruptFile(f"{path}: holds the character U+{ord(found.group()):04X}, which is no text")
+        raise CorruptFile(f"{path}: holds the character U+{ord(found.group()):04X}, which is not text")
     return text

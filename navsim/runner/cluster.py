@@ -123,7 +123,7 @@ def _address_in(name: str) -> str:
                 return address
             problem = "its `address` is none, such as tcp://HOST:PORT"
         except (ValueError, KeyError, TypeError, RecursionError) as error:
-            problem = "it has no `address`" if isinstance(error, KeyError | TypeError) else f"it is no JSON ({error})"
+            problem = "it has no `address`" if isinstance(error, KeyError | TypeError) else f"it is not JSON ({error})"
             problem = problem if content.strip() else "it is empty"
         if time.monotonic() > end:
             cure = "start `dask scheduler --scheduler-file` with it, or give the address, tcp://HOST:PORT"

@@ -73,7 +73,7 @@ def correlation_of(squares: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Correlation (n,) of error / sigma at neighbouring outputs.
 
     squares: (t, n) means of z^2. steps: (n,) means of the sum over outputs of the squared change of z. nan where
-    nothing is known of it.
+    not evaluated by this method.
     """
     pairs = squares[1:] + squares[:-1]
     total = np.where(np.isfinite(pairs), pairs, 0.0).sum(axis=0)

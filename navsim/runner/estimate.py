@@ -48,9 +48,9 @@ def lacking(estimate: Budget, here: Machine, kept: float = 0.0) -> list[str]:
     """Missing resources of the machine, in words; kept: bytes of existing partial work."""
     out = []
     if here.memory_bytes is not None and estimate.memory_bytes > here.memory_bytes:
-        out.append(f"about {size(estimate.memory_bytes)} of memory, where {size(here.memory_bytes)} are free")
+        out.append(f"about {size(estimate.memory_bytes)} of memory; {size(here.memory_bytes)} are free")
     if here.disk_bytes is not None and estimate.disk_bytes - kept > here.disk_bytes:
-        out.append(f"about {size(estimate.disk_bytes)} on disk, where {size(here.disk_bytes)} are free")
+        out.append(f"about {size(estimate.disk_bytes)} on disk; {size(here.disk_bytes)} are free")
     return out
 
 

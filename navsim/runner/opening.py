@@ -25,7 +25,7 @@ SweepMethod = Literal["dop", "covariance", "monte-carlo"]
 
 
 def scenario_instead(path: Path) -> str:
-    """For a file that is no result but a scenario or study: the command that takes it; "" otherwise."""
+    """For a file that is not a result but a scenario or study: the command that takes it; "" otherwise."""
     from navsim.kinds import OF_FILES, advice
     from navsim.scenario.source import InputError, load
 
@@ -35,7 +35,7 @@ def scenario_instead(path: Path) -> str:
         kind = str(load(path).data.get("kind"))
     except InputError:  # not even YAML: another message explains why it is no result
         return ""
-    return f"{path}: is no result but {advice(kind, path)}" if kind in OF_FILES else ""
+    return f"{path}: is not a result but {advice(kind, path)}" if kind in OF_FILES else ""
 
 
 def open_job(command: str, source: Source, assignments: Sequence[Assignment], options: Options) -> tuple[Job, str]:
@@ -87,5 +87,5 @@ def schema_of(kind: str) -> dict[str, Any]:
     from navsim.scenario.json_schema import ANY, published
 
     if kind not in (*OF_FILES, ANY):
-        raise BadInput(as_problems(f"{kind!r} is no kind of scenario; {hint(kind, [*OF_FILES, ANY])}"))
+        raise BadInput(as_problems(f"{kind!r} is not a kind of scenario; {hint(kind, [*OF_FILES, ANY])}"))
     return published(kind)

@@ -53,7 +53,7 @@ def check_resources(asked: Request, estimate: Budget, speech: Reporter, shown: b
         return
     wanting = f"{asked.name}: needs {', and '.join(lack)}"
     if asked.at_most:
-        speech.warn(f"{wanting}, where it does not end early")
+        speech.warn(f"{wanting}. It may need less if it ends early")
     elif asked.over_budget:
         speech.warn(wanting)
     else:

@@ -274,4 +274,5 @@ class IntegritySection(Section):
             for j, member in enumerate(group.members):
                 if member not in pseudolites:
                     there = ", ".join(pseudolites) or "none"
-                    raise reject(f"{member!r} is no pseudolite; there are: {there}", "ground_groups", i, "members", j)
+                    text = f"{member!r} is not a pseudolite; the pseudolites are: {there}"
+                    raise reject(text, "ground_groups", i, "members", j)

@@ -186,7 +186,7 @@ class InterferenceSection(Section):
         names = [jammer.name for jammer in self.jammers]
         for i, name in enumerate(names):
             if name in names[:i]:
-                raise reject(f"{name!r} stands twice", "jammers", i, "name")
+                raise reject(f"{name!r} is given twice", "jammers", i, "name")
         for i, (low, high) in enumerate(self.front_end_mhz):
             if low >= high:
                 raise reject("the lower end comes first", "front_end_mhz", i)

@@ -413,7 +413,7 @@ class Landing(Section):
         except AirError as error:
             raise reject(str(error), "wind", error.key) from error
         except ValueError as error:
-            raise reject(f"no such path: {error}", "approach", *self._at_waypoint(error)) from error
+            raise reject(f"no path meets these numbers: {error}", "approach", *self._at_waypoint(error)) from error
         by_law = self.wind.profile == "log" and self.wind.blows
         if by_law or self.wind.turbulence is not None:
             highest = float(np.max(-path.jet(np.linspace(0.0, self.duration_s, 400))[:, 0, 2]))
@@ -456,7 +456,7 @@ class Landing(Section):
             raise reject(
                 f"the aircraft falls to {slowest:.1f} m/s within duration_s, {self.duration_s:g} s. Its attitude "
                 "follows from its path, so it must keep 2 m/s. Give a shorter duration_s, or `speed_is: ground`, with "
-                "which an aircraft stops and stands",
+                "which an aircraft stops and remains at rest",
                 "approach",
                 "profile",
             )

@@ -132,7 +132,7 @@ class Sky(Section):
         if self.source == "directions" and not self.directions:
             raise reject("`source: directions` needs a list of azimuth_deg and elevation_deg here", "directions")
         if self.horizon is None and self.horizon_sha256 is not None:
-            raise reject("there is no horizon it could be of", "horizon_sha256")
+            raise reject("there is no horizon: give it, or leave the checksum out", "horizon_sha256")
         if self.mask_deg >= self.mask_upper_deg:
             raise reject("must lie below mask_upper_deg", "mask_deg")
         for index, name in enumerate(self.exclude):

@@ -333,7 +333,7 @@ def load(path: Path) -> Document:
         message = "is a result, not a scenario: " + seen(path)
         raise InputError([Problem(Place(name), "", message)])
     if len(raw) > MOST_BYTES:
-        raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is no scenario")])
+        raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is not a scenario")])
     try:
         return parse(decoded(raw), name, path.resolve().parent)
     except UnicodeDecodeError as error:
@@ -461,7 +461,8 @@ def _plain(value: object) -> Any:
         if value.tzinfo is None:
             raise ValueError("a time needs its zone: datetime(..., tzinfo=timezone.utc)")
         return value.astimezone(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".") + "Z"
-    raise ValueError(f"{type(value).__name__} is no value for a key: numbers, texts, booleans, lists and mappings are")
+    kinds = "numbers, texts, booleans, lists and mappings are"
+    raise ValueError(f"{type(value).__name__} is not a value for a key: {kinds}")
 
 
 def of_data(data: Mapping[str, Any], name: str) -> Document:
@@ -537,7 +538,7 @@ def set_value(document: Document, key: str, value: Any, place: Place, folder: Pa
         step: str | int = part
         if isinstance(target, list):
             if not part.isdecimal() or len(part) > len(str(MOST_NODES)) or int(part) >= len(target):
-                raise fail(f"'{dotted(path)}' is a list of {len(target)}: '{part}' is no index of it; the first is 0")
+                raise fail(f"'{dotted(path)}' is a list of {len(target)}: '{part}' is not an index; the first is 0")
             step = int(part)
         elif not isinstance(target, dict):
             raise fail(f"'{dotted(path)}' is a single value, it has no '{part}' in it")

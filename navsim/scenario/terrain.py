@@ -39,9 +39,9 @@ class RidgeSection(Section):
         if given not in ({*ridge}, {*skyline}):
             raise reject("give either ends and height_m, or azimuth_deg, elevation_deg and distance_m")
         if self.ends is not None and self.ends[0] == self.ends[1]:
-            raise reject("one place is no ridge", "ends")
+            raise reject("a ridge needs two positions", "ends")
         if self.azimuth_deg is not None and self.azimuth_deg[0] == self.azimuth_deg[1]:
-            raise reject("one azimuth is no skyline; all around is from 0 to 360", "azimuth_deg")
+            raise reject("a skyline needs two azimuths; all around is from 0 to 360", "azimuth_deg")
         return self
 
     def tops(self, threshold: np.ndarray) -> np.ndarray:

@@ -68,7 +68,7 @@ def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure
     mapper = shades(low, high, reverse=not better)
     panels, hollow = [], False
     for panel in report.panels(result, name, moved):
-        on = plot(panel.title, "along the runway from the threshold, m", "right of the axis, m", 350)
+        on = plot(panel.title, "beyond the threshold (= -l1), m", "right of the axis, m", 350)
         marks: list[Any] = []
         if not np.isfinite(panel.values).all():
             hollow = True

@@ -462,7 +462,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
         if view.to_scale:
             ax.set_aspect("equal", adjustable="box")
         ax.set_ylabel("right of the axis, m")
-    axes[-1].set_xlabel("along the runway from the threshold, m" + ("; grey: no solution" if hollow else ""))
+    axes[-1].set_xlabel("beyond the threshold (= -l1), m" + ("; grey: no solution" if hollow else ""))
     legend_above(fig, axes[0], 3, f"not drawn: {unlike}" if (unlike := varied_terrain(result)) else None)
     if image is not None:
         place: dict[str, Any] = {"location": "bottom", "aspect": 30} if below else {"shrink": 0.8}

@@ -144,7 +144,10 @@ def smooth_profile(
         drop = (h2 - flare_height) / sin
         root = speed_start**2 - 2.0 * deceleration * drop
         if root <= 0.0:
-            raise ValueError("the aircraft would stop on the slope")
+            raise ValueError(
+                f"decelerating from {3.6 * speed_start:.4g} to {3.6 * speed_touchdown:.4g} km/h does not fit this "
+                "glide; change speed_start_kmh, speed_touchdown_kmh, start_height_m or glide_slope_deg"
+            )
         glide_time = 2.0 * drop / (speed_start + math.sqrt(root))
         sink = sin * (speed_start - deceleration * glide_time)
         if sink <= sink_touchdown:

@@ -490,7 +490,7 @@ def test_axes_are_letters_and_matrices() -> None:
         ("imu.axes=FLX", "expected three letters"),
         ("imu.gyro_unit=deg", "did you mean 'deg/s'"),
         ("gnss.velocity_axes=XYZ", "N/S or E/W or D/U"),
-        ("imu.columns={gx: a}", "'gx' is no column"),
+        ("imu.columns={gx: a}", "'gx' is not a column"),
         ("checks=maybe", "refuse, warn, off"),
     ],
 )

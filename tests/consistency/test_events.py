@@ -191,7 +191,7 @@ def test_of_the_code_only(event: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("event", "key", "says"),
     [
-        ({"what": "step", "sources": ["R77"], "error_m": 3}, "events.0.sources.0", "'R77' is no source"),
+        ({"what": "step", "sources": ["R77"], "error_m": 3}, "events.0.sources.0", "'R77' is not a source"),
         ({"what": "step", "sources": [], "error_m": 3}, "events.0.sources", "at least 1"),
         ({"what": "stop", "sources": ["R01"]}, "events.0.what", "did you mean 'step'?"),
         ({"what": "spoof", "sources": ["R01"]}, "events.0.what", "changes nothing"),

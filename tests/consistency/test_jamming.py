@@ -161,7 +161,7 @@ def test_jammers_that_cannot_be(change: dict[str, Any], says: str) -> None:
 
 
 def test_names_and_thresholds_are_checked() -> None:
-    with pytest.raises(InputError, match="'J1' stands twice"):
+    with pytest.raises(InputError, match="'J1' is given twice"):
         scenario(f"interference={json.dumps({'jammers': [NOISE, NOISE]})}")
     with pytest.raises(InputError, match="must not lie below lose_db_hz"):
         scenario(f"interference={json.dumps({'jammers': [NOISE], 'lock': {'lose_db_hz': 40, 'regain_db_hz': 30}})}")

@@ -177,7 +177,7 @@ def test_what_a_source_lacks_and_marks_is_said(shared: Path) -> None:
     warnings = prepare(*read(SCENARIOS / "landing.yaml", [day, *when])).sky_warnings
     (marked,) = (text for text in warnings if "marked as unhealthy" in text)
     assert marked.startswith("satellites not used: E14")
-    assert "no orbit data" in marked
+    assert "no valid ephemeris at this time" in marked
     assert len([text for text in warnings if "not used" in text]) == 1
 
 

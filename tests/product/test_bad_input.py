@@ -165,7 +165,7 @@ TOGETHER: list[tuple[str, Callable[[str], str], list[str]]] = [
     ("pseudolite inside the aircraft", near, ["s.yaml:", "pseudolites.s_m", "PL1", "10 m"]),
     ("fixes faster than the IMU", lambda t: t.replace("rate_hz: 10  ", "rate_hz: 100  ").replace("  rate_hz: 100\n", "  rate_hz: 50\n"), ["receiver.rate_hz", "faster than the IMU"]),
     ("aircraft that stops", lambda t: t.replace("profile: paper", "profile: smooth").replace("  corner_s: 0.5 ", "  speed_is: air\n  rollout_deceleration_m_s2: 3 "), ["approach.profile", "2 m/s", "speed_is: ground"]),
-    ("flare higher than the glide", lambda t: t.replace("profile: paper", "profile: smooth").replace("  corner_s: 0.5 ", "  flare_height_m: 150 "), ["approach", "no such path"]),
+    ("flare higher than the glide", lambda t: t.replace("profile: paper", "profile: smooth").replace("  corner_s: 0.5 ", "  flare_height_m: 150 "), ["approach", "no path meets these numbers"]),
 ]  # fmt: skip
 
 

@@ -152,8 +152,8 @@ def test_what_a_command_does_elsewhere_is_not_resumed(tmp_path: Path, monkeypatc
     done = navsim("resume", "work/out.h5.partial", "--workers", 2, "-q", "--log", "mine", cwd=tmp_path)
     first, second, *_ = done.stderr.splitlines()
     assert first == "navsim sweep begun.yaml --output out.h5 --quiet --workers 2"
-    assert second.startswith("without --workers 1 --figures ")
-    assert f"--force --log {tmp_path}/theirs of its first command; give it to navsim resume" in second
+    assert second.startswith("options not repeated: --workers 1 --figures ")
+    assert f"--force --log {tmp_path}/theirs. Add them to navsim resume if needed" in second
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "work"]
     assert (tmp_path / "work" / "out.h5").is_file()
     assert not store.folder.exists()

@@ -302,11 +302,11 @@ def test_what_is_no_scheduler_is_refused(options: tuple[object, ...], words: str
     ("content", "said"),
     [
         (b"", "it is empty, also after 0.3 s; start `dask scheduler --scheduler-file` with it, or give the address"),
-        (b'{"type": "Scheduler", "address": "tcp://127.0.', "it is no JSON"),
-        (b"\x00\xff", "it is no JSON"),
+        (b'{"type": "Scheduler", "address": "tcp://127.0.', "it is not JSON"),
+        (b"\x00\xff", "it is not JSON"),
         (b"[]", "it has no `address`"),
         (b'{"address": 5}', "its `address` is none, such as tcp://HOST:PORT"),
-        (b"[" * 100_000, "it is no JSON"),
+        (b"[" * 100_000, "it is not JSON"),
     ],
 )
 def test_a_schedulers_file_that_is_not_whole(

@@ -234,7 +234,7 @@ def test_results_are_wanted(command: str, template: str, files: Path) -> None:
     extra = ("--kml",) if command == "export" else ()
     said = navsim(command, file, *extra, cwd=files, code=2).stderr
     kind = shipped.kind(template)
-    assert f"{file}: is no result" in said
+    assert f"{file}: is not a result" in said
     assert f"kind {kind}: use navsim {KINDS[kind].command} {file} or navsim validate {file}" in said
 
 

@@ -182,9 +182,9 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
     ("call", "said"),
     [
         (lambda: navsim.run({"kind": "landing", "versoin": 1}), "versoin: unknown key; did you mean 'version'?"),
-        (lambda: navsim.run({"kind": "landng"}), "scenario: kind: 'landng' is no kind of scenario; did you mean"),
+        (lambda: navsim.run({"kind": "landng"}), "scenario: kind: 'landng' is not a kind of scenario; did you mean"),
         (lambda: navsim.run({"kind": "landing", 3: 4}), "scenario: a key must be a text, not 3"),
-        (lambda: navsim.run({"a": {"b": [1, object()]}}), "scenario: a.b.1: object is no value for a key"),
+        (lambda: navsim.run({"a": {"b": [1, object()]}}), "scenario: a.b.1: object is not a value for a key"),
         (lambda: navsim.run({"duration_s": float("nan")}), "scenario: duration_s: a finite number is needed, not nan"),
         (lambda: navsim.run(LANDING, set={"pseudolites.s_mm": 1}), "pseudolites.s_mm: unknown key; did you mean"),
         (lambda: navsim.run(LANDING, set={"duration_s.x": 1}), "set['duration_s.x']: 'duration_s' is a single value"),
@@ -202,8 +202,8 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.run(3), "expected the path of a file, or a mapping with its contents"),  # type: ignore[arg-type]
         (lambda: navsim.load(ROOT / "README.md"), "README.md: not a readable HDF5 file"),
         (lambda: navsim.ResultFile("absent.h5"), "absent.h5: no such file"),
-        (lambda: navsim.ResultFile(LANDING), "is no result but a scenario of kind landing: use navsim.run("),
-        (lambda: navsim.schema("landng"), "'landng' is no kind of scenario; did you mean 'landing'? allowed: landing"),
+        (lambda: navsim.ResultFile(LANDING), "is not a result but a scenario of kind landing: use navsim.run("),
+        (lambda: navsim.schema("landng"), "'landng' is not a kind of scenario; did you mean 'landing'? allowed: "),
     ],
 )  # fmt: skip
 def test_bad_input_says_so_in_the_words_of_python(call: Any, said: str, tmp_path: Path, monkeypatch: Any) -> None:

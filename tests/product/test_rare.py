@@ -163,7 +163,7 @@ def test_rejected_fixes_are_reported(place: Path) -> None:
         (("--require-consistent",), "--require-consistent: only for method monte-carlo; errors and innovations of"),
         (("--until", "rms_horizontal within 2%"), "with method rare expected `probability within 20%`"),
         (("--until", "probability within 0.05%"), "0.05 % is not within 0.1 to 50 percent"),
-        (("--until", "probability within 1.2.3%"), "'1.2.3' is no number"),
+        (("--until", "probability within 1.2.3%"), "'1.2.3' is not a number"),
         (("--method", "monte-carlo", "--until", "probability within 9%"), "a probability goes with --method rare"),
     ],
 )

@@ -146,8 +146,8 @@ def test_bytes_in_words(count: float, words: str) -> None:
 def test_what_is_lacking_is_said_with_what_there_is() -> None:
     budget, small = Budget(3e9, 2e9, 1e9), Machine(1e9, 2.5e9, 2)
     memory, disk = lacking(budget, small)
-    assert memory == "about 3 GB of memory, where 1 GB are free"
-    assert disk == "about 3 GB on disk, where 2.5 GB are free"
+    assert memory == "about 3 GB of memory; 1 GB are free"
+    assert disk == "about 3 GB on disk; 2.5 GB are free"
     assert lacking(budget, Machine(4e9, 2.5e9, 2), kept=0.6e9) == []
     assert lacking(budget, Machine(None, None, 2)) == []
     words = estimate_text(budget, small)
@@ -187,7 +187,7 @@ def test_a_study_beyond_the_machine_is_refused(name: str, tmp_path: Path, monkey
     done = command(tmp_path, SHORTAGE[name])
     assert done.exit_code == 2, done.output
     assert "--over-budget computes it nevertheless" in done.output
-    assert "where 2 GB are free" in done.output or "where 5 GB are free" in done.output or little == 1e6
+    assert "; 2 GB are free" in done.output or "; 5 GB are free" in done.output or little == 1e6
     assert not [file for file in tmp_path.rglob("*") if file.is_file()]
 
 
@@ -198,14 +198,14 @@ def test_over_budget_computes_and_warns(tmp_path: Path, monkeypatch: pytest.Monk
     done = command(tmp_path, ["run", *shipped, "--over-budget"])
     assert done.exit_code == 0, done.output
     assert "warning:" in done.output
-    assert "of memory, where 1 MB are free" in done.output
+    assert "of memory; 1 MB are free" in done.output
     assert (tmp_path / "out.h5").is_file()
 
 
 def test_partial_work_that_is_there_is_not_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments: list[object] = ["run", SCENARIOS / "landing.yaml", "--runs", 1000, "--keep", "all", "--dry-run"]
     monkeypatch.setattr(having, "machine", lambda _: Machine(4e9, 3.6e9, 2))
-    assert "on disk, where 3.6 GB are free" in command(tmp_path, arguments).output
+    assert "on disk; 3.6 GB are free" in command(tmp_path, arguments).output
     folder = tmp_path / "out.h5.partial"
     folder.mkdir()
     with open(folder / "runs", "wb") as file:
@@ -218,7 +218,7 @@ def test_until_ends_early_so_that_its_most_is_only_told(tmp_path: Path, monkeypa
     done = command(tmp_path, ["run", SCENARIOS / "landing.yaml", "--until", "rms_horizontal within 2%", "--dry-run"])
     assert done.exit_code == 0, done.output
     assert "at most about" in done.output
-    assert "where it does not end early" in done.output
+    assert "may need less if it ends early" in done.output
 
 
 def test_steps_and_scans_are_those_of_the_study() -> None:

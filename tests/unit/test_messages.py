@@ -117,7 +117,7 @@ def test_pushed_runs_tell_of_the_box_alone() -> None:
     )
     scenario, _ = read(LANDING, [box, asked])
     (said,) = untold_by_pushed_runs(scenario)
-    assert said.endswith("; method monte-carlo also evaluates: lateral error at touchdown below 8 m in 95 % of runs")
+    assert said.endswith("use `--method monte-carlo`: lateral error at touchdown below 8 m in 95 % of runs")
     assert untold_by_pushed_runs(read(LANDING, [box, "requirements=[{what: box, at_most: 0.1}]"])[0]) == []
 
 
@@ -142,7 +142,7 @@ def test_what_of_an_earlier_layout_is_not_shown(capsys: pytest.CaptureFixture[st
     ("attributes", "warned", "left"),
     [
         ({"schema_version": SCHEMA_VERSION + 1, "navsim_version": "9.9"},
-         f"this navsim version {SCHEMA_VERSION}: what stands elsewhere there is not shown; a newer navsim shows it",
+         f"this navsim version {SCHEMA_VERSION}: parts that are stored elsewhere there are not shown; a newer navsim shows them",
          "written by navsim 9.9; read it with a newer navsim"),
         ({}, "has no layout version", "does not name the program that wrote it; compute it again"),
     ],

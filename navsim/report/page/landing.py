@@ -68,7 +68,7 @@ from navsim.report.page.terrain import plan_of, ridge_lines
 from navsim.report.page.touchdown import distribution, percentiles, scatter
 from navsim.report.ridges import clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import SourceTrack, masked, source_tracks
-from navsim.report.summary_tables import setting, single, state_verdict
+from navsim.report.summary_tables import setting, single, source_title, state_verdict
 from navsim.results.result import Result
 from navsim.results.schema import RMS_WINDOW
 
@@ -94,7 +94,7 @@ def drawings(results: Sequence[Named]) -> list[Drawing]:
 def track(results: Sequence[Named]) -> Drawing:
     """Plan view with the pseudolites, and the height over the same distances."""
     plan = plot("Plan", "", "right of the axis, m", 300)
-    profile = plot("Height", "along the runway from the threshold, m", "height above the threshold, m", 220)
+    profile = plot("Height", "beyond the threshold (= -l1), m", "height above the threshold, m", 220)
     lines: list[Any] = []
     places: list[Any] = []
     thinned = []
@@ -516,7 +516,7 @@ def budget(results: Sequence[Named]) -> Drawing | None:
     kept = having(results, "/summary/budget/source")
     panels = []
     for i, name, result in kept:
-        sources = [str(each).replace("_", " ") for each in result["/summary/budget/source"]]
+        sources = [source_title(str(each)) for each in result["/summary/budget/source"]]
         for axis in ("horizontal", "vertical"):
             share, alone = (result[f"/summary/budget/{axis}{part}"] for part in ("_share", ""))
             order = [k for k in np.argsort(-share, kind="stable") if share[k] >= 0.001]
