@@ -142,7 +142,8 @@ def test_what_of_an_earlier_layout_is_not_shown(capsys: pytest.CaptureFixture[st
     ("attributes", "warned", "left"),
     [
         ({"schema_version": SCHEMA_VERSION + 1, "navsim_version": "9.9"},
-         f"this navsim version {SCHEMA_VERSION}: parts that are stored elsewhere there are not shown; a newer navsim shows them",
+         f"this navsim version {SCHEMA_VERSION}: parts that are stored elsewhere there are not shown; a "
+         "newer navsim shows them",
          "written by navsim 9.9; read it with a newer navsim"),
         ({}, "has no layout version", "does not name the program that wrote it; compute it again"),
     ],
