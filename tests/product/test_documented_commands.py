@@ -62,7 +62,7 @@ BRIEF = [
 HOURS = ("--runs 100000", "--runs 1000")
 """What a cluster is for takes one machine hours: no form runs it, `--dry-run` apart."""
 
-INSTALLS = ("make run", "make test")
+INSTALLS = ("make run", "make test", "make site")
 """They install from the network; `make -n` says that the targets are there."""
 NO_DEVICE = "serial:///dev/ttyUSB0"
 """There is no receiver at a serial port; the command must get as far as saying so."""
