@@ -1,18 +1,18 @@
 """navsim: plan and prove a landing navigation system (INS + GNSS + ground pseudolites).
 
-The contract. It holds everywhere in the package; `docs/conventions.md` says it at length.
+Conventions of the whole package; `docs/conventions.md` has the details.
 
-Frames   i inertial; e ECEF (WGS-84); n local level, north-east-down (NED) at the vehicle; b body,
-         forward-right-down. Receiver geometry is in ENU, because that is how DOPs are defined.
-C_nb     takes b components into n: v_n = C_nb v_b. Quaternions are b -> n, Hamilton, scalar first.
-Errors   truth minus estimate. Attitude error: rotation vector theta in NED, C_nb(true) = exp(theta x) C_nb(estimate).
-States   fifteen, in the order of `navsim.filter.states`: position (m, NED), velocity (m/s), attitude (rad), gyro
-         bias (rad/s), accelerometer bias (m/s2); behind them, where a filter follows them, the errors of the scale
-         factors of gyros and accelerometers (1). Measured = (1 + scale) true + bias.
-Units    SI and radians inside; outside as each key or column says in its name.
-Time     seconds since the scenario's epoch, which is UTC; increments belong to the interval that ends at their time.
-DOP      from unit-weight geometry in ENU; GDOP is the root of the whole trace, TDOP belongs to the first clock.
-SKO      the paper's СКО: root of the weighted covariance of a fix (horizontal: two axes, vertical: one).
+- Frames: i inertial; e ECEF (WGS-84); n local level, north-east-down (NED) at the vehicle; b body, forward-right-down.
+  Receiver geometry is in ENU, because that is how DOPs are defined.
+- C_nb rotates b components into n: v_n = C_nb v_b. Quaternions are b -> n, Hamilton, scalar first.
+- Errors: truth minus estimate. Attitude error: rotation vector theta in NED, C_nb(true) = exp(theta x) C_nb(estimate).
+- States: fifteen, in the order of `navsim.filter.states`. Position (m, NED), velocity (m/s), attitude (rad), gyro bias
+  (rad/s), accelerometer bias (m/s2). The scale factor errors of gyros and accelerometers (1) follow if a filter
+  estimates them. Measured = (1 + scale) true + bias.
+- Units: SI and radians inside; outside the unit is in the name of each key or column.
+- Time: seconds since the scenario's epoch, which is UTC; increments belong to the interval that ends at their time.
+- DOP: from unit-weight geometry in ENU; GDOP is the root of the whole trace, TDOP belongs to the first clock.
+- SKO: the paper's СКО, root of the weighted covariance of a fix (horizontal: two axes, vertical: one).
 """
 
 from __future__ import annotations

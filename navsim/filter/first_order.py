@@ -68,8 +68,8 @@ class ErrorRoute(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Measurements of inertial sensors and receiver, or what they would be if nothing were drawn: dtheta, dv (s, 3)
-    increments; ranges, rates (e, s)."""
+    """Measurements of inertial sensors and receiver, real or without random errors: dtheta, dv (s, 3) increments;
+    ranges, rates (e, s)."""
 
     dtheta: np.ndarray
     dv: np.ndarray

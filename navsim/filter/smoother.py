@@ -3,7 +3,9 @@
 The whole flight is one least-squares problem. It contains the initial estimate, the sensor noise of every interval and
 every fix, each weighted by the filter model. Gauss-Newton solves it; its normal equations are those of a Kalman filter
 and a backward pass, linearised along the latest trajectory [1]. The first trajectory is that of an error-state filter,
-smoothed. At the solution every linearisation is at the estimate, so the remaining inconsistency is the curvature of the
+smoothed.
+
+At the solution every linearisation is at the estimate, so the remaining inconsistency is the curvature of the
 posterior. Every output uses all fixes, also later ones. The last output of a flight is the best that a filter could
 know at that time.
 

@@ -50,9 +50,9 @@ CONSTANT = -1
 DECLARED = np.dtype([("triad", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay", "f8"), ("drive", "f8")], align=True)
 """A sensor state of a filter or of a truth. Kernels take an array of them (k,). A state x adds x to what its `triad`
 measures along `axis`. If `signal` is an axis, not `CONSTANT`, it adds x times the triad's input along that axis. Axes
-of gyros from 3 on are axes of specific force, which only a truth has. `triad` may also be a kind of measurements
-(`filter.measurement_models`), and `axis` then counts its time-correlated errors. `decay` (1/s) is the rate of decay,
-`drive` (unit2/s) the density of the driving white noise."""
+of gyros from 3 on are axes of specific force; only a truth has them. `triad` may be a kind of measurements
+(`filter.measurement_models`); `axis` then counts its time-correlated errors. `decay` (1/s): rate of decay. `drive`
+(unit2/s): density of the driving noise."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""Estimates from runs by what is known exactly of their first-order errors, as `/summary/controlled`.
+"""Control variates from the first-order errors of runs, as `/summary/controlled`.
 
-Of each run navsim knows the first-order error at the decision heights, at the box, and over the last seconds
-(`simulation.first_order`), and its exact distribution by the covariance analysis: the control of
+For each run navsim computes the first-order error at the decision heights, at the box, and over the last seconds
+(`simulation.first_order`). The covariance analysis gives its exact distribution. This is the control of
 `runner.control_variates`.
 """
 
@@ -31,7 +31,7 @@ from navsim.words import option
 
 _PARTS = {"horizontal": [0, 1], "vertical": [2]}
 _HELPS = 2.0
-"""Gain below which first-order errors are said to tell little of the errors."""
+"""Gain below which a finding says that first-order errors explain little of the errors."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def _put(draft: ResultBuilder, name: str, *found: Controlled) -> None:
 
 
 def far_from_first_order(case: Case, ensemble: Ensemble) -> list[Finding]:
-    """Findings about errors of which the first-order errors tell little."""
+    """Findings about errors that the first-order errors hardly explain."""
     controls = controls_of(case, ensemble)
     if controls is None:
         return []

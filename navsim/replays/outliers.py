@@ -3,8 +3,10 @@
 The sum of squared residuals of a fix, each over its sigma, is chi-square distributed if all ranges are good. A fix that
 fails the test is computed again without each of its ranges. The range without which it passes is excluded, if no other
 would do nearly as well. Otherwise the fix is refused. A fix from as many ranges as unknowns has no residuals, and is
-only compared with its neighbours. Range rates are tested in the same way afterwards. The velocity is computed without
-those that contradict the others, or omitted.
+only compared with its neighbours.
+
+Range rates are tested in the same way afterwards. The velocity is computed without those that contradict the others, or
+omitted.
 
 Sources: [1] Kaplan & Hegarty (2017), section 11.4 (chi-square test, exclusion). [2] RTKLIB 2.4.3, `pntpos.c` (`valsol`,
 `raim_fde`: the test, its limit of DOP).

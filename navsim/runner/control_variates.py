@@ -33,7 +33,7 @@ from navsim.statistics.importance_sampling import TWO_SIDED
 LEAST_RUNS = 64
 """Fewest runs with which a controlled estimate is made."""
 _OFF = 8.0
-"""Standard errors by which the mean of a control may be off the exact one before it is not believed."""
+"""Largest deviation of the mean of a control from the exact one, in standard errors, before the control is not used."""
 _STEPS = 44
 """Halvings of an interval in the search of its ends: down to rounding."""
 
@@ -52,7 +52,7 @@ class Controlled(NamedTuple):
 
     @property
     def correlation(self) -> float:
-        """The correlation of what is estimated with its controls."""
+        """Correlation of the number of interest with its controls."""
         return math.sqrt(max(0.0, 1.0 - 1.0 / self.gain)) if self.gain > 0.0 else math.nan
 
     def root(self) -> Controlled:
@@ -71,7 +71,7 @@ class Controlled(NamedTuple):
 
 
 NONE = Controlled(np.full(3, np.nan), math.nan)
-"""Where there is no controlled estimate."""
+"""Estimate of a quantity without a control."""
 
 
 def mean(values: np.ndarray, controls: np.ndarray, exact: np.ndarray) -> Controlled:
@@ -176,7 +176,7 @@ def _is_off(count: int, runs: int, exact: float) -> bool:
 
 
 def _gain(plain: np.ndarray, value: np.ndarray) -> float:
-    """How many times as many runs would make an interval (3,) as narrow as another."""
+    """Factor on the number of runs that would make an interval (3,) as narrow as another."""
     return float(((plain[2] - plain[1]) / (value[2] - value[1])) ** 2)
 
 
