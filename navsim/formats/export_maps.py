@@ -34,9 +34,6 @@ def origin_text(result: Result) -> str:
     return f"navsim {result.attributes['navsim_version']}, scenario {str(result.attributes['scenario_sha256'])[:16]}"
 
 
-# --- maps
-
-
 def true_antenna(result: Result) -> np.ndarray:
     """True position of the antenna at the fix epochs, ECEF, m (e, 3).
 
@@ -55,8 +52,7 @@ def true_antenna(result: Result) -> np.ndarray:
 
 
 def _map_features(result: Result) -> list[dict[str, Any]]:
-    """Track, error ellipses of fixes, pseudolites, runway, ridges: type, name, coordinates (lon, lat, h), properties.
-    """
+    """Track, error ellipses of fixes, pseudolites, runway, ridges: type, name, coordinates (lon, lat, h), properties."""
     if result.attributes["kind"] == "replay":
         path = [
             (name, result[f"/{group}/position_llh"]) for name, group in (("track", "filter"), ("fixes", "receiver"))

@@ -32,9 +32,6 @@ VELOCITY_SIGMA = 0.3
 """1 sigma of a piece's velocity change, relative to that of the biases, m/s."""
 
 
-# --- specific force against velocities
-
-
 @dataclass(frozen=True)
 class Propagated:
     """Specific force integrated with the attitude from gyros of one sign and unit."""

@@ -42,9 +42,6 @@ LIKELY = 9.0
 """A factor is as likely as another whose chi-square is less by no more than this: three sigma."""
 
 
-# --- positions against velocities
-
-
 def ways(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     """Check angles, heights, speeds and axes of the velocity: position changes must equal the integrated velocity.
 

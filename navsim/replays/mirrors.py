@@ -8,8 +8,6 @@ from navsim.formats import conventions
 from navsim.formats.conventions import BODY_AXES, LEVEL_AXES, axes_letters, axes_matrix
 from navsim.replays.mistakes import Log, Mistake
 
-# --- mirrored trajectories
-
 
 def without_mirrors(found: list[Mistake], log: Log) -> list[Mistake]:
     """Replace axes that together make a mirrored trajectory consistent by the wrong sign that mirrors it.

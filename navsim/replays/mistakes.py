@@ -71,6 +71,8 @@ class Log:
     last: float = np.inf
     sentences: bool = False
     """The fixes are NMEA, which fixes units and axes; the only correction is a time offset."""
+
+
 OF_HEIGHTS = "sign of the vertical velocity, unit of the height"
 OF_SENSORS = "signs, columns and axes of the sensors, unit of the gyros, clocks"
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from navsim.sensors.barometer import BarometricAltimeter
 
 
-
 class AltimeterSection(Section):
     """An altimeter for the height of the IMU above the ellipsoid."""
 

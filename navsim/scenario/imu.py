@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from navsim.sensors.imu_errors import ImuErrorModel, Vibration, Warming
 
 
-
 PPM = 1e-6
 G = 1e3 * MG
 USUAL_TIME = 100.0

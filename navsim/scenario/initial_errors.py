@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
-from navsim.scenario.base import (
-    NonNegative,
-    Section,
-    Triple,
-)
-
-if TYPE_CHECKING:
-    pass
-
+from navsim.scenario.base import NonNegative, Section, Triple
 
 
 class Vectors(Section):

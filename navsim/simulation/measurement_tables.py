@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from navsim.simulation.landing import Flight
 
 
-
 def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
     """Fixes (m, 3), (m, 3), (m, 6, 6) as the filter takes them."""
     used = velocity if beliefs.velocity else np.full_like(velocity, np.nan)

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from navsim.simulation.landing import Flight
 
 
-
 @dataclass(frozen=True)
 class Run:
     """Output of one run, or of several along a first axis. Shapes and units are those of the result file without the
