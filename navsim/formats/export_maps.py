@@ -52,7 +52,7 @@ def true_antenna(result: Result) -> np.ndarray:
 
 
 def _map_features(result: Result) -> list[dict[str, Any]]:
-    """Track, error ellipses of fixes, pseudolites, runway, ridges: type, name, coordinates (lon, lat, height), others."""
+    """Track, error ellipses of fixes, pseudolites, runway, ridges: type, name, coordinates (lon, lat, height), ..."""
     if result.attributes["kind"] == "replay":
         path = [
             (name, result[f"/{group}/position_llh"]) for name, group in (("track", "filter"), ("fixes", "receiver"))
