@@ -29,7 +29,7 @@ class MergeOptions:
             metavar="FOLDER", help="Folder of the files that the scenario names, such as orbits."
         ),
     ] = Path()
-    figures: Annotated[str | None, figures_option("unless given")] = None
+    figures: Annotated[str | None, figures_option("unless this option is given")] = None
     dry_run: Annotated[bool, dry_run_option("Check that the parts fit, then stop.")] = False
     json_: JsonOption = False
 

@@ -46,8 +46,8 @@ class RunOptions:
         number_option(
             int,
             1,
-            "Number of runs. Default: 1; with --method rare as many as a standard error of 20 % needs; for a "
-            "companion paper's system the scenario's number.",
+            "Number of runs. Default: 1; with --method rare as many as bring the standard error of the probability to "
+            "20 % of it; for a companion paper's system the scenario's number.",
         ),
     ] = None
     until: Annotated[

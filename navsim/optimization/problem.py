@@ -470,7 +470,7 @@ def _read_at(name: str, case: Case) -> float:
 
 
 def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> tuple[ObjectiveFunction, ...]:
-    """Screens by the SKO of fixes: along the objective's axis, and in space, over the seconds before it is evaluated;
+    """Screens by the sigma of fixes: along the objective's axis, and in space, over the seconds before it is evaluated;
     along the axis over the glide until then. The number of epochs without a fix counts first."""
     before = time <= end
     late = before & (time > end - RMS_WINDOW)
@@ -487,9 +487,9 @@ def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: 
 def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, flies: bool) -> ObjectiveFunction:
     """Geometry features of stretches of the glide before `end`.
 
-    They are logarithms of the mean SKO of fixes in space, horizontal, vertical, and the number of epochs without a fix.
-    The filter forgets earlier stretches, to a varying degree. Levels depend on each epoch separately, so the stretches
-    are equal then.
+    They are logarithms of the mean sigma of fixes in space, horizontal, vertical, and the number of epochs without a
+    fix. The filter forgets earlier stretches, to a varying degree. Levels depend on each epoch separately, so the
+    stretches are equal then.
     """
     if flies:
         edges = [-math.inf, *(end - before for before in _STRETCHES), end]

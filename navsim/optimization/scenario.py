@@ -163,8 +163,9 @@ class Optimize(Section):
     ]
     """numbers of pseudolites to place, a list or first and last; several give the trade-off of accuracy and number"""
     objective: Literal[OBJECTIVES]  # type: ignore[valid-type]
-    """quantity that navsim minimises: a mean or (…_max) worst DOP or SKO of the glide, an error of the filter, or a
-    protection level, if all of the glide has it. It maximises level_share, the share of epochs that have levels"""
+    """quantity that navsim minimises: a mean or (…_max) worst DOP or sigma of a fix of the glide, an error of the
+    filter, or a protection level, if all of the glide has it. It maximises level_share, the share of epochs that have
+    levels"""
     area: Area | None = None
     """area for pseudolites; give this or sites"""
     sites: ListOf[SiteChoice] = ()

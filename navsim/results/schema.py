@@ -384,8 +384,8 @@ _SUMMARY = Chapter(
         _a("/summary/dop/{dop}", "statistic", "1", "{DOP} over the fix epochs of the glide", _FLOWN, dop=_DOPS),
         _a("/summary/used/{part}", "statistic", "1", "number of {part} used over the fix epochs of the glide", _FLOWN,
            part=("satellites", "pseudolites")),
-        _a("/summary/fix/rms_{part}", "interval", "m", "SKO of a fix: root of the weighted covariance, mean over the "
-           "fix epochs of the glide; a prediction, without sampling uncertainty", _FLOWN,
+        _a("/summary/fix/rms_{part}", "interval", "m", "sigma of a fix (SKO): root of the weighted covariance, mean "
+           "over the fix epochs of the glide; a prediction, without sampling uncertainty", _FLOWN,
            attributes=("minimum", "maximum"), part=("horizontal", "vertical", "3d")),
         _a("/summary/rms/position_ned", "ned interval", "m", f"position error, {_RMS}", _FLOWN),
         _a("/summary/rms/velocity_ned", "ned interval", "m/s", f"velocity error, {_RMS}", _FLOWN),
@@ -904,7 +904,7 @@ DOP_QUANTITIES = {
     **{f"fix_{part}": ("m", f"{part} RMS of a fix, mean over the glide") for part in ("horizontal", "vertical")},
     "epochs_without_fix": ("1", "epochs of the glide without a fix"),
 }
-"""Unit and meaning of quantities of placements for every method: DOPs, SKO of a fix, lost epochs."""
+"""Unit and meaning of quantities of placements for every method: DOPs, sigma of a fix, lost epochs."""
 FILTER_QUANTITIES = {
     **{part: ("m", f"root mean square {part} position error {_LATE}") for part in ("horizontal", "vertical")},
     **{
@@ -1112,8 +1112,8 @@ _TABLE2 = Chapter(
            dop=("pdop", "hdop", "vdop")),
         _a("/weighted/{dop}", "calibration case statistic", "1", "{DOP}, sigma of the fix over that of a range", TABLE2,
            dop=("pdop", "hdop", "vdop")),
-        _a("/published/rms_{part}", "case", "m", "SKO of Table 2", TABLE2, part=("horizontal", "vertical")),
-        _a("/table/rms_{part}", "calibration case", "m", "SKO of a fix, mean over the glide", TABLE2,
+        _a("/published/rms_{part}", "case", "m", "sigma of a fix (SKO)", TABLE2, part=("horizontal", "vertical")),
+        _a("/table/rms_{part}", "calibration case", "m", "sigma of a fix (SKO), mean over the glide", TABLE2,
            part=("horizontal", "vertical")),
         _a("/published/error_horizontal", "case", "m", "horizontal estimation error of Table 2", TABLE2),
         _a("/table/error_horizontal", "calibration case interval", "m", f"horizontal estimation error, {_RMS}", TABLE2,
