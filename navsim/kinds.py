@@ -61,6 +61,10 @@ KINDS = {
         "replay", "navsim.replays.report:VIEW", "navsim.replays.scenario:Replay", "navsim.replays.job:ReplayJob",
         "log", "navsim.replays.job:check",
     ),
+    "ranges": Kind(
+        "replay", "navsim.ranging.report:VIEW", "navsim.ranging.scenario:RecordedRanges", "navsim.ranging.job:RangeJob",
+        "log", "navsim.ranging.job:check",
+    ),
     "table2": Kind("table2", "navsim.landing.table2_report:VIEW"),
     "integrity-table": Kind("integrity-table", "navsim.landing.integrity_table_report:VIEW"),
     "live": Kind("live", "navsim.replays.live_report:VIEW"),

@@ -8,6 +8,8 @@ nominal.rnx               broadcast messages of both (RINEX 3.04), usable from 1
 flight_imu.csv.gz         inertial samples of two minutes of S-turns, sensors of the consumer class
 flight_gnss.csv           the fixes of the same flight, two a second, 0.1 s late, antenna off the IMU
 circuit_track.csv         places, one a second, of base and landing of `scenarios/circuit.yaml`, off by 0.3 m an axis
+beacon_ranges.csv         two-way ranges of four beacons to a vehicle that circles among them, some of them reflections
+beacon_track.csv          the true positions of that vehicle
 odense_horizon.csv        what stands around the aerodrome of `scenarios/odense.yaml`: invented, not surveyed
 
 The scenario of the flight is `scenarios/s_turn.yaml` with the settings below; the script draws from navsim's own random
@@ -31,7 +33,7 @@ from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass, glonass_broadcast, gps
 from navsim.gnss.constellations.systems import GLONASS, GPS
 from navsim.landing import study as landing
-from navsim.scenario.load import read
+from navsim.scenario.load import read, read_any
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.sensors import imu
 from navsim.simulation.measurements import measured, receiver_fixes
@@ -158,6 +160,28 @@ def track() -> str:
     return "\n".join(["t_s,lat_deg,lon_deg,h_m", *rows]) + "\n"
 
 
+def beacons() -> tuple[str, str]:
+    """Two-way ranges of the beacons of `scenarios/recorded_ranges.yaml`, and the true positions."""
+    section = read_any(SCENARIOS / "recorded_ranges.yaml", ())[0]
+    positions = np.array([one.position_m for one in section.sources.positions])
+    names = [one.name for one in section.sources.positions]
+    draw = np.random.default_rng(SEED)
+    time = 0.1 * np.arange(900)
+    turn = 0.07 * time
+    true = np.column_stack([60.0 * np.cos(turn), 45.0 * np.sin(turn), 20.0 + 5.0 * np.sin(0.5 * turn)])
+    asked = np.arange(time.size) % len(names)
+    distance = np.linalg.norm(true - positions[asked], axis=1)
+    bias = draw.normal(0.0, 0.1, len(names))
+    error = draw.normal(0.0, 0.1, time.size) + bias[asked]
+    reflected = draw.random(time.size) < 0.03
+    error += np.where(reflected, draw.exponential(3.0, time.size), 0.0)
+    heard = draw.random(time.size) < 0.95
+    cells = zip(time[heard], asked[heard], (distance + error)[heard], strict=True)
+    ranges = ["t_s,source,range_m", *(f"{t:.1f},{names[i]},{r:.3f}" for t, i, r in cells)]
+    track = ["t_s,x_m,y_m,z_m", *(f"{t:.1f},{x:.3f},{y:.3f},{z:.3f}" for t, (x, y, z) in zip(time, true, strict=True))]
+    return "\n".join(ranges) + "\n", "\n".join(track) + "\n"
+
+
 def horizon() -> str:
     """A horizon for the planner's scenario, which nobody surveyed."""
     rows = [(0, WOOD), (30, WOOD - 2.0), (40, GROUND), (150, GROUND), (160, BUILDINGS), (200, BUILDINGS), (210, GROUND),
@@ -175,6 +199,9 @@ def write(folder: Path) -> None:
     (folder / "flight_imu.csv.gz").write_bytes(samples)
     (folder / "flight_gnss.csv").write_text(fixes)
     (folder / "circuit_track.csv").write_text(track())
+    ranges, positions = beacons()
+    (folder / "beacon_ranges.csv").write_text(ranges)
+    (folder / "beacon_track.csv").write_text(positions)
     (folder / "odense_horizon.csv").write_text(horizon())
 
 

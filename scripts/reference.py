@@ -162,6 +162,22 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "filter.coupling=tight",
         )),
     ),
+    "ranges": (
+        ("recorded_ranges", (
+            "ranges.columns={source: anchor, signal_dbm: rssi}", "ranges.sigma_m=0.1", "motion.noise=[0.5, 0.1]",
+            "motion.start={position_m: [60, 0, 20], sigma_m: [5, 10]}", "bias.growth={sigma_m: 0.1}",
+            "bias.wander={sigma_m: 0.05, time_s: 2}", "start_s=10", "end_s=60",
+            "outliers={share: 0.02, sigma_m: 3, long_share: 0.05, long_m: 1}",
+        )),
+        ("recorded_ranges", (
+            "ranges={file: ranges.csv, measurement: one_way, source_columns: {p1: north, p2: east, p3: south}}",
+            "sources={positions: [{name: north, lat_deg: 56, lon_deg: 37, height_m: 150}, {name: east, lat_deg: 56, "
+            "lon_deg: 37.01, height_m: 150}, {name: south, lat_deg: 55.99, lon_deg: 37, height_m: 150}]}",
+            "clocks={datum: east, sources: {oscillator: ocxo}, receiver: {h0: 1.0e-21, h_minus2: 2.0e-20}}",
+            "reference={file: track.csv, columns: {t_s: time}}",
+        )),
+        ("recorded_ranges", ("sources={file: beacons.csv, columns: {source: name}}",)),
+    ),
 }  # fmt: skip
 """Of each kind shipped files and what is set in them, for keys that no shipped file has: every set is a valid file."""
 NO_EXAMPLE = {

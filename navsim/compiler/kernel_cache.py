@@ -30,7 +30,7 @@ from navsim.compiler.protected_folder import ProtectedFolder
 
 KERNEL_ROOMS = (
     "compiler", "geodesy", "statistics", "trajectory", "gnss", "sensors", "filter", "simulation", "integrity",
-    "companions",
+    "companions", "ranging",
 )  # fmt: skip
 """Rooms of the package with kernels, or with data that kernels read."""
 _DIGEST = 32

@@ -113,6 +113,14 @@ class TextTable:
         out[:, [place for place, name in enumerate(found) if name in columns]] = table
         return out, np.array(numbers)
 
+    def texts(self, name: str) -> list[str]:
+        """Cells of a column as text, one for each row. Raises FileError."""
+        place = self.find(name)
+        if place is None:
+            there = ", ".join(self.names)
+            raise FileError(self.header, f"the header lacks {name}; it has {there[:300]}", self.path)
+        return [self._row(line)[place].strip() for line in self.numbers]
+
     def _fast(self, places: list[int]) -> np.ndarray | None:
         """The columns at these places; None for tables that have to be read cell by cell, or are wrong."""
         rows = [self.lines[n - 1] for n in self.numbers]

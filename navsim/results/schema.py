@@ -24,12 +24,14 @@ SCHEMA_VERSION = 4
 LANDING, COVARIANCE, RARE, REPLAY, LIVE = "landing", "covariance", "rare", "replay", "live"
 SWEEP, OPTIMIZE, TABLE2, INTEGRITY_TABLE = "sweep", "optimize", "table2", "integrity-table"
 ELEVATION, ATC, AZIMUTH = "mls-elevation", "atc-tracking", "azimuth-tracking"
+RANGES = "ranges"
 LAYOUTS = {
     LANDING: "runs of a landing, one or several",
     COVARIANCE: "the covariance analysis of a landing; root attribute `kind` is landing, `method` covariance",
     RARE: "the probability that a landing ends outside a box; root attribute `kind` is landing, `method` rare",
     REPLAY: "a recorded flight through the filter",
     LIVE: "a landing with a real block in the loop",
+    RANGES: "recorded ranges of beacons or pseudolites through the filter",
     SWEEP: "every combination of a study's settings",
     OPTIMIZE: "the best placements",
     TABLE2: "the paper's Table 2, published and computed",
@@ -848,6 +850,91 @@ _REPLAY = Chapter(
     ),
 )  # fmt: skip
 
+_SMOOTHED = "with `smoother: true`"
+_ONE_WAY = "of one-way ranges"
+_FLAT = "where the sources lie nearly in a plane"
+_COMPARED = "with `reference`"
+_RANGES = Chapter(
+    "Recorded ranges",
+    "Positions, clocks and biases from ranges of beacons or pseudolites. Axes are those of the sources: east, north "
+    "and up from the middle of geodetic positions, else x, y, z as given.",
+    (
+        _a("/source", "source", "1", "names of the sources", RANGES, TEXT),
+        _labels("/axis", "axes of positions", RANGES, "x", "y", "z"),
+        _labels("/llh", "geodetic coordinates, WGS-84", RANGES, "latitude", "longitude", "height"),
+        _a("/sources/position", "source axis", "m", "positions of the sources", RANGES),
+        _a("/sources/origin_llh", "llh", "rad, rad, m", "origin of the axes", RANGES,
+           when="where the positions are geodetic"),
+        _a("/time", "time", "s", "times of the ranges, each once", RANGES),
+        *(
+            _a(f"/{{estimate}}/{quantity}{of}", "time axis", units, f"{meaning}, {{estimate}}", RANGES,
+               when=_SMOOTHED if estimate == "smoother" else "", estimate=(estimate,))
+            for estimate in ("filter", "smoother")
+            for quantity, units in (("position", "m"), ("velocity", "m/s"))
+            for of, meaning in (("", f"estimated {quantity}"), ("_sigma", f"1 sigma of the {quantity}"))
+        ),
+        _a("/noise/setting", "setting", "1", "names of the noise settings", RANGES, TEXT),
+        _a("/noise/value", "setting", "1", "their values, in the units of /noise/units", RANGES),
+        _a("/noise/units", "setting", "1", "units of these values", RANGES, TEXT),
+        _a("/noise/tuned", "setting", "1", "1 where the value is tuned, 0 where the file gives it", RANGES, WHOLE),
+        _a("/states/state", "state", "1", "names of the states", RANGES, TEXT),
+        _a("/states/units", "state", "1", "units of the states", RANGES, TEXT),
+        _a("/states/value", "state", "1", "states at the end, nan where the ranges do not show them", RANGES),
+        _a("/states/sigma", "state", "1", "1 sigma of these, nan as above", RANGES),
+        _a("/states/prior_sigma", "state", "1", "1 sigma of the states at the start", RANGES),
+        _a("/states/pair", "pair", "1", "pairs of states that are correlated beyond 0.99", RANGES, TEXT),
+        _a("/states/pair_correlation", "pair", "1", "their correlations", RANGES),
+        _a("/clocks/clock", "clock", "1", "names of the clocks but for the datum", RANGES, TEXT, when=_ONE_WAY),
+        _a("/clocks/offset", "time clock", "m", "offset of the clock against the datum", RANGES, when=_ONE_WAY),
+        _a("/clocks/offset_sigma", "time clock", "m", "1 sigma of the offset", RANGES, when=_ONE_WAY),
+        _a("/clocks/rate", "time clock", "m/s", "rate of the clock against the datum", RANGES, when=_ONE_WAY),
+        _a("/clocks/rate_sigma", "time clock", "m/s", "1 sigma of the rate", RANGES, when=_ONE_WAY),
+        _a("/clocks/mean_rate", "clock", "m/s", "gain of the offset over the recording by its length", RANGES,
+           when=_ONE_WAY),
+        _a("/ranges/time", "range", "s", "time of the range", RANGES),
+        _a("/ranges/source_index", "range", "1", "number of the source, from 0", RANGES, WHOLE),
+        _a("/ranges/range", "range", "m", "the range", RANGES),
+        _a("/ranges/innovation", "range", "m", "range less prediction from the ranges before it. With the smoother, "
+           "distances are linearised about the smoothed positions", RANGES),
+        _a("/ranges/innovation_sigma", "range", "m", "1 sigma of the innovation", RANGES),
+        _a("/ranges/residual", "range", "m", "range less distance, clocks and biases of the smoothed states, or of the "
+           "filter's without smoother", RANGES),
+        _a("/ranges/weight", "range", "1", "probability that the range has the usual noise", RANGES),
+        _a("/ranges/signal", "range", "dBm", "signal strength", RANGES, when="where the table has it"),
+        _a("/dop/position", "time", "1", "position dilution of precision of all sources", RANGES),
+        _a("/dop/horizontal", "time", "1", "horizontal dilution of precision", RANGES),
+        _a("/dop/vertical", "time", "1", "vertical dilution of precision", RANGES),
+        _a("/mirror/normal", "axis", "1", "normal of the plane nearest to the sources", RANGES),
+        _a("/mirror/thickness", "", "m", "1 sigma of the sources' distances from that plane", RANGES),
+        _a("/mirror/width", "", "m", "1 sigma of the sources along their second axis in that plane", RANGES),
+        _a("/mirror/near_share", "", "1", "share of positions nearer to their mirror image than 1 sigma", RANGES,
+           when=_FLAT),
+        _a("/mirror/log_likelihood_ratio", "", "1", "log-likelihood of the solution less that of its mirror image",
+           RANGES, when=f"{_FLAT} and the image is a solution"),
+        _a("/reference/position", "time axis", "m", "position of the reference, nan where it has none", RANGES,
+           when=_COMPARED),
+        _a("/reference/time_offset", "", "s", "added to the reference's times", RANGES, when=_COMPARED),
+        _a("/summary/ranges", "source", "1", "number of ranges", RANGES, WHOLE),
+        _a("/summary/outliers", "source", "1", "number of ranges that do not have the usual noise", RANGES, WHOLE),
+        _a("/summary/residual_rms", "source", "m", "RMS of the residuals without outliers", RANGES),
+        _a("/summary/nis", "source", "1", "mean normalised innovation squared without outliers", RANGES),
+        _a("/summary/lag1", "source", "1", "lag-1 autocorrelation of the innovations of the source", RANGES),
+        _a("/summary/residual_rms_all", "", "m", "RMS of all residuals without outliers", RANGES),
+        _a("/summary/nis_all", "", "1", "mean normalised innovation squared of all without outliers", RANGES),
+        _a("/summary/log_likelihood", "", "1", "logarithm of the likelihood of the ranges", RANGES),
+        *(
+            _a(f"/summary/{{estimate}}_error_{what}", "axis", units, meaning, RANGES,
+               when=_COMPARED if estimate == "filter" else f"{_COMPARED} and {_SMOOTHED}", estimate=(estimate,))
+            for estimate in ("filter", "smoother")
+            for what, units, meaning in (
+                ("rms", "m", "RMS error against the reference, {estimate}"),
+                ("z", "1", "RMS of error over sigma, {estimate}"),
+                ("mean", "m", "mean error against the reference, {estimate}"),
+            )
+        ),
+    ),
+)  # fmt: skip
+
 COUNTS = {
     "received": "lines received",
     "used": "messages used",
@@ -1470,9 +1557,8 @@ _FINDINGS = Chapter(
 
 SECTIONS = (
     _AXES, _TRUTH, _RECEIVER, _FILTER, _CONSISTENCY, _ANALYSIS, _SUMMARY, _CONTROLLED, _BOX, _INTERFERENCE,
-    _INTEGRITY,
-    _REQUIREMENTS, _NAVIGATION, _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING,
-    _ATC, _AZIMUTH, _PART, _FINDINGS,
+    _INTEGRITY, _REQUIREMENTS, _NAVIGATION, _REPLAY, _RANGES, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE,
+    _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _PART, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 
@@ -1497,7 +1583,9 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "objective": ((OPTIMIZE,), "objective"),
     "stopped": ((OPTIMIZE,), "why the work ended early; empty if it is complete"),
     "undone": ((OPTIMIZE,), "remaining part of the work"),
-    "recorded_s": ((REPLAY,), "first and last time of samples and fixes in the log, s"),
+    "recorded_s": ((REPLAY, RANGES), "first and last time of samples and fixes in the log, or of the ranges used, s"),
+    "measurement": ((RANGES,), "two_way or one_way"),
+    "datum": ((RANGES,), "clock that is the datum; empty for two-way ranges"),
     "flown_s": ((REPLAY,), "first and last time of the log that the filter uses, s"),
     "not_judged": ((REPLAY,), "units, axes, signs and clocks that this flight does not show; they are unchecked"),
     "alignment_time": ((REPLAY,), "time of the log at which the flight is aligned, s"),

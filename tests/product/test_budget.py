@@ -129,6 +129,7 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
     "integrity-table, mhss": ("integrity-table",
                               ["integrity={p_constellation: 1.0e-8, limits: {operation: APV-I, tta_s: 10}}"]),
     "replay": ("replay recorded_flight.yaml", ["tuning=none"]),
+    "ranges": ("replay recorded_ranges.yaml", ["tuning=none"]),
 }  # fmt: skip
 LONG = ("long", "azimuth", "atc", "elevation", "sweep, runs", "table2", "integrity-table, mhss")
 PEAK = """

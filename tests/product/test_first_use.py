@@ -255,7 +255,7 @@ TAKES = {
     "run": {"landing", "mls-elevation", "atc-tracking", "azimuth-tracking"},
     "sweep": {"sweep"},
     "optimize": {"optimize"},
-    "replay": {"replay"},
+    "replay": {"replay", "ranges"},
     "live": {"landing"},
     "integrity-table": {"landing"},
 }

@@ -111,6 +111,7 @@ SHORTER = {
     "optimize": ("--set", "effort=1", "--set", "pseudolites=[1]"),
     "sweep": ("--set", "vary.1.grid.count=4", "--set", "vary.2.grid.count=4"),
     "replay": ("--set", "tuning=none"),
+    "ranges": ("--set", "tuning=none"),
 }
 """Settings that make the shipped files quick."""
 _SOON = re.compile(r": about [0-3](?:\.\d)? s on |not done in parts that take the same time")

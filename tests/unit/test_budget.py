@@ -171,6 +171,7 @@ SHORTAGE = {
     "table2": ["table2", "--runs", 10_000_000],
     "integrity-table": ["integrity-table", "--set", "integrity.limits={operation: NPA, tta_s: 10}"],
     "replay": ["replay", SCENARIOS / "recorded_flight.yaml"],
+    "ranges": ["replay", SCENARIOS / "recorded_ranges.yaml"],
     "live": ["live", SCENARIOS / "landing.yaml", "--receiver", "-"],
 }  # fmt: skip
 
@@ -182,7 +183,7 @@ def command(place: Path, arguments: list[object]) -> Result:
 
 @pytest.mark.parametrize("name", SHORTAGE)
 def test_a_study_beyond_the_machine_is_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    little = 1e6 if name in ("integrity-table", "replay", "live") else 2e9
+    little = 1e6 if name in ("integrity-table", "replay", "ranges", "live") else 2e9
     monkeypatch.setattr(having, "machine", lambda _: Machine(little, 5e9, 2))
     done = command(tmp_path, SHORTAGE[name])
     assert done.exit_code == 2, done.output

@@ -33,6 +33,7 @@ ALLOWED = {
     "sweeps": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "words"},
     "optimization": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "sweeps"},
     "replays": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "words"},
+    "ranging": FILES | {"gnss", "scenario", "runner", "report", "words"},
     "companions": FILES | {"scenario", "runner", "report"},
     "planner": WORLD | FILES | {"simulation", "scenario", "report", "landing", "optimization"},
     "api": FILES | {"scenario", "report", "runner", "words"},

@@ -1,0 +1,1 @@
+"""Recorded ranges of beacons and pseudolites: position, clocks and biases without an inertial sensor."""

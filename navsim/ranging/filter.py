@@ -1,0 +1,314 @@
+"""Extended Kalman filter and smoother of one range at a time.
+
+The filter takes each range at its own time, so that no epoch with all sources is needed. Its states are the position
+and its derivatives, the clocks as pairs of offset and rate, constant biases, and Gauss-Markov errors, in this order
+(`ranging.model`). Outliers are part of the measurement model: the noise of a range is a mixture of Gaussians, and the
+update matches mean and covariance of the posterior mixture [1]. The likelihood of the ranges follows from the same
+weights. The smoother is that of Bryson and Frazier [2], which inverts no covariance.
+
+References
+----------
+[1] Sorenson & Alspach, Automatica 7 (1971); Bar-Shalom & Fortmann, Tracking and Data Association (1988), section 6.4.
+[2] Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.compiler.jit import kernel
+
+
+class Dynamics(NamedTuple):
+    """Motion and errors between ranges: order of the motion (2: velocity, 3: acceleration), its noise densities (3,),
+    number of clocks and their noise densities (c, c, 2), first Gauss-Markov state, correlation times (k,) and standard
+    deviations (k,)."""
+
+    order: int
+    motion: np.ndarray
+    clocks: int
+    clock_noise: np.ndarray
+    first_markov: int
+    markov_time: np.ndarray
+    markov_sigma: np.ndarray
+
+
+class RangeNoise(NamedTuple):
+    """Noise of a range: shares (k,), means (k,) and standard deviations (k,) of its Gaussians, the usual one first."""
+
+    share: np.ndarray
+    mean: np.ndarray
+    sigma: np.ndarray
+
+
+class RangeData(NamedTuple):
+    """Ranges in order of time: time (m,) s, source (m,), range (m,) m, factor of its sigma (m,), positions of the
+    sources (s, 3) m, and how each range depends on the states behind the motion (m, n)."""
+
+    time: np.ndarray
+    source: np.ndarray
+    range: np.ndarray
+    scale: np.ndarray
+    position: np.ndarray
+    row: np.ndarray
+
+
+class DistanceLines(NamedTuple):
+    """Distances as linear functions of the position: slope (m, 3), offset (m,) m, variance of the rest (m,) m2.
+
+    Beyond the rows that there are, the filter linearises each distance about its own prediction."""
+
+    slope: np.ndarray
+    offset: np.ndarray
+    variance: np.ndarray
+
+
+class RangeHistory(NamedTuple):
+    """Filter output after each range: state (m, n), covariance (m, n, n), and for the smoother the row (m, n), P times
+    the row (m, n), the gain (m,) of the state and (m,) of the covariance along it."""
+
+    state: np.ndarray
+    covariance: np.ndarray
+    row: np.ndarray
+    gain: np.ndarray
+    pull: np.ndarray
+    shrink: np.ndarray
+
+
+@kernel
+def _propagate_rows(order, clocks, first_markov, decay, dt, m):
+    """Rows of a matrix (n, k) over dt, in place."""
+    width = m.shape[1]
+    for o in range(order - 1):
+        for i in range(3):
+            factor = 1.0
+            for higher in range(o + 1, order):
+                factor *= dt / (higher - o)
+                for j in range(width):
+                    m[3 * o + i, j] += factor * m[3 * higher + i, j]
+    for c in range(clocks):
+        a = 3 * order + 2 * c
+        for j in range(width):
+            m[a, j] += dt * m[a + 1, j]
+    for i in range(decay.shape[0]):
+        for j in range(width):
+            m[first_markov + i, j] *= decay[i]
+
+
+@kernel
+def _transpose_rows(order, clocks, first_markov, decay, dt, m):
+    """Rows of a matrix (n, k) by the transposed transition over dt, in place."""
+    width = m.shape[1]
+    for o in range(order - 1, 0, -1):
+        for i in range(3):
+            factor = 1.0
+            for lower in range(o - 1, -1, -1):
+                factor *= dt / (o - lower)
+                for j in range(width):
+                    m[3 * o + i, j] += factor * m[3 * lower + i, j]
+    for c in range(clocks):
+        a = 3 * order + 2 * c
+        for j in range(width):
+            m[a + 1, j] += dt * m[a, j]
+    for i in range(decay.shape[0]):
+        for j in range(width):
+            m[first_markov + i, j] *= decay[i]
+
+
+@kernel
+def _add_noise(dynamics, decay, dt, p):
+    """Noise of an interval dt, in place."""
+    order = dynamics.order
+    for i in range(3):
+        q = dynamics.motion[i]
+        for a in range(order):
+            for b in range(order):
+                power, scale = 1, 1.0
+                for o in range(a, order - 1):
+                    power += 1
+                    scale *= order - 1 - o
+                for o in range(b, order - 1):
+                    power += 1
+                    scale *= order - 1 - o
+                p[3 * a + i, 3 * b + i] += q * dt**power / (scale * power)
+    for c in range(dynamics.clocks):
+        for d in range(dynamics.clocks):
+            phase, frequency = dynamics.clock_noise[c, d]
+            a, b = 3 * order + 2 * c, 3 * order + 2 * d
+            p[a, b] += phase * dt + frequency * dt * dt * dt / 3.0
+            p[a, b + 1] += 0.5 * frequency * dt * dt
+            p[a + 1, b] += 0.5 * frequency * dt * dt
+            p[a + 1, b + 1] += frequency * dt
+    for i in range(decay.shape[0]):
+        a = dynamics.first_markov + i
+        p[a, a] += dynamics.markov_sigma[i] ** 2 * (1.0 - decay[i] * decay[i])
+
+
+@kernel
+def _transpose(p, q):
+    """Copy the transpose of P (n, n) to Q (n, n)."""
+    for i in range(p.shape[0]):
+        for j in range(p.shape[0]):
+            q[j, i] = p[i, j]
+
+
+@kernel
+def _symmetrise(p, q):
+    """Copy the symmetric part of P (n, n) to Q (n, n): rounding would let the other part grow."""
+    for i in range(p.shape[0]):
+        for j in range(i + 1):
+            q[i, j] = 0.5 * (p[i, j] + p[j, i])
+            q[j, i] = q[i, j]
+
+
+@kernel
+def filter_ranges(data, dynamics, noise, lines, x, p, out, innovation, variance, weight, surprise):
+    """Filter all ranges from the state x (n,) and covariance P (n, n) of the first one's time, both in place.
+
+    Parameters: `RangeData`, `Dynamics`, `RangeNoise`, `DistanceLines`; out: `RangeHistory`, of no rows to keep none;
+    innovation (m,) m; variance (m,) m2, of the innovation with the usual noise; weight (m,): probability that the
+    range has the usual noise; surprise (m,): minus the logarithm of the range's likelihood.
+    """
+    n = x.shape[0]
+    keep, linear = out.pull.shape[0] > 0, lines.offset.shape[0]
+    row, gain, column, decay = np.empty(n), np.empty(n), np.empty((n, 1)), np.empty(dynamics.markov_time.shape[0])
+    q = np.empty((n, n))
+    kinds = noise.share.shape[0]
+    likelihood = np.empty(kinds)
+    for k in range(data.time.shape[0]):
+        dt = data.time[k] - data.time[k - 1] if k > 0 else 0.0
+        if dt > 0.0:
+            for i in range(decay.shape[0]):
+                decay[i] = np.exp(-dt / dynamics.markov_time[i])
+            column[:, 0] = x
+            _propagate_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, column)
+            x[:] = column[:, 0]
+            _propagate_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, p)
+            _transpose(p, q)
+            _propagate_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, q)
+            _symmetrise(q, p)
+            _add_noise(dynamics, decay, dt, p)
+        rest = 0.0
+        row[:] = data.row[k]
+        if k < linear:
+            predicted, rest = lines.offset[k], lines.variance[k]
+            for i in range(3):
+                row[i] = lines.slope[k, i]
+                predicted += row[i] * x[i]
+        else:
+            predicted = 0.0
+            for i in range(3):
+                row[i] = x[i] - data.position[data.source[k], i]
+                predicted += row[i] * row[i]
+            predicted = np.sqrt(max(predicted, 1e-12))
+            for i in range(3):
+                row[i] /= predicted
+        for i in range(3, n):
+            predicted += row[i] * x[i]
+        residual = data.range[k] - predicted
+        spread = rest
+        for i in range(n):
+            gain[i] = 0.0
+            for j in range(n):
+                gain[i] += p[i, j] * row[j]
+            spread += row[i] * gain[i]
+        largest = -np.inf
+        for c in range(kinds):
+            s = spread + (noise.sigma[c] * data.scale[k]) ** 2
+            e = residual - noise.mean[c]
+            likelihood[c] = -np.inf
+            if noise.share[c] > 0.0:
+                likelihood[c] = np.log(noise.share[c]) - 0.5 * (e * e / s + np.log(2.0 * np.pi * s))
+            largest = max(largest, likelihood[c])
+        whole = 0.0
+        for c in range(kinds):
+            likelihood[c] = np.exp(likelihood[c] - largest)
+            whole += likelihood[c]
+        surprise[k] = -largest - np.log(whole)
+        pull, shrink, square = 0.0, 0.0, 0.0
+        for c in range(kinds):
+            s = spread + (noise.sigma[c] * data.scale[k]) ** 2
+            e = (residual - noise.mean[c]) / s
+            share = likelihood[c] / whole
+            pull += share * e
+            shrink += share / s
+            square += share * e * e
+        shrink -= square - pull * pull
+        innovation[k], variance[k] = residual, spread + (noise.sigma[0] * data.scale[k]) ** 2
+        weight[k] = likelihood[0] / whole
+        for i in range(n):
+            x[i] += gain[i] * pull
+            for j in range(n):
+                p[i, j] -= shrink * gain[i] * gain[j]
+        if keep:
+            out.state[k], out.covariance[k], out.row[k], out.gain[k] = x, p, row, gain
+            out.pull[k], out.shrink[k] = pull, shrink
+
+
+@kernel
+def smooth_ranges(data, dynamics, out, state, covariance):
+    """Smoothed state (m, n) and covariance (m, n, n) at each range, from the filter's `RangeHistory`."""
+    m, n = out.state.shape
+    pull, shrink, q = np.zeros((n, 1)), np.zeros((n, n)), np.empty((n, n))
+    along, decay = np.empty(n), np.empty(dynamics.markov_time.shape[0])
+    half = np.empty((n, n))
+    for k in range(m - 1, -1, -1):
+        p, row, gain = out.covariance[k], out.row[k], out.gain[k]
+        for i in range(n):
+            state[k, i] = out.state[k, i]
+            for j in range(n):
+                state[k, i] -= p[i, j] * pull[j, 0]
+                half[i, j] = 0.0
+                for a in range(n):
+                    half[i, j] += p[i, a] * shrink[a, j]
+        for i in range(n):
+            for j in range(n):
+                covariance[k, i, j] = p[i, j]
+                for a in range(n):
+                    covariance[k, i, j] -= half[i, a] * p[a, j]
+        projected, double = 0.0, 0.0
+        for i in range(n):
+            projected += gain[i] * pull[i, 0]
+            along[i] = 0.0
+            for j in range(n):
+                along[i] += shrink[i, j] * gain[j]
+        for i in range(n):
+            double += gain[i] * along[i]
+        g = out.shrink[k]
+        for i in range(n):
+            pull[i, 0] -= row[i] * (g * projected + out.pull[k])
+            for j in range(n):
+                shrink[i, j] += row[i] * row[j] * (g + g * g * double) - g * (row[i] * along[j] + along[i] * row[j])
+        dt = data.time[k] - data.time[k - 1] if k > 0 else 0.0
+        if dt > 0.0:
+            for i in range(decay.shape[0]):
+                decay[i] = np.exp(-dt / dynamics.markov_time[i])
+            _transpose_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, pull)
+            _transpose_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, shrink)
+            _transpose(shrink, q)
+            _transpose_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, q)
+            _symmetrise(q, shrink)
+
+
+@kernel
+def smooth_mean(data, dynamics, out, until, state):
+    """Smoothed states (until, n) by the ranges 0 .. until - 1, from a `RangeHistory`, without covariances."""
+    n = out.state.shape[1]
+    pull, decay = np.zeros((n, 1)), np.empty(dynamics.markov_time.shape[0])
+    for k in range(until - 1, -1, -1):
+        p, row, gain = out.covariance[k], out.row[k], out.gain[k]
+        projected = 0.0
+        for i in range(n):
+            state[k, i] = out.state[k, i]
+            projected += gain[i] * pull[i, 0]
+            for j in range(n):
+                state[k, i] -= p[i, j] * pull[j, 0]
+        for i in range(n):
+            pull[i, 0] -= row[i] * (out.shrink[k] * projected + out.pull[k])
+        dt = data.time[k] - data.time[k - 1] if k > 0 else 0.0
+        if dt > 0.0:
+            for i in range(decay.shape[0]):
+                decay[i] = np.exp(-dt / dynamics.markov_time[i])
+            _transpose_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, pull)

@@ -1,0 +1,248 @@
+"""The filter model of recorded ranges: its states, its noise, and the states' uncertainty at the start.
+
+Position and its derivatives come first, in local axes (east, north, up). Pseudoranges add a clock of two states for
+each source and for the receiver, but for the datum, whose noise all others then share. Two-way ranges add a constant
+bias for each source, a second one that grows with distance where the scenario has it, and errors that wander: a fast
+and a slow one for each source, one for all ranges.
+
+    two_way   r_i = |p - p_i| + a_i + s_i f(r_i) + w_i + v_i + w + e
+    one_way   r_i = |p - p_i| + c (dt_receiver - dt_i) + w_i + e
+
+Source: Brown & Hwang, Introduction to Random Signals and Applied Kalman Filtering, on clocks of two states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.ranging.filter import Dynamics, RangeData, RangeNoise
+from navsim.ranging.recording import RangeLog
+from navsim.ranging.scenario import RecordedRanges
+
+RECEIVER = "receiver"
+"""Name of the receiver among the clocks."""
+MOTIONS = ("velocity", "acceleration")
+"""Models of motion: what is constant but for noise."""
+FIRST_ACCELERATION = 3.0
+"""1 sigma of the acceleration at the start, m/s2, per axis."""
+UNKNOWN_CLOCK = (1e3, 100.0)
+"""1 sigma of the receiver's offset, m, and rate, m/s, at the start."""
+
+
+@dataclass(frozen=True)
+class NoiseSetting:
+    """A number of the noise: name in the result, unit, value where the tuning starts, bounds of the tuning."""
+
+    name: str
+    units: str
+    start: float
+    low: float
+    high: float
+
+
+SETTINGS = {
+    one.name: one
+    for one in (
+        NoiseSetting("range_sigma", "m", 0.1, 0.01, 100.0),
+        NoiseSetting("wander_sigma", "m", 0.05, 1e-3, 30.0),
+        NoiseSetting("wander_time", "s", 1.0, 0.05, 300.0),
+        NoiseSetting("horizontal_noise", "1", 0.5, 0.01, 30.0),
+        NoiseSetting("vertical_noise", "1", 0.1, 0.01, 30.0),
+        NoiseSetting("source_phase", "m2/s", 1e-3, 1e-8, 10.0),
+        NoiseSetting("source_frequency", "m2/s3", 1e-6, 1e-12, 1.0),
+        NoiseSetting("receiver_phase", "m2/s", 1e-2, 1e-8, 1e3),
+        NoiseSetting("receiver_frequency", "m2/s3", 1e-2, 1e-12, 1e3),
+        NoiseSetting("outlier_share", "1", 0.02, 1e-4, 0.3),
+        NoiseSetting("outlier_sigma", "m", 2.0, 0.1, 1e3),
+        NoiseSetting("long_share", "1", 0.02, 1e-4, 0.3),
+        NoiseSetting("long_mean", "m", 0.5, 0.1, 100.0),
+    )
+}
+"""Noise settings, and between which bounds they are tuned."""
+_START_ONE_WAY = {"range_sigma": 0.5, "wander_sigma": 0.3, "wander_time": 5.0, "vertical_noise": 0.02}
+"""Where the tuning starts for pseudoranges, where that is elsewhere."""
+CLOCK_SETTINGS = ("source_phase", "source_frequency", "receiver_phase", "receiver_frequency")
+
+
+@dataclass(frozen=True)
+class RangeModel:
+    """Ranges and states. names: of the states (n,); unit: of each; order: of the motion; clocks: names of the clocks
+    that are states; first_clock, first_bias, first_markov: where these states begin; markov: number of wandering
+    errors; given: settings that the scenario gives; data: what the filter reads."""
+
+    scenario: RecordedRanges
+    log: RangeLog
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    order: int
+    datum: str
+    clocks: tuple[str, ...]
+    first_clock: int
+    first_bias: int
+    first_markov: int
+    given: dict[str, float]
+    data: RangeData
+
+    @property
+    def size(self) -> int:
+        """Number of states."""
+        return len(self.names)
+
+    @property
+    def two_way(self) -> bool:
+        """Whether the ranges have no clock."""
+        return self.scenario.ranges.measurement == "two_way"
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the settings that are tuned."""
+        used = [name for name in SETTINGS if name not in self.given]
+        return tuple(name for name in used if not self.two_way or name not in CLOCK_SETTINGS)
+
+    def settings(self) -> dict[str, float]:
+        """Settings where the tuning starts, those given as they are."""
+        start = {name: one.start for name, one in SETTINGS.items()} | ({} if self.two_way else _START_ONE_WAY)
+        return start | self.given
+
+    def dynamics(self, settings: dict[str, float]) -> Dynamics:
+        """Motion and noise of the states."""
+        motion = np.array([settings["horizontal_noise"]] * 2 + [settings["vertical_noise"]]) ** 2
+        noise = np.zeros((len(self.clocks), len(self.clocks), 2))
+        own = {name: _of_clock(settings, name) for name in (*self.clocks, self.datum)} if self.clocks else {}
+        for i, name in enumerate(self.clocks):
+            noise[i, i] = own[name]
+        if self.clocks:
+            noise += own[self.datum]
+        wandering = self.size - self.first_markov
+        place, common = self.scenario.bias.place, self.scenario.bias.common
+        time, sigma = np.full(wandering, settings["wander_time"]), np.full(wandering, settings["wander_sigma"])
+        if self.two_way:
+            count = len(self.log.sources.names)
+            time[count:], sigma[count:] = place.time_s, place.sigma_m
+            time[-1], sigma[-1] = common.time_s, common.sigma_m
+        return Dynamics(self.order, motion, len(self.clocks), noise, self.first_markov, time, sigma)
+
+    def noise(self, settings: dict[str, float]) -> RangeNoise:
+        """Noise of a range."""
+        share, long = settings["outlier_share"], settings["long_share"]
+        usual, far = settings["range_sigma"], settings["long_mean"]
+        return RangeNoise(
+            np.array([1.0 - share - long, share, long]),
+            np.array([0.0, 0.0, far]),
+            np.array([usual, float(np.hypot(usual, settings["outlier_sigma"])), float(np.hypot(usual, far))]),
+        )
+
+    def covariance(self, settings: dict[str, float], position_sigma: Sequence[float]) -> np.ndarray:
+        """Covariance (n, n) of the states at the start; position_sigma: horizontal per axis, vertical, m."""
+        section, s = self.scenario, np.zeros(self.size)
+        s[:3] = position_sigma[0], position_sigma[0], position_sigma[1]
+        s[3:6] = section.motion.speed_sigma_m_s
+        s[6 : 3 * self.order] = FIRST_ACCELERATION
+        if settings["vertical_noise"] == 0.0:
+            s[5 : 3 * self.order : 3] = 0.0
+        p = np.diag(s**2)
+        if self.clocks:
+            own = dict.fromkeys(
+                self.log.sources.names, (section.clocks.offset_sigma_m, section.clocks.rate_sigma_m_s)
+            )
+            own[RECEIVER] = UNKNOWN_CLOCK
+            for k in range(2):
+                at = self.first_clock + k + 2 * np.arange(len(self.clocks))
+                p[np.ix_(at, at)] += own[self.datum][k] ** 2
+                p[at, at] += np.array([own[name][k] ** 2 for name in self.clocks])
+        count = len(self.log.sources.names)
+        if self.two_way:
+            at = self.first_bias + np.arange(count)
+            p[at, at] = section.bias.sigma_m**2
+            if section.bias.growth is not None:
+                p[at + count, at + count] = section.bias.growth.sigma_m**2
+        at = np.arange(self.first_markov, self.size)
+        p[at, at] = self.dynamics(settings).markov_sigma ** 2
+        return p
+
+
+def build_model(scenario: RecordedRanges, log: RangeLog) -> RangeModel:
+    """The states of a recording and how its ranges depend on them."""
+    sources, two_way = log.sources.names, scenario.ranges.measurement == "two_way"
+    order = 2 + MOTIONS.index(scenario.motion.model)
+    axes = ("east", "north", "up") if log.sources.origin is not None else ("x", "y", "z")
+    names = [f"{what}{axis}" for what in ("", *(f"{name} " for name in MOTIONS))[:order] for axis in axes]
+    units = [unit for unit in ("m", "m/s", "m/s2")[:order] for _ in axes]
+    datum, clocks = "", tuple[str, ...]()
+    first_clock = len(names)
+    if not two_way:
+        datum = scenario.clocks.datum or sources[0]
+        clocks = tuple(name for name in (RECEIVER, *sources) if name != datum)
+        for name in clocks:
+            names += [f"clock offset {name}", f"clock rate {name}"]
+            units += ["m", "m/s"]
+    first_bias = len(names)
+    if two_way:
+        names += [f"bias {name}" for name in sources]
+        if scenario.bias.growth is not None:
+            names += [f"bias growth {name}" for name in sources]
+        units += ["m"] * (len(names) - first_bias)
+    first_markov = len(names)
+    names += [f"wandering error {name}" for name in sources]
+    has_place = two_way and scenario.bias.place.sigma_m > 0.0
+    if has_place:
+        names += [f"slow error {name}" for name in sources]
+    if two_way:
+        names += ["wandering error of all"]
+    units += ["m"] * (len(names) - first_markov)
+    row = np.zeros((log.time.size, len(names)))
+    every = np.arange(log.time.size)
+    for k, name in enumerate(clocks):
+        row[:, first_clock + 2 * k] = 1.0 if name == RECEIVER else -(log.source == sources.index(name)).astype(float)
+    if two_way:
+        row[every, first_bias + log.source] = 1.0
+        growth = scenario.bias.growth
+        if growth is not None:
+            row[every, first_bias + len(sources) + log.source] = -np.expm1(
+                -np.maximum(log.range, 0.0) / growth.distance_m
+            )
+        row[:, -1] = 1.0
+    row[every, first_markov + log.source] = 1.0
+    if has_place:
+        row[every, first_markov + len(sources) + log.source] = 1.0
+    known = np.isfinite(log.sigma)
+    usual = float(np.median(log.sigma[known])) if known.any() else 1.0
+    scale = np.where(known, log.sigma / usual, 1.0)
+    data = RangeData(log.time, log.source, log.range, scale, log.sources.position, row)
+    return RangeModel(
+        scenario, log, tuple(names), tuple(units), order, datum, clocks, first_clock, first_bias, first_markov,
+        _given(scenario), data,
+    )  # fmt: skip
+
+
+def _given(scenario: RecordedRanges) -> dict[str, float]:
+    """Settings that the scenario gives."""
+    out: dict[str, float] = {}
+    if scenario.ranges.sigma_m is not None:
+        out["range_sigma"] = scenario.ranges.sigma_m
+    if (wander := scenario.bias.wander) is not None:
+        out |= {"wander_sigma": wander.sigma_m, "wander_time": wander.time_s}
+    if (noise := scenario.motion.noise) is not None:
+        out |= {"horizontal_noise": noise[0], "vertical_noise": noise[1]}
+    if scenario.motion.height == "constant":
+        out["vertical_noise"] = 0.0
+    for name, clock in (("source", scenario.clocks.sources), ("receiver", scenario.clocks.receiver)):
+        if clock is not None:
+            out |= dict(zip((f"{name}_phase", f"{name}_frequency"), clock.densities(), strict=True))
+    outliers = scenario.outliers
+    for name, value in (
+        ("outlier_share", outliers.share), ("outlier_sigma", outliers.sigma_m), ("long_share", outliers.long_share),
+        ("long_mean", outliers.long_m),
+    ):  # fmt: skip
+        if value is not None:
+            out[name] = value
+    return out
+
+
+def _of_clock(settings: dict[str, float], name: str) -> np.ndarray:
+    """Noise densities (2,) of a clock."""
+    who = RECEIVER if name == RECEIVER else "source"
+    return np.array([settings[f"{who}_phase"], settings[f"{who}_frequency"]])

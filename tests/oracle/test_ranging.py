@@ -1,0 +1,423 @@
+"""Recorded ranges against dense least squares, closed forms, simulated truth, and two public data sets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+
+from navsim.ranging.estimate import (
+    StartState,
+    filter_causally,
+    filter_pass,
+    linearise,
+    smooth,
+    tangents,
+    tune,
+)
+from navsim.ranging.evaluation import correlated_states, dilution, states_not_seen
+from navsim.ranging.model import SETTINGS, RangeModel, build_model
+from navsim.ranging.recording import RangeLog, Sources
+from navsim.ranging.scenario import RecordedRanges
+from navsim.ranging.start import find_start, mirror_solution
+from navsim.ranging.study import RangeStudy, compute, prepare, solve
+from navsim.results.findings import of as findings_of
+from navsim.scenario.base import validated
+from navsim.scenario.source import parse
+
+POSITIONS = np.array([[0.0, 200.0, 5.0], [180.0, -20.0, 40.0], [-150.0, -120.0, 10.0], [60.0, 90.0, 120.0]])
+NAMES = ("a", "b", "c", "d")
+QUIET = {"outlier_share": 0.0, "long_share": 0.0}
+ONE_WAY = "measurement: one_way"
+
+
+def model_of(
+    time: np.ndarray, source: np.ndarray, ranges: np.ndarray, keys: str = "", ranging: str = "measurement: two_way",
+    position: np.ndarray = POSITIONS,
+) -> RangeModel:  # fmt: skip
+    """The model of ranges that stand in no file."""
+    text = f"kind: ranges\nversion: 1\nranges: {{file: x, {ranging}}}\nsources: {{file: x}}\n{keys}"
+    document = parse(text, "x", Path())
+    scenario = validated(RecordedRanges, document)
+    none = np.full(time.size, np.nan)
+    sources = Sources(NAMES[: len(position)], position, None)
+    return build_model(scenario, RangeLog(sources, time, source, ranges, none, none, ()))
+
+
+def transition(model: RangeModel, settings: dict[str, float], dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Transition and noise over dt by the matrix exponential of Van Loan (1978), independently of the kernels."""
+    n, of = model.size, model.dynamics(settings)
+    a, q = np.zeros((n, n)), np.zeros((n, n))
+    top = 3 * (of.order - 1)
+    for i in range(top):
+        a[i, i + 3] = 1.0
+    q[top : top + 3, top : top + 3] = np.diag(of.motion)
+    for i in range(of.clocks):
+        k = model.first_clock + 2 * i
+        a[k, k + 1] = 1.0
+        for j in range(of.clocks):
+            other = model.first_clock + 2 * j
+            q[k, other], q[k + 1, other + 1] = of.clock_noise[i, j]
+    for i, (tau, sigma) in enumerate(zip(of.markov_time, of.markov_sigma, strict=True)):
+        k = of.first_markov + i
+        a[k, k], q[k, k] = -1.0 / tau, 2.0 * sigma**2 / tau
+    both = expm(np.block([[-a, q], [np.zeros((n, n)), a.T]]) * dt)
+    phi = both[n:, n:].T
+    return phi, phi @ both[:n, n:]
+
+
+def cycle(count: int, step: float, sources: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Times and sources of ranges asked one after another."""
+    return step * np.arange(count), np.arange(count) % sources
+
+
+@pytest.mark.parametrize("ranging", ["measurement: two_way", ONE_WAY])
+def test_filter_and_smoother_are_dense_least_squares(ranging: str) -> None:
+    """With given lines and one Gaussian the estimate is that of one large least squares problem."""
+    time, source = cycle(24, 0.3)
+    draw = np.random.default_rng(1)
+    motion = "motion: {model: acceleration}\nbias: {growth: {sigma_m: 0.2}}\n" if "two" in ranging else ""
+    model = model_of(time, source, draw.uniform(150.0, 260.0, time.size), motion, ranging)
+    settings = model.settings() | QUIET | {"wander_time": 4.0, "source_frequency": 1e-2}
+    start = StartState(np.array([20.0, -10.0, 30.0]), (5.0, 8.0), 3.0)
+    lines = tangents(model, draw.normal([10.0, 0.0, 30.0], 5.0, (time.size, 3)))
+    filtered = filter_pass(model, settings, start, lines)
+    state, covariance = smooth(model, settings, filtered)
+
+    m, n = time.size, model.size
+    mean = np.zeros(n)
+    mean[:3] = start.position
+    if model.clocks:
+        mean[model.first_clock] = start.clock
+    phi, q = transition(model, settings, 0.3)
+    whole, whole_mean = np.zeros((m * n, m * n)), np.zeros(m * n)
+    marginal = [model.covariance(settings, start.sigma)]
+    means = [mean]
+    for _ in range(m - 1):
+        marginal.append(phi @ marginal[-1] @ phi.T + q)
+        means.append(phi @ means[-1])
+    for i in range(m):
+        whole_mean[i * n : i * n + n] = means[i]
+        step = marginal[i]
+        for j in range(i, m):
+            whole[j * n : j * n + n, i * n : i * n + n] = step
+            whole[i * n : i * n + n, j * n : j * n + n] = step.T
+            step = phi @ step
+    h = np.zeros((m, m * n))
+    for k in range(m):
+        h[k, k * n : k * n + n] = model.data.row[k]
+        h[k, k * n : k * n + 3] = lines.slope[k]
+    s = h @ whole @ h.T + settings["range_sigma"] ** 2 * np.eye(m)
+    e = model.data.range - lines.offset - h @ whole_mean
+    gain = np.linalg.solve(s, h @ whole).T
+    best = (whole_mean + gain @ e).reshape(m, n)
+    left = whole - gain @ h @ whole
+    sigma = np.sqrt(np.diagonal(left).reshape(m, n))
+    np.testing.assert_allclose(state, best, atol=2e-4 * max(1.0, np.abs(best).max()))
+    np.testing.assert_allclose(np.sqrt(np.einsum("mii->mi", covariance)), sigma, rtol=2e-3, atol=1e-5)
+    np.testing.assert_allclose(filtered.state[-1], best[-1], atol=2e-4 * max(1.0, np.abs(best).max()))
+    likelihood = -0.5 * (e @ np.linalg.solve(s, e) + np.linalg.slogdet(2.0 * np.pi * s)[1])
+    assert filtered.likelihood == pytest.approx(likelihood, abs=1e-3)
+
+
+def test_cramer_rao_bound_of_a_static_layout() -> None:
+    """The inverse of the sum of u u' / sigma^2."""
+    time, source = cycle(400, 0.1)
+    at, sigma = np.array([30.0, 10.0, 20.0]), 0.3
+    away = at - POSITIONS[source]
+    distance = np.linalg.norm(away, axis=1)
+    keys = "bias: {sigma_m: 0, wander: {sigma_m: 0, time_s: 1}, place: {sigma_m: 0, time_s: 1}, common: {sigma_m: 0, "
+    keys += "time_s: 1}}\nmotion: {noise: [1.0e-9, 1.0e-9], speed_sigma_m_s: 1.0e-9}\n"
+    model = model_of(time, source, distance, keys)
+    settings = model.settings() | QUIET | {"range_sigma": sigma}
+    start = StartState(at, (1e4, 1e4), 0.0)
+    filtered = filter_pass(model, settings, start, tangents(model, np.tile(at, (400, 1))))
+    u = away / distance[:, None]
+    bound = np.linalg.inv(u.T @ u / sigma**2)
+    np.testing.assert_allclose(filtered.covariance[-1][:3, :3], bound, rtol=1e-4, atol=1e-8)
+    # and the dilution of precision is that of the unit vectors
+    position, horizontal, vertical = dilution(at[None], POSITIONS, True)
+    q = np.linalg.inv(u[:4].T @ u[:4])
+    assert position[0] == pytest.approx(np.sqrt(np.trace(q)), rel=1e-12)
+    assert (horizontal[0], vertical[0]) == pytest.approx((np.sqrt(q[0, 0] + q[1, 1]), np.sqrt(q[2, 2])), rel=1e-12)
+    with_clock = np.column_stack([u[:4], np.ones(4)])
+    assert dilution(at[None], POSITIONS, False)[0][0] == pytest.approx(
+        np.sqrt(np.trace(np.linalg.inv(with_clock.T @ with_clock)[:3, :3])), rel=1e-9
+    )
+
+
+CLOCKS = "clocks: {offset_sigma_m: 1, rate_sigma_m_s: 0.05, sources: {h0: 2.0e-21, h_minus2: 1.0e-22}, receiver: "
+CLOCKS += "{h0: 1.0e-20, h_minus2: 1.0e-20}}\n"
+BIASES = "bias: {sigma_m: 0.3, growth: {sigma_m: 0.3, distance_m: 100}, wander: {sigma_m: 0.2, time_s: 3}}\n"
+
+
+@pytest.mark.parametrize(("ranging", "keys", "size"), [("measurement: two_way", BIASES, 1.0), (ONE_WAY, CLOCKS, 20.0)])
+def test_every_state_is_consistent(ranging: str, keys: str, size: float) -> None:
+    """RMS of error over sigma over 800 simulated recordings, filter and smoother."""
+    runs, step = 800, 0.5
+    time, source = cycle(120, step)
+    position = size * POSITIONS
+    blank = model_of(time, source, np.full(time.size, 200.0), keys, ranging, position)
+    settings = blank.settings() | QUIET | {"range_sigma": 0.2, "horizontal_noise": 0.3, "vertical_noise": 0.1}
+    start = StartState(np.array([10.0, 0.0, 60.0]), (3.0, 3.0), 0.0)
+    phi, q = transition(blank, settings, step)
+    draw = np.random.default_rng(2)
+    prior = blank.covariance(settings, start.sigma)
+
+    def drawn(of: np.ndarray, count: int) -> np.ndarray:
+        value, vector = np.linalg.eigh(of)
+        return draw.standard_normal((count, len(value))) * np.sqrt(np.maximum(value, 0.0)) @ vector.T
+
+    x = drawn(prior, runs)
+    x[:, :3] += start.position
+    x[:, 3:6] *= 0.2  # slow enough to stay among the sources; judged without them
+    truth = np.empty((time.size, runs, blank.size))
+    for k in range(time.size):
+        x = x @ phi.T + drawn(q, runs) if k else x
+        truth[k] = x
+    z = []
+    for run in range(runs):
+        at = truth[:, run]
+        distance = np.linalg.norm(at[:, :3] - position[source], axis=1)
+        row = blank.data.row
+        if "two" in ranging:
+            row = row.copy()
+            growth = slice(blank.first_bias + 4, blank.first_bias + 8)
+            row[:, growth] = np.where(row[:, growth] > 0.0, -np.expm1(-distance / 100.0)[:, None], 0.0)
+        errors = np.einsum("mi,mi->m", row[:, 3:], at[:, 3:]) + 0.2 * draw.standard_normal(time.size)
+        model = replace(blank, data=blank.data._replace(range=distance + errors, row=row))
+        filtered = filter_pass(model, settings, start)
+        state, covariance = smooth(model, settings, filtered)
+        both = []
+        for estimate, p in ((filtered.state, filtered.covariance), (state, covariance)):
+            sigma = np.sqrt(np.einsum("mii->mi", p[[40, 80, 119]]))
+            both.append((estimate[[40, 80, 119]] - at[[40, 80, 119]]) / np.where(sigma > 0.0, sigma, np.nan))
+        z.append(both)
+    rms = np.sqrt(np.mean(np.square(z), axis=(0, 2)))
+    assert np.isfinite(rms).all()
+    assert rms.min() > 0.93, dict(zip(blank.names, rms.T.round(3), strict=True))
+    assert rms.max() < 1.07, dict(zip(blank.names, rms.T.round(3), strict=True))
+
+
+def test_the_datum_changes_no_position() -> None:
+    """Only differences of clocks can be observed: positions and differences are the same whichever is the datum."""
+    time, source = cycle(200, 0.5)
+    draw = np.random.default_rng(3)
+    true = np.column_stack([10.0 + 0.5 * time, -20.0 + 0.2 * time, 60.0 + 0.0 * time])
+    offsets, rates = draw.normal(0.0, 10.0, 4), draw.normal(0.0, 0.1, 4)
+    ranges = np.linalg.norm(true - POSITIONS[source], axis=1) + 300.0 - offsets[source] - rates[source] * time
+    ranges += draw.normal(0.0, 0.2, time.size)
+    lines, seen = None, {}
+    for datum in ("a", "c", "receiver"):
+        model = model_of(time, source, ranges, CLOCKS.replace("{offset", f"{{datum: {datum}, offset"), ONE_WAY)
+        settings = model.settings() | QUIET
+        lines = lines or tangents(model, true)
+        start = StartState(true[0], (5.0, 5.0), 0.0)
+        filtered = filter_pass(model, settings, start, lines)
+        at = {name: filtered.state[-1, model.first_clock + 2 * k] for k, name in enumerate(model.clocks)} | {datum: 0.0}
+        seen[datum] = (filtered.state[:, :6], filtered.covariance[-1][:6, :6], at["b"] - at["d"], filtered.likelihood)
+    for datum in ("c", "receiver"):
+        for one, other in zip(seen["a"], seen[datum], strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-3)
+
+
+def circling(count: int, seed: int, sigma: float = 0.1, long: float = 0.0) -> tuple[np.ndarray, ...]:
+    """Times, sources, true positions and two-way ranges of a vehicle that circles; long: share of reflections."""
+    draw = np.random.default_rng(seed)
+    time, source = cycle(count, 0.1)
+    true = np.column_stack([60.0 * np.cos(0.05 * time), 60.0 * np.sin(0.05 * time), np.full(count, 30.0)])
+    ranges = np.linalg.norm(true - POSITIONS[source], axis=1) + draw.normal(0.0, sigma, count)
+    return time, source, true, ranges + np.where(draw.random(count) < long, draw.exponential(4.0, count), 0.0)
+
+
+def test_reflections_are_found_and_do_no_harm() -> None:
+    time, source, true, ranges = circling(600, 4, long=0.1)
+    model = model_of(time, source, ranges)
+    found = solve(model)
+    error = np.linalg.norm((found.smoothed.state - np.pad(true, ((0, 0), (0, model.size - 3))))[:, :2], axis=1)
+    assert np.sqrt(np.mean(error**2)) < 0.2
+    late = ranges - np.linalg.norm(true - POSITIONS[source], axis=1) > 2.0
+    assert np.mean(found.smoothed.filtered.weight[late] < 0.5) > 0.95
+    assert np.mean(found.smoothed.filtered.weight[~late] > 0.5) > 0.93
+    plain = least_squares(  # what a filter is for: the same ranges without a model of outliers
+        lambda p: (ranges - np.linalg.norm(p - POSITIONS[source], axis=1))[:40], true[20]
+    )
+    assert np.linalg.norm(plain.x[:2] - true[20, :2]) > 3.0 * np.sqrt(np.mean(error**2))
+
+
+def test_tuning_finds_the_noise_and_stays_within_bounds() -> None:
+    time, source, true, ranges = circling(800, 5, sigma=0.3)
+    model = model_of(time, source, ranges, "bias: {wander: {sigma_m: 0, time_s: 1}, place: {sigma_m: 0, time_s: 1}}\n")
+    start = StartState(true[0], (2.0, 2.0), 0.0)
+    lines = tangents(model, true)
+    settings = tune(model, model.settings(), start, lines, lambda: None)
+    assert settings["range_sigma"] == pytest.approx(0.3, rel=0.08)
+    assert all(one.low <= settings[name] <= one.high for name, one in SETTINGS.items() if name in model.free)
+    before, after = (filter_pass(model, s, start, lines).likelihood for s in (model.settings(), settings))
+    assert after > before + 10.0
+    given = model_of(time, source, ranges, "motion: {noise: [0.5, 0.1]}\noutliers: {share: 0.01}\n")
+    assert not {"horizontal_noise", "outlier_share"} & set(given.free)
+
+
+def test_mirror_image_of_sources_in_a_plane() -> None:
+    flat = POSITIONS * [1.0, 1.0, 0.0]
+    time, source, true, _ = circling(400, 6)
+    ranges = np.linalg.norm(true - flat[source], axis=1) + np.random.default_rng(6).normal(0.0, 0.1, time.size)
+    model = model_of(time, source, ranges, position=flat)
+    settings = model.settings()
+    start, smoothed = find_start(model, settings)
+    assert np.median(smoothed.state[:, 2]) == pytest.approx(30.0, abs=1.0)  # above, not below
+    plane, other = mirror_solution(model, settings, start, smoothed)
+    assert plane.is_flat
+    assert other is not None
+    assert np.median(other.state[:, 2]) == pytest.approx(-30.0, abs=1.0)
+    assert other.filtered.likelihood == pytest.approx(smoothed.filtered.likelihood, abs=1.0)
+    result = compute(RangeStudy(model.scenario, model.log, model, None))
+    assert "mirror_solution" in [found.name for found in findings_of(result)]
+    assert "mirror_near" not in [found.name for found in findings_of(result)]
+    upright = model_of(*circling(400, 6)[:2], circling(400, 6)[3])
+    assert mirror_solution(upright, settings, start, smoothed)[1] is None
+
+
+def test_states_that_the_ranges_do_not_show() -> None:
+    """A vehicle at rest, whose clocks are all free: its position is known by the start alone."""
+    time, source = cycle(200, 0.5)
+    at = np.array([10.0, -20.0, 60.0])
+    ranges = np.linalg.norm(at - POSITIONS[source], axis=1) + np.random.default_rng(7).normal(0.0, 0.1, time.size)
+    keys = "motion: {noise: [0.01, 0.01], start: {position_m: [10, -20, 60]}}\n"
+    model = model_of(time, source, ranges, keys, ONE_WAY)
+    result = compute(RangeStudy(model.scenario, model.log, model, None))
+    names = [found.name for found in findings_of(result)]
+    assert "states_not_seen" in names
+    values = dict(zip(result["/states/state"], result["/states/sigma"], strict=True))
+    assert np.isnan(values["x"])
+    p = np.array([[1.0, 0.995, 0.0], [0.995, 1.0, -0.5], [0.0, -0.5, 1.0]])
+    assert correlated_states(p, np.arange(3)) == [(0, 1, pytest.approx(0.995))]
+    assert states_not_seen(np.array([1.0, 1.0]), np.array([0.9, 0.5])).tolist() == [True, False]
+
+
+def test_lines_of_a_wide_distribution() -> None:
+    """The cubature of a distance: mean and slope as of many draws."""
+    time, source = cycle(4, 1.0)
+    model = model_of(time, source, np.full(4, 200.0))
+    mean, covariance = np.array([20.0, 10.0, 30.0]), np.diag([12.0, 10.0, 15.0]) ** 2
+    lines = linearise(model, np.tile(mean, (4, 1)), np.tile(covariance, (4, 1, 1)))
+    points = np.random.default_rng(8).multivariate_normal(mean, covariance, 200_000)
+    for k in range(4):
+        distance = np.linalg.norm(points - POSITIONS[k], axis=1)
+        a = np.column_stack([points, np.ones(len(points))])
+        fit, rest, *_ = np.linalg.lstsq(a, distance, rcond=None)
+        np.testing.assert_allclose(lines.slope[k], fit[:3], atol=0.04)
+        assert lines.offset[k] + lines.slope[k] @ mean == pytest.approx(distance.mean(), abs=0.3)
+        assert 0.3 < lines.variance[k] / (rest[0] / len(points)) < 3.0  # third degree: to its order of magnitude
+
+
+def test_relinearised_filter_is_causal() -> None:
+    """Ranges after a time change nothing of the filter's output before it."""
+    time, source, true, ranges = circling(400, 9)
+    later = ranges.copy()
+    later[250:] += 5.0
+    start = StartState(true[0] + 1.0, (3.0, 3.0), 0.0)
+    one, other = (
+        filter_causally(model, model.settings(), start)
+        for model in (model_of(time, source, r) for r in (ranges, later))
+    )
+    np.testing.assert_array_equal(one.state[:250], other.state[:250])
+    assert not np.array_equal(one.state[250:], other.state[250:])
+
+
+YARD = """
+kind: ranges
+version: 1
+ranges: {{file: {0}/ranges.csv.gz, columns: {{source: anchor, signal_dbm: rssi_dbm}}, measurement: two_way}}
+sources: {{file: {0}/ranges.csv.gz, columns: {{source: anchor, x_m: anchor_x_m, y_m: anchor_y_m, z_m: anchor_z_m}}}}
+reference: {{file: {0}/truth.csv}}
+"""
+
+
+def study_of(text: str) -> RangeStudy:
+    document = parse(text, "x.yaml", Path())
+    return prepare(validated(RecordedRanges, document), document)
+
+
+@pytest.mark.validates(
+    "two-way ranges of UWB anchors: position and biases", "RTK truth of a public recording",
+    filter="0.85 m", smoother="0.65 m", bias="0.1 m",
+)  # fmt: skip
+def test_uwb_yard(shared: Path, within) -> None:  # type: ignore[no-untyped-def]
+    study = study_of(YARD.format(shared / "data" / "uwb_yard"))
+    result = compute(study)
+    for name in ("filter", "smoother"):
+        rms, z = (result[f"/summary/{name}_error_{what}"] for what in ("rms", "z"))
+        assert np.hypot(rms[0], rms[1]) <= within[name]
+        assert 0.8 <= np.sqrt(np.mean(z[:2] ** 2)) <= 1.25
+    assert study.track is not None
+    true = study.track.at(study.log.time)
+    error = study.log.range - np.linalg.norm(true - study.log.sources.position[study.log.source], axis=1)
+    states = list(result["/states/state"])
+    for i, name in enumerate(study.log.sources.names):
+        median = np.nanmedian(error[study.log.source == i])
+        assert result["/states/value"][states.index(f"bias {name}")] == pytest.approx(median, abs=within["bias"])
+    assert (result["/summary/outliers"] < 0.03 * result["/summary/ranges"]).all()
+
+
+UAV = """
+kind: ranges
+version: 1
+ranges:
+  file: {0}/uav_observations.txt
+  measurement: one_way
+  columns: {{t_s: "timeSec[s]"}}
+  source_columns: {{{1}}}
+sources:
+  file: {0}/uav_base_stations.txt
+  columns: {{source: ID, lat_deg: "UTM_E[m]", lon_deg: "UTM_N[m]", h_m: "UTM_U[m]"}}
+motion: {{model: acceleration}}
+start_s: 20100
+end_s: 20500
+"""
+
+
+@pytest.mark.validates(
+    "pseudoranges of five free clocks: residual and clock rates", "own least squares of a public recording",
+    residual="0.55 m", rate="0.02 m/s",
+)  # fmt: skip
+def test_pseudolite_uav(shared: Path, within) -> None:  # type: ignore[no-untyped-def]
+    """On the circles: a place and the receiver's clock free in every epoch, offset and rate for each source, one
+    height."""
+    columns = ", ".join(f'"codePseudorange{i}[m]": "{i}"' for i in range(1, 6))
+    study = study_of(UAV.format(shared / "data" / "pseudolite_uav", columns))
+    result = compute(study)
+    assert result["/summary/residual_rms_all"] < within["residual"]
+    assert 0.7 < result["/summary/nis_all"] < 1.3
+    log, epochs = study.log, np.unique(study.log.time)
+    z = log.range.reshape(epochs.size, 5)
+    smoothed = result["/smoother/position"]
+    since = epochs - epochs[0]
+
+    def eliminated(g: np.ndarray) -> np.ndarray:
+        """Residuals with place and receiver's clock solved in each epoch: rates and offsets g[:8], height g[8]."""
+        clock = np.zeros((epochs.size, 5))
+        clock[:, 1:] = g[:4] + np.outer(since, g[4:8])
+        p = np.column_stack([smoothed[:, :2], np.full(epochs.size, g[8])])
+        for _ in range(3):
+            away = p[:, None] - log.sources.position
+            distance = np.linalg.norm(away, axis=2)
+            h = np.concatenate([away[..., :2] / distance[..., None], np.ones((epochs.size, 5, 1))], axis=2)
+            e = z - distance + clock
+            step = np.linalg.solve(np.einsum("tsi,tsj->tij", h, h), np.einsum("tsi,ts->ti", h, e)[..., None])[..., 0]
+            p[:, :2] += step[:, :2]
+        return (e - np.einsum("tsi,ti->ts", h, step)).ravel()
+
+    scale = np.r_[np.full(4, 1.0), np.full(4, 0.01), 10.0]
+    own = least_squares(eliminated, np.append(np.zeros(8), 400.0), x_scale=scale)
+    clocks = list(result["/clocks/clock"])
+    mean = result["/clocks/mean_rate"]
+    for i, name in enumerate(log.sources.names[1:]):
+        sigma = result["/clocks/rate_sigma"][-1, clocks.index(name)]
+        assert abs(mean[clocks.index(name)] - own.x[4 + i]) < max(within["rate"], 3.0 * sigma)
+    assert np.median(smoothed[:, 2]) == pytest.approx(own.x[8], abs=30.0)
