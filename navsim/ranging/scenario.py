@@ -138,7 +138,7 @@ class MotionSection(Section):
     """Motion of the vehicle between ranges."""
 
     model: Literal["velocity", "acceleration"] = "velocity"
-    """what is constant but for noise. Velocity: walkers and cars; acceleration: aircraft that circle"""
+    """constant part of the motion, but for noise. Velocity: walkers and cars; acceleration: aircraft that circle"""
     noise: PairOf[Sigma] | None = None
     """root of the density of that noise, horizontal per axis and vertical: m/s a root second of a velocity, m/s2 a root
     a root second of an acceleration or jerk; left out: tuned"""
@@ -291,7 +291,7 @@ class RecordedRanges(Section):
     end_s: LogTime | None = None
     """last time to use; default: the last range"""
     tuning: Literal["likelihood", "none"] = "likelihood"
-    """likelihood: what is left out of the noise is set so that the ranges are most likely; none: stays where the tuning
+    """likelihood: settings of the noise that are left out make the ranges most likely; none: they stay where the tuning
     would start"""
     smoother: bool = True
     """estimate each position from all ranges too, not only from those before it"""

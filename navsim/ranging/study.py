@@ -196,7 +196,7 @@ def _states(out: ResultBuilder, model: RangeModel, smoothed: Smoothed) -> list[F
     unseen = [name for name, shown, there, s in zip(model.names, seen, lasting, first, strict=True)
               if there and not shown and s > 0.0]  # fmt: skip
     if unseen:
-        text = f"the ranges show nothing of {', '.join(unseen)}: no value and no sigma is given for these states"
+        text = f"the ranges do not show {', '.join(unseen)}: navsim gives no value and no sigma for these states"
         found.append(Finding("states_not_seen", text, count=len(unseen), of=int(lasting.sum())))
     if pairs:
         worst = "; ".join(f"{model.names[a]} and {model.names[b]} ({c:+.4f})" for a, b, c in pairs[:4])
