@@ -33,6 +33,7 @@ from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass, glonass_broadcast, gps
 from navsim.gnss.constellations.systems import GLONASS, GPS
 from navsim.landing import study as landing
+from navsim.ranging.scenario import RecordedRanges
 from navsim.scenario.load import read, read_any
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.sensors import imu
@@ -163,6 +164,7 @@ def track() -> str:
 def beacons() -> tuple[str, str]:
     """Two-way ranges of the beacons of `scenarios/recorded_ranges.yaml`, and the true positions."""
     section = read_any(SCENARIOS / "recorded_ranges.yaml", ())[0]
+    assert isinstance(section, RecordedRanges)
     positions = np.array([one.position_m for one in section.sources.positions])
     names = [one.name for one in section.sources.positions]
     draw = np.random.default_rng(SEED)
