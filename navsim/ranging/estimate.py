@@ -1,18 +1,18 @@
 """Positions, clocks and biases from ranges: start, filter, smoother, noise by likelihood.
 
-The filter starts from positions that least squares find in the first ranges, from several heights and sides of the
-sources; the start whose ranges are most likely is kept. The smoother linearises the distances about its own previous
-result and repeats until it stays [1]: each distance is replaced by the line that fits it best over the smoothed
-distribution of the position, and what the line leaves adds to the noise. The noise settings that the scenario leaves
-out maximise the likelihood of the ranges [2], within bounds.
+The filter starts from positions that least squares find in the first ranges, at several heights; the start whose ranges
+are most likely is kept. The smoother linearises the distances about its own result and repeats until it stays. For a
+start whose sigma is large, each distance is the line that fits it best over the smoothed distribution of the position,
+and the rest adds to the noise [1]; later it is the tangent. The noise settings that the scenario leaves out maximise
+the likelihood of the ranges [2], within bounds.
 
-References
-----------
-[1] Garcia-Fernandez, Svensson & Sarkka, Iterated posterior linearization smoother, IEEE TAC 62 (2017).
-[2] Harvey, Forecasting, structural time series models and the Kalman filter (1989), section 3.4.
-[3] Berndt, Hall, Hall & Hausman, Annals of Economic and Social Measurement 3 (1974), with Marquardt's damping.
-[4] Bell & Cathey, The iterated Kalman filter update as a Gauss-Newton method, IEEE TAC 38 (1993); Kaess, Ranganathan &
-    Dellaert, iSAM: incremental smoothing and mapping, IEEE Trans. Robotics 24 (2008).
+Sources:
+
+- [1] Garcia-Fernandez, Svensson & Sarkka, Iterated posterior linearization smoother, IEEE TAC 62 (2017).
+- [2] Harvey, Forecasting, structural time series models and the Kalman filter (1989), section 3.4.
+- [3] Berndt, Hall, Hall & Hausman, Annals of Economic and Social Measurement 3 (1974), with Marquardt's damping.
+- [4] Bell & Cathey, The iterated Kalman filter update as a Gauss-Newton method, IEEE TAC 38 (1993); Kaess, Ranganathan
+  & Dellaert, iSAM: incremental smoothing and mapping, IEEE Trans. Robotics 24 (2008).
 """
 
 from __future__ import annotations

@@ -6,10 +6,10 @@ and its derivatives, the clocks as pairs of offset and rate, constant biases, an
 update matches mean and covariance of the posterior mixture [1]. The likelihood of the ranges follows from the same
 weights. The smoother is that of Bryson and Frazier [2], which inverts no covariance.
 
-References
-----------
-[1] Sorenson & Alspach, Automatica 7 (1971); Bar-Shalom & Fortmann, Tracking and Data Association (1988), section 6.4.
-[2] Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
+Sources:
+
+- [1] Sorenson & Alspach, Automatica 7 (1971); Bar-Shalom & Fortmann, Tracking and Data Association (1988), section 6.4.
+- [2] Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
 """
 
 from __future__ import annotations
