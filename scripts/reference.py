@@ -41,6 +41,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "altimeter={sigma_m: 0.5, believed_sigma_m: 1}",
             "radio_altimeter={sigma_floor_m: 0.5, sigma_share: 0.02, ground: [[-600, -6], [0, 0]]}",
             "barometric_altimeter={sigma_m: 0.5, lag_s: 0.3, isa_deviation_k: -10, drift_m: 2}",
+            "magnetometer={noise_ut: 0.3, hard_iron_ut: 2, scale_percent: 1, misalignment_mrad: 5, disturbance_ut: 1, "
+            "declination_deg: 11, dip_deg: 71, intensity_ut: 52.5}",
             "runway.geoid_undulation_m=15.5",
             f"sky={{source: almanac, almanac: MCCJ_180913.agl, almanac_sha256: {_SUM}}}",
             "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "
@@ -52,6 +54,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "filter={radio_altimeter: {sigma_floor_m: 1, sigma_share: 0.03, latency_s: 0.05, lever_arm_m: [0, 0, 0.3], "
             "ground: [], from_m: 0}, barometric_altimeter: {sigma_m: 1, lag_s: 0, isa_deviation_k: 0, "
             "geoid_undulation_m: 16, errors: states, qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300}, "
+            "magnetometer: {noise_ut: 0.4, hard_iron_ut: 3}, "
             "scale_factors: true, misalignments: true, latency_s: 0.1, "
             "lever_arm_m: [0.5, 0, -0.3], initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
             "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300, "

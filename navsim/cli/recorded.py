@@ -196,8 +196,8 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
                 BAD_INPUT,
                 f"{scenario}: filter.coupling tight takes ranges, live receivers give fixes; make it loose",
             )
-        if section.aiding():
-            leave(BAD_INPUT, f"{scenario}: altimeters cannot run live; remove them")
+        if aiding := section.aiding_sections():
+            leave(BAD_INPUT, f"{scenario}: {' and '.join(aiding)} cannot run live; remove them")
         if (air := section.air()) is not None:
             off = " and ".join(".".join(key) for key in air[1])
             leave(BAD_INPUT, f"{scenario}: runs off the route, by {off}, are not what live data are; take it out")

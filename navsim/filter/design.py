@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.defect import Defect
 from navsim.filter import states
 from navsim.filter.measurement_models import RANGE
 from navsim.filter.receiver_clock import UNKNOWN_BIAS, UNKNOWN_DRIFT, ReceiverClock
@@ -18,7 +19,7 @@ from navsim.filter.states import Block
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
 """Smallest initial sigma of a filter, by the unit of the state. Zeros, from a perfect sensor or start, would make P
-singular."""
+singular. A state in another unit must start above 0."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +35,14 @@ class SensorBeliefs:
 
     def covariance(self, navigation: np.ndarray) -> np.ndarray:
         """Initial P (n, n) from 1 sigma of position, velocity and attitude along each axis (9,), m, m/s, rad. Floors
-        keep it regular."""
+        keep it regular. Raises Defect for a state with sigma 0 whose unit has no floor."""
         each = np.concatenate([navigation, np.repeat(self.sigma, [block.size for block in self.blocks])])
-        floors = np.array([_FLOORS[unit] for unit in states.units(self.blocks)])
-        return np.diag(np.maximum(each, floors) ** 2)
+        floors = np.array([_FLOORS.get(unit, 0.0) for unit in states.units(self.blocks)])
+        sigma = np.maximum(each, floors)
+        if not np.all(sigma > 0.0):
+            name = states.names(self.blocks)[int(np.argmin(sigma))]
+            raise Defect(f"the filter starts with sigma 0 of {name}; give it a state only if its sigma is above 0")
+        return np.diag(sigma**2)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ import numpy as np
 from navsim.compiler.jit import in_kernels
 from navsim.compiler.linear import copy
 from navsim.filter import eskf, left_invariant, tfg
-from navsim.filter.measurement_models import FIX, RANGE
+from navsim.filter.measurement_models import FIX, RANGE, hard_iron
 from navsim.filter.records import CONSTRAINED, ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel
 
 
@@ -33,6 +33,7 @@ class Eskf(NamedTuple):
 
     kind: int = ESKF
     straight: int = 0
+    body: int = 0
 
 
 class LeftInvariant(NamedTuple):
@@ -40,6 +41,7 @@ class LeftInvariant(NamedTuple):
 
     kind: int = LEFT_INVARIANT
     straight: int = 0
+    body: int = 0
 
 
 class Tfg(NamedTuple):
@@ -47,6 +49,7 @@ class Tfg(NamedTuple):
 
     kind: int = TFG
     straight: int = 0
+    body: int = 0
 
 
 class GaussianSum(NamedTuple):
@@ -54,6 +57,7 @@ class GaussianSum(NamedTuple):
 
     kind: int = GAUSSIAN_SUM
     straight: int = 0
+    body: int = 0
 
 
 CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
@@ -72,7 +76,7 @@ def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
     """Chart of a filter."""
     plain = model.steady_force and model.kind in (TFG, GAUSSIAN_SUM)
     straight = 2 if plain else int(np.isin(model.declared["triad"], (FIX, RANGE)).any())
-    return CHARTS[model.kind]._replace(straight=straight)
+    return CHARTS[model.kind]._replace(straight=straight, body=int(hard_iron(model.declared)))
 
 
 def turn_axes(chart, nav, p, increments, dt):
@@ -126,4 +130,4 @@ def _own_error(chart, nav, error, out):
         return lambda chart, nav, error, out: copy(error, out)
     if chart.instance_class is LeftInvariant:
         return lambda chart, nav, error, out: left_invariant.own_error(error, out, chart.straight)
-    return lambda chart, nav, error, out: tfg.own_error(nav, error, out, chart.straight)
+    return lambda chart, nav, error, out: tfg.own_error(nav, error, out, chart.straight, chart.body)

@@ -27,7 +27,7 @@ from navsim.filter.error_parametrisation import turn_axes
 from navsim.filter.first_estimates import note_shift, start_transition
 from navsim.filter.history import answer, nothing_yet, opened
 from navsim.filter.interval import LONGEST, StepSums, add_step, age_sums, begin_sums, sums_of, transition
-from navsim.filter.measurement_models import RANGE, observe, slot
+from navsim.filter.measurement_models import RANGE, hard_iron, observe, slot
 from navsim.filter.range_update import (
     begin_epoch,
     begin_estimate,
@@ -51,7 +51,8 @@ _NO_NOISE = 1e-30
 
 class Workshop(NamedTuple):
     """Work space: sums, mid (MID_N,), phi (9, 9 + k), a (n, 9), c_nb (3, 3) of `advance`, of k sensor states; diagonal,
-    column (5, 3, 3), turned (n, 15), columns (n, 3) of `correct`; straight: as of `error_parametrisation`."""
+    column (b, 3, 3), turned (n, 3 b), columns (n, 3) of `correct`, b blocks up to the last vector of the body;
+    straight, body: as of `error_parametrisation`."""
 
     sums: StepSums
     mid: np.ndarray
@@ -63,6 +64,7 @@ class Workshop(NamedTuple):
     turned: np.ndarray
     columns: np.ndarray
     straight: int
+    body: int = 0
 
 
 @within
@@ -76,9 +78,12 @@ def workshop(nav, n, straight, declared):
     for i in range(SENSORS):
         for j in range(known):
             phi[i, j] = 0.0
+    body = hard_iron(declared)
+    moved = max(N, body + 3) // 3
     return Workshop(
         sums_of(nav, declared), room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)),
-        room(nav, (N // 3, 3, 3)), room(nav, (N // 3, 3, 3)), room(nav, (n, N)), room(nav, (n, 3)), straight,
+        room(nav, (moved, 3, 3)), room(nav, (moved, 3, 3)), room(nav, (n, 3 * moved)), room(nav, (n, 3)), straight,
+        body,
     )  # fmt: skip
 
 

@@ -63,8 +63,6 @@ class ErrorRoute(NamedTuple):
     by_rate: np.ndarray
     aided: np.ndarray
     """(w, MOST) index among the numbers of the sensors beside the receiver, -1 for none."""
-    slope: np.ndarray
-    """(w,) derivative of the innovation by such a number."""
 
 
 class Readings(NamedTuple):
@@ -142,7 +140,7 @@ def carry_errors(route, measured, exact, used, aided, x, errors):
     - `route`: the linearised filter.
     - `measured`, `exact`: `Readings` of the runs, and those without random errors, which may be numbers for all runs.
     - `used` (e, s): bool, ranges that are received.
-    - `aided` (m,) of lanes: errors of the numbers of the sensors beside the receiver.
+    - `aided` (m,) of lanes: changes of innovations by sensors beside the receiver.
     - `x` (2, n) of lanes: initial errors, and room for the copy that predicts ahead; overwritten.
     - `errors` (o, 3) of lanes, out: NED, m, truth minus estimate, at the outputs, without their mean.
     """
@@ -173,7 +171,7 @@ def carry_errors(route, measured, exact, used, aided, x, errors):
         for a in range(MOST):
             d[a] = 0.0
             if route.aided[w, a] >= 0:
-                d[a] = route.slope[w] * aided[route.aided[w, a]]
+                d[a] = aided[route.aided[w, a]]
         if route.aided[w, 0] < 0:
             e, first, last = route.epoch[row], 0, used.shape[1]
             if route.source[row] >= 0:

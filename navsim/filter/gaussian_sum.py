@@ -220,7 +220,7 @@ def _close_ranks(mixture):
 
 @kernel
 def _invert_blocks(diagonal, column):
-    """The inverse of a matrix of such blocks (5, 3, 3), see `filter.covariance.transport`, in place."""
+    """The inverse of a matrix of such blocks (b, 3, 3), see `filter.covariance.transport`, in place."""
     attitude = ATT // 3
     inverse, theta, work = small_matrix(diagonal, 3, 3), small_matrix(diagonal, 3, 3), small_matrix(diagonal, 3, 3)
     invert3(diagonal[attitude], theta)
@@ -239,13 +239,13 @@ def _invert_blocks(diagonal, column):
 
 
 @kernel
-def _apart(component, nav, flat, straight, error, x):
+def _apart(component, nav, flat, straight, body, error, x):
     """Difference x (n,) of a component (NAV,) from nav, in the chart at nav.
 
-    flat: plain differences of positions and velocities instead. straight: of the chart. error (n,): work space.
+    flat: plain differences of positions and velocities instead. straight, body: of the chart. error (n,): work space.
     """
     between(component, nav, error)
-    tfg.own_error(nav, error, x, straight)
+    tfg.own_error(nav, error, x, straight, body)
     if flat:
         for i in range(POS, ATT):
             x[i] = error[i]
@@ -290,7 +290,7 @@ def moments(mixture, nav, p, flat, space, bench):
         for i in range(n):
             bench.mean[i] = 0.0
         for j in range(count):
-            _apart(mixture.navigation[j], nav, flat, space.straight, error, x)
+            _apart(mixture.navigation[j], nav, flat, space.straight, space.body, error, x)
             for i in range(n):
                 bench.mean[i] += select(weight[j] > 0.0, weight[j] * x[i], 0.0)
         if flat:
@@ -303,7 +303,7 @@ def moments(mixture, nav, p, flat, space, bench):
             p[a, b] = select(several, 0.0, p[a, b])
     for j in range(count):
         there = several & (weight[j] > 0.0)
-        _apart(mixture.navigation[j], nav, flat, space.straight, error, x)
+        _apart(mixture.navigation[j], nav, flat, space.straight, space.body, error, x)
         # inverse of the reset from the mean to the component; states with plain errors have none
         copy(nav, other)
         tfg.feed_back(other, x, space)

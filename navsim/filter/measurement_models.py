@@ -2,8 +2,8 @@
 
     z = measured - predicted = H d + noise,  d the plain errors (dr, dv, theta, sensor states)
 
-A new kind needs a number (counted in `KIND_COUNT`), a table and a function here, and a line in `Measurements` and in
-`observe`.
+A new kind needs a number, a table, a line in `Measurements` and `_TABLES`, and a branch of `observe`. The rest of a
+sensor is its declaration (`sensors.aiding`).
 
 Sources:
 
@@ -12,6 +12,7 @@ Sources:
 - [2] `docs/theory/tight-coupling.md`.
 - [3] `docs/theory/altimeters.md`, sections 1, 2.
 - [4] `docs/theory/lasting-errors.md`, sections 3 and 4.
+- [5] `docs/theory/magnetometer.md`.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from navsim.compiler.elementary import sincos_of_latitude
+from navsim.compiler.elementary import exp_of_negative, sincos_of_latitude
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import no, registers, select, small_matrix, small_vector
 from navsim.filter.states import (
@@ -49,11 +50,11 @@ from navsim.filter.states import (
 from navsim.geodesy.attitude_kernels import dcm
 from navsim.geodesy.earth_kernels import RATE, llh_to_ecef, ned_axes, radii, short_way
 
-FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE = 2, 3, 4, 5, 6, 7
+FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE, MAGNETIC = 2, 3, 4, 5, 6, 7, 8
 """Kinds of measurements, as kinds of events; `records.PASS` and `OUTPUT` come before them. The filter computes the
 innovation of a probe, a kind of fix, and never uses it. Random numbers are keyed by these numbers, so they never
 change."""
-KIND_COUNT = 8
+KIND_COUNT = 1 + MAGNETIC
 """Slots of the other kinds, see `slot`. Slots of ranges follow, one for each source."""
 _NEAR = 0.1
 """A range is treated as curved if the position uncertainty across it lengthens it by more than this fraction of its
@@ -74,6 +75,11 @@ class FixTable(NamedTuple):
     lasting: np.ndarray = np.empty((0, MOST, 0))
     """(m, 6, k) effect of each of the filter's k time-correlated errors of fixes [4]; the same in all lanes."""
 
+    @classmethod
+    def none(cls, *lanes: int) -> FixTable:
+        """The table without measurements, of one run or of lanes."""
+        return cls(np.empty((0, 3, *lanes)), np.empty((0, 3, *lanes)), np.empty((0, 6, 6, *lanes)), np.zeros(3))
+
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> FixTable:
         """The table with every array changed that differs between runs."""
         return self._replace(
@@ -88,6 +94,11 @@ class AltitudeTable(NamedTuple):
     """(m,) m, nan if missing."""
     variance: np.ndarray
     """(m,) m2."""
+
+    @classmethod
+    def none(cls, *lanes: int) -> AltitudeTable:
+        """The table without measurements, of one run or of lanes."""
+        return cls(np.empty((0, *lanes)), np.empty((0, *lanes)))
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> AltitudeTable:
         """The table with every array changed that differs between runs."""
@@ -115,6 +126,13 @@ class GroundTable(NamedTuple):
     lever_arm: np.ndarray
     """See `FixTable`."""
 
+    @classmethod
+    def none(cls, *lanes: int) -> GroundTable:
+        """The table without measurements, of one run or of lanes."""
+        level = np.zeros(1)
+        height, north = np.empty((0, *lanes)), np.array([1.0, 0.0])
+        return cls(height, 1.0, 0.0, 0.0, np.zeros(3), np.ones(2), north, level, level, np.zeros(3))
+
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> GroundTable:
         """The table with every array changed that differs between runs."""
         return self._replace(height=change(self.height))
@@ -130,9 +148,38 @@ class PressureTable(NamedTuple):
     lag: float
     """Delay of the pressure, s."""
 
+    @classmethod
+    def none(cls, *lanes: int) -> PressureTable:
+        """The table without measurements, of one run or of lanes."""
+        return cls(np.empty((0, *lanes)), np.empty((0, *lanes)), 0.0)
+
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> PressureTable:
         """The table with every array changed that differs between runs."""
         return self._replace(height=change(self.height), variance=change(self.variance))
+
+
+class MagneticTable(NamedTuple):
+    """Magnetic fields along the body axes, m of them, and the filter's model of the field [5]."""
+
+    field: np.ndarray
+    """(m, 3) uT, nan if missing."""
+    variance: float
+    """Of the white noise of each axis, uT2."""
+    earth: np.ndarray
+    """(3,) field of the Earth, NED, uT."""
+    ground: float
+    """Height of the ground above the ellipsoid, m."""
+    fades: float
+    """Height in which the disturbance by the ground falls to 1 / e, m."""
+
+    @classmethod
+    def none(cls, *lanes: int) -> MagneticTable:
+        """The table without measurements, of one run or of lanes."""
+        return cls(np.empty((0, 3, *lanes)), 1.0, np.zeros(3), 0.0, 1.0)
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> MagneticTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(field=change(self.field))
 
 
 class RangeTable(NamedTuple):
@@ -165,6 +212,15 @@ class RangeTable(NamedTuple):
     """(m, g) 1 sigma of the time-correlated errors that the filter estimates, m, for each of g groups of kinds. The
     state with the axis g source + group is this error in sigmas [4]."""
 
+    @classmethod
+    def none(cls, *lanes: int) -> RangeTable:
+        """The table without measurements, of one run or of lanes."""
+        each, number = np.empty(0), np.empty(0, np.int64)
+        return cls(
+            np.empty((0, 3)), np.empty((0, 3)), each, each, each, number, number, np.empty((0, *lanes)),
+            np.empty((0, *lanes)), np.zeros(3), np.empty((0, 0)),
+        )  # fmt: skip
+
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> RangeTable:
         """The table with every array changed that differs between runs."""
         return self._replace(pseudorange=change(self.pseudorange), range_rate=change(self.range_rate))
@@ -183,6 +239,7 @@ class Measurements(NamedTuple):
     ranges: RangeTable
     grounds: GroundTable
     pressures: PressureTable
+    magnetic: MagneticTable
 
     @classmethod
     def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
@@ -190,40 +247,40 @@ class Measurements(NamedTuple):
 
         Fixes and probes share one table. Raises KeyError for an unknown kind.
         """
-        unknown = tables.keys() - {FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE}
-        if unknown:
+        if unknown := tables.keys() - {PROBE, *_TABLES}:
             raise KeyError(f"no measurements are of the kind {unknown.pop()}")
-
-        def none(*shape: int) -> np.ndarray:
-            return np.empty((0, *shape, *lanes))
-
+        known = {FIX: tables[PROBE], **tables} if PROBE in tables else tables
         return cls(
-            _contiguous(tables.get(FIX, tables.get(PROBE, FixTable(none(3), none(3), none(6, 6), np.zeros(3))))),
-            _contiguous(tables.get(ALTITUDE, AltitudeTable(none(), none()))),
-            _contiguous(tables.get(RANGE, _NO_RANGES._replace(pseudorange=none(), range_rate=none()))),
-            _contiguous(tables.get(ABOVE_GROUND, _NO_GROUND._replace(height=none()))),
-            _contiguous(tables.get(PRESSURE, PressureTable(none(), none(), 0.0))),
+            *(_contiguous(known[kind] if kind in known else table.none(*lanes)) for kind, table in _TABLES.items())
         )
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Measurements:
         """The tables with every array changed that differs between runs."""
-        tables = (self.fixes.each(change), self.altitudes.each(change), self.ranges.each(change))
-        return Measurements(*tables, self.grounds.each(change), self.pressures.each(change))
+        tables: Any = self
+        return Measurements(*(table.each(change) for table in tables))
 
 
-_NO_RANGES = RangeTable(
-    np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64),
-    np.empty(0, np.int64), np.empty(0), np.empty(0), np.zeros(3), np.empty((0, 0)),
-)  # fmt: skip
-_NO_GROUND = GroundTable(
-    np.empty(0), 1.0, 0.0, 0.0, np.zeros(3), np.ones(2), np.array([1.0, 0.0]), np.zeros(1), np.zeros(1), np.zeros(3)
-)
+_TABLES: dict[int, Any] = {
+    FIX: FixTable, ALTITUDE: AltitudeTable, RANGE: RangeTable, ABOVE_GROUND: GroundTable, PRESSURE: PressureTable,
+    MAGNETIC: MagneticTable,
+}  # fmt: skip
+"""Table of each kind, in the order of `Measurements`. Probes are in the table of fixes."""
 
 
 @kernel
 def slot(kind, row, measurements):
     """Counter for consecutive rejections of such a measurement; each source of ranges has its own."""
     return KIND_COUNT + measurements.ranges.source[row] if kind == RANGE else kind
+
+
+@kernel
+def hard_iron(declared):
+    """First error state of a magnetometer's hard iron, a vector in body axes; 0 if no state is."""
+    first = 0
+    for c in range(declared.shape[0] - 1, -1, -1):
+        if declared[c].triad == MAGNETIC and declared[c].signal == CONSTANT and declared[c].axis == 0:
+            first = SENSORS + c
+    return first
 
 
 @kernel
@@ -364,6 +421,55 @@ def _above_ground(nav, c_nb, grounds, z, h):
 
 
 @kernel
+def _magnetic(nav, declared, c_nb, table, z, h):
+    """Magnetic field along the body axes [5]. z (3,): of a zero measurement; h (3, n): zero at first.
+
+    States of the kind MAGNETIC: with a signal, soft iron; else the axes 0 to 2 are hard iron, 3 to 5 the error of the
+    field model and 6 to 8 the disturbance at the ground, NED.
+    """
+    soft = small_matrix(nav, 3, 3)
+    field, along = small_vector(nav, 3), small_vector(nav, 3)
+    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    height = nav[NAV_LLH + 2] - table.ground
+    above = height > 0.0
+    fade = exp_of_negative(select(above, height, 0.0) * (-1.0 / table.fades))
+    for i in range(3):
+        field[i] = table.earth[i] + 0.0 * fade
+        along[i] = c_nb[0, i] * table.earth[0] + c_nb[1, i] * table.earth[1] + c_nb[2, i] * table.earth[2]
+        z[i] = -along[i]
+        for j in range(3):
+            soft[i, j] = 0.0 * fade
+    for c in range(declared.shape[0]):
+        if declared[c].triad == MAGNETIC:
+            axis, signal, x = declared[c].axis, declared[c].signal, nav[NAV_SENSORS + c]
+            if signal != CONSTANT:
+                h[axis, SENSORS + c] = along[signal]
+                z[axis] -= along[signal] * x
+                soft[axis, signal] = x
+            elif axis < 3:
+                h[axis, SENSORS + c] = 1.0
+                z[axis] -= x
+            else:
+                k, share = axis % 3, 0.0 * fade + 1.0
+                if axis >= 6:
+                    share = fade
+                field[k] += share * x
+                for i in range(3):
+                    effect = c_nb[k, i] * share
+                    h[i, SENSORS + c] = effect
+                    z[i] -= effect * x
+                    if axis >= 6:  # higher up there is less of it
+                        h[i, R_D] += select(above, effect * x * (1.0 / table.fades), 0.0)
+    # C_true' v = C' v + C' [v x] theta
+    for i in range(3):
+        for k in range(3):
+            p, q = (k + 1) % 3, (k + 2) % 3
+            h[i, ATT + k] = c_nb[p, i] * field[q] - c_nb[q, i] * field[p]
+            for j in range(3):
+                h[i, ATT + k] += soft[i, j] * (c_nb[p, j] * table.earth[q] - c_nb[q, j] * table.earth[p])
+
+
+@kernel
 def is_bent(ranges, row, h, p):
     """Whether one linearisation of a range is not enough: its source is near, and the position uncertain across it [2].
 
@@ -379,7 +485,8 @@ def is_bent(ranges, row, h, p):
 
 @kernel
 def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, z, h, r):
-    """Innovation, matrix and noise of a measurement; returns the number of its components.
+    """Innovation, matrix and noise of a measurement; returns the number of its components. Raises ValueError for an
+    unknown kind.
 
     - `kind`, `row`: as of `records.Events`; `nav`: navigation state.
     - `increments` (6,): compensated increments of the last interval, of `dt` s.
@@ -469,11 +576,27 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
             h[0, c] *= have[0]
         r[0, 0] = select(there, variance[row], 1.0)
         return 1
-    altitudes = measurements.altitudes
-    measured, variance = registers(altitudes.height), registers(altitudes.variance)
-    there = no(math.isnan(measured[row]))
-    have[0] = select(there, 1.0, 0.0)
-    z[0] = select(there, nav[NAV_LLH + 2] - measured[row], 0.0)  # down, as the error of position
-    h[0, R_D] = have[0]
-    r[0, 0] = select(there, variance[row], 1.0)
-    return 1
+    if kind == ALTITUDE:
+        altitudes = measurements.altitudes
+        measured, variance = registers(altitudes.height), registers(altitudes.variance)
+        there = no(math.isnan(measured[row]))
+        have[0] = select(there, 1.0, 0.0)
+        z[0] = select(there, nav[NAV_LLH + 2] - measured[row], 0.0)  # down, as the error of position
+        h[0, R_D] = have[0]
+        r[0, 0] = select(there, variance[row], 1.0)
+        return 1
+    if kind == MAGNETIC:
+        table = measurements.magnetic
+        seen = registers(table.field)
+        _magnetic(nav, declared, c_nb, table, z, h)
+        for a in range(3):
+            there = no(math.isnan(seen[row, a]))
+            have[a] = select(there, 1.0, 0.0)
+            z[a] = select(there, z[a] + seen[row, a], 0.0)
+            for c in range(h.shape[1]):
+                h[a, c] *= have[a]
+            for b in range(3):
+                r[a, b] = 0.0
+            r[a, a] = select(there, table.variance, 1.0)
+        return 3
+    raise ValueError("no measurement model is of this kind")

@@ -51,8 +51,8 @@ DECLARED = np.dtype([("triad", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay"
 """A sensor state of a filter or of a truth. Kernels take an array of them (k,). A state x adds x to what its `triad`
 measures along `axis`. If `signal` is an axis, not `CONSTANT`, it adds x times the triad's input along that axis. Axes
 of gyros from 3 on are axes of specific force; only a truth has them. `triad` may be a kind of measurements
-(`filter.measurement_models`); `axis` then counts its time-correlated errors. `decay` (1/s): rate of decay. `drive`
-(unit2/s): density of the driving noise."""
+(`filter.measurement_models`); `axis` then counts its time-correlated errors or, with a `signal`, its axes. `decay`
+(1/s): rate of decay. `drive` (unit2/s): density of the driving noise."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,8 @@ class Block:
     """Number of the first state among the time-correlated errors of a kind of measurements."""
     numbered: bool = False
     """The three states have numbers instead of axes."""
+    of_body: bool = False
+    """The axes of states of a kind of measurements are those of the body instead of ground axes."""
     size: int = 3
     """3; fewer for single states of a kind of measurements, which come after all blocks of three."""
 
@@ -89,7 +91,7 @@ class Block:
         """Suffixes of the three names: body axes, with the input axis if it differs; ground axes; or numbers."""
         if self.numbered:
             return "1", "2", "3"
-        if self.triad > ACCELEROMETERS:
+        if self.triad > ACCELEROMETERS and not self.of_body:
             return "north", "east", "down"
         if self.through in (None, 0):
             return "x", "y", "z"

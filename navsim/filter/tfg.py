@@ -2,7 +2,9 @@
 
 The group contains attitude, position, velocity and B = C b of both biases; the estimate moves by u+ = u + J_l(theta)
 y_u for u in {r, v, B_g, B_a}. In these coordinates the posterior of a landing is nearly Gaussian where it is curved in
-plain ones, so the covariance stays consistent at large heading errors.
+plain ones, so the covariance stays consistent at large heading errors. Hard iron of a magnetometer is a third such
+vector, always of the present attitude. A heading and the hard iron that looks like it then lie on a straight line, and
+the filter learns nothing along it.
 
     T: (dr, dv, theta, db_g, db_a) -> (dr, dv, theta, dB_g, dB_a),  dB = C db - [B x] theta
     P+ = T(x+)^-1 M T(x) P T(x)' M' T(x+)^-T
@@ -29,7 +31,6 @@ from navsim.filter.states import (
     A_N,
     ATT,
     GYRO,
-    NAV_GYRO,
     NAV_HELD,
     NAV_QUAT,
     NAV_SENSORS,
@@ -97,77 +98,99 @@ def correct(nav, p, x, space):
 def feed_back(nav, x, space):
     """Apply the estimated plain errors x (n,), in place.
 
-    diagonal, column (5, 3, 3) of `space`, out: reset matrix for `filter.covariance.transport`. Sensor states other than
-    the biases do not change.
+    diagonal, column (k, 3, 3) of `space`, out: reset matrix for `filter.covariance.transport`. Sensor states that are
+    no vectors of the body do not change it.
     """
-    n = x.shape[0]
+    n, body = x.shape[0], space.body
     diagonal, column = space.diagonal, space.column
-    before, after, slope = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
-    y, big, moved = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3)
+    before, after = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
+    attitude, later = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
     bias_axes(nav, before)
+    if body > 0:
+        dcm(nav[NAV_QUAT:NAV_HELD], attitude)
     blocks_of_motion(x, diagonal, column, space.straight)
     jac = diagonal[2]
     move_rigidly(nav, x, jac, space.straight)
     bias_axes(nav, after)
-    t0, t1, t2 = x[A_N], x[A_E], x[A_D]
-
-    for triad in range(2):
-        block = 3 + triad
-        b = nav[NAV_GYRO + 3 * triad : NAV_GYRO + 3 * triad + 3]
-        turned(before, b, big)
-        turned(before, x[GYRO + 3 * triad : GYRO + 3 * triad + 3], y)
-        # y_B = C db - B x theta
-        y[0] -= big[1] * t2 - big[2] * t1
-        y[1] -= big[2] * t0 - big[0] * t2
-        y[2] -= big[0] * t1 - big[1] * t0
-        left_jacobian_derivative(t0, t1, t2, y, slope)
-        turned(jac, y, moved)
-        turned_back(after, moved[0] + big[0], moved[1] + big[1], moved[2] + big[2], b)
-        # theta column: C+' (D - J [B x]) + [b+ x] C+' J;  own block: C+' J C
-        for i in range(3):
-            j0, j1, j2 = jac[i, 0], jac[i, 1], jac[i, 2]
-            slope[i, 0] -= j1 * big[2] - j2 * big[1]
-            slope[i, 1] -= j2 * big[0] - j0 * big[2]
-            slope[i, 2] -= j0 * big[1] - j1 * big[0]
-        for j in range(3):
-            # column j of C+' J, then of C+' slope
-            turned_back(after, jac[0, j], jac[1, j], jac[2, j], y)
-            turned_back(after, slope[0, j], slope[1, j], slope[2, j], moved)
-            column[block, 0, j] = moved[0] + b[1] * y[2] - b[2] * y[1]
-            column[block, 1, j] = moved[1] + b[2] * y[0] - b[0] * y[2]
-            column[block, 2, j] = moved[2] + b[0] * y[1] - b[1] * y[0]
-            # column j of C, then of J C, of C+' J C
-            y[0], y[1], y[2] = before[0, j], before[1, j], before[2, j]
-            turned(jac, y, moved)
-            turned_back(after, moved[0], moved[1], moved[2], y)
-            for i in range(3):
-                diagonal[block, i, j] = y[i]
-    for c in range(N - SENSORS, n - SENSORS):
-        nav[NAV_SENSORS + c] += x[SENSORS + c]
+    for o in range(GYRO, N, 3):
+        _move_vector(nav, x, o, before, after, jac, diagonal[o // 3], column[o // 3])
+    if body > 0:
+        dcm(nav[NAV_QUAT:NAV_HELD], later)
+        _move_vector(nav, x, body, attitude, later, jac, diagonal[body // 3], column[body // 3])
+    for c in range(N, n):
+        if c < body or c >= body + 3:
+            nav[NAV_SENSORS - SENSORS + c] += x[c]
 
 
 @kernel
-def own_error(nav, error, out, straight):
+def _move_vector(nav, x, o, before, after, jac, diagonal, column):
+    """Apply the errors of a vector of the body, states o .. o + 2, and of the attitude; axes before and after (3, 3).
+
+    diagonal, column (3, 3), out: its blocks of the reset matrix.
+    """
+    slope = small_matrix(nav, 3, 3)
+    y, big, moved = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3)
+    t0, t1, t2 = x[A_N], x[A_E], x[A_D]
+    first = NAV_SENSORS - SENSORS + o
+    b = nav[first : first + 3]
+    turned(before, b, big)
+    turned(before, x[o : o + 3], y)
+    # y_B = C db - B x theta
+    y[0] -= big[1] * t2 - big[2] * t1
+    y[1] -= big[2] * t0 - big[0] * t2
+    y[2] -= big[0] * t1 - big[1] * t0
+    left_jacobian_derivative(t0, t1, t2, y, slope)
+    turned(jac, y, moved)
+    turned_back(after, moved[0] + big[0], moved[1] + big[1], moved[2] + big[2], b)
+    # theta column: C+' (D - J [B x]) + [b+ x] C+' J;  own block: C+' J C
+    for i in range(3):
+        j0, j1, j2 = jac[i, 0], jac[i, 1], jac[i, 2]
+        slope[i, 0] -= j1 * big[2] - j2 * big[1]
+        slope[i, 1] -= j2 * big[0] - j0 * big[2]
+        slope[i, 2] -= j0 * big[1] - j1 * big[0]
+    for j in range(3):
+        # column j of C+' J, then of C+' slope
+        turned_back(after, jac[0, j], jac[1, j], jac[2, j], y)
+        turned_back(after, slope[0, j], slope[1, j], slope[2, j], moved)
+        column[0, j] = moved[0] + b[1] * y[2] - b[2] * y[1]
+        column[1, j] = moved[1] + b[2] * y[0] - b[0] * y[2]
+        column[2, j] = moved[2] + b[0] * y[1] - b[1] * y[0]
+        # column j of C, then of J C, of C+' J C
+        y[0], y[1], y[2] = before[0, j], before[1, j], before[2, j]
+        turned(jac, y, moved)
+        turned_back(after, moved[0], moved[1], moved[2], y)
+        for i in range(3):
+            diagonal[i, j] = y[i]
+
+
+@kernel
+def own_error(nav, error, out, straight, body):
     """Error (n,) in the filter's own coordinates, expressed as the plain error of the same tangent.
 
     y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors applies to it.
+    straight, body: of the chart.
     """
-    c_nb, jac, inverse, truth = (
-        small_matrix(nav, 3, 3),
-        small_matrix(nav, 3, 3),
-        small_matrix(nav, 3, 3),
-        small_matrix(nav, 3, 3),
-    )
-    big, y = small_vector(nav, 3), small_vector(nav, 3)
-    bias_axes(nav, c_nb)
-    t0, t1, t2 = error[A_N], error[A_E], error[A_D]
-    left_jacobian(t0, t1, t2, jac)
+    c_nb, jac, inverse = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
+    left_jacobian(error[A_N], error[A_E], error[A_D], jac)
     invert3(jac, inverse)
     copy(error, out)
     if straight < 1:
         turned(inverse, error[POS:VEL], out[POS:VEL])
     if straight < 2:
         turned(inverse, error[VEL:ATT], out[VEL:ATT])
+    bias_axes(nav, c_nb)
+    for o in range(GYRO, N, 3):
+        _own_error_of_vector(nav, error, o, c_nb, jac, inverse, out)
+    if body > 0:
+        dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+        _own_error_of_vector(nav, error, body, c_nb, jac, inverse, out)
+
+
+@kernel
+def _own_error_of_vector(nav, error, o, c_nb, jac, inverse, out):
+    """`own_error` of a vector of the body, states o .. o + 2, whose axes are c_nb (3, 3)."""
+    truth, big, y = small_matrix(nav, 3, 3), small_vector(nav, 3), small_vector(nav, 3)
+    t0, t1, t2 = error[A_N], error[A_E], error[A_D]
     # C_true = exp(theta x) C = (I + [theta x] J_l) C
     for j in range(3):
         y[0] = c_nb[0, j]
@@ -181,15 +204,13 @@ def own_error(nav, error, out, straight):
     b0 = c_nb[0, 0] * t0 + c_nb[1, 0] * t1 + c_nb[2, 0] * t2
     b1 = c_nb[0, 1] * t0 + c_nb[1, 1] * t1 + c_nb[2, 1] * t2
     b2 = c_nb[0, 2] * t0 + c_nb[1, 2] * t1 + c_nb[2, 2] * t2
-    for triad in range(2):
-        o = GYRO + 3 * triad
-        n = NAV_GYRO + 3 * triad
-        for i in range(3):
-            big[i] = 0.0
-            for j in range(3):
-                big[i] += truth[i, j] * (nav[n + j] + error[o + j]) - c_nb[i, j] * nav[n + j]
-        turned(inverse, big, y)
-        k0, k1, k2 = nav[n], nav[n + 1], nav[n + 2]
-        out[o] = c_nb[0, 0] * y[0] + c_nb[1, 0] * y[1] + c_nb[2, 0] * y[2] + k1 * b2 - k2 * b1
-        out[o + 1] = c_nb[0, 1] * y[0] + c_nb[1, 1] * y[1] + c_nb[2, 1] * y[2] + k2 * b0 - k0 * b2
-        out[o + 2] = c_nb[0, 2] * y[0] + c_nb[1, 2] * y[1] + c_nb[2, 2] * y[2] + k0 * b1 - k1 * b0
+    n = NAV_SENSORS - SENSORS + o
+    for i in range(3):
+        big[i] = 0.0
+        for j in range(3):
+            big[i] += truth[i, j] * (nav[n + j] + error[o + j]) - c_nb[i, j] * nav[n + j]
+    turned(inverse, big, y)
+    k0, k1, k2 = nav[n], nav[n + 1], nav[n + 2]
+    out[o] = c_nb[0, 0] * y[0] + c_nb[1, 0] * y[1] + c_nb[2, 0] * y[2] + k1 * b2 - k2 * b1
+    out[o + 1] = c_nb[0, 1] * y[0] + c_nb[1, 1] * y[1] + c_nb[2, 1] * y[2] + k2 * b0 - k0 * b2
+    out[o + 2] = c_nb[0, 2] * y[0] + c_nb[1, 2] * y[1] + c_nb[2, 2] * y[2] + k0 * b1 - k1 * b0

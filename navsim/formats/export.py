@@ -406,7 +406,7 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
             [f"{t:.4f}", *(f"{x:.9g}" for x in e), *(f"{x:.9g}" for x in s), *run_cell]
             for t, e, s in zip(result["/filter/time"], error, sigma, strict=True)
         ]
-        units = _state_units(result)
+        units = state_units(result)
         named = [_with_unit(name, unit) for name, unit in zip(states, units, strict=True)]
         head = ["t_s", *(f"error_{n}" for n in named), *(f"sigma_{n}" for n in named), *run_head]
         files[target.with_name(f"{target.stem}_filter.csv")] = _table(head, rows)
@@ -446,7 +446,7 @@ def _with_unit(name: str, unit: str) -> str:
     return name if unit in ("", "1") else f"{name}_{unit.replace('/', '_')}"
 
 
-def _state_units(result: Result) -> list[str]:
+def state_units(result: Result) -> list[str]:
     """Units of the filter's states from the file."""
     return [unit.strip() for unit in str(result.variables["/filter/state"].attributes["state_units"]).split(",")]
 
@@ -455,7 +455,7 @@ def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
     """Two tables: the estimated motion with its sigmas, and the innovations."""
     columns = (("position_llh", "lat_rad lon_rad h_m"), ("velocity_ned", "vn_m_s ve_m_s vd_m_s"),
                ("attitude_rpy", "roll_rad pitch_rad yaw_rad"), ("sigma", ""))  # fmt: skip
-    names = zip(result["/filter/state"], _state_units(result), strict=True)
+    names = zip(result["/filter/state"], state_units(result), strict=True)
     states = " ".join(f"sigma_{_with_unit(str(name), unit)}" for name, unit in names)
     head = ["t_s", *(name for _, names in columns for name in (names or states).split())]
     table = np.column_stack([result["/filter/time"], *(result[f"/filter/{name}"] for name, _ in columns)])

@@ -62,7 +62,7 @@ def differences(result: Result) -> list[str]:
         out.append(f"follows {gains} scale factors and misalignments (filter.scale_factors, filter.misalignments)")
     aids = sorted({path.split("/")[2] for path in result.variables if path.startswith("/aiding/")})
     if aids:
-        out.append(f"takes heights of the {' and the '.join(aid.replace('_', ' ') for aid in aids)}")
+        out.append(f"uses the {' and the '.join(aid.replace('_', ' ') for aid in aids)}")
     scenario = scenario_of(result)
     early = int(np.sum(_arrival(result) - _believed(scenario, "latency_s") <= 0.0))
     if early:

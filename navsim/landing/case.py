@@ -27,7 +27,7 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.source import Document
 from navsim.sensors.imu import Triad
-from navsim.simulation.aiding import followed_errors as followed_heights
+from navsim.simulation.aiding import followed_errors as followed_errors_of_aids
 from navsim.simulation.correlated_errors import fix_blocks, followed_errors
 from navsim.simulation.first_order import FirstOrder, position_covariance
 from navsim.simulation.inertial_states import followed, gains_that_matter
@@ -242,7 +242,7 @@ def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
         # those of ranges go by the sources that are received: `simulation.landing.prepare` adds them
         blocks = () if section.tight else fix_blocks(lasting, kinds, step)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
-    of_aids = followed_heights(scenario.aiding(), 1.0 / scenario.imu.rate_hz)
+    of_aids = followed_errors_of_aids(scenario.aiding(), 1.0 / scenario.imu.rate_hz)
     sensors = replace(
         sensors, blocks=(*sensors.blocks, *(b for b, _ in of_aids)), sigma=(*sensors.sigma, *(s for _, s in of_aids))
     )

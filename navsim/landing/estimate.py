@@ -26,7 +26,7 @@ from navsim.runner.estimate import (
 )  # fmt: skip
 from navsim.scenario.filter import SMOOTHERS, SUM
 from navsim.scenario.landing import Landing
-from navsim.simulation.aiding import believed_latency, times_of
+from navsim.simulation.aiding import followed_errors, times_of
 from navsim.simulation.inertial_states import true_states
 from navsim.simulation.landing_covariance import SOURCES
 
@@ -114,11 +114,13 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     scales = 1 if sources.effects.one_clock else len(clocks)
     jamming = sources.jamming
     lasting = scenario.lasting_states(names // 2)  # about half of a sky is received
+    sensors = scenario.aiding()
+    of_aids = [block.size for block, _ in followed_errors(sensors, 1.0 / scenario.imu.rate_hz)]
     return Extent(
         size.samples, fixes, names, scales,
-        scenario.filter.states(scales, scenario.gain_states + lasting + scenario.height_states),
-        sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
-        fixes * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
+        scenario.filter.states(scales, scenario.gain_states + lasting + sum(of_aids)),
+        sum(times_of(sensor, scenario.duration_s, scenario.imu.rate_hz).size for sensor in sensors),
+        fixes * _waiting(scenario) * sum(sensor.rate for sensor in sensors),
         0 if scenario.integrity is None else fixes,
         0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes,
         names if scenario.filter.tight else 0,
@@ -130,7 +132,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         any(triad.further.there for triad in scenario.imu.triads()),
         scenario.air() is not None,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
-        (lasting if scenario.filter.tight else 0) + scenario.height_states,
+        (lasting if scenario.filter.tight else 0) + sum(size for size in of_aids if size < 3),
     )  # fmt: skip
 
 
@@ -189,7 +191,7 @@ def _waiting(scenario: Landing) -> float:
     """Time for which the filter waits for late measurements, s."""
     believed = scenario.filter.latency_s
     of_fixes = scenario.receiver.latency_s if believed is None else believed
-    return max(of_fixes, *map(believed_latency, scenario.aiding()), 0.0)
+    return max(of_fixes, *(sensor.believed_latency for sensor in scenario.aiding()), 0.0)
 
 
 def flying_memory(scenario: Landing, here: Extent) -> float:
@@ -279,7 +281,7 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
 def further(scenario: Landing, sources: Environment) -> int:
     """Sources of error besides `SOURCES` in the covariance analysis of a scenario under a sky."""
     gyro, accel = scenario.imu.triads()
-    pseudolites, signals, sensor = scenario.pseudolites, scenario.signals, scenario.barometric_altimeter
+    pseudolites, signals, sensors = scenario.pseudolites, scenario.signals, scenario.aiding()
     drawn = [pseudolites.survey_sigma_m, pseudolites.clock_sigma_ns] if pseudolites.placed() else []
     wander = pseudolites.clock_noise is not None and bool(pseudolites.placed())
     if len(set(sources.systems) - {PSEUDOLITES, OWN}) > 1:
@@ -290,8 +292,8 @@ def further(scenario: Landing, sources: Environment) -> int:
         + wander
         + scenario.filter.tight
         + len(signals.errors.models())
-        + len(scenario.aiding())
-        + (0 if sensor is None else sum(size > 0.0 for size in (sensor.qnh_sigma_hpa, sensor.drift_m)))
+        + len(sensors)
+        + sum(len({error.name for error in sensor.errors if error.sigma > 0.0}) for sensor in sensors)
     )
 
 

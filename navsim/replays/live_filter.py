@@ -71,7 +71,7 @@ class LiveFilter:
         if self.flight.beliefs.tight:
             raise ValueError("live receivers give fixes, no ranges")
         if self.flight.world.aids:
-            raise ValueError("altimeters cannot run live")
+            raise ValueError("aiding sensors cannot run live")
         self.state = start(self.navigation, self.flight.covariance, self.flight.model.components)
 
     @property

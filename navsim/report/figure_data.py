@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.filter.states import display_name
-from navsim.formats.export import choose_run
+from navsim.formats.export import choose_run, state_units
 from navsim.formats.export_maps import true_antenna
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
@@ -207,19 +207,34 @@ class Followed:
         return f"{self.row}, {self.unit}" if self.unit else self.row
 
 
-def followed(names: list[str]) -> list[Followed]:
-    """Display of filter states, three a row; names: from the result."""
-    alone = [name for name in names if name.startswith(("barometric_", "clock_", RANGE_ERROR))]
-    rows = list(_STATES)
-    further = names[3 * len(_STATES) : len(names) - len(alone)]
-    for first in further[::3]:
+_TRIPLES = ("x y z", "xy yz zx", "xz yx zy", "north east down", "1 2 3")
+"""Ends of the names of three states that make a row."""
+
+
+def followed(names: list[str], units: list[str]) -> list[Followed]:
+    """Display of the states of a filter, three a row; names, units: as the result has them."""
+    out: list[Followed] = []
+    while len(out) < len(names):
+        i = len(out)
+        first = names[i]
+        stem, axes = first.rpartition("_")[0], [name.rpartition("_")[2] for name in names[i : i + 3]]
+        triple = i < 3 * len(_STATES) or (names[i + 1 : i + 2] and names[i + 1].startswith(stem))
+        if not triple or " ".join(axes) not in _TRIPLES:
+            unit = "prior σ" if first.startswith(RANGE_ERROR) else units[i]
+            out.append(Followed(display_name(first), unit, 1.0, ""))
+            continue
         # errors of fixes begin with a variance of 1
-        scale = ("prior σ", 1.0) if first.startswith(FIX_ERROR) else ("ppm", 1e6)
-        rows.append((display_name(first.rpartition("_")[0]).replace("accelerometer", "accel."), *scale))
-    axes = [*(3 * ("north", "east", "down")), *(2 * "xyz"), *(name.rpartition("_")[2] for name in further)]
-    out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]
-    units = ("m/s" if n == "clock_drift" else "prior σ" if n.startswith(RANGE_ERROR) else "m" for n in alone)
-    return out + [Followed(display_name(n), unit, 1.0, "") for n, unit in zip(alone, units, strict=True)]
+        prior, unit = first.startswith(FIX_ERROR), units[i].replace("uT", "µT")
+        scale = ("prior σ", 1.0) if prior else ("ppm", 1e6) if unit == "1" else (unit, 1.0)
+        label = display_name(stem).replace("accelerometer", "accel.")
+        row = _STATES[i // 3] if i < 3 * len(_STATES) else (label, *scale)
+        out += [Followed(*row, axis) for axis in axes]
+    return out
+
+
+def followed_by(result: Result) -> list[Followed]:
+    """Display of the states of the filter of a result."""
+    return followed([str(name) for name in result["/filter/state"]], state_units(result))
 
 
 def shares(result: Result, states: list[int]) -> np.ndarray:

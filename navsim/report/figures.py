@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from navsim.report.figure_data import (
     ellipse,
     first_runs,
-    followed,
+    followed_by,
     in_runway_axes,
     rms_over_runs,
     settled,
@@ -301,19 +301,18 @@ def errors(result: Result) -> dict[str, Figure]:
 
 def _errors(result: Result, shown: range) -> Figure:
     """Some rows of three states."""
-    names = [str(name) for name in result["/filter/state"]]
-    states = followed(names)
+    states = followed_by(result)
     triads = sum(bool(state.axis) for state in states) // 3
     fig = new_figure(2 * COLUMN, min(1.32 * len(shown), _HIGHEST) + 0.2)
     axes = fig.subplots(len(shown), 3, sharex=True, squeeze=False)
-    for unused in axes.flat[len(names) - 3 * shown.start :]:
+    for unused in axes.flat[len(states) - 3 * shown.start :]:
         unused.set_axis_off()
     t = result["/filter/time"]
     error = first_runs(result, "/filter/error")
     alone = single(result)
     sigma, rms = rms_over_runs(result, "/filter/sigma"), rms_over_runs(result, "/filter/error")
     late = settled(t)
-    for i in range(3 * shown.start, min(3 * shown.stop, len(names))):
+    for i in range(3 * shown.start, min(3 * shown.stop, len(states))):
         row, column = i // 3, i % 3
         ax: Axes = axes[row - shown.start, column]
         state = states[i]
@@ -339,7 +338,7 @@ def _errors(result: Result, shown: range) -> Figure:
             ax.set_ylabel(state.label)
         if row == shown.start or state.axis != states[i - 3].axis:
             ax.set_title(state.axis)
-        if i + 3 >= min(3 * shown.stop, len(names)):
+        if i + 3 >= min(3 * shown.stop, len(states)):
             ax.set_xlabel("time, s")
             ax.tick_params(labelbottom=True)
     fig.align_ylabels(axes[:, 0])

@@ -151,8 +151,6 @@ def _place(result: Result, path: str, name: str) -> int | None:
 
 
 _RANGE = ("mean", "smallest", "largest")
-_SENSORS = ("altimeter", "radio_altimeter", "barometric_altimeter")
-"""Sections of sensors beside the receiver."""
 _SOURCES = "/summary/budget/source"
 _VERDICT, _STATES, _RATIO = "/summary/consistency/verdict", "/summary/consistency/state", "/consistency/z"
 
@@ -243,16 +241,20 @@ def _worst(result: Result, group: str) -> Cell | str:
                 value, name, time, *beyond, least, least_name, names=names)  # fmt: skip
 
 
-def _carries(result: Result, sensor: str) -> bool:
-    """Whether a sensor beside the receiver is on board; earlier versions have fewer."""
-    return setting(result).get(sensor) is not None
+def _sensors(result: Result) -> list[str]:
+    """Sensors beside the receiver: runs count their measurements, and in an error budget they are the sources that have
+    a section in the scenario."""
+    counted = (path.split("/")[3] for path in result.variables if path.startswith("/summary/aiding/"))
+    sources = (str(source) for source in result[_SOURCES]) if _SOURCES in result else ()
+    names = {*counted, *sources}
+    return [name for name, section in setting(result).items() if name in names and section is not None]
 
 
 def _aiding(result: Result, sensor: str) -> Cell | str:
     """Status of the measurements of a sensor beside the receiver."""
     branch = f"/summary/aiding/{sensor}"
     if f"{branch}/nis" not in result:
-        return "propagated to first order" if _carries(result, sensor) else ABSENT
+        return "propagated to first order" if sensor in _sensors(result) else ABSENT
     counts = (int(result[f"{branch}/{name}"]) for name in ("rejected", "missing"))
     return Cell("{} rejected, {} missing; NIS {:.3f}", (*counts, float(result[f"{branch}/nis"])),
                 names=("rejected", "missing", "NIS"), trials=result["/run"].size)  # fmt: skip
@@ -671,7 +673,7 @@ def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
                 units=("", "m", "1", "1", "1", "1"))  # fmt: skip
 
 
-_FAMILIES = {"clock_": "receiver clock", "barometric_": "barometric altimeter", "range_error_": "errors of ranges",
+_FAMILIES = {"clock_": "receiver clock", "range_error_": "errors of ranges",
              "fix_error_": "errors of fixes", "gyro_misalignment_": "gyro misalignments",
              "accelerometer_misalignment_": "accelerometer misalignments", "gyro_scale_": "gyro scale factors",
              "accelerometer_scale_": "accelerometer scale factors"}  # fmt: skip
@@ -681,7 +683,8 @@ _FAMILIES = {"clock_": "receiver clock", "barometric_": "barometric altimeter", 
 def _further_states(result: Result) -> dict[str, int]:
     """Number of further filter states of each family, besides navigation and biases."""
     names = [str(name) for name in result["/filter/state"]] if "/filter/state" in result else []
-    found = (next((family for begin, family in _FAMILIES.items() if name.startswith(begin)), "") for name in names)
+    families = _FAMILIES | {f"{name.split('_')[0]}_": name.replace("_", " ") for name in _sensors(result)}
+    found = (next((family for begin, family in families.items() if name.startswith(begin)), "") for name in names)
     return dict(Counter(family for family in found if family))
 
 
@@ -712,9 +715,9 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     row("ranging errors", ranging_errors)
     row("fixes", _fixes)
     row("fix epochs without a fix", lambda r: _count(r, "/summary/count/epochs_without_fix"))
-    sensors = [name for name in _SENSORS if any(_carries(r, name) for _, r in results)]
+    sensors = list(dict.fromkeys(name for _, r in results for name in _sensors(r)))
     if sensors:
-        section("Altimeters", lambda _: "measurements of all runs")
+        section("Aiding sensors", lambda _: "measurements of all runs")
         for name in sensors:
             row(f"  {name.replace('_', ' ')}", lambda r, n=name: _aiding(r, n))
     if families := list(dict.fromkeys(family for _, r in results for family in _further_states(r))):

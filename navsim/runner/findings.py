@@ -45,11 +45,11 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
     "innovations": ((CONSISTENT,), "innovations exceed the filter's sigma"),
     "aided_innovations": (
         (CONSISTENT,),
-        "innovations of an altimeter exceed the filter's sigma",
+        "innovations of an aiding sensor exceed the filter's sigma",
     ),
     "aided_rejections": (
         (CONSISTENT,),
-        "the innovation gate rejected measurements of an altimeter",
+        "the innovation gate rejected measurements of an aiding sensor",
     ),
     "clipped_samples": ((CONSISTENT,), "samples of inertial sensors are beyond their range and cut off"),
 }

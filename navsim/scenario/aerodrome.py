@@ -41,14 +41,14 @@ def with_published(data: Any) -> Any:
         except NoGeoid as error:
             raise reject(str(error), "runway", "geoid_undulation_m") from None
     if runway.get("declination_deg") == "auto" and place is not None:
-        from navsim.geodesy.magnetic import NoDeclination, declination
+        from navsim.geodesy.magnetic import NoMagneticModel, declination
 
         year = runway.get("bearing_year") or _year(data.get("epoch"))
         try:
             if year is not None and _number(runway.get("height_m", 0.0)):
                 found = declination(*place, float(runway.get("height_m", 0.0)), float(year))
                 runway["declination_deg"] = round(found, 3)
-        except NoDeclination as error:
+        except NoMagneticModel as error:
             raise reject(str(error), "runway", "declination_deg") from None
     _check_thresholds(runway)
     _write_heading(runway)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from navsim.scenario.aiding_sensors import FilterBarometricAltimeter, FilterRadioAltimeter
+from navsim.scenario.aiding_sensors import FilterBarometricAltimeter, FilterMagnetometer, FilterRadioAltimeter
 from navsim.scenario.base import (
     FixLatency,
     Section,
@@ -102,6 +102,8 @@ class FilterSection(Section):
     """radio altimeter that the filter assumes; omitted keys: those of `radio_altimeter`"""
     barometric_altimeter: FilterBarometricAltimeter = FilterBarometricAltimeter()
     """barometric altimeter that the filter assumes; omitted keys: those of `barometric_altimeter`"""
+    magnetometer: FilterMagnetometer = FilterMagnetometer()
+    """magnetometer that the filter assumes; omitted keys: those of `magnetometer`"""
     scale_factors: bool | None = None
     """estimate the scale factors of gyros and accelerometers, three more states each if they have some; their initial 1
     sigma is that of imu. Omitted: of each sensor whose scale factors are large for this flight"""

@@ -15,10 +15,11 @@ from pydantic import Field, model_validator
 
 from navsim.scenario.aerodrome import with_published
 from navsim.scenario.aiding_sensors import (
+    AidingSection,
     AltimeterSection,
     BarometricAltimeterSection,
-    FilterBarometricAltimeter,
-    FilterRadioAltimeter,
+    FilterAidingSection,
+    MagnetometerSection,
     RadioAltimeterSection,
 )
 from navsim.scenario.air import WindSection, beside
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signal_errors import Effects
     from navsim.gnss.signals import Pseudolites
+    from navsim.sensors.aiding import AidingSensor
     from navsim.trajectory.air import Air
     from navsim.trajectory.kinematics import Frame, Moving, Trajectory
     from navsim.trajectory.path import AnyPath, Path
@@ -106,6 +108,8 @@ class Landing(Section):
     """sensor of height above the ground; null: none"""
     barometric_altimeter: BarometricAltimeterSection | None = None
     """sensor of height above sea level; null: none"""
+    magnetometer: MagnetometerSection | None = None
+    """sensor of the magnetic field, which shows the heading; null: none"""
     initial_errors: InitialErrorsSection = InitialErrorsSection()
     """errors that the navigation starts with"""
     sky: Sky = Sky()
@@ -236,50 +240,18 @@ class Landing(Section):
 
     def _checked_aiding(self) -> None:
         """Check that sensors and states of the filter fit together."""
-        for name in ("altimeter", "radio_altimeter", "barometric_altimeter"):
-            section = getattr(self, name)
-            if section is None:
-                continue
+        for name, section in self.aiding_sections().items():
             if section.rate_hz > self.imu.rate_hz:
                 raise reject("cannot be faster than the IMU's samples (imu.rate_hz)", name, "rate_hz")
             if section.rate_hz * (self.duration_s - getattr(section, "latency_s", 0.0)) < 1.0:
                 raise reject("measures nothing within duration_s", name, "rate_hz")
-        if self.radio_altimeter is None and self.filter.radio_altimeter != FilterRadioAltimeter():
-            raise reject("there is none: give `radio_altimeter: {sigma_floor_m: ...}`", "filter", "radio_altimeter")
-        if self.barometric_altimeter is not None:
-            if self.runway.geoid_undulation_m is None:
-                text = "heights by pressure are above sea level: give the height of the geoid above the ellipsoid"
-                raise reject(text, "runway", "geoid_undulation_m")
-            self._checked_pressure(self.filter.barometric_altimeter)
-        elif self.filter.barometric_altimeter != FilterBarometricAltimeter():
-            raise reject("there is none: give `barometric_altimeter: {sigma_m: ...}`", "filter", "barometric_altimeter")
+        for name, given in self.filter:
+            if isinstance(given, FilterAidingSection) and getattr(self, name) is None and given != type(given)():
+                raise reject(f"there is none: give `{given.needs}`", "filter", name)
+        for section in self.aiding_sections().values():
+            section.check(self)
         self._checked_gains("scale_factors", "scale_ppm")
         self._checked_gains("misalignments", "misalignment_mrad")
-
-    def _checked_pressure(self, its: FilterBarometricAltimeter) -> None:
-        """Check which errors of the barometric altimeter a filter can estimate."""
-        if its.errors == "states":
-            if not self.height_states:
-                text = "there are none: give barometric_altimeter.qnh_sigma_hpa or drift_m, or those of the filter"
-                raise reject(text, "filter", "barometric_altimeter", "errors")
-            assert self.barometric_altimeter is not None
-            told = its.drift_m is not None or "drift_m" in self.barometric_altimeter.model_fields_set
-            if its.drift_time_s is not None and not told:
-                text = "there is no drift: give barometric_altimeter.drift_m, or that of the filter"
-                raise reject(text, "filter", "barometric_altimeter", "drift_time_s")
-            return
-        for key in ("qnh_sigma_hpa", "drift_m", "drift_time_s"):
-            if getattr(its, key) is not None:
-                raise reject("is for `errors: states`", "filter", "barometric_altimeter", key)
-
-    @property
-    def height_states(self) -> int:
-        """Number of states for errors of the barometric altimeter."""
-        sensor, its = self.barometric_altimeter, self.filter.barometric_altimeter
-        if sensor is None or its.errors == "none":
-            return 0
-        setting, drift, _ = sensor.lasting(its)
-        return int(setting > 0.0) + int(drift > 0.0)
 
     def _checked_gains(self, name: str, key: str) -> None:
         """Check that a filter that estimates gains of the inertial sensors (its key `name`) has their sigmas, from
@@ -315,12 +287,9 @@ class Landing(Section):
         if watched and drawn and self.pseudolites.placed():
             none = "leave it out" if drawn[0] == "clock_noise" else "use 0"
             raise reject(f"{lasts}; {none}, or integrity.method mhss", "pseudolites", drawn[0])
-        sensor = self.barometric_altimeter
-        if watched and sensor is not None and self.filter.barometric_altimeter.errors == "none":
-            there = [key for key in ("qnh_sigma_hpa", "drift_m") if getattr(sensor, key)]
-            if there:
-                text = f"{lasts}; use 0, or filter.barometric_altimeter.errors: states"
-                raise reject(text, "barometric_altimeter", there[0])
+        for name, section in self.aiding_sections().items() if watched else ():
+            if key := section.error_without_state(self):
+                raise reject(f"{lasts}; use 0, or filter.{name}.errors: states", name, key)
         if not self.signals.errors.models():
             reflected = self.pseudolites.multipath is not None and self.pseudolites.placed()
             if self.filter.fix_errors == "states" and reflected:
@@ -634,14 +603,13 @@ class Landing(Section):
             keys["pseudolites.height_m"] = self.pseudolites.height_m
         return [text for key, height in keys.items() if (text := self.runway.doubted_height(key, height))]
 
-    def aiding(self) -> list[Any]:
-        """Models of the sensors beside the receiver."""
-        out: list[Any] = [] if self.altimeter is None else [self.altimeter.model()]
-        if self.radio_altimeter is not None:
-            out.append(self.radio_altimeter.model(self.runway, self.filter.radio_altimeter))
-        if self.barometric_altimeter is not None:
-            out.append(self.barometric_altimeter.model(self.runway, self.filter.barometric_altimeter))
-        return out
+    def aiding_sections(self) -> dict[str, AidingSection]:
+        """Sections of the sensors beside the receiver that there are, by their names."""
+        return {name: section for name, section in self if isinstance(section, AidingSection)}
+
+    def aiding(self) -> list[AidingSensor]:
+        """Models of these sensors."""
+        return [section.model(self) for section in self.aiding_sections().values()]
 
     def _frame_of_threshold(self) -> Frame:
         """The frame at the touchdown point of a runway whose threshold is given."""

@@ -97,6 +97,18 @@ IMU_SHEETS = {
 }
 """Sources of those `IMU_PRESETS` that come from data sheets."""
 
+MAGNETOMETER_PRESETS: dict[str, dict[str, float]] = {
+    # Hard and soft iron belong to the aircraft around the sensor and are on no sheet: the scenario gives them.
+    "bmm150": {"noise_ut": 0.3, "rate_hz": 20.0},
+    "hmc5983": {"noise_ut": 0.2},
+}
+"""Magnetometers, keys of section `magnetometer`."""
+MAGNETOMETER_SHEETS = {
+    "bmm150": "Bosch BMM150 data sheet, high-accuracy preset, as quoted in the documentation of MetaWear-SDK-Python",
+    "hmc5983": "Honeywell HMC5983 data sheet, page 1: field resolution of 2 mG, taken for the noise",
+}
+"""Where these numbers were seen."""
+
 SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
     # The landing paper: white noise of pseudoranges (variance 5 m2 at the zenith), no time-correlated errors.
     "white": {},

@@ -10,14 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.filter.measurement_models import ABOVE_GROUND, ALTITUDE, AltitudeTable, GroundTable
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.geodesy.earth_kernels import radii
-from navsim.trajectory.kinematics import Frame, Motion
+from navsim.sensors.aiding import AidingSensor
+from navsim.trajectory.kinematics import Frame, Motion, Moving
 
 
 @dataclass(frozen=True)
-class Altimeter:
+class Altimeter(AidingSensor):
     """Altimeter that measures the height of the IMU above the ellipsoid."""
+
+    name, kind, numbers, unit = "altimeter", ALTITUDE, ("height",), "m"
 
     rate: float
     """Hz."""
@@ -29,6 +33,28 @@ class Altimeter:
     """1 sigma in the filter model, m."""
     latency: float = 0.0
     """s."""
+
+    def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
+        """Heights (m, 1) with their offset, m."""
+        return flight.llh(time)[:, 2:] + self.offset
+
+    def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
+        """1 sigma (m, 1) of the white noise, m."""
+        return np.full_like(exact, self.sigma)
+
+    def table(self, frame: Frame, measured: np.ndarray) -> AltitudeTable:
+        """Heights as the filter takes them."""
+        return AltitudeTable(measured[:, 0].copy(), np.full_like(measured[:, 0], self.believed**2))
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Derivative of the innovation, which points down, by the height."""
+        return -np.eye(1)
+
+    @property
+    def as_believed(self) -> bool:
+        """Whether the filter model equals the sensor."""
+        return bool(self.sigma == self.believed)
 
 
 @dataclass(frozen=True)
@@ -94,8 +120,10 @@ class RadioBeliefs:
 
 
 @dataclass(frozen=True)
-class RadioAltimeter:
+class RadioAltimeter(AidingSensor):
     """Radio altimeter: height of its antenna above the ground."""
+
+    name, kind, numbers, unit = "radio_altimeter", ABOVE_GROUND, ("height above ground",), "m"
 
     rate: float
     """Hz."""
@@ -130,9 +158,26 @@ class RadioAltimeter:
         there = (above >= self.lowest - near) & (above <= self.highest + near)
         return np.where(there & (motion.c_nb[:, 2, 2] >= math.cos(self.tilt)), above, np.nan)
 
-    def sigma(self, exact: np.ndarray) -> np.ndarray:
-        """1 sigma of its noise (m,), m, where it measures `exact` (m,), m; the floor's where it does not."""
+    def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
+        """Heights (m, 1), m; nan where it does not measure."""
+        return self.exact(flight.frame, flight.motion(time))[:, None]
+
+    def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
+        """1 sigma (m, 1) of the white noise, m; the floor's where it does not measure."""
         return np.fmax(self.floor, self.share * exact)
+
+    def table(self, frame: Frame, measured: np.ndarray) -> GroundTable:
+        """Heights as the filter takes them, and its ground."""
+        strip, its = Centreline.of(frame, self.aim_point, self.height), self.believed
+        return GroundTable(
+            measured[:, 0].copy(), its.floor, its.share, its.start, strip.threshold, strip.scale, strip.direction,
+            its.ground.along, its.ground.height, its.lever_arm,
+        )  # fmt: skip
+
+    @property
+    def believed_latency(self) -> float:
+        """Age of a measurement on arrival in the filter model, s."""
+        return float(self.believed.latency)
 
     @property
     def as_believed(self) -> bool:

@@ -6,11 +6,16 @@ Sources: [1] ISO 2533 (1975), the standard atmosphere, its lowest layer, with he
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.gnss.correlated_errors import LastingErrors
+from navsim.filter import states
+from navsim.filter.measurement_models import PRESSURE, PressureTable
+from navsim.filter.states import Block
+from navsim.sensors.aiding import AidingSensor, SensorError, between, drawn_process
+from navsim.trajectory.kinematics import Frame, Moving
 
 SEA_LEVEL, TEMPERATURE, LAPSE = 101_325.0, 288.15, 6.5e-3
 """Pressure, Pa, and temperature, K, of the standard atmosphere at sea level, and how it cools with height, K/m [1]."""
@@ -39,6 +44,8 @@ SLOPE = HECTOPASCAL * GAS * TEMPERATURE / (GRAVITY * SEA_LEVEL)
 """Metres of height a hectopascal at sea level."""
 SETTING, DRIFT = 0, 1
 """Time-correlated errors of a barometric altimeter."""
+_STEP = 0.01
+"""Times between which a pressure is taken to change straight, s."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +97,10 @@ class PressureBeliefs:
 
 
 @dataclass(frozen=True)
-class BarometricAltimeter:
+class BarometricAltimeter(AidingSensor):
     """Barometric altimeter: height above sea level from the static pressure at the IMU."""
+
+    name, kind, numbers, unit = "barometric_altimeter", PRESSURE, ("height above sea level",), "m"
 
     rate: float
     """Hz."""
@@ -125,53 +134,82 @@ class BarometricAltimeter:
         set_to = SEA_LEVEL + HECTOPASCAL * self.wrong_setting
         return pressure_altitude(late(time, outside, self.lag)) - pressure_altitude(set_to)
 
-    @property
-    def lasting(self) -> LastingErrors:
-        """Time-correlated errors of the reading, m, at one time."""
-        set_to = 1.0 + HECTOPASCAL * self.wrong_setting / SEA_LEVEL
-        setting = self.setting_sigma * SLOPE * set_to ** (1.0 / _POWER - 1.0)
-        sigma = np.array([setting, self.drift])
-        return LastingErrors(("setting", "drift"), np.array([np.inf, self.drift_time]), sigma[:, None, None])
+    def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
+        """What it shows (m, 1) without noise, m."""
+        if self.lag == 0.0 or not time.size:
+            return self.shown(time, flight.llh(time)[:, 2])[:, None]
+        fine = np.linspace(0.0, time[-1], int(np.ceil(time[-1] / _STEP)) + 1)
+        return np.interp(time, fine, self.shown(fine, flight.llh(fine)[:, 2]))[:, None]
+
+    def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
+        """1 sigma (m, 1) of the white noise, m."""
+        return np.full_like(exact, self.sigma)
+
+    def table(self, frame: Frame, measured: np.ndarray) -> PressureTable:
+        """Heights as the filter takes them: above the ellipsoid, by its own model of the air."""
+        its = self.believed
+        height = its.air.height(measured[:, 0]) + its.undulation
+        return PressureTable(height, np.full_like(height, (its.sigma / its.air.stretch) ** 2), its.lag)
 
     @property
-    def mean_lasting(self) -> np.ndarray:
+    def slope(self) -> np.ndarray:
+        """Derivative of the innovation by the height shown."""
+        return np.eye(1) * self.state_scale
+
+    @property
+    def state_scale(self) -> float:
+        """Metres of the filter's height for each metre shown."""
+        return 1.0 / self.believed.air.stretch
+
+    @property
+    def errors(self) -> tuple[SensorError, ...]:
+        """Setting and drift, by what they add to what is shown, m."""
+        set_to = 1.0 + HECTOPASCAL * self.wrong_setting / SEA_LEVEL
+        setting = self.setting_sigma * SLOPE * set_to ** (1.0 / _POWER - 1.0)
+        return SensorError("setting", setting, np.inf), SensorError("drift", self.drift, self.drift_time)
+
+    def effects(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Both add to what is shown."""
+        return (np.ones((time.size, 1, 1)),) * 2
+
+    @property
+    def mean_errors(self) -> np.ndarray:
         """Their means (2,), m."""
         return np.array([-float(pressure_altitude(SEA_LEVEL + HECTOPASCAL * self.wrong_setting)), 0.0])
 
-    def drawn(self, time: np.ndarray, draw: np.random.Generator) -> np.ndarray:
-        """Errors of the reading in a run (2, n), m, at ascending times (n,), s: its setting, and a stationary drift."""
-        out = np.zeros((2, time.size))
+    def drawn_errors(self, time: np.ndarray, draw: np.random.Generator) -> list[np.ndarray]:
+        """Setting and stationary drift of a run (1, m), m, at ascending times (m,), s."""
+        setting, drift = np.zeros((1, time.size)), np.zeros((1, time.size))
         if self.setting_sigma > 0.0:
             set_to = SEA_LEVEL + HECTOPASCAL * self.wrong_setting
             off = HECTOPASCAL * self.setting_sigma * float(draw.standard_normal())
-            out[SETTING] = float(pressure_altitude(np.array(set_to)) - pressure_altitude(np.array(set_to + off)))
+            setting[:] = float(pressure_altitude(np.array(set_to)) - pressure_altitude(np.array(set_to + off)))
         if self.drift > 0.0:
-            kept = np.exp(-np.diff(time) / self.drift_time)
-            new = self.drift * draw.standard_normal(time.size)
-            value = np.empty(time.size)
-            value[:1] = new[:1]
-            for i, share in enumerate(kept):
-                value[i + 1] = share * value[i] + np.sqrt(1.0 - share**2) * new[i + 1]
-            out[DRIFT] = value
-        return out
+            drift[0] = drawn_process(time, self.drift, self.drift_time, draw)
+        return [setting, drift]
 
-    def drift_at(self, at: np.ndarray, time: np.ndarray, drift: np.ndarray, draw: np.random.Generator) -> np.ndarray:
-        """The drift (m,), m, at ascending times (m,), s, of a run whose drift at its measurements (n,), s, is known
-        (n,): as the process is between them."""
-        out, before = np.empty(at.size), -np.inf
-        value = 0.0
-        for i, (t, k) in enumerate(zip(at, np.searchsorted(time, at), strict=True)):
-            if k and time[k - 1] >= before:
-                before, value = time[k - 1], drift[k - 1]
-            after, later = (time[k], drift[k]) if k < time.size else (np.inf, 0.0)
-            kept, left = np.exp(-(t - before) / self.drift_time), np.exp(-(after - t) / self.drift_time)
-            both = 1.0 - (kept * left) ** 2
-            if both > 0.0:
-                mean = (kept * (1.0 - left**2) * value + left * (1.0 - kept**2) * later) / both
-                spread = self.drift * np.sqrt((1.0 - kept**2) * (1.0 - left**2) / both)
-                value = mean + spread * float(draw.standard_normal())
-            before, out[i] = t, value
-        return out
+    def errors_between(
+        self, at: np.ndarray, time: np.ndarray, drawn: Sequence[np.ndarray], draw: np.random.Generator
+    ) -> list[np.ndarray]:
+        """Both (1, o) at other times (o,), s, given those (1, m) at its measurements (m,), s."""
+        setting = np.full((1, at.size), drawn[SETTING][0, 0] if time.size else 0.0)
+        return [setting, between(at, time, drawn[DRIFT][0], self.drift, self.drift_time, draw)[None]]
+
+    @property
+    def followed(self) -> tuple[int, ...]:
+        """The errors that the filter estimates."""
+        return self.believed.followed()
+
+    def states(self, step: float) -> tuple[tuple[Block, float], ...]:
+        """States for these errors, in metres of the filter's height."""
+        its = self.believed
+        names, times, sigmas = ("setting", "drift"), (np.inf, its.drift_time), (its.setting, its.drift)
+        out = []
+        for error in its.followed():
+            sigma = sigmas[error] / its.air.stretch
+            block = states.alone(f"barometric_{names[error]}", "m", PRESSURE, error, sigma, times[error], step)
+            out.append((block, sigma))
+        return tuple(out)
 
     @property
     def as_believed(self) -> bool:

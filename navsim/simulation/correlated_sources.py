@@ -87,13 +87,17 @@ class LastingSources(SourceErrors):
     def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """See `SourceErrors.fixed`; slope (m, s): derivative by the ranges."""
         out = np.zeros((slope.shape[0],) * 2)
-        for cov, sigma in zip(self.cov, self.sigma[:, i], strict=True):
-            seen = np.hstack([here, slope * sigma])
+        for k, (cov, sigma) in enumerate(zip(self.cov, self.sigma[:, i], strict=True)):
+            seen = np.hstack([here, self.slope_of(slope, k) * sigma])
             by = seen @ cov
             out += by @ seen.T
             cov[: self.size] -= gain @ by
             cov[:, : self.size] -= (cov @ seen.T) @ gain.T
         return out
+
+    def slope_of(self, slope: np.ndarray, kind: int) -> np.ndarray:
+        """Derivatives (m, s) of the numbers by the errors of a kind: those of ranges have one slope."""
+        return slope
 
     def errors(self, when: float) -> np.ndarray:
         """Covariances of the errors of the filter's states by each kind (k, S, S) at a time, s."""
@@ -108,6 +112,14 @@ class LastingSources(SourceErrors):
             if kept < 1.0:
                 out[k] += (1.0 - kept**2) * shown @ shown.T
         return out
+
+
+class SensorErrorSources(LastingSources):
+    """Time-correlated errors of a sensor that aids the filter. slope (m, k, s): of each kind its own."""
+
+    def slope_of(self, slope: np.ndarray, kind: int) -> np.ndarray:
+        """Derivatives (m, s) of the numbers by the errors of a kind."""
+        return slope[:, kind]
 
 
 def white_noise(

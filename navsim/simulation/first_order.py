@@ -6,6 +6,7 @@ same flight, and what is drawn of its runs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from navsim.filter.first_order import ErrorRoute, Readings, carry_errors
 from navsim.filter.measurement_models import FIX, RANGE
 from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.filter.states import MOST
+from navsim.simulation.aiding import Aid
 from navsim.simulation.landing import Flight, Inputs, exact_clock
 from navsim.simulation.landing_covariance import AlongTruth, along_truth, analyse, systematic
 from navsim.simulation.shared_truth import World, without_noise
@@ -51,7 +53,7 @@ class FirstOrder:
         measured = Readings(inputs.dtheta, inputs.dv, ranges, inputs.rates)
         carry_errors(
             self.route, Readings(*map(in_lanes, measured)), self._exact(flight.world, inputs),
-            flight.world.signals.used, in_lanes(_aided_errors(inputs)), in_lanes(x), in_lanes(out),
+            flight.world.signals.used, in_lanes(_aided_errors(flight.world.aids, inputs)), in_lanes(x), in_lanes(out),
         )  # fmt: skip
         out += self.mean[..., None]
         return out
@@ -77,10 +79,13 @@ def position_covariance(flight: Flight, of_pseudolites: np.ndarray) -> np.ndarra
     return analysis.covariance[:, position, position].copy()
 
 
-def _aided_errors(inputs: Inputs) -> np.ndarray:
-    """Errors (m, W) of the numbers of all sensors beside the receiver, one after the other."""
-    # what is not measured is not off
-    off = [np.where(np.isnan(a), 0.0, a - b) for a, b in zip(inputs.aided, inputs.aided_exact, strict=True)]
+def _aided_errors(aids: Sequence[Aid], inputs: Inputs) -> np.ndarray:
+    """Changes (m, W) of the innovations by errors of sensors beside the receiver, one after the other."""
+    off = []
+    for aid, measured, exact in zip(aids, inputs.aided, inputs.aided_exact, strict=True):
+        # what is not measured is not off
+        error = np.where(np.isnan(measured), 0.0, measured - exact)
+        off.append(np.einsum("rk,mkw->mrw", aid.sensor.slope, error))
     return np.concatenate([np.empty((0, WIDTH)), *(m.reshape(-1, WIDTH) for m in off)])
 
 
@@ -102,7 +107,7 @@ def _route(flight: Flight, along: AlongTruth) -> ErrorRoute:
     has = np.append(there.any(axis=1), False)  # -1 for an event without a measurement
     weighed = np.where(has[steps.measurement], steps.measurement, -1)
     source, by = _of_sources(flight, along)
-    aided, slope = np.full((w, MOST), -1), np.zeros(w)
+    aided = np.full((w, MOST), -1)
     for i in np.flatnonzero(weighed >= 0):
         if events.kind[i] in (FIX, RANGE):
             at = weighed[i]
@@ -114,7 +119,6 @@ def _route(flight: Flight, along: AlongTruth) -> ErrorRoute:
         count = aid.exact.shape[1]
         numbers = first + events.row[mine, None] * count + np.arange(count)
         aided[weighed[mine], :count] = np.where(there[weighed[mine], :count], numbers, -1)
-        slope[weighed[mine]] = aid.slope
         first += aid.exact.size
     return ErrorRoute(
         events.ahead, np.where(events.kind == OUTPUT, events.row, -1), steps.interval, weighed, events.row, sample,
@@ -122,7 +126,7 @@ def _route(flight: Flight, along: AlongTruth) -> ErrorRoute:
         np.maximum(np.searchsorted(time, events.time - TIME_TOLERANCE) - 1, 0), lin.transition,
         lin.h * there[..., None], lin.gain * there[:, None], time, c_nb,
         np.einsum("tij,tj->ti", c_nb, world.dv / interval[:, None]),
-        along.epoch, source, *by, aided, slope,
+        along.epoch, source, *by, aided,
     )  # fmt: skip
 
 

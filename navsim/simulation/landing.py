@@ -42,6 +42,7 @@ from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.fix_exclusion import Excluder
 from navsim.sensors import imu
+from navsim.simulation.aiding import Aid
 from navsim.simulation.correlated_errors import RangeErrors, as_noise
 from navsim.simulation.dispersed_trajectory import Flown
 from navsim.simulation.inertial_states import true_values
@@ -471,19 +472,21 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = No
         way = None if world.ways is None or flown is None or not aided else world.ways.of_run(flown, lane)
         for aid, of_aid, exact_of_aid in zip(world.aids, aided, aided_exact, strict=True):
             exact_of_aid[..., lane] = aid.exact_on(way)
-            of_aid[..., lane] = aid.measured(seed, run, exact_of_aid[..., lane])
+            of_aid[..., lane] = aid.measured(seed, run, way, exact_of_aid[..., lane])
     dt = world.imu_time[1] - world.imu_time[0]
     exact = (world.dtheta, world.dv) if flown is None else (flown.dtheta, flown.dv)
     dtheta, dv, errors = imu.simulate_lanes(
         generators(seed, runs, "imu", WIDTH), len(runs), *exact, dt, flight.gyro, flight.accel, world.filter_index
     )
-    sensors = true_values(beliefs.sensors.blocks, errors)
+    true = {states.GYROS: true_values(beliefs.sensors.blocks, errors)}
     wandered = Wander.of(world, seed, runs, WIDTH)
     lasting = lasting_errors(world, seed, runs)
     ranges, rates, phases = draw_measurements(world, seed, runs, WIDTH, wandered, lasting, flown)
     if lasting is not None:
-        sensors = np.concatenate([sensors, _lasting_of(flight, lasting)], axis=1)
-    sensors = np.concatenate([sensors, _aided_errors(world, seed, runs)], axis=1)
+        true[RANGE if beliefs.tight else FIX] = _lasting_of(flight, lasting)
+    true.update({aid.sensor.kind: _states_of_aid(aid, world, seed, runs) for aid in world.aids})
+    kinds = dict.fromkeys(block.triad for block in beliefs.sensors.blocks if block.triad > states.ACCELEROMETERS)
+    sensors = np.concatenate([true[kind] for kind in (states.GYROS, *kinds)], axis=1)
     clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
     for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided,
                   *aided_exact, clock):
@@ -519,12 +522,11 @@ def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
     return out
 
 
-def _aided_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray:
-    """True values (o, k, W) of the filter's states for errors of sensors beside the receiver, at its outputs."""
-    out = np.empty((world.filter_time.size, sum(len(aid.followed) for aid in world.aids), WIDTH))
+def _states_of_aid(aid: Aid, world: World, seed: int, runs: Sequence[int]) -> np.ndarray:
+    """True values (o, k, W) of the filter's states for the errors of a sensor, at its outputs."""
+    out = np.empty((world.filter_time.size, len(aid.sensor.followed) * aid.sensor.components, WIDTH))
     for lane, run in enumerate(runs):
-        own = [aid.errors(seed, run, world.filter_time) for aid in world.aids if aid.followed]
-        out[..., lane] = np.concatenate(own, axis=1) if own else out[..., lane]
+        out[..., lane] = aid.true_states(seed, run, world.filter_time)
     return out
 
 

@@ -42,6 +42,7 @@ from navsim.integrity.fix_slopes import slopes
 from navsim.simulation.aiding import Aid
 from navsim.simulation.correlated_sources import (
     LastingSources,
+    SensorErrorSources,
     SmoothedRanges,
     SourceErrors,
     WanderingClockErrors,
@@ -272,7 +273,7 @@ def analyse(
     own += (CLOCK,) if flight.scales else ()
     own += () if s.lasting is None else tuple(LASTING + name for name in s.lasting.names)
     own += () if s.wandering is None else (WANDERING,)
-    own += tuple(f"{aid.sensor.name}_{name}" for aid in world.aids for name in _lasting_of(aid))
+    own += tuple(dict.fromkeys(name for aid in world.aids for name in _source_names(aid)))
     curvature = _true_curvature(flight) if second_order else None
     own += (CURVATURE,) if curvature is not None or (second_order and beliefs.tight and has_near_sources(s)) else ()
     sources = (*own, *(aid.sensor.name for aid in world.aids))
@@ -296,9 +297,8 @@ def analyse(
         noise[sources.index(CURVATURE)][weighed] = np.where(both, curvature.white[epoch][row], 0.0)
     for k, aid in enumerate(world.aids):
         (at, its), numbers = _weighed(events, route, aid.sensor.kind), np.arange(aid.sigma.shape[1])
-        noise[len(own) + k][at[:, None], numbers, numbers] = np.where(
-            there[at][:, numbers], (aid.slope * aid.sigma[its]) ** 2, 0.0
-        )
+        spread = np.where(there[at][:, numbers, None], aid.sensor.slope * aid.sigma[its, None, :], 0.0)
+        noise[len(own) + k][at[:, None, None], numbers[:, None], numbers] = spread @ np.swapaxes(spread, 1, 2)
     out = _Sums(np.zeros((len(sources), outputs, n)), np.zeros((outputs, n, n)), np.zeros((*there.shape, MOST)))
     density = np.zeros((len(sources), NOISES + 2))
     density[[SOURCES.index(name) for name in _NOISES], np.arange(NOISES)] = _densities(flight)
@@ -318,8 +318,8 @@ def analyse(
     if s.wandering is not None:
         _carry_wandering(flight, along, route, sources.index(WANDERING), out)
     for aid in world.aids:
-        if names := _lasting_of(aid):
-            _carry_aided(flight, along, route, aid, [sources.index(f"{aid.sensor.name}_{name}") for name in names], out)
+        if names := _source_names(aid):
+            _carry_aided(flight, along, route, aid, [sources.index(name) for name in names], out)
 
     # a column for systematic errors, then one for each error that is drawn once
     columns, owner = _at_start(carried, sources, flight.initial, true)
@@ -341,9 +341,8 @@ def analyse(
     off[weighed, :, first:] = np.where(there[weighed, :, None], messages[row], 0.0)
     errors, seen = _carry_columns(route, columns, off)
     for aid in world.aids:
-        if aid.sensor.lasting is not None:
-            mean = aid.sensor.lasting.mean(aid.model)[list(aid.followed)]
-            errors[:, _states_of(flight, aid), 0] += aid.slope * mean
+        mean = np.repeat(aid.sensor.mean_errors[list(aid.sensor.followed)], aid.sensor.components)
+        errors[:, _states_of(flight, aid), 0] += aid.sensor.state_scale * mean
     for source in set(owner[1:].tolist()):
         out.variance[source] += np.sum(errors[:, :, owner == source] ** 2, axis=2)
     out.covariance[...] += errors[:, :, 1:] @ np.swapaxes(errors[:, :, 1:], 1, 2)
@@ -373,7 +372,7 @@ def analyse(
     white = s.smoothing is None and s.space is None and s.offset is None and s.lasting is None and s.wandering is None
     white &= beliefs.sigma_scale == 1.0 and second_order and curvature is None and flight.range_curvature is None
     white &= s.reflections is None
-    white &= all(aid.as_believed for aid in world.aids)
+    white &= all(aid.sensor.as_believed for aid in world.aids)
     # every true error has its state, and all equal the filter model
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
     inertial = tuple(b for b in beliefs.sensors.blocks if b.triad in (states.GYROS, states.ACCELEROMETERS))
@@ -659,41 +658,32 @@ def _carry_wandering(flight: Flight, along: AlongTruth, route: Route, row: int, 
     _carry_remembered(flight, along, route, own, _own_kind(flight), along.epoch, slope, [row], out)
 
 
-def _lasting_of(aid: Aid) -> tuple[str, ...]:
-    """Names of a sensor's time-correlated errors that are simulated."""
-    if aid.sensor.lasting is None:
-        return ()
-    errors = aid.sensor.lasting.errors(aid.model)
-    return tuple(name for name, sigma in zip(errors.names, errors.sigma, strict=True) if sigma.any())
+def _source_names(aid: Aid) -> tuple[str, ...]:
+    """Source of each time-correlated error of a sensor, without those of size 0."""
+    return tuple(f"{aid.sensor.name}_{error.name}" for error in aid.sensor.errors if error.sigma > 0.0)
 
 
 def _states_of(flight: Flight, aid: Aid) -> np.ndarray:
-    """Indices of the filter's states for a sensor's time-correlated errors."""
-    behind = False
-    first = flight.covariance.shape[0] - flight.model.clock_states
-    for one in reversed(flight.world.aids):
-        first -= 0 if behind else len(one.followed)
-        behind |= one is aid
-    return first + np.arange(len(aid.followed))
+    """Indices of the filter's states for the time-correlated errors of a sensor."""
+    return states.SENSORS + np.flatnonzero(flight.model.declared["triad"] == aid.sensor.kind)
 
 
 def _carry_aided(flight: Flight, along: AlongTruth, route: Route, aid: Aid, rows: list[int], out: _Sums) -> None:
-    """Add the effect of time-correlated errors of a sensor beside the receiver, each to the variance of its row."""
-    n, m = along.lin.believed.shape[1], aid.time.size
-    assert aid.sensor.lasting is not None
-    errors = aid.sensor.lasting.errors(aid.model)
-    there = np.flatnonzero(errors.sigma.any(axis=(1, 2)))
-    sigma = errors.sigma[there] * np.ones((1, m, 1))
-    shown = np.zeros((m, n, there.size, 1))
-    for state, error in zip(_states_of(flight, aid), aid.followed, strict=True):
-        for k in np.flatnonzero(there == error):
-            shown[:, state, k] = aid.slope * sigma[k]
-    those = LastingErrors(_lasting_of(aid), errors.time[there], sigma)
-    own = LastingSources(n, those, np.ones((m, 1), bool), aid.time, shown.__getitem__, moving=True)
-    by = np.zeros((m, MOST, 1))
-    by[:, : aid.exact.shape[1]] = aid.slope
+    """Add the effect of the time-correlated errors of a sensor, each to the variance of its row."""
+    n, m, sensor = along.lin.believed.shape[1], aid.time.size, aid.sensor
+    there = [k for k, error in enumerate(sensor.errors) if error.sigma > 0.0]
+    errors, parts = [sensor.errors[k] for k in there], np.arange(sensor.components)
+    shown = np.zeros((n, len(there), parts.size))
+    for at, followed_ in zip(_states_of(flight, aid).reshape(-1, parts.size), sensor.followed, strict=True):
+        for k in (k for k, error in enumerate(there) if error == followed_):
+            shown[at, k, parts] = sensor.state_scale * errors[k].sigma
+    sigma = np.array([error.sigma for error in errors])[:, None, None] * np.ones((1, m, parts.size))
+    those = LastingErrors(tuple(e.name for e in errors), np.array([error.time for error in errors]), sigma)
+    own = SensorErrorSources(n, those, np.ones((m, parts.size), bool), aid.time, lambda _: shown, moving=True)
+    by = np.zeros((m, MOST, len(there), parts.size))
+    by[:, : len(sensor.numbers)] = np.stack([sensor.slope @ aid.effects[k] for k in there], axis=2)
     own.measure(0)
-    _carry_remembered(flight, along, route, own, aid.sensor.kind, np.arange(m), by, rows, out)
+    _carry_remembered(flight, along, route, own, sensor.kind, np.arange(m), by, rows, out)
 
 
 def _own_kind(flight: Flight) -> int:
@@ -708,7 +698,8 @@ def _carry_remembered(
     """Add the effect of time-correlated errors of a kind of measurements, each kind of error to the variance of its
     row.
 
-    epoch (m,): of each measurement; slope (m, MOST, s): derivative of the measurements by the errors.
+    epoch (m,): of each measurement; slope (m, MOST, ...): derivative of the measurements by the errors, as `own` takes
+    it.
     """
     events, lin = flight.events, along.lin
     n, copy = lin.believed.shape[1], own
@@ -724,7 +715,7 @@ def _carry_remembered(
         row, w = events.row[i], route.weighed[i]
         if events.kind[i] == OUTPUT:
             errors = here.errors(float(events.time[i]))
-            out.variance[rows, row] += np.diagonal(errors, axis1=1, axis2=2)
+            np.add.at(out.variance, (rows, row), np.diagonal(errors, axis1=1, axis2=2))  # a row may come twice
             out.covariance[row] += errors.sum(axis=0)
         if events.kind[i] == kind:
             here.measure(int(epoch[row]))

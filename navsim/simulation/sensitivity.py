@@ -79,7 +79,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
     ranges, rates = np.zeros((count, e, s)), np.zeros((count, e, s))
     turned = np.zeros((count, world.dtheta.shape[0], 3))  # by the angular rate that a lever arm turns with
     aided = {aid.sensor.kind: np.zeros((count, *aid.exact.shape)) for aid in world.aids}
-    slope = {aid.sensor.kind: aid.slope for aid in world.aids}
+    slope = {aid.sensor.kind: aid.sensor.slope for aid in world.aids}
     own, copied = np.zeros((count, n)), np.zeros((count, n))
     for i in range(events.time.size - 1, -1, -1):
         ahead, kind, row, w = bool(events.ahead[i]), int(events.kind[i]), events.row[i], steps.measurement[i]
@@ -95,7 +95,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
                 sample = max(int(np.searchsorted(world.imu_time, events.time[i] - TIME_TOLERANCE)) - 1, 0)
                 turned[:, sample] -= by_innovation @ lin.h[w, there, states.GYRO : states.GYRO + 3]
             else:
-                aided[kind][:, row, there] -= slope[kind] * by_innovation
+                aided[kind][:, row] -= by_innovation @ slope[kind][there]
             here -= by_innovation @ lin.h[w, there]
         if steps.interval[i] >= 0:
             after = here.copy()
@@ -182,12 +182,12 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
 
 def _of_aid(aid: Aid, slopes: np.ndarray) -> np.ndarray:
     """Covariance of a sensor's errors times their slopes (K, m, k)."""
-    out = slopes * aid.sigma**2
-    if aid.sensor.lasting is not None:
-        errors = aid.sensor.lasting.errors(aid.model)
-        sigma = errors.sigma * np.ones((1, aid.time.size, 1))
-        out += _of_lasting(LastingErrors(errors.names, errors.time, sigma), aid.time, slopes)
-    return np.asarray(out)
+    lasting = np.zeros_like(slopes)
+    for error, effect in zip(aid.sensor.errors, aid.effects, strict=True):
+        own = LastingErrors((error.name,), np.array([error.time]), np.full((1, aid.time.size, 1), error.sigma))
+        of_error = _of_lasting(own, aid.time, np.einsum("Kmk,mkc->Kmc", slopes, effect))
+        lasting += np.einsum("mkc,Kmc->Kmk", effect, of_error)
+    return np.asarray(slopes * aid.sigma**2 + lasting)
 
 
 def _of_lasting(lasting: LastingErrors, time: np.ndarray, slopes: np.ndarray) -> np.ndarray:

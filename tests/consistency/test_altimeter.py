@@ -199,6 +199,6 @@ def test_what_would_do_nothing_is_refused(settings: tuple[str, ...], said: str) 
 
 def test_two_of_a_kind_are_refused() -> None:
     flown = case("altimeter={}")
-    model = flown.scenario.altimeter.model()
+    (model,) = flown.scenario.aiding()
     with pytest.raises(ValueError, match="two of a kind"):
         aids_of([model, model], flown.trajectory, 20.0, 100.0)

@@ -75,7 +75,7 @@ def test_it_comes_late_and_is_used_for_its_time() -> None:
     np.testing.assert_allclose(aid.valid, aid.time, atol=1e-12)
     (aid,) = case(*GENTLE, late, "filter.radio_altimeter.latency_s=0.1").world.aids
     np.testing.assert_allclose(aid.valid, aid.time + 0.25, atol=1e-12)
-    assert not aid.as_believed
+    assert not aid.sensor.as_believed
 
 
 @pytest.mark.parametrize(

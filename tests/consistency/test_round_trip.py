@@ -148,7 +148,7 @@ def test_the_noise_of_the_log_is_what_the_filter_believes(tmp_path: Path) -> Non
     [
         ("s_turn", ("filter.coupling=tight",), "takes ranges (filter.coupling: tight)"),
         ("s_turn", ("filter.scale_factors=true", "imu.gyro.scale_ppm=300"), "follows 3 scale factors"),
-        ("landing", ("radio_altimeter={sigma_floor_m: 0.3}",), "takes heights of the radio altimeter"),
+        ("landing", ("radio_altimeter={sigma_floor_m: 0.3}",), "uses the radio altimeter"),
         ("s_turn", ("receiver.latency_s=0.1", "filter.latency_s=1.5"), "takes 1 fix, by filter.latency_s"),
     ],
 )

@@ -74,8 +74,8 @@ def test_what_it_shows() -> None:
     (warm,) = case(*GENTLE, UNDULATION, "runway.height_m=515.5", BARO % "isa_deviation_k: 20").world.aids
     table = warm.table(warm.exact)
     np.testing.assert_allclose(table.height, plain.trajectory.motion(aid.time).llh[:, 2] + 515.5, atol=0.01)
-    assert warm.as_believed
-    assert not wrong.as_believed
+    assert warm.sensor.as_believed
+    assert not wrong.sensor.as_believed
 
 
 def test_errors_of_a_run_that_last() -> None:
@@ -86,7 +86,7 @@ def test_errors_of_a_run_that_last() -> None:
     def added(*settings: str) -> np.ndarray:
         flown = case(*GENTLE, UNDULATION, BARO % ", ".join(("rate_hz: 1", *settings)))
         (aid,) = flown.world.aids
-        assert not aid.as_believed
+        assert not aid.sensor.as_believed
         return np.array([(aid.measured(1, run) - plain.measured(1, run))[:, 0] for run in runs])
 
     setting = added("qnh_sigma_hpa: 0.5")
@@ -106,8 +106,9 @@ def test_a_drift_goes_on_between_measurements() -> None:
     rng = np.random.default_rng(5)
     every = []
     for _ in range(4000):
-        _, drift = aid.model.drawn(time, rng)
-        every.append([*drift, *aid.model.drift_at(at, time, drift, rng)])
+        drawn = aid.sensor.drawn_errors(time, rng)
+        _, later = aid.sensor.errors_between(at, time, drawn, rng)
+        every.append([*drawn[1][0], *later[0]])
     values, times = np.array(every), np.append(time, at)
     np.testing.assert_allclose(values[:, [3, 6]], values[:, [0, 1]], rtol=1e-12)
     expected = 4.0 * np.exp(-np.abs(times[:, None] - times) / 12.0)

@@ -14,7 +14,7 @@ import pytest
 from pymap3d.vincenty import vdist
 
 from navsim.geodesy.earth import llh_from_ecef
-from navsim.geodesy.magnetic import declination
+from navsim.geodesy.magnetic import declination, field_ned
 from navsim.scenario.aerodrome import between
 from navsim.scenario.source import InputError
 from tests.conftest import DATA, Within
@@ -47,6 +47,16 @@ def test_aim_point(glide: int, within: Within) -> None:
     up = -((0.0 - landing.runway.aim_point_m) * math.tan(math.radians(glide)))
     assert up == pytest.approx(given["tch_m"])
     assert frame is not None
+
+
+@pytest.mark.validates("magnetic fields", "test values of WMM2020 (NOAA, December 2019)", field="6e-5 uT")
+def test_magnetic_field(within: Within) -> None:
+    """Rows of the published table at 2020.0: north, east, down, nT."""
+    if not HAS_FIELD:
+        pytest.skip("the extra `magnetic` (pygeomag) is not installed")
+    for lat, lon, published in ((80.0, 0.0, (6570.4, -146.3, 54606.0)), (0.0, 120.0, (39624.3, 109.9, -10932.5))):
+        found = field_ned(lat, lon, 0.0, 2020.0)
+        np.testing.assert_allclose(found, 1e-3 * np.array(published), atol=within["field"], rtol=0.0)
 
 
 @pytest.mark.validates("magnetic declinations", "pygeomag 1.1.0 with WMM2015v2, WMM2020, WMM2025", angle="1e-3 deg")

@@ -235,7 +235,7 @@ def test_states_are_shown_in_their_units() -> None:
     """Fix errors, of variance 1, in their σ before; they are told apart by their own ends."""
     names = [f"{triad}_{axis}" for triad in "abcdef" for axis in "xyz"]
     more = [f"fix_error_slow_{a}" for a in ("north", "east", "down")] + [f"fix_error_slow_more_{k}" for k in (1, 2, 3)]
-    shown = figure_data.followed(names + more)
+    shown = figure_data.followed(names + more, ["1"] * 24)
     assert [(one.label, one.axis) for one in shown[17:20]] == [
         ("f, ppm", "z"),
         ("slow satellite errors, prior σ", "north"),

@@ -68,7 +68,7 @@ def same(one: tuple[np.ndarray, np.ndarray], two: tuple[np.ndarray, np.ndarray],
 def own(nav: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """The coordinates (n,) of a state in the chart at a centre."""
     out = np.empty(N)
-    tfg.own_error(centre, error(nav, centre), out, 0)
+    tfg.own_error(centre, error(nav, centre), out, 0, 0)
     return out
 
 

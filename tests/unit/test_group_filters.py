@@ -90,7 +90,7 @@ def own(kind: str, nav: np.ndarray, plain: np.ndarray, straight: int = 0) -> np.
     if kind == "left-invariant":
         left_invariant.own_error(plain, out, straight)
     else:
-        tfg.own_error(nav, plain, out, straight)
+        tfg.own_error(nav, plain, out, straight, 0)
     return out
 
 

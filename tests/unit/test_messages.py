@@ -20,6 +20,7 @@ from navsim.results.result import Result, Variable
 from navsim.results.schema import SCHEMA_VERSION
 from navsim.scenario.load import read, resolved_yaml
 from navsim.scenario.source import InputError
+from navsim.simulation.aiding import followed_errors
 from tests.conftest import SCENARIOS
 
 LANDING = SCENARIOS / "landing.yaml"
@@ -164,7 +165,7 @@ def test_a_drift_of_none_may_have_a_time(tmp_path: Path) -> None:
     sensor = "barometric_altimeter={sigma_m: 1, qnh_sigma_hpa: 1, drift_m: 0, drift_time_s: 300}"
     believed = "filter.barometric_altimeter={errors: states, drift_time_s: 300}"
     scenario, _ = read(LANDING, [sensor, "runway.geoid_undulation_m=17", believed])
-    assert scenario.height_states == 1
+    assert [block.name for block, _ in followed_errors(scenario.aiding(), 0.01)] == ["barometric_setting"]
     stored = tmp_path / "stored.yaml"
     stored.write_text(resolved_yaml(scenario))
     assert read(stored)[0] == scenario

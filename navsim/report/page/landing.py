@@ -15,7 +15,7 @@ from navsim.report.figure_data import (
     descent,
     ellipse,
     first_runs,
-    followed,
+    followed_by,
     in_runway_axes,
     rms_over_runs,
     runway_errors,
@@ -380,7 +380,7 @@ def states(results: Sequence[Named]) -> Drawing | None:
     shown = {
         name: state
         for _, _, r, _ in kept
-        for name, state in zip(map(str, r["/filter/state"]), followed(list(map(str, r["/filter/state"]))), strict=True)
+        for name, state in zip(map(str, r["/filter/state"]), followed_by(r), strict=True)
     }
     panels, thinned, place = [], [], {name: k for k, name in enumerate(shown)}
     for state in shown.values():

@@ -1,0 +1,158 @@
+"""Declaration of a sensor that aids the filter beside the receiver.
+
+A sensor is one class: its name, its numbers and their unit, how they are simulated, its time-correlated errors, and
+what the filter makes of them. Events, updates, smoother, covariance analysis, error budget, rare events, result file
+and tables take it from there. Only the linearisation stands elsewhere, as a kernel (`filter.measurement_models`).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from navsim.filter.states import Block
+from navsim.statistics.random_streams import branch
+from navsim.trajectory.kinematics import Frame, Moving
+
+
+@dataclass(frozen=True)
+class SensorError:
+    """A time-correlated error of a sensor: `AidingSensor.components` independent stationary Gauss-Markov processes."""
+
+    name: str
+    """Name in the error budget, after that of the sensor. Errors of one name are one source."""
+    sigma: float
+    """1 sigma."""
+    time: float
+    """Correlation time, s; inf: constant in each run."""
+
+
+class AidingSensor(ABC):
+    """A sensor beside the receiver."""
+
+    name: ClassVar[str]
+    """Name of its section in scenarios and of its group in results. Its states begin with the first word of it."""
+    kind: ClassVar[int]
+    """Kind of its measurements (`filter.measurement_models`)."""
+    numbers: ClassVar[tuple[str, ...]]
+    """Name of each number of a measurement."""
+    unit: ClassVar[str]
+    """Unit of the numbers."""
+    components: ClassVar[int] = 1
+    """Components of each time-correlated error."""
+    rate: float
+    """Hz."""
+    latency: float
+    """s."""
+
+    @abstractmethod
+    def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
+        """Measurements (m, k) without errors that are drawn, at times (m,), s; nan where it measures nothing."""
+
+    @abstractmethod
+    def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
+        """1 sigma (m, k) of the white noise of measurements (m, k)."""
+
+    @abstractmethod
+    def table(self, frame: Frame, measured: np.ndarray) -> Any:
+        """Table of its kind from measurements (m, k), or (m, k, W) in lanes."""
+
+    @property
+    @abstractmethod
+    def as_believed(self) -> bool:
+        """Whether the filter model equals the sensor."""
+
+    @property
+    def believed_latency(self) -> float:
+        """Age of a measurement on arrival in the filter model, s."""
+        return 0.0
+
+    @property
+    def state_scale(self) -> float:
+        """A state of the filter is this factor times the error that it stands for."""
+        return 1.0
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Derivatives (k, k) of the innovation by the numbers."""
+        return np.eye(len(self.numbers))
+
+    @property
+    def errors(self) -> tuple[SensorError, ...]:
+        """Time-correlated errors."""
+        return ()
+
+    def effects(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Derivatives (m, k, c) of the numbers by the components of each error, at times (m,), s."""
+        return ()
+
+    @property
+    def mean_errors(self) -> np.ndarray:
+        """Mean of each error (j,); `noise_free` includes it."""
+        return np.zeros(len(self.errors))
+
+    def drawn_errors(self, time: np.ndarray, draw: np.random.Generator) -> list[np.ndarray]:
+        """Each error (c, m) of a run, without its mean, at ascending times (m,), s. Each has its own random numbers."""
+        out = []
+        for k, error in enumerate(self.errors):
+            own = branch(draw, 1 + k)
+            out.append(np.stack([drawn_process(time, error.sigma, error.time, own) for _ in range(self.components)]))
+        return out
+
+    def errors_between(
+        self, at: np.ndarray, time: np.ndarray, drawn: Sequence[np.ndarray], draw: np.random.Generator
+    ) -> list[np.ndarray]:
+        """Each error (c, o) of a run at other times (o,), s, given those (c, m) at its measurements (m,), s."""
+        return [
+            np.stack([between(at, time, one, error.sigma, error.time, draw) for one in of_error])
+            for error, of_error in zip(self.errors, drawn, strict=True)
+        ]
+
+    @property
+    def followed(self) -> tuple[int, ...]:
+        """Errors that the filter estimates, as places in `errors`, in the order of its states."""
+        return ()
+
+    def states(self, step: float) -> tuple[tuple[Block, float], ...]:
+        """States for these errors, `components` for each, and their initial 1 sigma; step: of the filter, s."""
+        return ()
+
+
+def drawn_process(time: np.ndarray, sigma: float, correlation: float, draw: np.random.Generator) -> np.ndarray:
+    """A stationary Gauss-Markov process (m,) of a run at ascending times (m,), s."""
+    if math.isinf(correlation):
+        return np.full(time.size, sigma * draw.standard_normal())
+    kept = np.exp(-np.diff(time) / correlation)
+    new = sigma * draw.standard_normal(time.size)
+    value = np.empty(time.size)
+    value[:1] = new[:1]
+    for i, share in enumerate(kept):
+        value[i + 1] = share * value[i] + np.sqrt(1.0 - share**2) * new[i + 1]
+    return value
+
+
+def between(
+    at: np.ndarray, time: np.ndarray, value: np.ndarray, sigma: float, correlation: float, draw: np.random.Generator
+) -> np.ndarray:
+    """The process of `drawn_process` at other ascending times (o,), s, given its values (m,) at times (m,), s."""
+    if math.isinf(correlation):
+        return np.full(at.size, value[0])
+    out, before = np.empty(at.size), -np.inf
+    last = 0.0
+    for i, (t, k) in enumerate(zip(at, np.searchsorted(time, at), strict=True)):
+        if k and time[k - 1] >= before:
+            before, last = time[k - 1], value[k - 1]
+        after, later = (time[k], value[k]) if k < time.size else (np.inf, 0.0)
+        kept, left = np.exp(-(t - before) / correlation), np.exp(-(after - t) / correlation)
+        both = 1.0 - (kept * left) ** 2
+        if both > 0.0:
+            mean = (kept * (1.0 - left**2) * last + left * (1.0 - kept**2) * later) / both
+            spread = sigma * np.sqrt((1.0 - kept**2) * (1.0 - left**2) / both)
+            last = mean + spread * float(draw.standard_normal())
+        before, out[i] = t, last
+    return out
