@@ -48,7 +48,11 @@ def command_named(name: str) -> Any:
     """A command as typer has it."""
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     alone.command(name)(ending(grouped(named(PLACES[name]))))
-    return typer.main.get_command(alone)
+    command = typer.main.get_command(alone)
+    for parameter in command.params:
+        if parameter.nargs == -1:  # files; typer would show Python's type
+            vars(parameter)["display_type"] = lambda _: "<path>"
+    return command
 
 
 class _Commands(Mapping[str, Any]):

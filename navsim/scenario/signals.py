@@ -369,6 +369,16 @@ class PseudolitesSection(Section):
     differential: Differential | None = None
     """corrections for satellites; left out: none"""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _counted(cls, data: Any) -> Any:
+        """Say how more than two are given."""
+        count = data.get("count") if isinstance(data, dict) else None
+        if isinstance(count, int) and count > 2:
+            text = f"{count} is not allowed: s_m and l1_m place one or two"
+            raise reject(f"{text}; list more in `sites: [{{s_m: ..., l1_m: ...}}, ...]`", "count")
+        return data
+
     @model_validator(mode="after")
     def _strength(self) -> Self:
         if self.eirp_dbm is None and self.pattern is not None:

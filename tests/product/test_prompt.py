@@ -370,6 +370,17 @@ def test_an_editor_marks_explains_and_completes_keys(schema: str, tmp_path: Path
         server.close()
 
 
+@pytest.mark.parametrize("name", ["merge", "show", "cite"])
+def test_help_has_no_types_of_python(name: str) -> None:
+    from typer.testing import CliRunner
+
+    from navsim.cli.main import app
+
+    text = CliRunner().invoke(app, [name, "--help"]).output
+    assert "<path>" in text
+    assert "list[" not in text
+
+
 def test_help_says_what_each_command_is_for() -> None:
     """In the words with which its own help begins."""
     from typer.testing import CliRunner

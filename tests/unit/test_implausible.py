@@ -132,6 +132,11 @@ def test_keys_that_need_another_key_are_told(settings: tuple[str, ...], key: str
     assert text.startswith(f"{key} ")
 
 
+def test_more_than_two_pseudolites_are_sites() -> None:
+    with pytest.raises(InputError, match=r"pseudolites.count: 3 is not allowed: .*; list more in `sites: "):
+        scenario("pseudolites.count=3")
+
+
 def test_shipped_landings_have_no_key_without_effect() -> None:
     assert scenario().unused() == []
     settings = ("wind.speed_m_s=3", "wind.from_deg=90", "imu.gyro={markov_deg_h: 5, markov_time_s: 9}")
