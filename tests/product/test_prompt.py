@@ -23,7 +23,7 @@ import pytest
 
 from navsim.cli.completion import SHELLS, UNTIL
 from navsim.kinds import OF_FILES
-from navsim.landing.ensemble import stopping_rule
+from navsim.landing.controlled import stopping_rule
 from navsim.landing.rare_events import stopping_rule as rare_rule
 from navsim.scenario import key_names, shipped
 from navsim.scenario.json_schema import ANY, DIALECT, identity, published
