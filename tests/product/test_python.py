@@ -434,7 +434,7 @@ def test_a_mapping_names_files_from_the_working_folder(
 
 
 def test_a_search_that_is_ended(tmp_path: Path) -> None:
-    """It holds what was found; what is finished is kept for the same call."""
+    """It holds what was found; a search by geometry keeps no analyses, and so no folder of partial work."""
     words: list[str] = []
 
     def told(_: int, extent: int, said: str) -> None:
@@ -451,7 +451,7 @@ def test_a_search_that_is_ended(tmp_path: Path) -> None:
     found = navsim.ResultFile(tmp_path / "a.h5")
     assert found.kind == "optimize"
     assert np.isfinite(found["front/objective"]).any()
-    assert (tmp_path / "a.h5.partial").is_dir()
+    assert not (tmp_path / "a.h5.partial").exists()
 
 
 def test_the_log_takes_what_is_no_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
