@@ -179,7 +179,10 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "clocks={datum: east, sources: {oscillator: ocxo}, receiver: {h0: 1.0e-21, h_minus2: 2.0e-20}}",
             "reference={file: track.csv, columns: {t_s: time}}",
         )),
-        ("recorded_ranges", ("sources={file: beacons.csv, columns: {source: name}}",)),
+        ("recorded_ranges", (
+            "sources={file: beacons.csv, columns: {source: name}}", "ranges.measurement=one_way",
+            "clocks={sources: {h0: 8.0e-20, h_minus2: 4.0e-23}, receiver: {oscillator: tcxo}}",
+        )),
     ),
 }  # fmt: skip
 """Of each kind shipped files and what is set in them, for keys that no shipped file has: every set is a valid file."""
