@@ -87,9 +87,10 @@ def find_start(model: RangeModel, settings: dict[str, float]) -> tuple[StartStat
         (start, relinearise(model, settings, start, solution, _ROUNDS[1], wide=True))
         for start, solution in levels[:CANDIDATES]
     ]
+    tried = [pair for pair in tried if np.isfinite(pair[1].filtered.likelihood)] or tried[:1]
     best = max(one.filtered.likelihood for _, one in tried)
     near = [pair for pair in tried if pair[1].filtered.likelihood > best - AS_LIKELY]
-    return max(near, key=lambda pair: float(np.median(pair[1].state[:, 2])))
+    return max(near or tried, key=lambda pair: float(np.median(pair[1].state[:, 2])))
 
 
 def candidates(model: RangeModel) -> list[StartState]:

@@ -32,6 +32,7 @@ TRUE_SIGMA = (0.8, 1.25)
 """Root mean square of error over sigma between which a sigma is true."""
 MANY_REJECTED = 0.05
 """Share of a source's ranges without the usual noise beyond which they speak against the model."""
+_NO_POSITION = "no position fits the ranges: check the positions of the sources, or give motion.start"
 _TUNING_ROUNDS, _GAIN = 6, 1.0
 """Largest number of searches for the noise, each about a new linearisation, and the gain of log-likelihood below which
 another one is not worth it."""
@@ -78,7 +79,7 @@ def solve(model: RangeModel, tell: Callable[[str], None] = lambda _: None) -> Ra
     start, smoothed = find_start(model, settings)
     smoothed = relinearise(model, settings, start, smoothed)
     if not np.isfinite(smoothed.filtered.likelihood):
-        raise JobError("no position fits the ranges: check the positions of the sources, or give motion.start")
+        raise JobError(_NO_POSITION)
     if model.free and model.scenario.tuning == "likelihood":
         before = smoothed.filtered.likelihood
         for _ in range(_TUNING_ROUNDS):
@@ -102,7 +103,10 @@ def solve(model: RangeModel, tell: Callable[[str], None] = lambda _: None) -> Ra
 def compute(study: RangeStudy, tell: Callable[[str], None] = lambda _: None) -> Result:
     """The result of a recording. Raises JobError."""
     model, scenario = study.model, study.scenario
-    solution = solve(model, tell)
+    try:
+        solution = solve(model, tell)
+    except np.linalg.LinAlgError:
+        raise JobError(_NO_POSITION) from None
     smoothed, filtered = solution.smoothed, solution.filtered
     out = ResultBuilder(RANGES)
     names = model.log.sources.names

@@ -313,7 +313,8 @@ def test_lines_of_a_wide_distribution() -> None:
         fit, rest, *_ = np.linalg.lstsq(a, distance, rcond=None)
         np.testing.assert_allclose(lines.slope[k], fit[:3], atol=0.04)
         assert lines.offset[k] + lines.slope[k] @ mean == pytest.approx(distance.mean(), abs=0.3)
-        assert 0.3 < lines.variance[k] / (rest[0] / len(points)) < 3.0  # third degree: to its order of magnitude
+        # of third degree, the rule finds too little of the rest, but never adds to it
+        assert 0.0 < lines.variance[k] < rest[0] / len(points)
 
 
 def test_relinearised_filter_is_causal() -> None:
