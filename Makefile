@@ -50,6 +50,7 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/filter_settings.py
 	$(BIN)/python scripts/replays.py
 	$(BIN)/python scripts/rare_events.py
+	$(BIN)/python scripts/control_variates.py
 	$(BIN)/python scripts/recorded_approach.py
 	$(BIN)/python -m pytest -n 2 --long
 	$(BIN)/python -m pytest tests/product/test_documented_commands.py tests/product/test_console_blocks.py tests/product/test_notebooks.py --as-written

@@ -21,7 +21,7 @@ from navsim.runner.executor import threads
 from tests.helpers import case, load_script
 
 script: Any = load_script("control_variates")
-BRIEF = ("approach.start_height_m=20", "duration_s=9", "imu.rate_hz=25", "receiver.rate_hz=1", "filter.kind=eskf")
+BRIEF = script.SHORT
 ASKED = (
     "box={height_m: 0, lateral_m: 3, vertical_m: 4}",
     "requirements=[{what: rms, of: vertical, below_m: 3}, {what: error, of: vertical, at: touchdown, below_m: 3, "
