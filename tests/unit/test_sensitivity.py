@@ -46,6 +46,11 @@ CASES = {
         "barometric_altimeter={sigma_m: 0.5, rate_hz: 2, qnh_sigma_hpa: 0.2, drift_m: 1, drift_time_s: 20}",
         "filter.barometric_altimeter.errors=states", "runway.geoid_undulation_m=15.5", "receiver.rate_hz=2",
     ),
+    "magnetic field": (
+        "magnetometer={rate_hz: 2, noise_ut: 1, hard_iron_ut: 1, scale_percent: 1, disturbance_ut: 1, "
+        "mounting_deg: [5, 10, 90], declination_deg: 11, dip_deg: 71, intensity_ut: 52.5}", "receiver.rate_hz=2",
+        "initial_errors.attitude_deg=1",
+    ),
     "few fixes": ("receiver.rate_hz=0.5",),
     "sensors": (
         "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "imu.accelerometer.scale_ppm=3000",
