@@ -210,11 +210,11 @@ def fly(case: Case, seed: int, first: int, runs: int) -> Found:
 DECIDING = (
     "compiler",
     "geodesy",
-    "core",
+    "statistics",
     "trajectory",
     "gnss",
     "sensors",
-    "estimation",
+    "filter",
     "integrity",
     "simulation",
     "landing",
@@ -228,7 +228,10 @@ def code(kind: str) -> str:
     only the default runs is left out for the others."""
     digest = hashlib.sha256()
     for folder in DECIDING:
-        for path in sorted((ROOT / "navsim" / folder).rglob("*.py")):
+        modules = sorted((ROOT / "navsim" / folder).rglob("*.py"))
+        if not modules:
+            raise FileNotFoundError(f"navsim/{folder} has no modules; mend DECIDING")
+        for path in modules:
             if kind == DEFAULT or path.name != "gaussian_sum.py":
                 digest.update(path.name.encode() + _statements(path).encode())
     for path in sorted(p for p in SCENARIOS.rglob("*") if p.suffix in (".yaml", ".csv")):
