@@ -180,7 +180,7 @@ def test_a_filter_whose_attitude_is_lost_finds_it_again(tmp_path: Path, monkeypa
     truth = write_flight(tmp_path)
     without(tmp_path / "imu.csv", 42.0, 54.0)
     monkeypatch.setattr(simulated, "SURVIVED", np.inf)
-    monkeypatch.setattr(simulated, "_noise", lambda flight, beliefs: beliefs.sensors.noise[None])
+    monkeypatch.setattr(simulated, "noise_of", lambda flight, beliefs: beliefs.sensors.noise[None])
     result = flown(tmp_path / "log.yaml", *GIVEN)
     assert result["/lost/start"].size >= 1
     assert set(result["/lost/cause"]) == {simulated.CONTRADICTION}

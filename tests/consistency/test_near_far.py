@@ -285,7 +285,7 @@ RIDGE = {"ends": [PLACE, {"lat_deg": 56.04, "lon_deg": 37.0}], "height_m": 30}
 @pytest.mark.parametrize(
     ("section", "settings", "says"),
     [
-        ({}, (), "interference.jammers: nobody jams"),
+        ({}, (), "interference.jammers: no jammer"),
         ({"pseudolites": {}}, (), "interference.pseudolites: how strong they are falls with distance: give "),
         ({"pseudolites": {"pulses": {"duty": 0.5}}}, STRENGTH, "duty: 2 pseudolites cannot take turns"),
         ({"pseudolites": {"pulses": {}, "lines": True}}, STRENGTH, "pseudolites.lines: are of whole codes"),

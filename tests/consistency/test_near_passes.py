@@ -77,7 +77,7 @@ def test_the_order_that_is_known_is_named(settings: tuple[str, ...], order: str)
     """Exclusion takes sources out of fixes, which are other ones than those of the route then."""
     case = landing("pseudolites.s_m=0.5", "pseudolites.l1_m=245", *settings)
     (said,) = [text for text in case.warnings if "passed at" in text]
-    assert f"right to {order} order only" in said
+    assert f"right only to {order} order" in said
 
 
 def landing(*settings: str) -> Case:
@@ -92,7 +92,7 @@ def landing(*settings: str) -> Case:
             ("pseudolites.s_m=0.5", "pseudolites.l1_m=245"),
             "PL1 is passed at 26 m with a position sigma of 4 m across the line of sight",
         ),
-        (("pseudolites.s_m=10", "pseudolites.l1_m=245", "filter.coupling=tight"), "right to second order only"),
+        (("pseudolites.s_m=10", "pseudolites.l1_m=245", "filter.coupling=tight"), "right only to second order"),
         (("pseudolites.s_m=200", "pseudolites.l1_m=1000"), ""),
         (("pseudolites.s_m=200", "pseudolites.l1_m=1000", "filter.coupling=tight"), ""),
     ],

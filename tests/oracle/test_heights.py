@@ -201,7 +201,7 @@ def test_auto_writes_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
     assert scenario(*auto).runway.geoid_undulation_m == 15.5
     assert seen == [(56, 37)]
     monkeypatch.setitem(sys.modules, "egm96", None)
-    with pytest.raises(InputError, match=r"navsim-landing\[geoid\]"):
+    with pytest.raises(InputError, match=r"pip install '\.\[geoid\]'"):
         scenario(*auto)
 
 
