@@ -25,9 +25,7 @@ class MergeOptions:
     ]
     folder: Annotated[
         Path,
-        typer.Option(
-            metavar="FOLDER", help="Folder of the files that the scenario names, such as orbits."
-        ),
+        typer.Option(metavar="FOLDER", help="Folder of the files that the scenario names, such as orbits."),
     ] = Path()
     figures: Annotated[str | None, figures_option("unless this option is given")] = None
     dry_run: Annotated[bool, dry_run_option("Check that the parts fit, then stop.")] = False

@@ -113,9 +113,7 @@ class Care:
     ] = False
     over_budget: Annotated[
         bool,
-        typer.Option(
-            "--over-budget", help="Start even if this machine seems to lack the memory or disk."
-        ),
+        typer.Option("--over-budget", help="Start even if this machine seems to lack the memory or disk."),
     ] = False
     quiet: Annotated[
         bool,

@@ -19,22 +19,27 @@ def plan(
     scenario: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[SCENARIO.yaml]", help="The landing to plan. Default: the shipped landing.yaml.",
+            metavar="[SCENARIO.yaml]",
+            help="The landing to plan. Default: the shipped landing.yaml.",
             show_default=False,
         ),
     ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE.yaml", show_default=False,
+            "--output",
+            "-o",
+            metavar="FILE.yaml",
+            show_default=False,
             help="The file that Save writes. Default: <stem>_planned.yaml in the scenario's folder; for the shipped "
             "scenario in the working folder.",
         ),
     ] = None,
     overlay: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.geojson", help="Outlines to draw over the map, in longitude and latitude.",
-                     show_default=False),
+        typer.Option(
+            metavar="FILE.geojson", help="Outlines to draw over the map, in longitude and latitude.", show_default=False
+        ),
     ] = None,
     port: Annotated[
         int, number_option(int, 0, "Port at 127.0.0.1; 0 takes a free one.", most=65535, show_default=True)

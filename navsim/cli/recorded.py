@@ -102,9 +102,7 @@ class LiveOptions:
     output: Annotated[Path | None, output_option("results/<scenario stem>_live.h5")] = None
     seed: SeedOption = 1
     set_: Annotated[list[str] | None, set_option("scenario")] = None
-    realtime: Annotated[
-        bool, typer.Option("--realtime", help="Delay the lines of a fast source to real time.")
-    ] = False
+    realtime: Annotated[bool, typer.Option("--realtime", help="Delay the lines of a fast source to real time.")] = False
     lenient: Annotated[
         bool, typer.Option("--lenient", help="Accept NMEA sentences without a checksum (optional in NMEA 0183).")
     ] = False

@@ -42,9 +42,7 @@ def show(
     ] = "terminal",
     compare: Annotated[
         bool,
-        typer.Option(
-            "--compare", help="Add differences and ratios to the first result, and the settings that differ."
-        ),
+        typer.Option("--compare", help="Add differences and ratios to the first result, and the settings that differ."),
     ] = False,
     rows: Annotated[
         str | None,

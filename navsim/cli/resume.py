@@ -39,9 +39,7 @@ class ResumeOptions:
 def resume(
     folder: Annotated[
         Path,
-        typer.Argument(
-            metavar="FOLDER", help="The folder of finished work, RESULT.h5.partial.", show_default=False
-        ),
+        typer.Argument(metavar="FOLDER", help="The folder of finished work, RESULT.h5.partial.", show_default=False),
     ],
     given: ResumeOptions,
     care: Care,
@@ -64,9 +62,7 @@ def resume(
     words += _options(given, care)
     print_message(f"navsim {shlex.join(words)}")
     if dropped:
-        print_message(
-            f"options not repeated: {shlex.join(dropped)}. Add them to navsim resume if needed"
-        )
+        print_message(f"options not repeated: {shlex.join(dropped)}. Add them to navsim resume if needed")
     with resuming(folder.absolute()):
         try:
             os.chdir(begun.folder)

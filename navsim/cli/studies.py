@@ -44,7 +44,9 @@ class SweepOptions:
     runs: Annotated[
         int | None,
         number_option(
-            int, 0, "Runs of each combination with method monte-carlo; default: the study's. With method covariance, "
+            int,
+            0,
+            "Runs of each combination with method monte-carlo; default: the study's. With method covariance, "
             "runs that verify the best combinations, 0 for none; default: 200.",
         ),
     ] = None

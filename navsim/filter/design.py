@@ -136,4 +136,3 @@ def with_unknown_clock(known: np.ndarray, scales: int) -> np.ndarray:
 def clock_sigma(scales: int) -> np.ndarray:
     """1 sigma that the clock's states are known with at the start: its biases, m, and its drift, m/s."""
     return np.array([*[UNKNOWN_BIAS] * scales, UNKNOWN_DRIFT] if scales else [])
-

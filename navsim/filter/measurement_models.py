@@ -82,9 +82,7 @@ class FixTable(NamedTuple):
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> FixTable:
         """The table with every array changed that differs between runs."""
-        return self._replace(
-            llh=change(self.llh), velocity=change(self.velocity), covariance=change(self.covariance)
-        )
+        return self._replace(llh=change(self.llh), velocity=change(self.velocity), covariance=change(self.covariance))
 
 
 class AltitudeTable(NamedTuple):

@@ -154,11 +154,7 @@ def declared(blocks: Sequence[Block]) -> np.ndarray:
     if others != sorted(others):
         raise Defect(f"states of inertial sensors behind others: {', '.join(b.name for b in blocks)}")
     return np.array(
-        [
-            (b.triad, b.first + axis, _signal(b, axis), b.decay, b.drive)
-            for b in blocks
-            for axis in range(b.size)
-        ],
+        [(b.triad, b.first + axis, _signal(b, axis), b.decay, b.drive) for b in blocks for axis in range(b.size)],
         dtype=DECLARED,
     )
 

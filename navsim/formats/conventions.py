@@ -23,6 +23,8 @@ FIX_SIGMAS = ("sigma_n_m", "sigma_e_m", "sigma_d_m", "sigma_vn_m_s", "sigma_ve_m
 """Names of the columns of 1 sigma of each fix, along north, east, down."""
 FIX_CORRELATIONS = tuple(f"corr_{one}_{other}" for one, other in itertools.combinations(FIX_AXES, 2))
 """Names of the columns of their correlations, as the upper triangle of a matrix has them."""
+
+
 def effects_of(state: int) -> tuple[str, ...]:
     """Names of the columns with the effect of one time-correlated error, numbered from 1, on each fix."""
     return tuple(f"error{state}_{axis}" for axis in FIX_AXES)

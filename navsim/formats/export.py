@@ -395,8 +395,20 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
                  *(_cell(x, 4) for x in v), *(_cell(x, 4) for x in d), *where, *run_cell]
             )  # fmt: skip
         files[target.with_name(f"{target.stem}_gnss.csv")] = _table(
-            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "pdop", "hdop", "vdop", *own_head,
-             *run_head],
+            [
+                "t_s",
+                "lat_deg",
+                "lon_deg",
+                "h_m",
+                "vn_m_s",
+                "ve_m_s",
+                "vd_m_s",
+                "pdop",
+                "hdop",
+                "vdop",
+                *own_head,
+                *run_head,
+            ],
             rows,
         )
     if "/filter/error" in result:

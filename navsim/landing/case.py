@@ -42,6 +42,12 @@ FOOT = 0.3048
 PERCENTILES = (50, 95, 99)
 MOVING = slice(states.POS, states.ATT)
 """States of position and velocity."""
+MAX_GAP_S = 2.0
+"""Longest time without fixes in which errors stay of first order, s."""
+MAX_CHANCE_REJECTIONS = 0.01
+"""Largest expected number of good fixes that the gate rejects in a landing with first-order errors."""
+LEAST_SOURCES = 4
+"""Sources of a fix with one clock."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +164,21 @@ class Case:
             self.scenario.model_copy(update={"box": None}).check_analysable()
         except ValueError as error:
             return str(error)
+        return self._rare_losses()
+
+    def _rare_losses(self) -> str:
+        """Reason why a few of its runs may be lost, so that they dominate the errors of all; "" without any.
+
+        An ensemble without a lost run looks as if first-order errors explained it: its interval would be too narrow.
+        """
+        signals, gate = self.world.signals, self.scenario.filter.gate.probability
+        if gate * signals.time.size > MAX_CHANCE_REJECTIONS:
+            return f"filter.gate.probability {gate:g} rejects good fixes, and a rejection depends on the error itself"
+        begin, end = self.world.imu_time[[0, -1]]
+        solved = signals.time[signals.used.sum(axis=1) >= LEAST_SOURCES]
+        gap = float(np.max(np.diff([begin, *solved, end])))
+        if gap > max(MAX_GAP_S, 2.0 * float(np.median(np.diff([begin, *signals.time, end])))):
+            return f"{gap:.1f} s without fixes: a few landings may be lost, which first-order errors do not show"
         return ""
 
     @cached_property

@@ -49,8 +49,7 @@ class Controls:
         mean = self.case.first_order.mean[window][:, columns]
         variance = np.diagonal(self.case.first_order_covariance[window], axis1=1, axis2=2)[:, columns]
         values, square, middle = (
-            self.ensemble.per_run(name)[:, columns]
-            for name in ("position_square", FIRST_ORDER, "first_order_mean")
+            self.ensemble.per_run(name)[:, columns] for name in ("position_square", FIRST_ORDER, "first_order_mean")
         )
         controls = np.concatenate([square.sum(axis=1, keepdims=True), middle], axis=1)
         exact = np.array([np.mean(np.sum(variance + mean**2, axis=1)), *mean.mean(axis=0)])

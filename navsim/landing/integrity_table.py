@@ -186,6 +186,4 @@ def _several_clocks(here: WatchedGlide) -> list[str]:
     clocks = np.unique(here.signals.clock[sources]).size
     if clocks < 2:
         return []
-    return [
-        f"the sources keep {clocks} clocks, each an unknown of the fix; the table by rank assumes one clock"
-    ]
+    return [f"the sources keep {clocks} clocks, each an unknown of the fix; the table by rank assumes one clock"]

@@ -120,9 +120,7 @@ def merged(parts: Parts, case: Case) -> Result:
     else:
         whole = result(case, ensemble, seed, keep="none")
     if whole.attributes["scenario_sha256"] != first.attributes["scenario_sha256"]:
-        raise OptionError(
-            f"{file}: its scenario has changed: the satellite files that it names are different now"
-        )
+        raise OptionError(f"{file}: its scenario has changed: the satellite files that it names are different now")
     for name in whole.attributes:
         if name not in ("created", *first.attributes):
             raise OptionError(f"{file}: has no root attribute {name}")

@@ -314,8 +314,12 @@ def _gains_passed_over(scenario: Landing) -> list[str]:
     gains = (
         ("scale_ppm", "scale factors", "scale_factors"), ("misalignment_mrad", "misalignments", "misalignments"),
     )  # fmt: skip
-    there = [(name, f"filter.{key}: true", keys) for error, name, key in gains if getattr(its, key) is False
-             and (keys := [f"imu.{s}.{error}" for s in ("gyro", "accelerometer") if getattr(getattr(imu, s), error)])]
+    there = [
+        (name, f"filter.{key}: true", keys)
+        for error, name, key in gains
+        if getattr(its, key) is False
+        and (keys := [f"imu.{s}.{error}" for s in ("gyro", "accelerometer") if getattr(getattr(imu, s), error)])
+    ]
     if not there:
         return []
     names, cures = (" and ".join(words) for words in zip(*((name, cure) for name, cure, _ in there), strict=True))

@@ -57,9 +57,7 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
         checksum = files.checksum(path)
         if approach.file_sha256 not in (None, checksum):
             raise wrong(f"has the checksum {checksum}, not the one of approach.file_sha256", "file_sha256")
-        time, llh, attitude = (
-            _read_table(path, scenario) if isinstance(approach, TrackApproach) else _read_replay(path)
-        )
+        time, llh, attitude = _read_table(path, scenario) if isinstance(approach, TrackApproach) else _read_replay(path)
     except (ResultError, KeyError, FileError, ValueError) as error:
         raise wrong(str(error)) from None
     except OSError as error:

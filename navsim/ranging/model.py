@@ -145,9 +145,7 @@ class RangeModel:
             s[5 : 3 * self.order : 3] = 0.0
         p = np.diag(s**2)
         if self.clocks:
-            own = dict.fromkeys(
-                self.log.sources.names, (section.clocks.offset_sigma_m, section.clocks.rate_sigma_m_s)
-            )
+            own = dict.fromkeys(self.log.sources.names, (section.clocks.offset_sigma_m, section.clocks.rate_sigma_m_s))
             own[RECEIVER] = UNKNOWN_CLOCK
             for k in range(2):
                 at = self.first_clock + k + 2 * np.arange(len(self.clocks))

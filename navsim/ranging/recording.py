@@ -292,8 +292,9 @@ def _check_ranges(log: RangeLog, scenario: RecordedRanges, document: Document) -
     ]
     cure = f"they would fit in {fitting[0]}. " if fitting else ""
     raise _refuse(
-        document, "ranges.range_unit", f"{contradiction}: {cure}Check ranges.range_unit ({unit}), the unit of the "
-        "positions, and which range is whose"
+        document,
+        "ranges.range_unit",
+        f"{contradiction}: {cure}Check ranges.range_unit ({unit}), the unit of the positions, and which range is whose",
     )
 
 

@@ -50,6 +50,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"errors": fig}
 
 
-VIEW = View(
-    one_by_one(tables), figures, ("/summary", "/stream", "/clock"), drawings="navsim.replays.page:lives"
-)
+VIEW = View(one_by_one(tables), figures, ("/summary", "/stream", "/clock"), drawings="navsim.replays.page:lives")

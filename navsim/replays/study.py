@@ -117,9 +117,7 @@ class Recording:
         gate = section.gate
         sensors = followed(replace(self.gyro, noise_density=gyro), replace(self.accel, noise_density=accel))
         blocks = _lasting(self.scenario.gnss.errors, self.interval)
-        sensors = replace(
-            sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks))
-        )
+        sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
         return Beliefs(
             kind=kind,
             sensors=sensors,

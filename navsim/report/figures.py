@@ -107,9 +107,7 @@ def view_from_above(plan: Axes) -> None:
     plan.yaxis.set_inverted(True)
 
 
-def ridge_lines(
-    ax: Axes, ridges: Iterable[ShownRidge], along: tuple[float, float], right: tuple[float, float]
-) -> None:
+def ridge_lines(ax: Axes, ridges: Iterable[ShownRidge], along: tuple[float, float], right: tuple[float, float]) -> None:
     """Draw ridges within a part of a plan seen from above (from and to, m) with their heights."""
     label: str | None = "terrain, height of its top"
     for ridge in ridges:

@@ -36,7 +36,7 @@ LAYOUTS = {
     OPTIMIZE: "the best placements",
     TABLE2: "the paper's Table 2, published and computed",
     INTEGRITY_TABLE: "capabilities of few satellites and pseudolites by rank, and their protection levels in an "
-       "approach",
+    "approach",
     ELEVATION: "the companion paper on MLS elevation",
     ATC: "the companion paper on tracking by an air traffic control radar",
     AZIMUTH: "the companion paper on azimuth tracking",

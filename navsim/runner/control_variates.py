@@ -132,9 +132,7 @@ def share(hits: np.ndarray, expected: np.ndarray, exact: float) -> Controlled:
     return Controlled(value, _gain(share_interval(int(hits.sum()), runs), value))
 
 
-def percentile(
-    sizes: np.ndarray, expected: np.ndarray, level: float, below: Callable[[float], float]
-) -> Controlled:
+def percentile(sizes: np.ndarray, expected: np.ndarray, level: float, below: Callable[[float], float]) -> Controlled:
     """Estimate a percentile of sizes: where the controlled probability of smaller ones is the level, 0 to 1. Its
     interval has the sizes at which that probability may be the level.
 

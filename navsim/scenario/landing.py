@@ -95,7 +95,7 @@ class Landing(Section):
     """the runway, and where on it the aircraft touches down"""
     approach: Annotated[
         PaperApproach | SmoothApproach | STurn | WaypointApproach | RecordedApproach | TrackApproach,
-        Field(discriminator="profile")
+        Field(discriminator="profile"),
     ]
     """trajectory of the aircraft, by `profile`"""
     wind: WindSection = WindSection()
@@ -329,8 +329,7 @@ class Landing(Section):
         """Raise for scenarios that the covariance analysis cannot handle."""
         if self.method == "rare" and (air := self.air()) is not None:
             raise reject(
-                "method rare shifts sensor errors, not the trajectory; use method monte-carlo"
-                + beside(air[1]),
+                "method rare shifts sensor errors, not the trajectory; use method monte-carlo" + beside(air[1]),
                 *air[1][0],
             )
         if self.box is not None and self.box.error == "total":

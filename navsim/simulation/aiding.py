@@ -91,9 +91,7 @@ def times_of(sensor: AidingSensor, duration: float, imu_rate: float) -> np.ndarr
     return np.arange(1, int(np.floor(last * sensor.rate + 1e-9)) + 1) / sensor.rate
 
 
-def aids_of(
-    sensors: Sequence[AidingSensor], trajectory: Moving, duration: float, imu_rate: float
-) -> tuple[Aid, ...]:
+def aids_of(sensors: Sequence[AidingSensor], trajectory: Moving, duration: float, imu_rate: float) -> tuple[Aid, ...]:
     """These sensors on a flight, measuring at their `times_of`. Raises ValueError for two of a kind."""
     kinds = [sensor.kind for sensor in sensors]
     if len(set(kinds)) < len(kinds):

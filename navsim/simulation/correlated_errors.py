@@ -33,9 +33,7 @@ _SPEEDS = "slow", "fast"
 """Names of the two groups of kinds: those that hardly change over the flight, and the others."""
 
 
-def followed_errors(
-    how: str, kinds: Sequence[LastingError], duration: float, interval: float
-) -> LastingBelief:
+def followed_errors(how: str, kinds: Sequence[LastingError], duration: float, interval: float) -> LastingBelief:
     """Filter model of these kinds of errors.
 
     how: `STATES`, `INFLATED` or `IGNORED`. duration: of the flight, interval: between fixes, s.

@@ -488,12 +488,20 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = No
     kinds = dict.fromkeys(block.triad for block in beliefs.sensors.blocks if block.triad > states.ACCELEROMETERS)
     sensors = np.concatenate([true[kind] for kind in (states.GYROS, *kinds)], axis=1)
     clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
-    for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided,
-                  *aided_exact, clock):
+    for lanes in (
+        initial,
+        dtheta,
+        dv,
+        sensors,
+        ranges,
+        rates,
+        *([] if phases is None else [phases]),
+        *aided,
+        *aided_exact,
+        clock,
+    ):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
-    return Inputs(
-        initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown
-    )
+    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown)
 
 
 def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:

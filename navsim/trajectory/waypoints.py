@@ -195,9 +195,7 @@ def _check_leg(i: int, a: Waypoint, b: Waypoint, taken: float) -> None:
         raise NoSuchPath(text, i + 1)
 
 
-def landing(
-    points: Sequence[Waypoint], bank: float, roll: float, profile: Callable[[float], Path]
-) -> Path:
+def landing(points: Sequence[Waypoint], bank: float, roll: float, profile: Callable[[float], Path]) -> Path:
     """Legs through waypoints, the last on the extended centre line, and the descent from there.
 
     `profile` gives the descent after so many seconds of level flight at the last waypoint's speed. Raises NoSuchPath.

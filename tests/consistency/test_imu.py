@@ -318,7 +318,8 @@ def test_the_paper_gives_nothing_unasked() -> None:
         ("imu={preset: paper, gyro: {noise_deg_h: ~}}", "imu.gyro.noise_deg_h", "give it or arw_deg_sqrt_h, 0"),
         (
             "imu={preset: stim300, gyro: {drift_deg_h: 5, bias_instability_deg_h: ~}}",
-            "imu.gyro.bias_instability_deg_h", "removes a value of preset stim300; give it or markov_deg_h, 0",
+            "imu.gyro.bias_instability_deg_h",
+            "removes a value of preset stim300; give it or markov_deg_h, 0",
         ),
     ):
         with pytest.raises(InputError, match=re.escape(more)) as caught:

@@ -74,9 +74,7 @@ def test_half_a_second_of_wild_fixes_does_no_damage(kind: str, tmp_path: Path) -
     assert np.abs(z).max() < 4.5
     assert np.sqrt(np.mean(z**2, axis=0)).max() < 1.8
     assert result["/lost/start"].size == 0
-    assert told(result, "rejected_fixes") == (
-        "2 of 197 fixes were rejected by the innovation gate, at 50.1 to 50.6 s"
-    )
+    assert told(result, "rejected_fixes") == ("2 of 197 fixes were rejected by the innovation gate, at 50.1 to 50.6 s")
     assert int(result["/summary/count/rejected"]) == 2
     # the table says which rows leave them out, and has one that does not
     (table, *_) = tables(result)

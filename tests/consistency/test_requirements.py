@@ -125,8 +125,7 @@ def test_runs_are_judged(tmp_path: Path) -> None:
 
 
 MHSS = (
-    "integrity={method: mhss, p_constellations: {glonass: 1.0e-8, gps: 1.0e-8}, "
-    "limits: {operation: LPV-200, tta_s: 6}}"
+    "integrity={method: mhss, p_constellations: {glonass: 1.0e-8, gps: 1.0e-8}, limits: {operation: LPV-200, tta_s: 6}}"
 )
 
 

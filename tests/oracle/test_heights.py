@@ -214,10 +214,19 @@ def test_auto_writes_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
         (("filter.barometric_altimeter={lag_s: 1}",), "there is none"),
         ((BARO % "lag_s: 1", UNDULATION, "filter.barometric_altimeter.errors=states"), "there are none"),
         ((BARO % "drift_m: 1", UNDULATION, "filter.barometric_altimeter.drift_m=2"), "is for `errors: states`"),
-        ((BARO % "qnh_sigma_hpa: 1", UNDULATION, "filter.barometric_altimeter={errors: states, drift_time_s: 9}"),
-         "there is no drift"),
-        ((BARO % "drift_m: 1", UNDULATION, "integrity={method: filter, p_constellation: 1.0e-8}", "method=covariance"),
-         "use 0, or filter.barometric_altimeter.errors: states"),
+        (
+            (BARO % "qnh_sigma_hpa: 1", UNDULATION, "filter.barometric_altimeter={errors: states, drift_time_s: 9}"),
+            "there is no drift",
+        ),
+        (
+            (
+                BARO % "drift_m: 1",
+                UNDULATION,
+                "integrity={method: filter, p_constellation: 1.0e-8}",
+                "method=covariance",
+            ),
+            "use 0, or filter.barometric_altimeter.errors: states",
+        ),
         (("runway.geoid_undulation_m=much",), "geoid_undulation_m"),
     ],
 )

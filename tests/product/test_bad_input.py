@@ -227,7 +227,9 @@ ALMANACS: list[tuple[str, bytes, list[str]]] = [
 @pytest.mark.parametrize(("name", "content", "fragments"), ALMANACS, ids=[c[0] for c in ALMANACS])
 def test_almanac_refused(name: str, content: bytes, fragments: list[str], open_executor: Path) -> None:
     (open_executor / "a.agl").write_bytes(content)
-    (open_executor / "s.yaml").write_text(LANDING.replace("source: nominal-glonass", "almanac: a.agl\n  source: almanac"))
+    (open_executor / "s.yaml").write_text(
+        LANDING.replace("source: nominal-glonass", "almanac: a.agl\n  source: almanac")
+    )
     done = navsim("run", "s.yaml", "-o", "results/new.h5", cwd=open_executor)
     assert_refused(done, open_executor, ["sky.almanac", *fragments])
     assert not (open_executor / "results" / "new.h5").exists()

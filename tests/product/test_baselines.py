@@ -131,4 +131,3 @@ def test_what_is_seen(change: Callable[[Figure], None], errors: bytes, tmp_path:
         change(figure)
         file = drawn(figure, tmp_path / "errors.png")
     assert apart(file, FOLDER / "one_errors.png") > 2.0 * FAR
-

@@ -172,7 +172,7 @@ def test_pages_lead_somewhere(path: Path) -> None:
 
 def test_dead_links_of_a_clone_are_found() -> None:
     """A page of the reference exists in the site alone."""
-    text = '[a](reference/landing.md) [b](nowhere.md) [c](index.md#nowhere) [d](https://example.org/x.md) '
+    text = "[a](reference/landing.md) [b](nowhere.md) [c](index.md#nowhere) [d](https://example.org/x.md) "
     text += '[e](keys-and-variables.md "reference/landing.md") [f](keys-and-variables.md "reference/nowhere.md")'
     expected = ["reference/landing.md", "nowhere.md", "index.md#nowhere", "reference/nowhere.md of the site"]
     assert dead_links(ROOT / "docs/page.md", text) == [f"a link to {link}" for link in expected]

@@ -131,9 +131,7 @@ def test_intervals_of_pairs_by_their_likelihood(more: int, less: int, runs: int)
     from scipy.optimize import minimize_scalar
 
     for far in (-1.0, 1.0):
-        end = control_variates._end(
-            lambda d: control_variates._score(more, less, runs, d), (more - less) / runs, far
-        )
+        end = control_variates._end(lambda d: control_variates._score(more, less, runs, d), (more - less) / runs, far)
 
         def cost(q: float, end: float = end) -> float:
             parts = ((more, q + end), (less, q), (runs - more - less, 1.0 - 2.0 * q - end))

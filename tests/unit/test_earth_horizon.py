@@ -79,8 +79,11 @@ def test_a_mask_within_the_dip_is_used() -> None:
 
 
 def test_directions_below_the_horizon_are_not_received() -> None:
-    sky = "sky={source: directions, mask_deg: -20, directions: [" + ", ".join(
-        f"{{azimuth_deg: {60 * i}, elevation_deg: {e}}}" for i, e in enumerate((-10, -1, 0, 20, 50, 70))) + "]}"
+    sky = (
+        "sky={source: directions, mask_deg: -20, directions: ["
+        + ", ".join(f"{{azimuth_deg: {60 * i}, elevation_deg: {e}}}" for i, e in enumerate((-10, -1, 0, 20, 50, 70)))
+        + "]}"
+    )
     used = case(*BRIEF, sky, "pseudolites.count=0").world.signals.used
     assert not used[:, :2].any()
     assert used[:, 2:].all()

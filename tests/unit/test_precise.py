@@ -129,8 +129,12 @@ def test_a_blunder_is_no_place_to_interpolate_from() -> None:
 
 def sp3(orbits: OrbitTable, marks: dict[tuple[int, str], str], codes: str = "  5  5  5") -> str:
     """Text of version d; marks: from column 75 on, by epoch and satellite."""
-    head = [f"#dP2018  9 13 12  0  0.00000000{orbits.time.size:8d} TRACK IGb14 FIT TEST",
-            "+    3   " + "".join(orbits.names) + "  0" * 14, "++       " + codes + "  0" * 14, "%c M  cc GPS ccc cccc"]
+    head = [
+        f"#dP2018  9 13 12  0  0.00000000{orbits.time.size:8d} TRACK IGb14 FIT TEST",
+        "+    3   " + "".join(orbits.names) + "  0" * 14,
+        "++       " + codes + "  0" * 14,
+        "%c M  cc GPS ccc cccc",
+    ]
     lines = []
     for k, time in enumerate(orbits.time):
         moment = datetime.datetime.fromtimestamp(time + timescales.GPS_EPOCH, datetime.UTC)
