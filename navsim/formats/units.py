@@ -7,7 +7,7 @@ import re
 _UNITS = {
     "deg_h_sqrt_h": "°/h/√h", "mg_sqrt_h": "mg/√h", "deg_h_h": "°/h/h", "mg_h": "mg/h", "deg_h_k": "°/h/K",
     "mg_k": "mg/K", "deg_h_g2": "°/h/g²", "ug_g2": "µg/g²", "deg_h_g": "°/h/g", "ppm_deg_s": "ppm/(°/s)",
-    "mrad": "mrad", "urad": "µrad", "mm_s": "mm/s", "k_min": "K/min",
+    "mrad": "mrad", "ut": "µT", "urad": "µrad", "mm_s": "mm/s", "k_min": "K/min",
     "m_s_sqrt_h": "m/s/√h", "deg_sqrt_h": "°/√h", "conductivity_s_m": "S/m", "deg2_s2": "°²/s²", "deg2": "°²",
     "m_s2": "m/s²", "rad_s": "rad/s", "m_s": "m/s", "1_s": "1/s", "deg_s": "°/s", "deg_h": "°/h", "deg": "°",
     "mg": "mg", "g": "g", "kmh": "km/h", "mhz": "MHz", "db_hz": "dB-Hz", "dbhz": "dB-Hz", "hz": "Hz", "dbw": "dBW",

@@ -75,7 +75,7 @@ def test_sources_of_an_analysis() -> None:
 
 
 @pytest.mark.parametrize("keep", ["none", "errors", "all"])
-@pytest.mark.parametrize("runs", [3, 60])
+@pytest.mark.parametrize("runs", [3, 64])
 def test_result_and_partial_work_of_runs(keep: str, runs: int, tmp_path: Path) -> None:
     here = case("receiver.rate_hz=2", "sky.source=nominal")
     store = CheckpointStore(tmp_path / "partial", {}, False) if runs > 25 else None

@@ -23,6 +23,7 @@ from navsim.scenario.load import read as read_scenario
 from navsim.scenario.load import read_study
 from navsim.simulation.run import Run
 from navsim.sweeps import study as sweep
+from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
 from tests.product.test_run import navsim, warnings_of
@@ -194,7 +195,7 @@ def test_combinations_without_a_fix(tmp_path: Path) -> None:
     )
     for method in ("monte-carlo", "covariance"):
         section, document, base = read_study(tmp_path / "lost.yaml", Sweep, [f"method={method}"])
-        planned = sweep.plan(section, document, base, 1)
+        planned = plan(section, document, base, 1)
         result = sweep.sweep_result(planned, sweep.compute(planned, threads(1)))
         np.testing.assert_array_equal(result["/outcome/combination"], [sweep.COMPUTED, sweep.NO_FIX])
         np.testing.assert_array_equal(np.isnan(result["/sweep/pdop"]), [False, True])

@@ -43,6 +43,7 @@ from navsim.runner.executor import threads
 from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.sweeps import report as sweep_report
 from navsim.sweeps import study as sweep_study
+from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
 from tests.helpers import case
@@ -580,7 +581,7 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     file = tmp_path / "map.yaml"
     file.write_text(MAP.format(base=SCENARIOS / "landing_gnss_only.yaml"))
     section, document, base = read_study(file, Sweep, [])
-    planned = sweep_study.plan(section, document, base, 1)
+    planned = plan(section, document, base, 1)
     result = sweep_study.sweep_result(planned, sweep_study.compute(planned, threads(1)))
     values = result["/sweep/pdop"]
     assert np.isnan(values).any()

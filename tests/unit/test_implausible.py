@@ -17,8 +17,8 @@ from tests.helpers import case, scenario
 
 SITES = "pseudolites={{frame: runway, sites: [{{name: A, s_m: 300, l1_m: 400}}, {{name: B, s_m: {}, l1_m: {}}}]}}"
 CASES = [
-    (SITES.format(300, 400), ["B stands 0.0 m from A", "no geometry"]),
-    (SITES.format(300.5, 400.5), ["B stands 0.7 m from A", "no geometry"]),
+    (SITES.format(300, 400), ["B is 0.0 m from A", "no geometry"]),
+    (SITES.format(300.5, 400.5), ["B is 0.7 m from A", "no geometry"]),
     ("receiver.lever_arm_m=[1000,0,0]", ["receiver.lever_arm_m: the antenna is 1000 m", "give metres"]),
     ("filter.lever_arm_m=[0,60,0]", ["filter.lever_arm_m: the antenna is 60 m"]),
     ("wind={speed_m_s: 49, from_deg: 355}", ["wind.speed_m_s:", "wind of 49.0 m/s", "% of the airspeed", "unit"]),
@@ -77,7 +77,7 @@ def test_studies_warn_of_them_once(tmp_path: Path, moved: bool) -> None:
     )
     warnings = checked(tmp_path / "sweep.yaml", [])[2]
     assert sum("receiver.lever_arm_m: the antenna is 1000 m" in text for text in warnings) == 1
-    assert sum("B stands 0.0 m from A" in text for text in warnings) == (0 if moved else 1)
+    assert sum("B is 0.0 m from A" in text for text in warnings) == (0 if moved else 1)
 
 
 def test_an_optimization_warns_of_its_base(tmp_path: Path) -> None:

@@ -210,7 +210,7 @@ def test_counts_are_compared_by_what_they_are_counted_in() -> None:
     wide = _widened(both, ["a", "b", "c"], [False, True, True])
     assert wide.rows[0].texts()[4:] == ["+0 a run", "1.000", "+1 a run", "1.033"]
     assert wide.rows[1].texts()[4:] == ["+0.01 a tested epoch", "2.000", "-", "-"]
-    assert "counts are compared by the run" in wide.notes
+    assert "counts are compared per run" in wide.notes
     units = [(row[3], row[5]) for row in tidy(wide) if row[2] == "fixes" and row[6] == pytest.approx(1.0)]
     assert units == [("b / a", "1"), ("c - a", "1/run")]
 
