@@ -35,6 +35,7 @@ COMMANDS: dict[str, tuple[object, ...]] = {
     "optimize": ("optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1, 2]", "--set", "effort=1",
                  "--runs", 8, *_QUIET),
     "replay": ("replay", SCENARIOS / "recorded_flight.yaml", "--set", "tuning=none", *_QUIET),
+    "ranges": ("replay", SCENARIOS / "recorded_ranges.yaml", "--set", "tuning=none", "--set", "end_s=60", *_QUIET),
     "mls-elevation": ("run", SCENARIOS / "mls_elevation.yaml", "--set", "montecarlo.experiments=5", *_QUIET),
     "atc-tracking": ("run", SCENARIOS / "atc_tracking.yaml", "--runs", 5, "--set", "link.study_runs=5", *_QUIET),
     "azimuth-tracking": ("run", SCENARIOS / "azimuth_tracking.yaml", "--runs", 5, "--set", "map.runs=3", *_QUIET),

@@ -148,7 +148,7 @@ COUNT = {
     "how-to/jammer.md": 2,
     "how-to/log.md": 3,
     "how-to/pseudolite.md": 2,
-    "how-to/ranges.md": 1,
+    "how-to/ranges.md": 2,
     "how-to/requirement.md": 3,
     "how-to/runway.md": 2,
     "how-to/sensor.md": 2,
