@@ -166,10 +166,10 @@ def put_controlled(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None
     """Write `/summary/controlled`."""
     if ensemble.runs < LEAST_RUNS:
         return
-    if FIRST_ORDER not in ensemble.columns() or why_none(case):
+    controls = controls_of(case, ensemble)
+    if controls is None:
         draft[f"{BRANCH}/why_none"] = why_none(case) or "the runs were flown without their first-order errors"
         return
-    controls = Controls(case, ensemble)
     for part in _PARTS:
         _put(draft, f"rms/{part}", controls.rms(part))
     draft[f"{BRANCH}/at/height"] = draft["/summary/at/height"]
