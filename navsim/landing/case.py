@@ -46,8 +46,6 @@ MAX_GAP_S = 2.0
 """Longest time without fixes in which errors stay of first order, s."""
 MAX_CHANCE_REJECTIONS = 0.01
 """Largest expected number of good fixes that the gate rejects in a landing with first-order errors."""
-LEAST_SOURCES = 4
-"""Sources of a fix with one clock."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +142,11 @@ class Case:
         """The pseudolites."""
         return self.environment.pseudolites
 
+    @cached_property
+    def solvable(self) -> np.ndarray:
+        """At which fix epochs the geometry has a solution, clocks included (e,)."""
+        return np.isfinite(self.world.dop[:, 1])
+
     def fly(self, seed: int, run: int) -> Run:
         """Run number `run` of the ensemble of `seed`."""
         return fly(self.flight, seed, [run]).one(0)
@@ -175,7 +178,7 @@ class Case:
         if gate * signals.time.size > MAX_CHANCE_REJECTIONS:
             return f"filter.gate.probability {gate:g} rejects good fixes, and a rejection depends on the error itself"
         begin, end = self.world.imu_time[[0, -1]]
-        solved = signals.time[signals.used.sum(axis=1) >= LEAST_SOURCES]
+        solved = signals.time[self.solvable]
         gap = float(np.max(np.diff([begin, *solved, end])))
         if gap > max(MAX_GAP_S, 2.0 * float(np.median(np.diff([begin, *signals.time, end])))):
             return f"{gap:.1f} s without fixes: a few landings may be lost, which first-order errors do not show"

@@ -104,7 +104,7 @@ def _beyond_range(case: Case) -> list[str]:
 def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     """Findings about the input, the fixes of the error-free flight, and the filter's sigmas."""
     none, e = analysis.degrees == 0, analysis.degrees.size
-    solvable = np.isfinite(case.world.dop[:, 1])
+    solvable = case.solvable
     fixes = np.zeros((UNRANGED + 1, e), bool)
     if case.beliefs.tight:
         fixes[UNRANGED] = none

@@ -112,11 +112,6 @@ class LandingStudy:
         return rpy, rpy_jacobian(rpy)
 
     @cached_property
-    def solvable(self) -> np.ndarray:
-        """At which fix epochs the geometry has a solution (e,)."""
-        return np.isfinite(self.case.world.dop[:, 1])
-
-    @cached_property
     def box_time(self) -> list[float]:
         """When the height of the box is passed, s; of no box nothing."""
         return [] if self.case.scenario.box is None else [self.case.foreseen.box_time]
@@ -142,7 +137,7 @@ class LandingStudy:
         measured = "pseudorange" in HISTORIES[self.keep]
         linear = () if self.first_order is None else (self.first_order,)
         for runs in self.case.fly_runs(self.seed, first, count, measured, *linear):
-            fixes = fix_flaws(runs, self.solvable, self.case.beliefs, self.case.flight.drops)
+            fixes = fix_flaws(runs, self.case.solvable, self.case.beliefs, self.case.flight.drops)
             outputs = output_flaws(runs)
             error = runs.error[:, window]
             squares, rpy, turn = _mean_square(error), route_rpy, to_rpy

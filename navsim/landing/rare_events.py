@@ -91,14 +91,13 @@ class RareStudy:
     def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
         """Fly runs first ... first + count - 1, in order."""
         case, tilt = self.case, self.edge.tilt
-        solvable = np.isfinite(case.world.dop[:, 1])
         rows: list[Arrays] = []
         for begin in range(first, first + count, WIDTH):
             runs = range(begin, min(begin + WIDTH, first + count))
             components = [tilt.proposal.drawn(self.seed, run) for run in runs]
             inputs, off = pushed(case.flight, tilt, draw(case.flight, self.seed, runs), components)
             flown = fly_inputs(case.flight, inputs, len(runs))
-            fixes, outputs = fix_flaws(flown, solvable, case.beliefs), output_flaws(flown)
+            fixes, outputs = fix_flaws(flown, case.solvable, case.beliefs), output_flaws(flown)
             rows.append(
                 {
                     "error": at_heights(case, [self.edge.box.time], flown.error)[:, 0],

@@ -125,6 +125,13 @@ def test_few_runs_have_none(ready: Case) -> None:
         (("imu.vibration={}",), "Monte Carlo"),
         (("filter.gate.probability=0.05",), "rejects good fixes"),
         (("events=[{what: silence, sources: [all], at_s: 2, until_s: 6}]",), "5.0 s without fixes"),
+        (  # two satellites and two pseudolites with a clock of their own: five unknowns
+            (
+                "pseudolites.clock=gps",
+                "events=[{what: silence, sources: [R07, R08, R09, R16, R17, R23], at_s: 2, until_s: 6}]",
+            ),
+            "5.0 s without fixes",
+        ),
     ],
 )
 def test_the_reason_where_there_are_none(settings: tuple[str, ...], why: str) -> None:
