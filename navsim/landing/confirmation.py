@@ -36,13 +36,31 @@ Errors = Mapping[str, float]
 """Errors of the filter by name, with the ends of their intervals as `NAME_low`, `NAME_high`."""
 
 
+class FlownRequirements(NamedTuple):
+    """Verdicts of runs on the scenario's requirements (q,): values with intervals (q, 3), "met" and the like, further
+    runs for a decision; empty without requirements."""
+
+    value: np.ndarray = np.empty((0, 3))
+    verdict: np.ndarray = np.empty(0, dtype=object)
+    more_runs: np.ndarray = np.empty(0)
+
+    @staticmethod
+    def of(found: Result) -> FlownRequirements:
+        """The verdicts in a landing's result."""
+        branch = "/summary/requirements"
+        if f"{branch}/verdict" not in found:
+            return FlownRequirements()
+        return FlownRequirements(*(found[f"{branch}/{name}"] for name in FlownRequirements._fields))
+
+
 class OfRuns(NamedTuple):
     """Results of runs of a choice: the filter's errors; the verdict on the sigmas of its states, and whether one is too
-    small."""
+    small; verdicts on the scenario's requirements."""
 
     errors: Errors
     verdict: str
     small: bool
+    requirements: FlownRequirements = FlownRequirements()
 
 
 Fly = Callable[[np.ndarray, int, int, int], OfRuns]
@@ -81,7 +99,8 @@ def fly_case(case: Case, seed: int, first: int, runs: int, executor: Executor) -
 def of_runs(found: Result) -> OfRuns:
     """Summary of a landing's runs from its result."""
     small = any(one.name == "sigma_of_state" for one in of(found))
-    return OfRuns(filter_outputs(found), str(found["/summary/consistency/verdict"]), small)
+    verdict = str(found["/summary/consistency/verdict"])
+    return OfRuns(filter_outputs(found), verdict, small, FlownRequirements.of(found))
 
 
 def interval_of(errors: Errors, name: str) -> np.ndarray:
@@ -102,13 +121,15 @@ def is_better(analysed: float, interval: np.ndarray) -> bool:
 @dataclass(frozen=True)
 class FlownChoice:
     """A choice, see `Candidate`. analysed: its objective by analysis, nan where that is no error of the filter. errors:
-    by runs, rows objective, horizontal, vertical; columns value, low, high (3, 3). verdict, small: as of `OfRuns`."""
+    by runs, rows objective, horizontal, vertical; columns value, low, high (3, 3). verdict, small, requirements: as of
+    `OfRuns`."""
 
     choice: np.ndarray
     analysed: float
     errors: np.ndarray
     verdict: str
     small: bool
+    requirements: FlownRequirements
 
     @property
     def is_worse(self) -> bool:
@@ -132,15 +153,19 @@ class Confirmation:
             "choice": np.array([one.choice for one in every]), "analysed": np.array([one.analysed for one in every]),
             "errors": np.array([one.errors for one in every]), "runs": np.array(self.runs),
             "verdict": np.array([one.verdict for one in every]), "small": np.array([one.small for one in every]),
+            "requirement_value": np.array([one.requirements.value for one in every]),
+            "requirement_verdict": np.array([one.requirements.verdict.astype(str) for one in every]),
+            "requirement_more_runs": np.array([one.requirements.more_runs for one in every]),
         }  # fmt: skip
 
     @staticmethod
     def of(arrays: Arrays) -> Confirmation:
         """Restore the object from `arrays`."""
-        columns = (arrays[name] for name in ("choice", "analysed", "errors", "verdict", "small"))
+        of_requirements = (f"requirement_{name}" for name in FlownRequirements._fields)
+        columns = (arrays[name] for name in ("choice", "analysed", "errors", "verdict", "small", *of_requirements))
         best, *rejected = (
-            FlownChoice(choice, float(value), errors, str(verdict), bool(small))
-            for choice, value, errors, verdict, small in zip(*columns, strict=True)
+            FlownChoice(choice, float(value), errors, str(verdict), bool(small), FlownRequirements(*requirements))
+            for choice, value, errors, verdict, small, *requirements in zip(*columns, strict=True)
         )
         return Confirmation(best, tuple(rejected), int(arrays["runs"]))
 
@@ -179,10 +204,11 @@ def confirm(candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int
     of_filter = objective in FILTER_QUANTITIES
 
     def flown(choice: np.ndarray, analysed: float, number: int) -> FlownChoice:
-        errors, verdict, small = fly(choice, seed, number * runs, runs)
-        first = interval_of(errors, objective) if of_filter else np.full(3, np.nan)
-        rows = [first, *(interval_of(errors, name) for name in _PARTS)]
-        return FlownChoice(choice, analysed if of_filter else math.nan, np.array(rows), verdict, small)
+        found = fly(choice, seed, number * runs, runs)
+        first = interval_of(found.errors, objective) if of_filter else np.full(3, np.nan)
+        rows = np.array([first, *(interval_of(found.errors, name) for name in _PARTS)])
+        known = analysed if of_filter else math.nan
+        return FlownChoice(choice, known, rows, found.verdict, found.small, found.requirements)
 
     for candidate in candidates:
         if (found := candidate()) is None:

@@ -290,8 +290,8 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     warnings += implausible(scenario, trajectory)
     if scenario.requirements and not study.constraints.requirements:
         warnings.append(
-            f"the requirements of {study.base} are not evaluated: write `constraints: {{requirements: true}}`, or run "
-            "the best placement with navsim run, which prints a verdict on each"
+            f"the search ignores the requirements of {study.base}; navsim judges by them only the best placements that "
+            "it flies. To search placements that meet them, write `constraints: {requirements: true}`"
         )
     if doubted := scenario.runway.doubted_height("height_m", study.height_m):
         warnings.append(doubted)

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from navsim.report.ridges import shown_ridges
-from navsim.report.summary_tables import setting
+from navsim.report.summary_tables import setting, verdict_cell
 from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.view import View, one_by_one
 from navsim.results.findings import several
@@ -67,7 +67,7 @@ def tables(result: Result) -> list[Table | str]:
             reach = [_reach(row) if explored else "not computed" for row in around]
             where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
             places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
-    return [front, *flown(result), *([requirements(result)] if judged else []), places]
+    return [front, *flown(result), *flown_requirements(result), *([requirements(result)] if judged else []), places]
 
 
 def flown(result: Result) -> list[Table | str]:
@@ -105,6 +105,23 @@ def flown(result: Result) -> list[Table | str]:
             cell("{}", k), number(result["/rejected/analysed"][i], 4), interval(result["/rejected/flown"][i], 4), at
         )
     return [out, against]
+
+
+def flown_requirements(result: Result) -> list[Table | str]:
+    """Verdicts of runs on the base scenario's requirements, by number of pseudolites."""
+    branch = "/flown/requirements"
+    if branch + "/verdict" not in result:
+        return []
+    counts = [several(int(count), "pseudolite") for count in result["/pseudolites"]]
+    out = Table("Requirements of the best placements, by runs (verdict: value [95 %])", ("requirement", *counts))
+    for k, statement in enumerate(result[f"{branch}/statement"]):
+        found = (result[f"{branch}/{name}"][:, k] for name in ("verdict", "value", "more_runs"))
+        cells = (
+            verdict_cell(str(word), value, float(more)) if word else ABSENT
+            for word, value, more in zip(*found, strict=True)
+        )
+        out.add(str(statement), *cells)
+    return [out]
 
 
 def _room(result: Result, i: int, left: float) -> Cell | str:
@@ -190,7 +207,19 @@ def _flown_plain(result: Result, i: int) -> dict[str, Any] | None:
     names = ("objective", "horizontal", "vertical")
     errors = {name: [_plain(float(x)) for x in result[f"/flown/{name}"][i]] for name in names}
     verdict = {"verdict": str(result["/flown/verdict"][i])} if "/flown/verdict" in result else {}
-    return {"runs": runs} | errors | verdict
+    branch = "/flown/requirements"
+    if branch + "/verdict" not in result:
+        return {"runs": runs} | errors | verdict
+    requirements = [
+        {
+            "statement": str(statement),
+            "verdict": str(result[f"{branch}/verdict"][i, k]),
+            "limit": float(result[f"{branch}/limit"][k]),
+            "value": [_plain(float(x)) for x in result[f"{branch}/value"][i, k]],
+        }
+        for k, statement in enumerate(result[f"{branch}/statement"])
+    ]
+    return {"runs": runs} | errors | verdict | {"requirements": requirements}
 
 
 def _plain(value: float) -> float | None:
@@ -379,7 +408,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 def _verdicts(result: Result) -> list[Table | str]:
-    return [requirements(result)] if "/front/met" in result else []
+    return [*flown_requirements(result), *([requirements(result)] if "/front/met" in result else [])]
 
 
 VIEW = View(

@@ -16,6 +16,7 @@ import numpy as np
 
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.confirmation import Candidate, Confirmation, confirm
+from navsim.landing.requirements import statements
 from navsim.optimization.placement import ObjectiveFunction
 from navsim.optimization.prefetch import ObjectiveFunctions, Prefetcher
 from navsim.optimization.problem import (
@@ -31,7 +32,7 @@ from navsim.optimization.search_log import SearchLog
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
-from navsim.results.schema import MET, OBJECTIVE_QUANTITIES, OPTIMIZE
+from navsim.results.schema import MET, NOT_MET, OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.runner import findings as judging
 from navsim.runner.attributes import root_attributes
 from navsim.runner.checkpoint import Arrays, code_key
@@ -445,7 +446,7 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     maps = here.shown(np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts]))
     draft.put("/map/objective", maps, unit=unit, quantity=quantity)
     _flown(draft, outcome, unit, quantity)
-    unmet = _requirements(draft, here, outcome)
+    unmet = _requirements(draft, here, outcome) + _flown_requirements(draft, here, outcome)
     attributes = root_attributes(
         "optimize", seed, here.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
         undone="; ".join(outcome.undone(study.counts)),
@@ -486,6 +487,30 @@ def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: st
         draft[f"/rejected/{name}"] = places[..., axis]
     draft.put("/rejected/analysed", np.array([one.analysed for _, one in rejected]), unit=unit, quantity=quantity)
     draft.put("/rejected/flown", np.array([one.errors[0] for _, one in rejected]), unit=unit, quantity=quantity)
+
+
+def _flown_requirements(draft: ResultBuilder, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
+    """Write the verdicts of runs on the base scenario's requirements; return those that a best placement misses."""
+    asked, counts = statements(here.scenario), sorted(outcome.found)
+    if not asked or not outcome.confirmed:
+        return []
+    value, more_runs = np.full((len(counts), len(asked), 3), np.nan), np.full((len(counts), len(asked)), np.nan)
+    verdict = np.full(more_runs.shape, "", dtype=object)
+    out = []
+    for i, count in enumerate(counts):
+        if count not in outcome.confirmed:
+            continue
+        found = outcome.confirmed[count].best.requirements
+        value[i], verdict[i], more_runs[i] = found.value, found.verdict, found.more_runs
+        if missed := [one.text for one, each in zip(asked, found.verdict, strict=True) if each == NOT_MET]:
+            text = f"{named(count)}: runs of the best placement don't meet: {'; '.join(missed)}"
+            out.append(Finding("requirements", text, (), len(missed), len(asked)))
+    branch = "/flown/requirements"
+    draft[f"{branch}/requirement"] = np.arange(1, len(asked) + 1)
+    draft[f"{branch}/statement"] = np.array([one.text for one in asked], dtype=object)
+    draft[f"{branch}/limit"] = np.array([one.limit for one in asked])
+    draft[f"{branch}/value"], draft[f"{branch}/verdict"], draft[f"{branch}/more_runs"] = value, verdict, more_runs
+    return out
 
 
 def _requirements(draft: ResultBuilder, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:

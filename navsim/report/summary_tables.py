@@ -544,12 +544,17 @@ def _verdict(result: Result, statement: str) -> Cell | str:
         return ABSENT
     i = said.index(statement)
     word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
-    value, low, high = map(float, result[f"{branch}/value"][i])
+    return verdict_cell(word, result[f"{branch}/value"][i], more, single(result))
+
+
+def verdict_cell(word: str, interval: np.ndarray, more: float, one_run: bool = False) -> Cell:
+    """A verdict on a requirement with the value and its interval (3,), and the number of runs that would decide it."""
+    value, low, high = map(float, interval)
     if np.isnan(value):
         return cell("{}: not evaluated by this method", word)
     number = f"{more:.2g}" if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
-    if low == high or np.isnan(low) or single(result):
+    if low == high or np.isnan(low) or one_run:
         return cell("{}: {:.4g}" + enough, word, value, names=("verdict", "found"))
     return cell("{}: {:.4g}  [{:.4g}, {:.4g}]" + enough, word, value, low, high,
                 names=("verdict", "found", "found, low", "found, high"))  # fmt: skip

@@ -1095,6 +1095,7 @@ _SWEEP = Chapter(
 )  # fmt: skip
 
 _MEETING = "with `constraints.requirements`"
+_JUDGED_BY_RUNS = "where the base scenario has `requirements` and best placements were flown"
 _OPTIMIZE = Chapter(
     "Best placements",
     "By number of pseudolites; a placement of fewer than the most is filled up with nan.",
@@ -1139,6 +1140,20 @@ _OPTIMIZE = Chapter(
             _a(f"/flown/{part}", "pseudolites interval", "m", f"{part} position error, {_RMS}, of the best placement; "
                "nan without runs", OPTIMIZE)
             for part in ("horizontal", "vertical")
+        ),
+        *(
+            _a(f"/flown/requirements/{name}", dims, "1", meaning, OPTIMIZE, of, when=_JUDGED_BY_RUNS)
+            for name, dims, meaning, of in (
+                ("requirement", "requirement", "numbers of the statements, in order", WHOLE),
+                ("statement", "requirement", "requirement of the base scenario, in words", TEXT),
+                ("limit", "requirement", "required limit", NUMBER),
+                ("value", "pseudolites requirement interval", "value by runs of the best placement, in the unit of the "
+                 "statement; nan if unknown", NUMBER),
+                ("verdict", "pseudolites requirement", "met, not met or undecided, by the interval; empty without "
+                 "runs", TEXT),
+                ("more_runs", "pseudolites requirement", "number of further runs for a decision, if they are like "
+                 "these; nan if none would be enough, or if it is decided", NUMBER),
+            )
         ),
         _a("/rejected/rejected", "rejected", "1", "numbers of placements that runs spoke against", OPTIMIZE, WHOLE,
            when=_REJECTING),

@@ -84,6 +84,27 @@ def test_none_is_flown_where_that_is_asked_for(place: Path) -> None:
     assert "The best placements were not flown (--runs 0)" in done.stdout
 
 
+def test_runs_of_the_best_judge_requirements_that_are_no_constraint(place: Path) -> None:
+    """In the table, in the result, as JSON; a warning names those that it misses, another that the search ignores them.
+
+    Seen before: "the requirements are not evaluated", and no verdict anywhere.
+    """
+    limits = "set.requirements=[{what: rms, of: vertical, below_m: 90}, {what: rms, of: horizontal, below_m: 0.001}]"
+    done = navsim("optimize", study(place, NARROW), "--set", limits, *FEW, "-o", "r.h5", "--figures", "none", cwd=place)
+    assert "the search ignores the requirements of" in done.stderr
+    missed = "1 pseudolite: runs of the best placement don't meet: horizontal RMS error before touchdown below 0.001 m"
+    assert missed in " ".join(done.stderr.split())
+    result = read(place / "r.h5")
+    as_declared(result)
+    assert result["/flown/requirements/verdict"].tolist() == [["met", "not met"]]
+    value, low, high = result["/flown/requirements/value"][0, 1]
+    assert 0.001 < low < value < high
+    assert "Requirements of the best placements, by runs" in done.stdout
+    assert f"not met: {value:.4g}  [{low:.4g}, {high:.4g}]" in done.stdout
+    (best,) = json.loads(navsim("show", "r.h5", "--json", cwd=place).stdout)["placements"]
+    assert [one["verdict"] for one in best["flown"]["requirements"]] == ["met", "not met"]
+
+
 NARROW = "pseudolites: [1]\nobjective: pdop\narea: {s_m: [0, 50], l1_m: [0, 100]}\n"
 
 
