@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 from pathlib import Path
@@ -13,7 +12,6 @@ from sphinx.application import Sphinx
 from sphinx.transforms import SphinxTransform
 
 import navsim
-from navsim.report import citations
 
 HERE = Path(__file__).resolve().parent
 CONTENTS = "contents/"
@@ -34,7 +32,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 autodoc_typehints = "description"
 
-bibtex_bibfiles = ["_build/navsim.bib"]
+bibtex_bibfiles = ["../navsim/report/sources.bib"]
 bibtex_default_style = "unsrt"
 suppress_warnings = ["bibtex.missing_field"]  # of some sources no more is known, and none is invented
 
@@ -58,17 +56,6 @@ html_theme_options = {
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
 }
-
-
-def write_bibliography() -> None:
-    """The sources of `navsim cite`, the one list there is."""
-    target = HERE / bibtex_bibfiles[0]
-    text = citations.bibtex(citations.METHODS)
-    if not target.exists() or target.read_text(encoding="utf-8") != text:
-        target.parent.mkdir(exist_ok=True)
-        beside = target.with_suffix(f".{os.getpid()}")
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(target)
 
 
 def link_reference(_: Sphinx, __: str, source: list[str]) -> None:
@@ -132,5 +119,4 @@ def write_reference() -> None:
         reference.write()
 
 
-write_bibliography()
 write_reference()
