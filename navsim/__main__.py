@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import os
-import sys
 
 from navsim.cli.exit_status import deafen, ends, prepare_streams
 
@@ -29,11 +28,6 @@ def main() -> None:
     prepare_streams()
     try:
         with ends():
-            shell = os.environ.get("_NAVSIM_COMPLETE")
-            if shell is not None:  # a shell asks, not a person
-                from navsim.cli.completion import print_completions
-
-                print_completions(shell, sys.argv[1:])
             from navsim.cli.main import app
 
             app()

@@ -1,9 +1,8 @@
-"""`navsim validate`, `navsim schema`, `navsim keys`, `navsim init`: scenario files; `navsim completion`."""
+"""`navsim validate`, `navsim schema`, `navsim keys`, `navsim init`: scenario files."""
 
 from __future__ import annotations
 
 import json
-import sys
 import textwrap
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import AT_TERMINAL, leave, leaving, print_json
-from navsim.cli.completion import SHELLS, script
 from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.options import set_option
 from navsim.kinds import KINDS, OF_FILES
@@ -50,7 +48,10 @@ def validate(
 
 def schema(
     kind: Annotated[
-        str, typer.Argument(help=f"One of {', '.join(OF_FILES)}; or any, for one schema of all kinds.")
+        str, typer.Argument(
+            help=f"One of {', '.join(OF_FILES)}; or any, for one schema of all kinds.",
+            autocompletion=lambda: [*OF_FILES, "any"],
+        )
     ] = "landing",
     all_: Annotated[bool, typer.Option("--all", help="The schema of all kinds, like `any`.")] = False,
     install: Annotated[
@@ -84,7 +85,10 @@ def schema(
 def keys(
     kind: Annotated[
         str | None,
-        typer.Argument(help=f"One of {', '.join(OF_FILES)}. Without it: list the kinds.", show_default=False),
+        typer.Argument(
+            help=f"One of {', '.join(OF_FILES)}. Without it: list the kinds.", show_default=False,
+            autocompletion=lambda: list(OF_FILES),
+        ),
     ] = None,
     word: Annotated[
         str | None, typer.Argument(help="List only keys with this word in their name or meaning.", show_default=False)
@@ -124,20 +128,10 @@ def keys(
         print(textwrap.fill(row.meaning, 116, initial_indent="    ", subsequent_indent="    ") or "    -")
 
 
-def completion(
-    shell: Annotated[str, typer.Argument(help=f"One of {', '.join(SHELLS)}.", show_default=False)],
-) -> None:
-    """Print the completion script of a shell: commands, options, files, keys.
-
-    navsim writes no file: docs/prompt.md says where each shell looks for the script.
-    """
-    if shell not in SHELLS:
-        leave(BAD_INPUT, f"{shell!r} is not a supported shell; allowed: {', '.join(SHELLS)}")
-    sys.stdout.write(script(shell))
-
-
 def init(
-    template: Annotated[str, typer.Argument(help=f"One of {', '.join(names())}.")] = "landing_open_sky",
+    template: Annotated[
+        str, typer.Argument(help=f"One of {', '.join(names())}.", autocompletion=names)
+    ] = "landing_open_sky",
     output: Annotated[
         Path | None,
         typer.Option(

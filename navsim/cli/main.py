@@ -38,7 +38,6 @@ PLACES = {
     "schema": "navsim.cli.files:schema",
     "init": "navsim.cli.files:init",
     "keys": "navsim.cli.files:keys",
-    "completion": "navsim.cli.files:completion",
 }
 """The commands in the order of `--help`."""
 
@@ -97,7 +96,6 @@ app = typer.Typer(
     cls=_Group,
     help="Plan and prove a landing navigation system: INS corrected by GNSS and ground pseudolites.",
     no_args_is_help=True,
-    add_completion=False,  # `navsim completion` knows keys and files, too
     rich_markup_mode=None,  # plain help: half the time, and flags are not shown with a type
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},

@@ -13,6 +13,8 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
+from navsim.cli.completion import assignments
+
 MOST = 2**63 - 1
 """Largest seed and number of a run: `results.result.MOST_WHOLE`, which `--help` does without."""
 _PLAIN = {int: re.compile("[0-9]{1,40}"), float: re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")}
@@ -53,7 +55,8 @@ def choice_option(words: object, meaning: str) -> Any:
             raise typer.BadParameter(f"{given[:40]!r} is not allowed; {hint(given, allowed)}")
         return given
 
-    return typer.Option(parser=parse, metavar=f"<{'|'.join(allowed)}>", help=meaning, show_default=False)
+    return typer.Option(parser=parse, metavar=f"<{'|'.join(allowed)}>", help=meaning, show_default=False,
+                        autocompletion=lambda: allowed)  # fmt: skip
 
 
 def output_option(default: str) -> Any:
@@ -67,7 +70,7 @@ def set_option(what: str) -> Any:
     """--set of a command that reads a scenario, a study or a log."""
     return typer.Option(
         "--set", metavar="KEY=VALUE", help=f"Override a key of the {what}, as section.key=value. Repeat for more keys.",
-        show_default=False,
+        show_default=False, autocompletion=assignments,
     )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from navsim.cli.common import (
     print_tables,
     read_result,
 )
+from navsim.cli.completion import drawn_figures
 from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
@@ -38,7 +39,8 @@ def show(
         bool, typer.Option("--json", help="Print the summary as JSON; a list for several results.")
     ] = False,
     format_: Annotated[
-        str, typer.Option("--format", metavar="terminal|markdown|csv|tex", help="Format of the tables.")
+        str, typer.Option("--format", metavar="terminal|markdown|csv|tex", help="Format of the tables.",
+                          autocompletion=lambda: ["terminal", "markdown", "csv", "tex"])
     ] = "terminal",
     compare: Annotated[
         bool,
@@ -166,7 +168,8 @@ def plot(
         ),
     ] = None,
     format_: Annotated[
-        str, typer.Option("--format", metavar="png|svg|pdf", help="Format of the files; one figure a file.")
+        str, typer.Option("--format", metavar="png|svg|pdf", help="Format of the files; one figure a file.",
+                          autocompletion=lambda: ["png", "svg", "pdf"])
     ] = "png",
     width: Annotated[
         str | None,
@@ -179,7 +182,12 @@ def plot(
     ] = None,
     only: Annotated[
         str | None,
-        typer.Option(metavar="NAME,...", help="Draw only these figures. Default: all.", show_default=False),
+        typer.Option(
+            metavar="NAME,...",
+            help="Draw only these figures. Default: all.",
+            show_default=False,
+            autocompletion=drawn_figures,
+        ),
     ] = None,
     run: Annotated[
         int | None, number_option(int, 0, "Draw one run of an ensemble. Default: all runs together.")

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import leaving
+from navsim.cli.completion import UNTIL
 from navsim.cli.options import (
     Care,
     FreshOption,
@@ -57,6 +58,7 @@ class RunOptions:
             help="Run until an interval is narrow: 'rms_horizontal within 2%' or, with --method rare, 'probability "
             "within 10%'. --runs is then the maximum.",
             show_default=False,
+            autocompletion=lambda: UNTIL,
         ),
     ] = None
     first_run: Annotated[

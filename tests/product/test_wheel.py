@@ -85,6 +85,5 @@ def test_it_works_by_itself(wheel: Path, tmp_path: Path) -> None:
     assert "fix" in navsim("show", "my.h5")
     assert "flare" in navsim("keys", "landing", "flare")
     assert '"$id"' in navsim("schema", "any")
-    assert "complete" in navsim("completion", "bash")
     navsim("report", "my.h5", "-o", "my.html")
     assert (work / "my.html").stat().st_size > 100_000
