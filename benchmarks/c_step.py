@@ -15,12 +15,12 @@ import numpy as np
 from measure import STEPS, Job, Line, Plan, alternate, ratios, seconds, timed
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import WIDTH, in_lanes, registers, room
+from navsim.compiler.lanes import WIDTH, alloc, as_simd, in_lanes
 from navsim.filter import strapdown
-from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, carry_covariance, gain, joseph
+from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, gain, joseph, propagate_covariance
 from navsim.filter.estimate import in_all_lanes
-from navsim.filter.interval import add_step, add_white, begin_sums, sums_of, transition
-from navsim.filter.states import MOST, SENSORS, VEL, N
+from navsim.filter.interval import add_step, add_white, allocate_sums, reset_sums, transition
+from navsim.filter.states import MAX_MEASUREMENT_SIZE, N_BASE, SENSORS, VEL
 from navsim.simulation.landing import exact_start
 
 SOURCE = Path(__file__).resolve().parent / "filter_step.c"
@@ -40,8 +40,8 @@ Run = Callable[[np.ndarray, int], None]
 def one_transition(nav, declared, dtheta, dv, dt, phi):
     """Phi - I over an interval of one step, phi (9, n)."""
     increments, c_nb, mid, inverse = np.zeros(6), np.empty((3, 3)), np.empty(strapdown.MID_N), np.empty((6, 3))
-    sums = sums_of(nav, declared)
-    begin_sums(sums)
+    sums = allocate_sums(nav, declared)
+    reset_sums(sums)
     sums.length[0], sums.length[1] = dt, 1.0
     tx, ty, tz, ux, uy, uz = strapdown.compensated(
         nav, False, inverse, dtheta[0], dtheta[1], dtheta[2], dv[0], dv[1], dv[2], dt
@@ -54,18 +54,23 @@ def one_transition(nav, declared, dtheta, dv, dt, phi):
 @kernel
 def covariance_steps(p_, phi_, h_, r_, noise, dt, steps, declared, every):
     """P (n, n) over so many steps of one Phi, in place, with an update of six numbers each `every` steps."""
-    p, phi, h, r = registers(p_), registers(phi_), registers(h_), registers(r_)
+    p, phi, h, r = as_simd(p_), as_simd(phi_), as_simd(h_), as_simd(r_)
     n = p.shape[0]
-    a, pht, k, work = room(p, (n, SENSORS)), room(p, (n, MOST)), room(p, (n, MOST)), room(p, (n, MOST))
-    s, sums = room(p, (MOST, MOST)), sums_of(p, declared)
-    begin_sums(sums)
+    a, pht, k, work = (
+        alloc(p, (n, SENSORS)),
+        alloc(p, (n, MAX_MEASUREMENT_SIZE)),
+        alloc(p, (n, MAX_MEASUREMENT_SIZE)),
+        alloc(p, (n, MAX_MEASUREMENT_SIZE)),
+    )
+    s, sums = alloc(p, (MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)), allocate_sums(p, declared)
+    reset_sums(sums)
     sums.length[0], sums.length[1] = dt, 1.0
     for step in range(1, steps + 1):
-        carry_covariance(p, phi, n, a)
+        propagate_covariance(p, phi, n, a)
         add_white(sums, noise[NOISE_GYRO], noise[NOISE_ACCEL], p)
         if step % every == 0:
-            gain(p, h, r, MOST, pht, s, k)
-            joseph(p, h, r, MOST, pht, k, work)
+            gain(p, h, r, MAX_MEASUREMENT_SIZE, pht, s, k)
+            joseph(p, h, r, MAX_MEASUREMENT_SIZE, pht, k, work)
 
 
 def compiled(width: int, folder: Path) -> ctypes.CDLL | None:
@@ -85,11 +90,11 @@ def _pointer(array: np.ndarray) -> Any:
 
 def lines_of_c(plan: Plan, flight: Any) -> list[Line]:
     """navsim's covariance step against C's. flight: of a landing (`simulation.landing`)."""
-    world, declared, noise = flight.world, flight.model.declared, flight.model.noise[0]
+    world, declared, noise = flight.shared, flight.model.declared, flight.model.noise[0]
     dt = float(world.imu_time[1])
-    phi = np.zeros((SENSORS, N))
+    phi = np.zeros((SENSORS, N_BASE))
     one_transition(exact_start(world.at_filter).copy(), declared, world.dtheta[0], world.dv[0], dt, phi)
-    h = np.eye(MOST, N)
+    h = np.eye(MAX_MEASUREMENT_SIZE, N_BASE)
     r = np.diag(np.repeat(VARIANCES, VEL))
     setting = np.array([noise[NOISE_GYRO], noise[NOISE_ACCEL], dt, *VARIANCES])
 

@@ -15,7 +15,7 @@ from navsim.compiler.lanes import WIDTH
 from navsim.filter import states, strapdown
 from navsim.filter.estimate import fly, in_all_lanes
 from navsim.filter.measurement_models import FIX, Measurements
-from navsim.filter.records import ESKF, TFG, ImuData, Truth, empty_account, start
+from navsim.filter.records import ESKF, TFG, ImuData, Truth, empty_error_history, start
 from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
 from navsim.simulation.landing import exact_start
@@ -43,27 +43,30 @@ class Flight:
 
     def filter(self, kind: int = ESKF, more: int = 0) -> Job:
         """So many runs at once as there are lanes, with so many blocks of further states."""
-        case, world, flight = self.case, self.case.world, self.case.flight
+        case, world, flight = self.case, self.case.shared, self.case.flight
         run = case.fly(1, 0)
         cov = np.tile(np.diag([16.0, 16.0, 200.0, 0.04, 0.04, 0.04]), (run.fix_llh.shape[0], 1, 1))
-        table = table_of_fixes(case.beliefs, run.fix_llh, run.fix_velocity, cov)
+        table = table_of_fixes(case.design, run.fix_llh, run.fix_velocity, cov)
         measured = Measurements.of({FIX: table}).each(in_all_lanes)
         imu = ImuData(world.imu_time, in_all_lanes(world.dtheta), in_all_lanes(world.dv))
-        blocks = (*case.beliefs.sensors.blocks, *MORE_STATES[:more])
+        blocks = (*case.design.sensors.blocks, *MORE_STATES[:more])
         n = states.SENSORS + 3 * len(blocks)
         begin = np.diag(np.repeat(VARIANCES[:more], 3)) if more else np.empty((0, 0))
         covariance = np.zeros((n, n))
-        covariance[: states.N, : states.N] = flight.covariance[: states.N, : states.N]
-        covariance[states.N :, states.N :] = begin
+        covariance[: states.N_BASE, : states.N_BASE] = flight.covariance[: states.N_BASE, : states.N_BASE]
+        covariance[states.N_BASE :, states.N_BASE :] = begin
         model = flight.model._replace(
-            kind=kind, gate=np.full(states.MOST + 1, np.inf), max_rejected=0, declared=states.declared(blocks)
+            kind=kind,
+            gate=np.full(states.MAX_MEASUREMENT_SIZE + 1, np.inf),
+            max_rejected=0,
+            declared=states.declared(blocks),
         )
         nav = exact_start(world.at_filter)
 
         at = world.at_filter
         sensors = np.zeros((at.time.size, n - states.SENSORS, WIDTH))
         truth = Truth(at.llh, at.velocity_ned, at.quaternion, sensors)
-        account = empty_account(truth, n, flight.events.time.size, WIDTH)
+        account = empty_error_history(truth, n, flight.events.time.size, WIDTH)
 
         def once() -> None:
             fly(imu, measured, flight.events, start(in_all_lanes(nav), in_all_lanes(covariance)), model, account)
@@ -91,7 +94,7 @@ def each(taken: list[float]) -> list[float]:
 def filters(plan: Plan) -> list[Line]:
     """The filter's step against the dense kernel, against pyins, against C."""
     case = landing("receiver.rate_hz=1")
-    world, declared, flight = case.world, case.flight.model.declared, Flight(case)
+    world, declared, flight = case.shared, case.flight.model.declared, Flight(case)
     dt, begin = world.imu_time[1], exact_start(world.at_filter)
     ends = np.empty((2, states.NAV_N))
 

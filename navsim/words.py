@@ -36,7 +36,7 @@ def switch(name: str) -> str:
     return option(name, True) if _python.get() else option(name)
 
 
-def again() -> str:
+def resume_hint() -> str:
     """Advice for continuing from finished work."""
     return "the same call" if _python.get() else "the same command"
 
@@ -46,7 +46,7 @@ def command(name: str, path: object) -> str:
     return f"navsim.{name}({str(path)!r})" if _python.get() else f"navsim {name} {path}"
 
 
-def seen(path: object) -> str:
+def show_hint(path: object) -> str:
     """Advice for looking at a result."""
     if _python.get():
         return f"use navsim.ResultFile({str(path)!r}) or navsim.load({str(path)!r})"

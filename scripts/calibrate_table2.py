@@ -174,7 +174,7 @@ def real_sky(approach: Approach, name: str, title: str, comment: list[str], sett
         ROOT / "scenarios" / "landing.yaml",
         ["pseudolites.count=0", "sky.source=almanac", f"sky.almanac={path}", "receiver.rate_hz=1", *settings],
     )
-    signals = prepare(scenario, document).world.signals
+    signals = prepare(scenario, document).shared.signals
     middle = signals.time.searchsorted(30.0)
     used = signals.used[middle]
     assert np.array_equal(signals.used[0], used)

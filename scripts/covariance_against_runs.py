@@ -63,7 +63,7 @@ def main() -> None:
         analysis = covariance_analysis(one)
         predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
         error = fly_all(one, SEED, 0, RUNS, threads(), keep="errors")["error"]
-        at = [int(np.argmin(np.abs(one.world.filter_time - t))) for t in TIMES]
+        at = [int(np.argmin(np.abs(one.shared.filter_time - t))) for t in TIMES]
         found = np.sqrt(np.mean(error[:, at] ** 2, axis=0))
         ratio = found / predicted[at]
         yaw = np.degrees(found[:, 8])

@@ -108,8 +108,8 @@ def ratios(case: Case, runs: int, seed: int = SEED) -> np.ndarray:
     analysis = covariance_analysis(case)
     predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
     error = fly_all(case, seed, 0, runs, threads(), keep="errors")["error"]
-    last = case.world.filter_time[-1]
-    at = [int(np.argmin(np.abs(case.world.filter_time - t))) for t in np.arange(10.0, last + 1e-9, 10.0)]
+    last = case.shared.filter_time[-1]
+    at = [int(np.argmin(np.abs(case.shared.filter_time - t))) for t in np.arange(10.0, last + 1e-9, 10.0)]
     return (np.sqrt(np.mean(error[:, at] ** 2, axis=0)) / predicted[at])[:, :6]
 
 

@@ -26,7 +26,7 @@ import measured
 import numpy as np
 from scipy.stats import chi2
 
-from navsim.filter.states import A_D, GYRO, NAMES, N, display_name
+from navsim.filter.states import GYRO, N_BASE, NAMES, PHI_D, display_name
 from navsim.landing.study import Case, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.scenario.load import read
@@ -189,19 +189,19 @@ def ready(label: str, kind: str) -> Case:
 
 def fly(case: Case, seed: int, first: int, runs: int) -> Found:
     """Fly runs and sum what the page needs."""
-    clock = case.world.filter_time
+    clock = case.shared.filter_time
     wanted = sorted({CORNER, *np.arange(TENTH, clock[-1] + 1e-6, TENTH).tolist()})
     at = [int(np.argmin(np.abs(clock - t))) for t in wanted]
     flown = fly_all(case, seed, first, runs, threads(), keep="errors")
     error, sigma = np.asarray(flown["error"]), np.asarray(flown["sigma"])
-    heading = error[..., A_D] / np.where(sigma[..., A_D] > 0.0, sigma[..., A_D], np.inf)
-    ratio = error[:, at, :N] / sigma[:, at, :N]
+    heading = error[..., PHI_D] / np.where(sigma[..., PHI_D] > 0.0, sigma[..., PHI_D], np.inf)
+    ratio = error[:, at, :N_BASE] / sigma[:, at, :N_BASE]
     # a gyro that measures too much turns the estimate with it; level, its z axis points down
-    drawn = error[:, :1, A_D] - (clock[at] - clock[0]) * error[:, :1, GYRO + 2]
+    drawn = error[:, :1, PHI_D] - (clock[at] - clock[0]) * error[:, :1, GYRO + 2]
     nees, count = np.asarray(flown["nees"])[:, at], error.shape[-1]
     return Found(
         clock[at], (ratio**2).sum(axis=0), (ratio**4).sum(axis=0),
-        np.array([(x**2).sum(axis=0) for x in (error[:, at, A_D], sigma[:, at, A_D], drawn)]),
+        np.array([(x**2).sum(axis=0) for x in (error[:, at, PHI_D], sigma[:, at, PHI_D], drawn)]),
         clock, (heading**2).sum(axis=0), nees.mean(axis=1) / count,
         (nees > chi2.isf(1e-3, count)).mean(axis=1), np.abs(heading).max(axis=1),
     )  # fmt: skip
@@ -355,7 +355,7 @@ class Row:
     @property
     def heading(self) -> tuple[float, float]:
         """z of heading at `CORNER`, and its sampling."""
-        return self.found.z[self.corner, A_D], self.found.spread[self.corner, A_D]
+        return self.found.z[self.corner, PHI_D], self.found.spread[self.corner, PHI_D]
 
     @property
     def degrees(self) -> np.ndarray:
@@ -539,7 +539,7 @@ def page() -> list[str]:
         "| column | meaning |",
         "|---|---|",
         "| z | RMS over runs of error divided by σ; 1 is right, less is cautious |",
-        f"| least, largest z | of the first {N} states at 10, 20, ... s and at {CORNER:g} s, with state and time; the "
+        f"| least, largest z | of the first {N_BASE} states at 10, 20, ... s and at {CORNER:g} s, with state and time; the "
         "largest of many is above 1 by chance, too |",
         f"| RMS, σ | of heading at {CORNER:g} s: RMS error, RMS of σ |",
         "| no fixes | RMS heading error of the same runs without any fix, in straight flight |",

@@ -11,7 +11,7 @@ import measured
 import numpy as np
 from measured import command, row, size
 
-from navsim.filter.states import A_D, ACCEL
+from navsim.filter.states import ACCEL, PHI_D
 from navsim.landing.study import Case, covariance_analysis, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.scenario.load import read
@@ -70,7 +70,7 @@ def flown(name: str, settings: tuple[str, ...], runs: int) -> dict[str, np.ndarr
 
     def compute() -> dict[str, Any]:
         ready = case(name, *settings)
-        clock = ready.world.filter_time
+        clock = ready.shared.filter_time
         wanted = sorted({CORNER, *np.arange(10.0, clock[-1], 10.0).tolist(), float(clock[-1])})
         at = [int(np.argmin(np.abs(clock - t))) for t in wanted]
         found = fly_all(ready, SEED, 0, runs, threads(), keep="errors")
@@ -96,7 +96,7 @@ def analysed(name: str, settings: tuple[str, ...]) -> list[float]:
     def compute() -> list[float]:
         ready = case(name, *settings)
         analysis = covariance_analysis(ready)
-        late = ready.world.filter_time >= 10.0
+        late = ready.shared.filter_time >= 10.0
         square = np.diagonal(
             analysis.covariance + analysis.mean[:, :, None] * analysis.mean[:, None, :], axis1=1, axis2=2
         )
@@ -123,7 +123,7 @@ def steady() -> list[str]:
     for value in ("false", "true"):
         found = flown("landing", (f"filter.steady_force={value}", "duration_s=60"), 200)
         i = int(np.argmin(np.abs(found["time"] - CORNER)))
-        lines.append(row(f"`{value}`", *(f"{np.degrees(found[name][i, A_D]):.1f}°" for name in ("rms", "sigma"))))
+        lines.append(row(f"`{value}`", *(f"{np.degrees(found[name][i, PHI_D]):.1f}°" for name in ("rms", "sigma"))))
     return lines
 
 

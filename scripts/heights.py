@@ -66,7 +66,7 @@ def row(label: str, settings: tuple[str, ...]) -> str:
     """The table's line of a case: vertical error and NEES below `BELOW`."""
     case = prepared(settings)
     runs = fly_all(case, SEED, 0, RUNS, threads(), keep="errors")
-    height = np.interp(case.world.filter_time, case.world.truth.time, case.world.truth.llh[:, 2])
+    height = np.interp(case.shared.filter_time, case.shared.truth.time, case.shared.truth.llh[:, 2])
     height -= case.scenario.runway.ellipsoidal_m
     low = (height < BELOW) & (height > 0.1)
     error, sigma = (float(np.sqrt(np.mean(runs[name][:, low, states.R_D] ** 2))) for name in ("error", "sigma"))

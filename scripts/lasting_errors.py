@@ -49,7 +49,7 @@ def case(*settings: str, name: str = "landing") -> Case:
 
 
 def times(ready: Case) -> list[int]:
-    return [int(np.argmin(np.abs(ready.world.filter_time - t))) for t in TIMES]
+    return [int(np.argmin(np.abs(ready.shared.filter_time - t))) for t in TIMES]
 
 
 def consistency() -> list[str]:
@@ -70,7 +70,7 @@ def consistency() -> list[str]:
         ready = case(*settings, name=name)
         ensemble = fly_all(ready, SEED, 0, RUNS, threads(), keep="errors")
         nees = ensemble["nees_position_velocity"].mean(axis=0)[times(ready)] / 6.0
-        time = ready.world.filter_time
+        time = ready.shared.filter_time
         late = (time > TIMES[-1] - 10.0) & (time <= TIMES[-1])
         cells = []
         for which in ([0, 1], [2]):

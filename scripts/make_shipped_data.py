@@ -131,7 +131,7 @@ def rinex() -> str:
 def flight() -> tuple[bytes, str]:
     """Samples (gzip) and fixes of the flight."""
     case = landing.prepare(*read(SCENARIOS / "s_turn.yaml", SETTINGS))
-    world = case.world
+    world = case.shared
     step = 1.0 / case.scenario.imu.rate_hz
     dtheta, dv, _ = imu.simulate(
         generator(SEED, 0, "imu"), world.dtheta, world.dv, step, case.flight.gyro, case.flight.accel

@@ -194,7 +194,7 @@ def flown(case: Case, seed: int, runs: int = PROBE_RUNS) -> list[float]:
     for at in _moments(case):
         error = ensemble["error"][:, at]
         position = np.sqrt(np.mean(np.sum(error[:, states.SLICES["position"]] ** 2, axis=1)))
-        heading = np.degrees(np.sqrt(np.mean(error[:, states.A_D] ** 2)))
+        heading = np.degrees(np.sqrt(np.mean(error[:, states.PHI_D] ** 2)))
         out += [float(ensemble["nees"][:, at].mean()), float(position), float(heading)]
     return out
 
@@ -206,13 +206,13 @@ def analysed(case: Case) -> list[float]:
     out = []
     for at in _moments(case):
         position = np.sqrt(square[at, states.SLICES["position"]].sum())
-        out += [float(position), float(np.degrees(np.sqrt(square[at, states.A_D])))]
+        out += [float(position), float(np.degrees(np.sqrt(square[at, states.PHI_D])))]
     return out
 
 
 def _moments(case: Case) -> tuple[int, int]:
     """Indices of the filter's output half-way and at the end."""
-    last = case.world.filter_time.size - 1
+    last = case.shared.filter_time.size - 1
     return last // 2, last
 
 

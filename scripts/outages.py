@@ -55,7 +55,7 @@ def case(name: str, coupling: str, *settings: str) -> Case:
 
 def outage(left: tuple[str, ...], coupling: str) -> Case:
     """landing.yaml with all other sources silent from `BEGIN` to `END`."""
-    silent = [name for name in case("landing", "loose").world.signals.names if name not in left]
+    silent = [name for name in case("landing", "loose").shared.signals.names if name not in left]
     events = json.dumps([{"what": "silence", "sources": silent, "at_s": BEGIN, "until_s": END}])
     return case("landing", coupling, f"events={events}")
 
@@ -77,7 +77,7 @@ def flown(ready: Case, runs: int = RUNS) -> Flown:
     ensemble = fly_all(ready, SEED, 0, runs, threads(), keep="errors")
     parts = (np.concatenate(list(ensemble.blocks(name))) for name in ("error", "sigma", "nees_position_velocity"))
     error, sigma, nees = parts
-    return Flown(ready.world.filter_time, error, sigma, nees / 6.0)
+    return Flown(ready.shared.filter_time, error, sigma, nees / 6.0)
 
 
 def clear() -> list[str]:

@@ -51,7 +51,9 @@ PARTS = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 1.0)
 TRIALS, MOST = 400, 20_000
 
 
-def boxed(name: str, settings: tuple[str, ...], chance: float, axes: tuple[int, ...]) -> tuple[Case, rare_events.Edge]:
+def boxed(
+    name: str, settings: tuple[str, ...], chance: float, axes: tuple[int, ...]
+) -> tuple[Case, rare_events.LimitState]:
     """A scenario with a box that a Gaussian error leaves with this chance, the same through each of its pairs of
     faces."""
     file = ROOT / "scenarios" / f"{name}.yaml"
@@ -154,7 +156,7 @@ def honesty() -> list[str]:
         truth = 1.0 - (1.0 - 2.0 * float(ndtr(-limit / math.hypot(1.0, part)))) ** 2
         found = []
         for _ in range(TRIALS):
-            first = rng.standard_normal((MOST, 2)) + mix.pushes[rng.choice(mix.shares.size, MOST, p=mix.shares)]
+            first = rng.standard_normal((MOST, 2)) + mix.shifts[rng.choice(mix.shares.size, MOST, p=mix.shares)]
             log_weights = mix.log_weights(first.T)
             outside = (np.abs(first + part * rng.standard_normal((MOST, 2))) > limit).any(axis=1)
             for runs in (*range(512, MOST, 512), MOST):

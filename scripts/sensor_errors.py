@@ -83,7 +83,7 @@ def followed(start: tuple[str, ...], size: float, kind: str) -> Case:
 def nees(ready: Case, name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
     """NEES over size at the times, and the RMS of the horizontal error with the filter's sigma at the last, m."""
     runs = fly_all(ready, SEED, 0, RUNS, threads(), keep="errors")
-    at = [int(np.argmin(np.abs(ready.world.filter_time - t))) for t in TIMES]
+    at = [int(np.argmin(np.abs(ready.shared.filter_time - t))) for t in TIMES]
     sizes = (np.sqrt(np.mean(np.sum(runs[key][:, at[-1], :2] ** 2, axis=1))) for key in ("error", "sigma"))
     return runs[name].mean(axis=0)[at] / size, np.array([*sizes])
 

@@ -175,7 +175,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
 def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Session:
     """The landing, ready for live data."""
     from navsim.landing import study as landing
-    from navsim.landing.estimate import landing as estimated
+    from navsim.landing.estimate import estimate_landing as estimated
     from navsim.replays import source_clock
     from navsim.replays.live import Block, Session
     from navsim.scenario.filter import SMOOTHERS
@@ -205,7 +205,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
         start = None if given.start_time is None else source_clock.start_time(given.start_time)
         keep(locked_target(target, _KERNELS, AT_TERMINAL))
         case = landing.prepare(section, document, ask)
-        if not case.world.signals.time.size:
+        if not case.shared.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")
         block: Block = "receiver" if given.receiver is not None else "imu"
         return Session(case, block, given.seed, given.realtime, start, given.lenient, given.simulator_fixes)

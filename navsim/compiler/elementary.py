@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import fma, power_of_two, select
+from navsim.compiler.lanes import fma, power_of_two, where
 
 _HALF_PI, _HALF_PI_REST = 1.5707963267948966, 6.123233995736766e-17
 """pi/2 and its rounding error."""
@@ -57,10 +57,10 @@ def sincos(x):
     # the quarter of the circle: 0, 1, 2, 3
     quarter = turns - 4.0 * math.floor(0.25 * turns)
     odd = (quarter == 1.0) | (quarter == 3.0)
-    sine, cosine = select(odd, c, s), select(odd, s, c)
+    sine, cosine = where(odd, c, s), where(odd, s, c)
     return (
-        select(quarter >= 2.0, -sine, sine),
-        select((quarter == 1.0) | (quarter == 2.0), -cosine, cosine),
+        where(quarter >= 2.0, -sine, sine),
+        where((quarter == 1.0) | (quarter == 2.0), -cosine, cosine),
     )
 
 
@@ -76,28 +76,28 @@ def atan2(y, x):
     """The angle of the point (x, y), rad, in -pi ... pi, within 2e-16 of itself; 0 for (0, 0)."""
     across, along = abs(y), abs(x)
     steep = across > along
-    top, bottom = select(steep, along, across), select(steep, across, along)
-    ratio = top / select(bottom == 0.0, 1.0, bottom)
+    top, bottom = where(steep, along, across), where(steep, across, along)
+    ratio = top / where(bottom == 0.0, 1.0, bottom)
     beyond = ratio > _TAN_EIGHTH
-    a = select(beyond, (ratio - 1.0) / (ratio + 1.0), ratio)
+    a = where(beyond, (ratio - 1.0) / (ratio + 1.0), ratio)
     z = a * a
     p = fma(z, fma(z, fma(z, fma(z, _P4, _P3), _P2), _P1), _P0)
     q = fma(z, fma(z, fma(z, fma(z, z + _Q4, _Q3), _Q2), _Q1), _Q0)
     t = fma(a, z * p / q, a)
-    t = select(beyond, 0.5 * _HALF_PI + (t + 0.5 * _HALF_PI_REST), t)
-    t = select(steep, _HALF_PI - (t - _HALF_PI_REST), t)
-    t = select(x < 0.0, 2.0 * _HALF_PI - (t - 2.0 * _HALF_PI_REST), t)
-    return select(y < 0.0, -t, t)
+    t = where(beyond, 0.5 * _HALF_PI + (t + 0.5 * _HALF_PI_REST), t)
+    t = where(steep, _HALF_PI - (t - _HALF_PI_REST), t)
+    t = where(x < 0.0, 2.0 * _HALF_PI - (t - 2.0 * _HALF_PI_REST), t)
+    return where(y < 0.0, -t, t)
 
 
 @kernel
 def exp_of_negative(x):
     """The exponential of x <= 0 within 2e-16 of itself; 0 below -708."""
-    bounded = select(x > _SMALLEST, x, _SMALLEST)
+    bounded = where(x > _SMALLEST, x, _SMALLEST)
     halvings = math.floor(bounded * (1.0 / _LN2) + 0.5)
     r = fma(-halvings, _LN2_REST, fma(-halvings, _LN2, bounded))
     # the series up to r^13 / 13!, of the highest power first; |r| <= ln 2 / 2
     t = 1.0 + r * 0.0
     for n in range(13, 0, -1):
         t = fma(r * (1.0 / n), t, 1.0)
-    return select(x > _SMALLEST, t * power_of_two(halvings), select(math.isnan(x), x, 0.0))
+    return where(x > _SMALLEST, t * power_of_two(halvings), where(math.isnan(x), x, 0.0))

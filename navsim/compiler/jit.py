@@ -180,12 +180,12 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compiled(function, inline=False)
 
 
-def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+def kernel_inline(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile like `kernel`, and have LLVM put the code into its callers: passing an array costs ten words."""
     return _compiled(function, inline=True)
 
 
-def within(function: Callable[..., Any]) -> Callable[..., Any]:
+def kernel_internal(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile only as part of kernels that call it: a function that returns arrays of lanes cannot be called from
     Python."""
     jitable: Callable[..., Any] = register_jitable(error_model="numpy", pipeline_class=PieceCompiler)(function)

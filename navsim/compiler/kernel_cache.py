@@ -25,7 +25,7 @@ from numba import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.runtime.nrt import rtsys
 
-from navsim.compiler.kernel_pieces import is_piece, put_together, taken_apart, within_another
+from navsim.compiler.kernel_pieces import is_piece, piece_state, restore_piece, within_another
 from navsim.compiler.protected_folder import ProtectedFolder
 
 KERNEL_ROOMS = (
@@ -142,10 +142,10 @@ class _Placed(CompileResultCacheImpl):
         return f"{self._room}.{super().get_filename_base(fullname, abiflags)}"
 
     def reduce(self, cres: Any) -> Any:
-        return taken_apart(cres) if is_piece(cres) else super().reduce(cres)
+        return piece_state(cres) if is_piece(cres) else super().reduce(cres)
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
-        return (put_together if within_another() else super().rebuild)(target_context, payload)
+        return (restore_piece if within_another() else super().rebuild)(target_context, payload)
 
 
 class CheckedCache(FunctionCache):
@@ -199,11 +199,11 @@ class CacheAtFirstCall:
         self._parts = parts
 
     @cached_property
-    def _opened(self) -> CheckedCache:
+    def _opened_cache(self) -> CheckedCache:
         return CheckedCache(self._function, self._folder, self._parts)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._opened, name)
+        return getattr(self._opened_cache, name)
 
 
 def loaded() -> int:

@@ -73,7 +73,7 @@ def is_piece(result: Any) -> bool:
     return isinstance(result.library, _Unfinished)
 
 
-def taken_apart(piece: Any) -> tuple[Any, ...]:
+def piece_state(piece: Any) -> tuple[Any, ...]:
     """State of a piece for pickle."""
     described = piece.fndesc
     described.typemap = described.calltypes = None  # neither needed nor sure to be pickled
@@ -81,8 +81,8 @@ def taken_apart(piece: Any) -> tuple[Any, ...]:
     return code, described, piece.environment, piece.signature, piece.reload_init
 
 
-def put_together(target: Any, kept: tuple[Any, ...]) -> Any:
-    """The piece with the state from `taken_apart`."""
+def restore_piece(target: Any, kept: tuple[Any, ...]) -> Any:
+    """The piece with the state from `piece_state`."""
     (name, _, bitcode), described, environment, signature, reload_init = kept
     for reload in reload_init:
         reload()

@@ -2,11 +2,11 @@
 
 A kernel with arrays of lanes reads like one for a single run, and computes W of them. Every operation works lane by
 lane, in the order of the source. The bits of a run depend neither on W nor on the other lanes: differences between runs
-are masks (`select`), never branches. A branch may only skip work whose result no lane uses (`any_lane`), or that adds
+are masks (`where`), never branches. A branch may only skip work whose result no lane uses (`any_lane`), or that adds
 zero to finite numbers. With arrays of float64 the same source is the kernel of one run with the same bits.
 
 Outside kernels, lanes are float64 arrays whose last axis, of length W, is the lane: (..., W). `in_lanes` passes them to
-a kernel, `registers` receives them there, `room` allocates work space.
+a kernel, `as_simd` receives them there, `alloc` allocates work space.
 """
 
 from __future__ import annotations
@@ -245,7 +245,7 @@ for _symbols, _name in (((operator.and_, operator.iand), "and_"), ((operator.or_
 
 
 @_intrinsic
-def select(typing: Any, mask: Any, a: Any, b: Any) -> Any:
+def where(typing: Any, mask: Any, a: Any, b: Any) -> Any:
     """In each lane `a` where the mask is true, else `b`. Both have been computed."""
     kind = Lanes(mask.width) if isinstance(mask, LaneMask) else _lanes_among((a, b)) or types.float64
 
@@ -338,7 +338,7 @@ def _fill_array(context: Any, builder: Any, kind: Any, data: Any, meminfo: Any, 
 
 
 @_intrinsic
-def registers(typing: Any, array: Any) -> Any:
+def as_simd(typing: Any, array: Any) -> Any:
     """Array of lanes from `in_lanes`; other arrays are returned unchanged."""
     given = isinstance(array.dtype, types.Record)
     kind = array_type(array.dtype.size // 8, array.ndim) if given else array
@@ -380,7 +380,7 @@ def _like(like: Any, dimensions: int) -> Any:
 
 
 @_intrinsic
-def room(typing: Any, like: Any, shape: Any) -> Any:
+def alloc(typing: Any, like: Any, shape: Any) -> Any:
     """Allocate an array of this shape (a tuple) with the element type of `like`, lanes or numbers; registers are
     aligned."""
     kind = _like(like, len(shape))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import select
+from navsim.compiler.lanes import where
 
 
 @kernel
@@ -51,7 +51,7 @@ def cholesky(a, n):
         for k in range(j):
             t -= a[j, k] * a[j, k]
         positive = (t > floor) & (t > 0.0)
-        pivot = math.sqrt(select(positive, t, 1.0))
+        pivot = math.sqrt(where(positive, t, 1.0))
         a[j, j] = pivot
         good = good & positive
         # four rows at once: none waits for the sums of another

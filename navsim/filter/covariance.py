@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import math
 
-from navsim.compiler.jit import inlined, kernel
-from navsim.compiler.lanes import any_lane, fma, select, small_vector
+from navsim.compiler.jit import kernel, kernel_inline
+from navsim.compiler.lanes import any_lane, fma, small_vector, where
 from navsim.compiler.linear import cholesky, solve_lower
 from navsim.filter.interval import add_driven, add_white
 from navsim.filter.states import (
-    A_D,
-    A_E,
-    A_N,
     ACCEL,
     ACCELEROMETERS,
     ATT,
     GYRO,
-    MOST,
+    MAX_MEASUREMENT_SIZE,
+    N_BASE,
+    PHI_D,
+    PHI_E,
+    PHI_N,
     R_D,
     R_E,
     R_N,
@@ -30,7 +31,6 @@ from navsim.filter.states import (
     V_D,
     V_E,
     V_N,
-    N,
 )
 from navsim.geodesy.attitude_kernels import left_jacobian
 
@@ -40,56 +40,56 @@ NOISE_GYRO, NOISE_ACCEL = 0, 1
 NOISE_N = 2
 
 
-@inlined
+@kernel_inline
 def _couplings(phi, i):
     """Row i of Phi: couplings to position, velocity, attitude, gyro and accelerometer biases, each of three."""
     return (
         (phi[i, R_N], phi[i, R_E], phi[i, R_D]),
         (phi[i, V_N], phi[i, V_E], phi[i, V_D]),
-        (phi[i, A_N], phi[i, A_E], phi[i, A_D]),
+        (phi[i, PHI_N], phi[i, PHI_E], phi[i, PHI_D]),
         (phi[i, GYRO], phi[i, GYRO + 1], phi[i, GYRO + 2]),
         (phi[i, ACCEL], phi[i, ACCEL + 1], phi[i, ACCEL + 2]),
     )
 
 
-@inlined
+@kernel_inline
 def _column(p, j):
     """Column j of p in the same order."""
     return (
         (p[R_N, j], p[R_E, j], p[R_D, j]),
         (p[V_N, j], p[V_E, j], p[V_D, j]),
-        (p[A_N, j], p[A_E, j], p[A_D, j]),
+        (p[PHI_N, j], p[PHI_E, j], p[PHI_D, j]),
         (p[GYRO, j], p[GYRO + 1, j], p[GYRO + 2, j]),
         (p[ACCEL, j], p[ACCEL + 1, j], p[ACCEL + 2, j]),
     )
 
 
-@inlined
+@kernel_inline
 def _block_row(phi, i, c):
     """Effect of a block of states from c on on row i."""
     return phi[i, c], phi[i, c + 1], phi[i, c + 2]
 
 
-@inlined
+@kernel_inline
 def _is_any(c):
     """Whether any of three is not zero, in any lane."""
     return any_lane((c[0] != 0.0) | (c[1] != 0.0) | (c[2] != 0.0))
 
 
-@inlined
+@kernel_inline
 def _add(c, x, s):
     """s + c' x of three."""
     return fma(c[2], x[2], fma(c[1], x[1], fma(c[0], x[0], s)))
 
 
-@inlined
+@kernel_inline
 def _add_outer(c, x, s):
     """`_add` for a zero middle coupling."""
     return fma(c[2], x[2], fma(c[0], x[0], s))
 
 
 @kernel
-def felt(declared):
+def count_imu_states(declared):
     """Number of declared states that are errors of inertial sensors; they come first (`states.declared`)."""
     count = 0
     for c in range(declared.shape[0]):
@@ -98,7 +98,7 @@ def felt(declared):
 
 
 @kernel
-def _carried(phi, coupled, p, half, out):
+def _transition_rows(phi, coupled, p, half, out):
     """out[j, i] <- the navigation rows i of Phi p, transposed, for the columns j of p (n, m).
 
     half: 0 computes all columns; 1 those up to i, and a few unneeded ones. coupled: number of states that act on the
@@ -135,17 +135,17 @@ def _carried(phi, coupled, p, half, out):
         s, t = fma(ra[1], a[1], fma(ra[0], a[0], s)), fma(vv[1], v[1], fma(vv[0], v[0], t))
         s, t = _add(rg, g, s), _add(vg, g, _add(va, a, t))
         out[j, R_D], out[j, V_D] = _add(rf, f, s), _add(vf, f, t)
-    nr, nv, na, ng, _ = _couplings(phi, A_N)
-    er, ev, ea, eg, _ = _couplings(phi, A_E)
-    dr, dv, da, dg, _ = _couplings(phi, A_D)
-    for j in range(A_D + 1 if half else whole):
+    nr, nv, na, ng, _ = _couplings(phi, PHI_N)
+    er, ev, ea, eg, _ = _couplings(phi, PHI_E)
+    dr, dv, da, dg, _ = _couplings(phi, PHI_D)
+    for j in range(PHI_D + 1 if half else whole):
         r, v, a, g, _ = _column(p, j)
         n, e, d = _add_outer(nr, r, a[0]), fma(er[2], r[2], a[1]), _add_outer(dr, r, a[2])
         n, e, d = fma(nv[1], v[1], n), fma(ev[0], v[0], e), fma(dv[1], v[1], d)
         n, e, d = _add(na, a, n), _add(ea, a, e), _add(da, a, d)
-        out[j, A_N], out[j, A_E], out[j, A_D] = _add(ng, g, n), _add(eg, g, e), _add(dg, g, d)
+        out[j, PHI_N], out[j, PHI_E], out[j, PHI_D] = _add(ng, g, n), _add(eg, g, e), _add(dg, g, d)
     # blocks of sensor states after the biases may act on position, velocity and attitude
-    for c in range(N, coupled, 3):
+    for c in range(N_BASE, coupled, 3):
         for i in range(0, SENSORS, 3):
             n, e, d = _block_row(phi, i, c), _block_row(phi, i + 1, c), _block_row(phi, i + 2, c)
             if _is_any(n) or _is_any(e) or _is_any(d):
@@ -157,19 +157,19 @@ def _carried(phi, coupled, p, half, out):
 
 
 @kernel
-def age(p, first, left, gathered):
-    """Propagate Gauss-Markov states of P (n, n) from `first` on, in place: multiply by `left` (k,), add `gathered` (k,)
-    to the variances."""
-    last = first + left.shape[0]
+def propagate_markov_states(p, first, decay, noise_variance):
+    """Propagate Gauss-Markov states of P (n, n) from `first` on, in place: multiply by `decay` (k,), add
+    `noise_variance` (k,) to the variances."""
+    last = first + decay.shape[0]
     for i in range(first, last):
-        own = left[i - first]
+        own = decay[i - first]
         for j in range(first):
             t = own * p[i, j]
             p[i, j], p[j, i] = t, t
         for j in range(first, i):
-            t = own * p[i, j] * left[j - first]
+            t = own * p[i, j] * decay[j - first]
             p[i, j], p[j, i] = t, t
-        p[i, i] = own * p[i, i] * own + gathered[i - first]
+        p[i, i] = own * p[i, i] * own + noise_variance[i - first]
         for j in range(last, p.shape[0]):
             t = own * p[i, j]
             p[i, j], p[j, i] = t, t
@@ -177,7 +177,7 @@ def age(p, first, left, gathered):
 
 @kernel
 def is_varying(declared):
-    """Whether any of these states decays or is driven, so that `age` is needed."""
+    """Whether any of these states decays or is driven, so that `propagate_markov_states` is needed."""
     varying = False
     for c in range(declared.shape[0]):
         varying |= declared[c].decay > 0.0 or declared[c].drive > 0.0
@@ -185,14 +185,14 @@ def is_varying(declared):
 
 
 @kernel
-def carry_covariance(p, phi, coupled, a):
+def propagate_covariance(p, phi, coupled, a):
     """P <- Phi P Phi' (n, n) without the decay of the sensor states, in place and exactly symmetric.
 
-    phi: from `transition`. coupled: see `_carried`. a: (n, 9) work space.
+    phi: from `transition`. coupled: see `_transition_rows`. a: (n, 9) work space.
     """
     n = p.shape[0]
-    _carried(phi, coupled, p, 0, a)
-    _carried(phi, coupled, a, 1, p)
+    _transition_rows(phi, coupled, p, 0, a)
+    _transition_rows(phi, coupled, a, 1, p)
     for i in range(SENSORS):
         for j in range(i):
             p[i, j] = p[j, i]
@@ -203,37 +203,37 @@ def carry_covariance(p, phi, coupled, a):
             p[i, j] = a[j, i]
 
 
-@inlined
+@kernel_inline
 def predict(p, sums, noise, declared, phi, a):
     """P <- Phi P Phi' + Q over an interval, in place.
 
     p: (n, n). sums: of its steps, for the declared sensor states (k,) first. noise: (2,) densities of the white noises.
     phi: as `interval.transition` writes it. a: (n, 9) work space.
     """
-    carry_covariance(p, phi, SENSORS + felt(declared), a)
+    propagate_covariance(p, phi, SENSORS + count_imu_states(declared), a)
     if is_varying(declared):
         known = declared.shape[0]
-        age(p, SENSORS, sums.left[:known], sums.gathered[:known])
-        for c in range(felt(declared)):
+        propagate_markov_states(p, SENSORS, sums.decay[:known], sums.noise[:known])
+        for c in range(count_imu_states(declared)):
             if declared[c].drive > 0.0:
                 add_driven(sums, c, declared[c].drive, SENSORS + c, p)
     add_white(sums, noise[NOISE_GYRO], noise[NOISE_ACCEL], p)
 
 
 @kernel
-def carry_errors(phi, coupled, left, matrix, work):
+def propagate_error_columns(phi, coupled, decay, matrix, work):
     """Propagate errors and sensor states (n, m) over an interval, in place: matrix <- Phi matrix.
 
-    phi, coupled: as of `carry_covariance`. left (k,): decay of the sensor states. work: (m, 9).
+    phi, coupled: as of `propagate_covariance`. decay (k,): decay of the sensor states. work: (m, 9).
     """
-    _carried(phi, coupled, matrix, 0, work)
+    _transition_rows(phi, coupled, matrix, 0, work)
     for i in range(SENSORS):
         for j in range(matrix.shape[1]):
             matrix[i, j] = work[j, i]
-    for c in range(left.shape[0]):
-        if left[c] != 1.0:
+    for c in range(decay.shape[0]):
+        if decay[c] != 1.0:
             for j in range(matrix.shape[1]):
-                matrix[SENSORS + c, j] *= left[c]
+                matrix[SENSORS + c, j] *= decay[c]
 
 
 @kernel
@@ -263,17 +263,17 @@ def gain(p, h, r, m, pht, s, k):
                     s[a, b] = fma(c, pht[j, b], s[a, b])
     good = cholesky(s, m)
     # of the most measurements the compiler knows how many they are, and keeps the factor in registers
-    if m == MOST:
-        _solve_rows(s, MOST, pht, k)
+    if m == MAX_MEASUREMENT_SIZE:
+        _solve_rows(s, MAX_MEASUREMENT_SIZE, pht, k)
     else:
         _solve_rows(s, m, pht, k)
     return good
 
 
-@inlined
+@kernel_inline
 def _solve_rows(s, m, pht, k):
     """K S = P H' for all rows of K (n, m'), S by its factor; with m divisions instead of 2 m a row."""
-    reciprocal, row = small_vector(k, MOST), small_vector(k, MOST)
+    reciprocal, row = small_vector(k, MAX_MEASUREMENT_SIZE), small_vector(k, MAX_MEASUREMENT_SIZE)
     for a in range(m):
         reciprocal[a] = 1.0 / s[a, a]
     for i in range(k.shape[0]):
@@ -298,19 +298,19 @@ def joseph(p, h, r, m, pht, k, work):
     Arguments as left by `gain`; work: (n, m') space.
     """
     # of the most measurements the compiler knows how many they are, and keeps their numbers in registers
-    if m == MOST:
-        _joseph(p, h, r, MOST, pht, k, work)
+    if m == MAX_MEASUREMENT_SIZE:
+        _joseph(p, h, r, MAX_MEASUREMENT_SIZE, pht, k, work)
     else:
         _joseph(p, h, r, m, pht, k, work)
 
 
-@inlined
+@kernel_inline
 def _joseph(p, h, r, m, pht, k, work):
     n = h.shape[1]
     # with A = P - K (P H')': the Joseph form is A + (K R - A H') K'. A H' is that of the A computed, whose rounding it
     # takes away
     _add_products(p, -1.0, k, pht, m)
-    row = small_vector(p, MOST)
+    row = small_vector(p, MAX_MEASUREMENT_SIZE)
     for i in range(n):
         for a in range(m):
             row[a] = k[i, a]
@@ -328,11 +328,11 @@ def _joseph(p, h, r, m, pht, k, work):
     _add_products(p, 1.0, work, k, m)
 
 
-@inlined
+@kernel_inline
 def _add_products(p, sign, a, b, m):
     """p <- p + sign a b' (n, n) for a, b (n, m'), symmetric but for rounding: only its lower half is computed."""
     n = p.shape[0]
-    first, second = small_vector(p, MOST), small_vector(p, MOST)
+    first, second = small_vector(p, MAX_MEASUREMENT_SIZE), small_vector(p, MAX_MEASUREMENT_SIZE)
     # two rows at once; of an odd number of rows the first is taken with itself
     for pair in range(-(n % 2), n, 2):
         one, two = max(pair, 0), pair + 1
@@ -404,7 +404,7 @@ def _apply_blocks(diagonal, column, p, last, half, out):
         b0, b1, b2, b3, b4, b5 = own[1, 0], own[1, 1], own[1, 2], across[1, 0], across[1, 1], across[1, 2]
         c0, c1, c2, c3, c4, c5 = own[2, 0], own[2, 1], own[2, 2], across[2, 0], across[2, 1], across[2, 2]
         for j in range(half * o, last):
-            x0, x1, x2, x3, x4, x5 = p[o, j], p[o + 1, j], p[o + 2, j], p[A_N, j], p[A_E, j], p[A_D, j]
+            x0, x1, x2, x3, x4, x5 = p[o, j], p[o + 1, j], p[o + 2, j], p[PHI_N, j], p[PHI_E, j], p[PHI_D, j]
             out[j, o] = fma(a5, x5, fma(a4, x4, fma(a3, x3, fma(a2, x2, fma(a1, x1, a0 * x0)))))
             out[j, o + 1] = fma(b5, x5, fma(b4, x4, fma(b3, x3, fma(b2, x2, fma(b1, x1, b0 * x0)))))
             out[j, o + 2] = fma(c5, x5, fma(c4, x4, fma(c3, x3, fma(c2, x2, fma(c1, x1, c0 * x0)))))
@@ -425,4 +425,4 @@ def normalised_square(p, e, first, count, factor, x):
     t = x[0] * x[0]
     for i in range(1, count):
         t += x[i] * x[i]
-    return select(good, t, math.nan)
+    return where(good, t, math.nan)

@@ -23,7 +23,7 @@ singular. A state in another unit must start above 0."""
 
 
 @dataclass(frozen=True)
-class SensorBeliefs:
+class SensorDesign:
     """Filter model of the inertial sensors."""
 
     blocks: tuple[Block, ...]
@@ -46,7 +46,7 @@ class SensorBeliefs:
 
 
 @dataclass(frozen=True)
-class LastingBelief:
+class CorrelatedErrorDesign:
     """Filter model of time-correlated ranging errors."""
 
     followed: bool
@@ -60,12 +60,12 @@ class LastingBelief:
 
 
 @dataclass(frozen=True)
-class Beliefs:
+class FilterDesign:
     """Kind and model of a filter. `FilterModel` describes the fields that are not described here."""
 
     kind: int
     """`estimate.FILTER_KINDS`."""
-    sensors: SensorBeliefs
+    sensors: SensorDesign
     velocity: bool
     """Use the velocity of the fixes."""
     latency: float
@@ -83,7 +83,7 @@ class Beliefs:
     clock: tuple[float, float] | None = None
     """Noise densities of the receiver clock, phase (m2/s) and frequency (m2/s3); None: the filter uses fixes, not
     ranges."""
-    lasting: LastingBelief | None = None
+    correlated: CorrelatedErrorDesign | None = None
     """Model of time-correlated ranging errors, None without."""
     reflections: bool = False
     """The filter knows the size of errors by reflections."""
@@ -97,7 +97,7 @@ class Beliefs:
         """Time scales of the sources for which the filter estimates a clock bias."""
         return tuple(scales) if self.tight else ()
 
-    def with_range_errors(self, errors: Sequence[Block]) -> Beliefs:
+    def with_range_errors(self, errors: Sequence[Block]) -> FilterDesign:
         """Copy whose filter estimates these ranging errors of 1 sigma one, instead of earlier ones. They come after the
         states in groups of three."""
         kept = [pair for pair in zip(self.sensors.blocks, self.sensors.sigma, strict=True) if pair[0].triad != RANGE]

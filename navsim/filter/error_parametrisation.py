@@ -1,8 +1,8 @@
 """Error parametrisations ("charts") of the filters: the coordinates in which each kind takes the error as Gaussian.
 
-A chart defines the correction of estimate and covariance (`correct`), the error that NEES uses (`own_error`), and the
-effect of a turn on its axes (`turn_axes`). See `error_state`, `invariant`, `tfg`. A chart is a type to kernels, so only
-the one in use is compiled.
+A chart defines the correction of estimate and covariance (`correct`), the error that NEES uses
+(`error_in_filter_coordinates`), and the effect of a turn on its axes (`rotate_bias_frame`). See `error_state`,
+`invariant`, `tfg`. A chart is a type to kernels, so only the one in use is compiled.
 
 Charts of Lie groups rotate position and velocity errors with attitude errors, except if they are `straight`:
 
@@ -79,15 +79,15 @@ def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
     return CHARTS[model.kind]._replace(straight=straight, body=int(hard_iron(model.declared)))
 
 
-def turn_axes(chart, nav, p, increments, dt):
-    """Rotate the axes that a chart keeps, if any: see `tfg.hold_axes`."""
+def rotate_bias_frame(chart, nav, p, increments, dt):
+    """Rotate the axes that a chart keeps, if any: see `tfg.freeze_bias_frame`."""
     raise NotImplementedError("turn_axes is for kernels")
 
 
-@in_kernels(turn_axes)
-def _turn_axes(chart, nav, p, increments, dt):
+@in_kernels(rotate_bias_frame)
+def _rotate_bias_frame(chart, nav, p, increments, dt):
     if chart.instance_class is Tfg:
-        return lambda chart, nav, p, increments, dt: tfg.hold_axes(nav, p, increments, dt)
+        return lambda chart, nav, p, increments, dt: tfg.freeze_bias_frame(nav, p, increments, dt)
     return lambda chart, nav, p, increments, dt: None
 
 
@@ -119,15 +119,15 @@ def _feed_back(chart, nav, x, space):
     return lambda chart, nav, x, space: tfg.feed_back(nav, x, space)
 
 
-def own_error(chart, nav, error, out):
+def error_in_filter_coordinates(chart, nav, error, out):
     """The plain error (n,) in the coordinates of the chart, out (n,)."""
     raise NotImplementedError("own_error is for kernels")
 
 
-@in_kernels(own_error)
-def _own_error(chart, nav, error, out):
+@in_kernels(error_in_filter_coordinates)
+def _error_in_filter_coordinates(chart, nav, error, out):
     if chart.instance_class is Eskf:
         return lambda chart, nav, error, out: copy(error, out)
     if chart.instance_class is LeftInvariant:
-        return lambda chart, nav, error, out: left_invariant.own_error(error, out, chart.straight)
-    return lambda chart, nav, error, out: tfg.own_error(nav, error, out, chart.straight, chart.body)
+        return lambda chart, nav, error, out: left_invariant.error_in_filter_coordinates(error, out, chart.straight)
+    return lambda chart, nav, error, out: tfg.error_in_filter_coordinates(nav, error, out, chart.straight, chart.body)

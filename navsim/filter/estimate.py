@@ -16,18 +16,18 @@ import numpy as np
 from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter import filter_loop, gaussian_sum, records, smoother
 from navsim.filter.error_parametrisation import chart_of
-from navsim.filter.evaluation import judge_into
+from navsim.filter.evaluation import evaluate_into
 from navsim.filter.measurement_models import FIX, RANGE, Measurements
 from navsim.filter.records import (
     OUTPUT,
     TIME_TOLERANCE,
-    Account,
+    ErrorHistory,
     Events,
     FilterModel,
     History,
     ImuData,
     State,
-    Way,
+    StreamCursor,
     empty_history,
     lanes_of,
 )
@@ -66,43 +66,43 @@ def _pieces(events: Events) -> Iterator[slice]:
 
 
 def fly(
-    imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel, account: Account
+    imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel, errors: ErrorHistory
 ) -> None:
     """Run an estimator through the events of a flight against the truth, W runs at once.
 
-    - `imu`, `measurements`, `state`, `account`: records in lanes (`filter.records`).
+    - `imu`, `measurements`, `state`, `errors`: records in lanes (`filter.records`).
     - `events`, `model`: of all runs; outputs come in the order of their rows.
-    - `state` is overwritten by the final one; `account` is filled in.
+    - `state` is overwritten by the final one; `errors` is filled in.
 
     Raises ValueError for an unknown kind, for a smoother with events ahead, for a state without room for the components
     of a sum, and for an account whose rows do not match the events.
     """
-    if account.sigma.shape[0] != _outputs(events) or account.status.shape[0] != events.time.size:
+    if errors.sigma.shape[0] != _outputs(events) or errors.status.shape[0] != events.time.size:
         raise ValueError("the account has not the rows of the events")
-    _check_lasting(measurements, events, model)
+    _check_correlated(measurements, events, model)
     if is_smoother(model.kind):
         for _, _, history in fly_in_pieces(imu, measurements, events, state, model):
-            judge_into(model, history, account)
+            evaluate_into(model, history, errors)
             for name in ("innovation_squared", "degrees", "status"):
-                getattr(account, name)[...] = getattr(history, name)
+                getattr(errors, name)[...] = getattr(history, name)
         return
     _engine(model, state).run(
         chart_of(model), ImuData(imu.time, in_lanes(imu.dtheta), in_lanes(imu.dv)), measurements.each(in_lanes),
-        events, lanes_of(state), _set_out(state.navigation.shape[-1]).each(in_lanes), model, account.each(in_lanes),
+        events, lanes_of(state), _start_cursor(state.navigation.shape[-1]).each(in_lanes), model, errors.each(in_lanes),
     )  # fmt: skip
 
 
-def _check_lasting(measurements: Measurements, events: Events, model: FilterModel) -> None:
+def _check_correlated(measurements: Measurements, events: Events, model: FilterModel) -> None:
     """Raise ValueError for a table of fixes or ranges without the effect of time-correlated errors that the filter
     estimates.
 
     Kernels would read beyond the table.
     """
     axes, rows = model.declared["axis"][model.declared["triad"] == FIX], events.row[events.kind == FIX]
-    table = measurements.fixes.lasting
+    table = measurements.fixes.correlated
     if axes.size and rows.size and (table.shape[2] <= axes.max() or table.shape[0] <= rows.max()):
         raise ValueError("the table of fixes does not say what the errors do to them that the filter follows")
-    rows, effects = events.row[events.kind == RANGE], measurements.ranges.lasting
+    rows, effects = events.row[events.kind == RANGE], measurements.ranges.correlated
     followed = bool((model.declared["triad"] == RANGE).any())
     if followed and rows.size and (effects.shape[1] == 0 or effects.shape[0] <= rows.max()):
         raise ValueError("the table of ranges does not say what the errors do to them that the filter follows")
@@ -119,9 +119,9 @@ def _engine(model: FilterModel, state: State) -> Any:
     return gaussian_sum
 
 
-def _set_out(lanes: int) -> Way:
-    """`Way` of a filter that has not started."""
-    return Way(np.array([-1.0, 0.0, 0.0]), np.zeros((6, lanes)))
+def _start_cursor(lanes: int) -> StreamCursor:
+    """`StreamCursor` of a filter that has not started."""
+    return StreamCursor(np.array([-1.0, 0.0, 0.0]), np.zeros((6, lanes)))
 
 
 def fly_in_pieces(
@@ -133,7 +133,7 @@ def fly_in_pieces(
     and their history, which the next piece overwrites. A smoother yields one piece.
     """
     lanes = state.navigation.shape[-1]
-    _check_lasting(measurements, events, model)
+    _check_correlated(measurements, events, model)
     if is_smoother(model.kind):
         _check_smoother(events)
         outputs = _outputs(events)
@@ -145,8 +145,8 @@ def fly_in_pieces(
         )  # fmt: skip
         yield slice(0, events.time.size), slice(0, outputs), history
         return
-    engine, way = _engine(model, state), _set_out(lanes)
-    kernels_way = way.each(in_lanes)
+    engine, stream = _engine(model, state), _start_cursor(lanes)
+    kernels_way = stream.each(in_lanes)
     tables, kernels_state = measurements.each(in_lanes), lanes_of(state)
     parts = list(_pieces(events))
     is_output = events.kind == OUTPUT
@@ -158,7 +158,7 @@ def fly_in_pieces(
     output = 0
     for part, outputs in zip(parts, answers, strict=True):
         # the intervals of the IMU that the piece may touch
-        first = max(0, int(way.cursor[0]))
+        first = max(0, int(stream.cursor[0]))
         last = int(np.searchsorted(imu.time, events.time[part].max() + TIME_TOLERANCE)) + 1
         sensed = (
             in_lanes(in_all_lanes(m[first:last], lanes)) if of_lanes is None else of_lanes[first:last]
@@ -166,7 +166,7 @@ def fly_in_pieces(
         )
         noise = model.noise if model.noise.shape[0] == 1 else model.noise[first:last]
         row = events.row[part] - is_output[part] * output
-        way.cursor[0] -= first
+        stream.cursor[0] -= first
         engine.run(
             chart_of(model),
             ImuData(imu.time[first : last + 1], *sensed),
@@ -177,7 +177,7 @@ def fly_in_pieces(
             model._replace(noise=noise),
             kernels_history,
         )
-        way.cursor[0] += first
+        stream.cursor[0] += first
         count = part.stop - part.start
         yield (
             part,

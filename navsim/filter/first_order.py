@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import fma, registers, room, small_vector
-from navsim.filter.states import ATT, GYRO, MOST, POS, SENSORS, VEL
+from navsim.compiler.lanes import alloc, as_simd, fma, small_vector
+from navsim.filter.states import ATT, GYRO, MAX_MEASUREMENT_SIZE, POS, SENSORS, VEL
 
 
-class ErrorRoute(NamedTuple):
+class LinearisedRun(NamedTuple):
     """A linearised filter, event by event: k events, i intervals, w measurements, s IMU steps, m fixes or ranges."""
 
     ahead: np.ndarray
@@ -107,7 +107,7 @@ def _add_steps(route, i, dtheta, dv, exact_dtheta, exact_dv, q):
 
 
 @kernel
-def _carry(phi, q, x, work):
+def _propagate(phi, q, x, work):
     """x (n,) <- Phi x + q, q (9,) of the navigation states."""
     n = x.shape[0]
     for i in range(n):
@@ -123,18 +123,18 @@ def _carry(phi, q, x, work):
 @kernel
 def _correct(h, gain, d, x):
     """x (n,) <- x - K (H x + d)."""
-    for a in range(MOST):
+    for a in range(MAX_MEASUREMENT_SIZE):
         for j in range(x.shape[0]):
             if h[a, j] != 0.0:
                 d[a] = fma(h[a, j], x[j], d[a])
-    for a in range(MOST):
+    for a in range(MAX_MEASUREMENT_SIZE):
         for j in range(x.shape[0]):
             if gain[j, a] != 0.0:
                 x[j] = fma(-gain[j, a], d[a], x[j])
 
 
 @kernel
-def carry_errors(route, measured, exact, used, aided, x, errors):
+def propagate_errors(route, measured, exact, used, aided, x, errors):
     """First-order position errors of runs in lanes.
 
     - `route`: the linearised filter.
@@ -144,14 +144,14 @@ def carry_errors(route, measured, exact, used, aided, x, errors):
     - `x` (2, n) of lanes: initial errors, and room for the copy that predicts ahead; overwritten.
     - `errors` (o, 3) of lanes, out: NED, m, truth minus estimate, at the outputs, without their mean.
     """
-    x, errors, aided = registers(x), registers(errors), registers(aided)
+    x, errors, aided = as_simd(x), as_simd(errors), as_simd(aided)
     dtheta, dv, ranges, rates = (
-        registers(measured.dtheta), registers(measured.dv), registers(measured.ranges), registers(measured.rates),
+        as_simd(measured.dtheta), as_simd(measured.dv), as_simd(measured.ranges), as_simd(measured.rates),
     )  # fmt: skip
     exact_dtheta, exact_dv, exact_ranges, exact_rates = (
-        registers(exact.dtheta), registers(exact.dv), registers(exact.ranges), registers(exact.rates),
+        as_simd(exact.dtheta), as_simd(exact.dv), as_simd(exact.ranges), as_simd(exact.rates),
     )  # fmt: skip
-    q, d, work = small_vector(x, SENSORS), small_vector(x, MOST), room(x, (x.shape[1],))
+    q, d, work = small_vector(x, SENSORS), small_vector(x, MAX_MEASUREMENT_SIZE), alloc(x, (x.shape[1],))
     before = 0
     for i in range(route.ahead.shape[0]):
         ahead = 1 if route.ahead[i] else 0
@@ -162,13 +162,13 @@ def carry_errors(route, measured, exact, used, aided, x, errors):
         here, at, w, row = x[ahead], route.interval[i], route.weighed[i], route.row[i]
         if at >= 0:
             _add_steps(route, i, dtheta, dv, exact_dtheta, exact_dv, q)
-            _carry(route.transition[at], q, here, work)
+            _propagate(route.transition[at], q, here, work)
         if route.output[i] >= 0:
             for j in range(3):
                 errors[route.output[i], j] = here[POS + j]
         if w < 0:
             continue
-        for a in range(MOST):
+        for a in range(MAX_MEASUREMENT_SIZE):
             d[a] = 0.0
             if route.aided[w, a] >= 0:
                 d[a] = aided[route.aided[w, a]]
@@ -180,13 +180,13 @@ def carry_errors(route, measured, exact, used, aided, x, errors):
                 if not used[e, s]:
                     continue
                 late, faster = ranges[e, s] - exact_ranges[e, s], rates[e, s] - exact_rates[e, s]
-                for a in range(MOST):
+                for a in range(MAX_MEASUREMENT_SIZE):
                     if route.by_range[row, a, s - first] != 0.0:
                         d[a] = fma(route.by_range[row, a, s - first], late, d[a])
                     if route.by_rate[row, a, s - first] != 0.0:
                         d[a] = fma(route.by_rate[row, a, s - first], faster, d[a])
         t = route.latest[i]
-        for a in range(MOST):
+        for a in range(MAX_MEASUREMENT_SIZE):
             for k in range(3):
                 if route.h[w, a, GYRO + k] != 0.0:
                     turned = (dtheta[t, k] - exact_dtheta[t, k]) / (route.time[t + 1] - route.time[t])

@@ -3,7 +3,7 @@
 A single Gaussian becomes inconsistent when the aircraft turns while its heading is uncertain. The biases B = C b are
 known along level axes but not along the vertical, and they rotate with the body. The error is then a product of two
 uncertain quantities. This filter holds several components, each with a small heading sigma. Each component is a `tfg`
-filter with a rule of its own for held axes (`_hold_axes`).
+filter with a rule of its own for held axes (`_freeze_bias_frame`).
 
 - Split: before a turn, a component that is too wide in heading is divided into three. The split follows the correlation
   of the other states with heading.
@@ -31,87 +31,115 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.elementary import exp_of_negative
-from navsim.compiler.jit import kernel, within
-from navsim.compiler.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.compiler.jit import kernel, kernel_internal
+from navsim.compiler.lanes import alloc, any_lane, as_simd, no, small_matrix, small_vector, where
 from navsim.compiler.linear import cholesky, copy, copy_matrix, invert3
 from navsim.filter import tfg
 from navsim.filter.covariance import gain, transport
 from navsim.filter.eskf import between
-from navsim.filter.filter_loop import advance, force_noise, is_ahead, set_off, start_axes, workshop
-from navsim.filter.history import answer, nothing_yet, opened
+from navsim.filter.filter_loop import (
+    advance,
+    force_noise,
+    is_later,
+    propagation_buffers,
+    start_axes,
+    start_mechanisation,
+)
+from navsim.filter.history import as_registers, clear_event, write_output
 from navsim.filter.left_invariant import turned
 from navsim.filter.measurement_models import RANGE, observe, slot
 from navsim.filter.range_update import (
+    accumulate_range,
+    apply_epoch,
     begin_epoch,
     begin_estimate,
     count_range,
-    foresee,
-    is_alone,
-    move_estimate,
+    is_epoch_boundary,
+    predict_range,
     range_epoch,
-    take_range,
 )
-from navsim.filter.receiver_clock import forget_clock, has_jumped
+from navsim.filter.receiver_clock import detect_clock_jumps, reset_clock
 from navsim.filter.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
-from navsim.filter.states import A_D, A_E, A_N, ATT, GYRO, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, POS
+from navsim.filter.states import (
+    ATT,
+    GYRO,
+    MAX_MEASUREMENT_SIZE,
+    NAV_BIAS_FRAME,
+    NAV_GYRO,
+    NAV_QUAT,
+    NAV_SENSORS,
+    NAV_VEL,
+    PHI_D,
+    PHI_E,
+    PHI_N,
+    POS,
+)
 from navsim.filter.steady_force import (
     begin_interval,
     couple_sum,
     end_interval,
-    has_begun,
+    is_interval_started,
     mean_velocity,
     start_line,
     turns_from_mean,
 )
-from navsim.filter.update import decide, errors_from, held, numbers_in, update, weighing, whitened_square
+from navsim.filter.update import (
+    apply_gate,
+    copy_where_not,
+    count_valid,
+    estimate_errors,
+    update,
+    update_buffers,
+    whitened_square,
+)
 from navsim.geodesy.attitude_kernels import dcm, left_jacobian
 
-_NARROWED = 0.65
+_SPLIT_SIGMA = 0.65
 """1 sigma of heading of each of the three that a component is divided into, in its own."""
-_OFFSET = math.sqrt(3.0 * (1.0 - _NARROWED * _NARROWED))
+_SPLIT_OFFSET = math.sqrt(3.0 * (1.0 - _SPLIT_SIGMA * _SPLIT_SIGMA))
 """Distance of the outer two components in 1 sigma. With the weights 1/6, 4/6, 1/6 all moments up to the fifth equal
 those of the original."""
-_TURN = 0.02
+_MIN_TURN = 0.02
 """A turn that must always be expected, rad."""
-_AHEAD = 2.0
+_TURN_HORIZON = 2.0
 """Time for which a turn is expected to continue, s."""
-_HELD_RATE = 0.002
+_FREEZE_RATE = 0.002
 """Least rate about the level axes of the body that is a turn, rad/s."""
-_HELD_HEADING = 0.003
+_FREEZE_HEADING = 0.003
 """1 sigma of heading below which bias axes are not held, rad."""
-_HELD_LEVEL = 0.1
+_FREEZE_LEVEL_BIAS = 0.1
 """Largest sigma of level gyro biases for which axes are held, relative to the vertical one."""
-_CROSSED = 0.5
+_MAX_QUADRATIC_ERROR = 0.5
 """Largest quadratic error of a level bias that a turn may cause, relative to its sigma."""
-_LEVEL_KNOWN = 0.01
+_MAX_LEVEL_BIAS = 0.01
 """Largest sigma of level biases that the limit assumes, relative to the vertical one. At first they are unknown, but a
 quadratic error caused then shows later."""
-_TILT_CROSSED = 0.0015
+_MAX_HEADING_TILT = 0.0015
 """Largest product of the sigmas of heading and of tilt of a component, rad2. While the filter learns tilt, heading
 rotates the information of each fix about it."""
-_NARROWEST = 0.5
+_MIN_SPLIT_SIGMA = 0.5
 """1 sigma of heading that no turn asks to divide, in that of the widest component."""
-_AS_ONE = 0.4
+_MERGE_FRACTION = 0.4
 """1 sigma of heading of two as one, in that of the widest, below which they become one."""
-_ROOMY = 0.7
+_CROWDED_MERGE_FRACTION = 0.7
 """Merge two components if their joint heading sigma is below this fraction of the allowed one. It is above that of
 three parts of a split component, whose distances keep them apart."""
-_NEGLIGIBLE = 1e-5
+_MIN_WEIGHT = 1e-5
 """Components of less weight go."""
-_SLIGHT = 0.005
+_MIN_SPLIT_WEIGHT = 0.005
 """Components with less weight are not split in straight flight. In a turn the limit falls as the turn grows."""
-_QUICK = 0.1
+_FAST_TURN = 0.1
 """A turn that may take all the room there is, rad."""
-_CALM = 0.625
+_SLOW_TURN_SHARE = 0.625
 """Fraction of the components that a slower turn may use."""
-_FEWEST = 3
+_SLOW_TURN_COMPONENTS = 3
 """Components that a slow turn may always use."""
-_GAIN = 0.3
+_MERGE_COST = 0.3
 """Without free room, merge two components to split another if the merge costs less than this fraction of the gain. The
 cost is the weight of the two, as far as they differ; the gain is the weight of the other."""
 
 
-class Bench(NamedTuple):
+class MixtureBuffers(NamedTuple):
     """Work space: x, error, mean (n,), nav, other (NAV,), p, square (n, n), increments (6,), pair: two components;
     allowed (M,): variance of heading that a component may have."""
 
@@ -127,11 +155,11 @@ class Bench(NamedTuple):
     allowed: np.ndarray
 
 
-@within
+@kernel_internal
 def _components(like, most, nav_size, n):
     """Allocate so many components, all without weight."""
     mixture = Mixture(
-        room(like, (most, nav_size)), room(like, (most, n, n)), room(like, (most, 6)), room(like, (most,))
+        alloc(like, (most, nav_size)), alloc(like, (most, n, n)), alloc(like, (most, 6)), alloc(like, (most,))
     )  # fmt: skip
     for j in range(most):
         mixture.weight[j] = 0.0
@@ -145,13 +173,14 @@ def _components(like, most, nav_size, n):
     return mixture
 
 
-@within
-def _bench(nav, n, most):
+@kernel_internal
+def _mixture_buffers(nav, n, most):
     """Allocate work space for so many components of n states."""
     size = nav.shape[0]
-    return Bench(
-        room(nav, (n,)), room(nav, (n,)), room(nav, (n,)), room(nav, (size,)), room(nav, (size,)), room(nav, (n, n)),
-        room(nav, (n, n)), room(nav, (6,)), _components(nav, 2, size, n), room(nav, (most,)),
+    return MixtureBuffers(
+        alloc(nav, (n,)), alloc(nav, (n,)), alloc(nav, (n,)), alloc(nav, (size,)), alloc(nav, (size,)),
+        alloc(nav, (n, n)),
+        alloc(nav, (n, n)), alloc(nav, (6,)), _components(nav, 2, size, n), alloc(nav, (most,)),
     )  # fmt: skip
 
 
@@ -176,36 +205,36 @@ def _count(weight):
 
 
 @kernel
-def _take(which, mixture, j, nav, p, increments):
+def _load_component(which, mixture, j, nav, p, increments):
     """nav, p, increments <- component j where `which` is true."""
-    held(mixture.navigation[j], no(which), nav)
-    held(mixture.increments[j], no(which), increments)
+    copy_where_not(mixture.navigation[j], no(which), nav)
+    copy_where_not(mixture.increments[j], no(which), increments)
     for i in range(p.shape[0]):
-        held(mixture.covariance[j, i], no(which), p[i])
+        copy_where_not(mixture.covariance[j, i], no(which), p[i])
 
 
 @kernel
-def _put(which, nav, p, increments, weight, mixture, j):
+def _store_component(which, nav, p, increments, weight, mixture, j):
     """Component j <- nav, p, increments, weight where `which` is true."""
-    held(nav, no(which), mixture.navigation[j])
-    held(increments, no(which), mixture.increments[j])
+    copy_where_not(nav, no(which), mixture.navigation[j])
+    copy_where_not(increments, no(which), mixture.increments[j])
     for i in range(p.shape[0]):
-        held(p[i], no(which), mixture.covariance[j, i])
-    mixture.weight[j] = select(which, weight, mixture.weight[j])
+        copy_where_not(p[i], no(which), mixture.covariance[j, i])
+    mixture.weight[j] = where(which, weight, mixture.weight[j])
 
 
 @kernel
-def _share(which, weight):
+def _normalise_weights(which, weight):
     """Normalise the weights (M,) where `which` is true."""
     total = weight[0]
     for j in range(1, weight.shape[0]):
         total += weight[j]
     for j in range(weight.shape[0]):
-        weight[j] = select(which, weight[j] / total, weight[j])
+        weight[j] = where(which, weight[j] / total, weight[j])
 
 
 @kernel
-def _close_ranks(mixture):
+def _compact_components(mixture):
     """Components that are there <- first."""
     weight = mixture.weight
     count = _count(weight)
@@ -214,8 +243,8 @@ def _close_ranks(mixture):
             moves = (weight[empty] == 0.0) & (weight[j] > 0.0)
             if any_lane(moves):
                 nav, p, increments = mixture.navigation[j], mixture.covariance[j], mixture.increments[j]
-                _put(moves, nav, p, increments, weight[j], mixture, empty)
-                weight[j] = select(moves, 0.0, weight[j])
+                _store_component(moves, nav, p, increments, weight[j], mixture, empty)
+                weight[j] = where(moves, 0.0, weight[j])
 
 
 @kernel
@@ -239,13 +268,13 @@ def _invert_blocks(diagonal, column):
 
 
 @kernel
-def _apart(component, nav, flat, straight, body, error, x):
+def _deviation(component, nav, flat, straight, body, error, x):
     """Difference x (n,) of a component (NAV,) from nav, in the chart at nav.
 
     flat: plain differences of positions and velocities instead. straight, body: of the chart. error (n,): work space.
     """
     between(component, nav, error)
-    tfg.own_error(nav, error, x, straight, body)
+    tfg.error_in_filter_coordinates(nav, error, x, straight, body)
     if flat:
         for i in range(POS, ATT):
             x[i] = error[i]
@@ -263,16 +292,22 @@ def _unturned(space, x):
 
 
 @kernel
-def moments(mixture, nav, p, flat, space, bench):
+def moments(mixture, nav, p, flat, space, mixture_work):
     """Mean nav (NAV,) and covariance p (n, n) of a sum.
 
     Components are split and merged in the chart at their mean. The output is `flat`: plain positions and velocities.
     The chart rotates a position difference by half of the heading difference. If one direction is known well and
     another badly, as with two sources, the rotation would spoil the well-known one.
 
-    space: `filter_loop.workshop`.
+    space: `filter_loop.propagation_buffers`.
     """
-    weight, x, error, other, square = mixture.weight, bench.x, bench.error, bench.other, bench.square
+    weight, x, error, other, square = (
+        mixture.weight,
+        mixture_work.x,
+        mixture_work.error,
+        mixture_work.other,
+        mixture_work.square,
+    )
     n = p.shape[0]
     count = _count(weight)
     copy(mixture.navigation[0], nav)
@@ -283,27 +318,27 @@ def moments(mixture, nav, p, flat, space, bench):
     heaviest = weight[0]
     for j in range(1, count):
         heavier = weight[j] > heaviest
-        heaviest = select(heavier, weight[j], heaviest)
-        held(mixture.navigation[j], no(heavier), nav)
+        heaviest = where(heavier, weight[j], heaviest)
+        copy_where_not(mixture.navigation[j], no(heavier), nav)
     # to the mean, from the heaviest
     for _ in range(2):
         for i in range(n):
-            bench.mean[i] = 0.0
+            mixture_work.mean[i] = 0.0
         for j in range(count):
-            _apart(mixture.navigation[j], nav, flat, space.straight, space.body, error, x)
+            _deviation(mixture.navigation[j], nav, flat, space.straight, space.body, error, x)
             for i in range(n):
-                bench.mean[i] += select(weight[j] > 0.0, weight[j] * x[i], 0.0)
+                mixture_work.mean[i] += where(weight[j] > 0.0, weight[j] * x[i], 0.0)
         if flat:
-            _unturned(space, bench.mean)
+            _unturned(space, mixture_work.mean)
         copy(nav, other)
-        tfg.feed_back(other, bench.mean, space)
-        held(other, no(several), nav)
+        tfg.feed_back(other, mixture_work.mean, space)
+        copy_where_not(other, no(several), nav)
     for a in range(n):
         for b in range(n):
-            p[a, b] = select(several, 0.0, p[a, b])
+            p[a, b] = where(several, 0.0, p[a, b])
     for j in range(count):
         there = several & (weight[j] > 0.0)
-        _apart(mixture.navigation[j], nav, flat, space.straight, space.body, error, x)
+        _deviation(mixture.navigation[j], nav, flat, space.straight, space.body, error, x)
         # inverse of the reset from the mean to the component; states with plain errors have none
         copy(nav, other)
         tfg.feed_back(other, x, space)
@@ -316,14 +351,14 @@ def moments(mixture, nav, p, flat, space, bench):
         transport(square, space.diagonal, space.column, space.turned)
         for a in range(n):
             for b in range(a + 1):
-                p[a, b] = select(there, p[a, b] + weight[j] * (square[a, b] + x[a] * x[b]), p[a, b])
-                p[b, a] = select(there, p[a, b], p[b, a])
+                p[a, b] = where(there, p[a, b] + weight[j] * (square[a, b] + x[a] * x[b]), p[a, b])
+                p[b, a] = where(there, p[a, b], p[b, a])
 
 
 @kernel
-def turn_ahead(imu, cursor, until, nav):
+def expected_turn(imu, cursor, until, nav):
     """Angle (rad) by which the body is expected to turn, from its turn until `until`; 0 if that is now."""
-    time, dtheta = imu.time, registers(imu.dtheta)
+    time, dtheta = imu.time, as_simd(imu.dtheta)
     first = int(cursor[0])
     last = first
     body = small_vector(nav, 3)
@@ -337,24 +372,24 @@ def turn_ahead(imu, cursor, until, nav):
     for i in range(3):
         body[i] -= nav[NAV_GYRO + i] * span
     size = math.sqrt(body[0] * body[0] + body[1] * body[1] + body[2] * body[2])
-    return _TURN + size * max(1.0, _AHEAD / span) if span > 0.0 else 0.0 * size
+    return _MIN_TURN + size * max(1.0, _TURN_HORIZON / span) if span > 0.0 else 0.0 * size
 
 
 @kernel
-def _hold_axes(nav, p, before, dt, axes):
+def _freeze_bias_frame(nav, p, before, dt, axes):
     """Hold the axes of the biases back by the body's turn in dt (s) since the attitude `before` (4,).
 
     Before a turn the filter knows the biases in body axes: the level ones well, the vertical one badly. Axes that
     turned with the body would add half of heading error x turn x vertical bias to the level ones. axes (3, 3): work
     space.
     """
-    held, q = nav[NAV_HELD:NAV_SENSORS], nav[NAV_QUAT:NAV_HELD]
+    held, q = nav[NAV_BIAS_FRAME:NAV_SENSORS], nav[NAV_QUAT:NAV_BIAS_FRAME]
     # the conjugate of the attitude before, times that of now
     w = before[0] * q[0] + before[1] * q[1] + before[2] * q[2] + before[3] * q[3]
     x = before[0] * q[1] - before[1] * q[0] - before[2] * q[3] + before[3] * q[2]
     y = before[0] * q[2] + before[1] * q[3] - before[2] * q[0] - before[3] * q[1]
     z = before[0] * q[3] - before[1] * q[2] + before[2] * q[1] - before[3] * q[0]
-    turning = 4.0 * (x * x + y * y) > (_HELD_RATE * dt) * (_HELD_RATE * dt)
+    turning = 4.0 * (x * x + y * y) > (_FREEZE_RATE * dt) * (_FREEZE_RATE * dt)
     holds = turning | (abs(held[1]) + abs(held[2]) + abs(held[3]) > 0.0)
     if not any_lane(holds):
         return
@@ -365,25 +400,25 @@ def _hold_axes(nav, p, before, dt, axes):
         for j in range(3):
             for k in range(3):
                 variance[i] += axes[i, j] * p[GYRO + j, GYRO + k] * axes[i, k]
-    level = select(variance[0] > variance[1], variance[0], variance[1])
-    holds = holds & (p[A_D, A_D] > _HELD_HEADING * _HELD_HEADING)
-    holds = holds & (level < _HELD_LEVEL * _HELD_LEVEL * variance[2])
+    level = where(variance[0] > variance[1], variance[0], variance[1])
+    holds = holds & (p[PHI_D, PHI_D] > _FREEZE_HEADING * _FREEZE_HEADING)
+    holds = holds & (level < _FREEZE_LEVEL_BIAS * _FREEZE_LEVEL_BIAS * variance[2])
     turns = holds & turning
     a, b, c, d = held[0], held[1], held[2], held[3]
-    held[0] = select(turns, a * w - b * x - c * y - d * z, select(holds, a, 1.0))
-    held[1] = select(turns, a * x + b * w + c * z - d * y, select(holds, b, 0.0))
-    held[2] = select(turns, a * y - b * z + c * w + d * x, select(holds, c, 0.0))
-    held[3] = select(turns, a * z + b * y - c * x + d * w, select(holds, d, 0.0))
+    held[0] = where(turns, a * w - b * x - c * y - d * z, where(holds, a, 1.0))
+    held[1] = where(turns, a * x + b * w + c * z - d * y, where(holds, b, 0.0))
+    held[2] = where(turns, a * y - b * z + c * w + d * x, where(holds, c, 0.0))
+    held[3] = where(turns, a * z + b * y - c * x + d * w, where(holds, d, 0.0))
 
 
 @kernel
-def _allowed(nav, p, turn, widest, c_nb):
+def _largest_heading_sigma(nav, p, turn, widest, c_nb):
     """Largest heading sigma (rad) of a component before a turn.
 
     A turn rotates part of the vertical bias into a level one, in a direction known as well as heading. The quadratic
     error of the level bias is the heading sigma x the turn x sigma of the vertical bias.
     """
-    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], c_nb)
     variance, big, row = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 6)
     for i in range(3):
         big[i] = c_nb[i, 0] * nav[NAV_GYRO] + c_nb[i, 1] * nav[NAV_GYRO + 1] + c_nb[i, 2] * nav[NAV_GYRO + 2]
@@ -399,42 +434,49 @@ def _allowed(nav, p, turn, widest, c_nb):
             for k in range(6):
                 t += row[j] * p[ATT + j, ATT + k] * row[k]
         variance[i] = t
-    level = select(variance[0] < variance[1], variance[0], variance[1])
+    level = where(variance[0] < variance[1], variance[0], variance[1])
     known = math.sqrt(level / variance[2])
-    known = select(known > _LEVEL_KNOWN, _LEVEL_KNOWN, known)
-    allowed = _CROSSED * known / turn
-    tilt = select(p[A_N, A_N] > p[A_E, A_E], p[A_N, A_N], p[A_E, A_E])
-    levelled = _TILT_CROSSED / math.sqrt(tilt)
-    allowed = select(levelled < allowed, levelled, allowed)
-    allowed = select(allowed < _NARROWEST * widest, _NARROWEST * widest, allowed)
-    return select(allowed > widest, widest, allowed)
+    known = where(known > _MAX_LEVEL_BIAS, _MAX_LEVEL_BIAS, known)
+    allowed = _MAX_QUADRATIC_ERROR * known / turn
+    tilt = where(p[PHI_N, PHI_N] > p[PHI_E, PHI_E], p[PHI_N, PHI_N], p[PHI_E, PHI_E])
+    levelled = _MAX_HEADING_TILT / math.sqrt(tilt)
+    allowed = where(levelled < allowed, levelled, allowed)
+    allowed = where(allowed < _MIN_SPLIT_SIGMA * widest, _MIN_SPLIT_SIGMA * widest, allowed)
+    return where(allowed > widest, widest, allowed)
 
 
 @kernel
-def divide(mixture, which, index, space, bench):
+def split(mixture, which, index, space, mixture_work):
     """Divide component `index` into three along heading, where `which` is true and two are free."""
-    nav, p, other, square, x, along = bench.nav, bench.p, bench.other, bench.square, bench.x, bench.error
-    weight, increments = mixture.weight, bench.increments
+    nav, p, other, square, x, along = (
+        mixture_work.nav,
+        mixture_work.p,
+        mixture_work.other,
+        mixture_work.square,
+        mixture_work.x,
+        mixture_work.error,
+    )
+    weight, increments = mixture.weight, mixture_work.increments
     n, most = p.shape[0], weight.shape[0]
     divided = 0.0 * weight[0]
     for j in range(most):
         own = which & (index == j)
         if any_lane(own):
-            _take(own, mixture, j, nav, p, increments)
-            divided = select(own, weight[j], divided)
-    variance = p[A_D, A_D]
+            _load_component(own, mixture, j, nav, p, increments)
+            divided = where(own, weight[j], divided)
+    variance = p[PHI_D, PHI_D]
     for i in range(n):
-        along[i] = p[i, A_D] / variance
+        along[i] = p[i, PHI_D] / variance
     for a in range(n):
         for b in range(n):
-            p[a, b] -= along[a] * along[b] * variance * (1.0 - _NARROWED * _NARROWED)
+            p[a, b] -= along[a] * along[b] * variance * (1.0 - _SPLIT_SIGMA * _SPLIT_SIGMA)
     for j in range(most):
         own = which & (index == j)
         if any_lane(own):
-            _put(own, nav, p, increments, divided * (4.0 / 6.0), mixture, j)
+            _store_component(own, nav, p, increments, divided * (4.0 / 6.0), mixture, j)
     for side in range(2):
         for i in range(n):
-            x[i] = along[i] * math.sqrt(variance) * (_OFFSET if side == 0 else -_OFFSET)
+            x[i] = along[i] * math.sqrt(variance) * (_SPLIT_OFFSET if side == 0 else -_SPLIT_OFFSET)
         copy(nav, other)
         copy_matrix(p, square)
         tfg.correct(other, square, x, space)
@@ -442,14 +484,14 @@ def divide(mixture, which, index, space, bench):
         for j in range(1, most):
             own = free & (weight[j] == 0.0)
             if any_lane(own):
-                _put(own, other, square, increments, divided * (1.0 / 6.0), mixture, j)
+                _store_component(own, other, square, increments, divided * (1.0 / 6.0), mixture, j)
                 free = free & no(own)
 
 
 @kernel
-def merge(mixture, which, first, second, space, bench):
+def merge(mixture, which, first, second, space, mixture_work):
     """Components `first` and `second` <- one of the same moments, in the place of the first, where `which` is true."""
-    pair, weight, increments = bench.pair, mixture.weight, bench.increments
+    pair, weight, increments = mixture_work.pair, mixture.weight, mixture_work.increments
     most = weight.shape[0]
     for side in range(2):
         # something of weight in lanes that have no pair
@@ -458,87 +500,91 @@ def merge(mixture, which, first, second, space, bench):
         for j in range(most):
             own = which & (index == j)
             if any_lane(own):
-                _take(own, mixture, j, pair.navigation[side], pair.covariance[side], pair.increments[side])
-                pair.weight[side] = select(own, weight[j], pair.weight[side])
+                _load_component(own, mixture, j, pair.navigation[side], pair.covariance[side], pair.increments[side])
+                pair.weight[side] = where(own, weight[j], pair.weight[side])
     total = pair.weight[0] + pair.weight[1]
-    _share(total > 0.0, pair.weight)
-    moments(pair, bench.nav, bench.p, False, space, bench)
+    _normalise_weights(total > 0.0, pair.weight)
+    moments(pair, mixture_work.nav, mixture_work.p, False, space, mixture_work)
     for i in range(6):
         increments[i] = pair.weight[0] * pair.increments[0, i] + pair.weight[1] * pair.increments[1, i]
     for j in range(most):
         own = which & (first == j)
         if any_lane(own):
-            _put(own, bench.nav, bench.p, increments, total, mixture, j)
-        weight[j] = select(which & (second == j), 0.0, weight[j])
-    _close_ranks(mixture)
+            _store_component(own, mixture_work.nav, mixture_work.p, increments, total, mixture, j)
+        weight[j] = where(which & (second == j), 0.0, weight[j])
+    _compact_components(mixture)
 
 
 @kernel
-def arrange(mixture, turn, widest, space, bench):
+def split_and_merge(mixture, turn, widest, space, mixture_work):
     """Merge and divide components until each is as narrow as a turn (rad) asks for, or there is no room."""
     weight = mixture.weight
     most = weight.shape[0]
     turning = turn > 0.0
     # the tails are right or wrong with the probability of their weight: splits for a turn may replace them
-    slight = _SLIGHT * _TURN / select(turn > _TURN, turn, _TURN)
-    places = select(turn > _QUICK, 1.0 * most, 1.0 * max(_FEWEST, int(_CALM * most)))
+    slight = _MIN_SPLIT_WEIGHT * _MIN_TURN / where(turn > _MIN_TURN, turn, _MIN_TURN)
+    places = where(turn > _FAST_TURN, 1.0 * most, 1.0 * max(_SLOW_TURN_COMPONENTS, int(_SLOW_TURN_SHARE * most)))
     for _ in range(4 * most):
         count = _count(weight)
         taken, needs, which, size = 0.0 * turn, 0.0 * turn, 0.0 * turn, 0.0 * turn
         for j in range(count):
-            taken += select(weight[j] > 0.0, 1.0, 0.0)
-            allowed = _allowed(mixture.navigation[j], mixture.covariance[j], turn, widest, space.c_nb)
-            bench.allowed[j] = allowed * allowed
-            width = math.sqrt(mixture.covariance[j, A_D, A_D]) / allowed
+            taken += where(weight[j] > 0.0, 1.0, 0.0)
+            allowed = _largest_heading_sigma(mixture.navigation[j], mixture.covariance[j], turn, widest, space.c_nb)
+            mixture_work.allowed[j] = allowed * allowed
+            width = math.sqrt(mixture.covariance[j, PHI_D, PHI_D]) / allowed
             need = weight[j] * width * width * width
             first = (width > 1.0) & (weight[j] > slight) & (need > needs)
-            needs, size = select(first, need, needs), select(first, weight[j], size)
-            which = select(first, 1.0 * j, which)
+            needs, size = where(first, need, needs), where(first, weight[j], size)
+            which = where(first, 1.0 * j, which)
         # the pair with the smallest heading difference, by weight: of all, and of those that are narrow when merged
         least, one, two = 0.0 * turn + math.inf, 0.0 * turn, 0.0 * turn
         narrow, first_narrow, second_narrow = 0.0 * turn + math.inf, 0.0 * turn, 0.0 * turn
         for i in range(count):
-            q = mixture.navigation[i, NAV_QUAT:NAV_HELD]
+            q = mixture.navigation[i, NAV_QUAT:NAV_BIAS_FRAME]
             for j in range(i + 1, count):
-                r = mixture.navigation[j, NAV_QUAT:NAV_HELD]
+                r = mixture.navigation[j, NAV_QUAT:NAV_BIAS_FRAME]
                 half = q[0] * r[3] + q[1] * r[2] - q[2] * r[1] - q[3] * r[0]
                 apart = 4.0 * half * half
                 total = weight[i] + weight[j]
-                within_i, within_j = mixture.covariance[i, A_D, A_D], mixture.covariance[j, A_D, A_D]
+                within_i, within_j = mixture.covariance[i, PHI_D, PHI_D], mixture.covariance[j, PHI_D, PHI_D]
                 lost = weight[i] * weight[j] * apart / (total * 0.5 * (within_i + within_j))
                 nearer = (weight[j] > 0.0) & (lost < least)
-                least = select(nearer, lost, least)
-                one, two = select(nearer, 1.0 * i, one), select(nearer, 1.0 * j, two)
+                least = where(nearer, lost, least)
+                one, two = where(nearer, 1.0 * i, one), where(nearer, 1.0 * j, two)
                 mean = (weight[i] * within_i + weight[j] * within_j) / total
                 joint = mean + weight[i] * weight[j] * apart / (total * total)
-                room_for = select(bench.allowed[i] < bench.allowed[j], bench.allowed[i], bench.allowed[j])
-                fits = (joint < (_AS_ONE * widest) * (_AS_ONE * widest)) | (joint < _ROOMY * _ROOMY * room_for)
+                room_for = where(
+                    mixture_work.allowed[i] < mixture_work.allowed[j], mixture_work.allowed[i], mixture_work.allowed[j]
+                )
+                fits = (joint < (_MERGE_FRACTION * widest) * (_MERGE_FRACTION * widest)) | (
+                    joint < _CROWDED_MERGE_FRACTION * _CROWDED_MERGE_FRACTION * room_for
+                )
                 fits = fits & (weight[j] > 0.0) & (lost < narrow)
-                narrow = select(fits, lost, narrow)
-                first_narrow, second_narrow = select(fits, 1.0 * i, first_narrow), select(fits, 1.0 * j, second_narrow)
+                narrow = where(fits, lost, narrow)
+                first_narrow, second_narrow = where(fits, 1.0 * i, first_narrow), where(fits, 1.0 * j, second_narrow)
         joins = turning & (narrow < math.inf)
         divides = turning & no(joins) & (needs > 0.0)
         full = taken > places - 2.0
-        merges = joins | (divides & full & (least < _GAIN * size))
+        merges = joins | (divides & full & (least < _MERGE_COST * size))
         divides = divides & no(full)
-        one, two = select(joins, first_narrow, one), select(joins, second_narrow, two)
+        one, two = where(joins, first_narrow, one), where(joins, second_narrow, two)
         if any_lane(merges):
-            merge(mixture, merges, one, two, space, bench)
+            merge(mixture, merges, one, two, space, mixture_work)
         if any_lane(divides):
-            divide(mixture, divides, which, space, bench)
+            split(mixture, divides, which, space, mixture_work)
         if not any_lane(merges | divides):
             break
 
 
 @kernel
-def _together(weight, zs, ss, m, z, s):
+def _mixture_innovation(weight, zs, ss, m, z, s):
     """Innovation z (m,) of a sum, and the factor s (m, m) of its covariance, from those of the components zs (M, MOST),
     ss (M, MOST, MOST). Returns whether it is one."""
     count = _count(weight)
     for a in range(m):
         z[a] = 0.0
         for j in range(count):
-            z[a] += select(weight[j] > 0.0, weight[j] * zs[j, a], 0.0)
+            z[a] += where(weight[j] > 0.0, weight[j] * zs[j, a], 0.0)
     for a in range(m):
         for b in range(a + 1):
             s[a, b] = 0.0
@@ -546,12 +592,12 @@ def _together(weight, zs, ss, m, z, s):
                 t = (zs[j, a] - z[a]) * (zs[j, b] - z[b])
                 for c in range(b + 1):
                     t += ss[j, a, c] * ss[j, b, c]
-                s[a, b] += select(weight[j] > 0.0, weight[j] * t, 0.0)
+                s[a, b] += where(weight[j] > 0.0, weight[j] * t, 0.0)
     return cholesky(s, m)
 
 
 @kernel
-def weigh(used, weight, squares, sizes):
+def update_weights(used, weight, squares, sizes):
     """Multiply the weights (M,) by the likelihoods of a measurement, if it is used; negligible weights become zero.
 
     squares (M,): normalised innovations squared, sizes (M,): roots of the determinants of their covariances.
@@ -560,57 +606,64 @@ def weigh(used, weight, squares, sizes):
     least, of_least = 0.0 * weight[0] + math.inf, 0.0 * weight[0] + 1.0
     for j in range(count):
         better = (weight[j] > 0.0) & (squares[j] < least)
-        least, of_least = select(better, squares[j], least), select(better, sizes[j], of_least)
+        least, of_least = where(better, squares[j], least), where(better, sizes[j], of_least)
     for j in range(count):
         there = (weight[j] > 0.0) & (squares[j] < math.inf)
-        less = select(there, -0.5 * (squares[j] - least), 0.0)
-        likelihood = select(there, exp_of_negative(less) * of_least / sizes[j], 0.0)
-        weight[j] = select(used & (weight[j] > 0.0), weight[j] * likelihood, weight[j])
-    _share(used, weight)
+        less = where(there, -0.5 * (squares[j] - least), 0.0)
+        likelihood = where(there, exp_of_negative(less) * of_least / sizes[j], 0.0)
+        weight[j] = where(used & (weight[j] > 0.0), weight[j] * likelihood, weight[j])
+    _normalise_weights(used, weight)
     for j in range(count):
-        weight[j] = select(used & (weight[j] < _NEGLIGIBLE), 0.0, weight[j])
-    _share(used, weight)
+        weight[j] = where(used & (weight[j] < _MIN_WEIGHT), 0.0, weight[j])
+    _normalise_weights(used, weight)
 
 
 @kernel
-def run(chart, imu, measurements, events, state, way, model, account):
+def run(chart, imu, measurements, events, state, stream, model, output):
     """Process the events with a Gaussian sum; arguments are those of `filter_loop.run`.
 
     The components of `state` continue. Its navigation and covariance become their moments after the last event that was
-    not ahead. The increments of `way` are unused: each component has its own.
+    not ahead. The increments of `stream` are unused: each component has its own.
     """
     declared = model.declared
     state_nav, state_p, state_rejected = (
-        registers(state.navigation),
-        registers(state.covariance),
-        registers(state.rejected),
+        as_simd(state.navigation),
+        as_simd(state.covariance),
+        as_simd(state.rejected),
     )
-    left = opened(account)
+    record = as_registers(output)
     own = Mixture(
-        registers(state.components.navigation), registers(state.components.covariance),
-        registers(state.components.increments), registers(state.components.weight),
+        as_simd(state.components.navigation), as_simd(state.components.covariance),
+        as_simd(state.components.increments), as_simd(state.components.weight),
     )  # fmt: skip
     n, most, nav_size = state_p.shape[0], own.weight.shape[0], state_nav.shape[0]
-    gauge = weighing(state_nav, n)
-    zs, ss, ks = room(state_nav, (most, MOST)), room(state_nav, (most, MOST, MOST)), room(state_nav, (most, n, MOST))
-    squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
-    there = room(state_nav, (MOST,))
-    space, bench = workshop(state_nav, n, chart.straight, declared), _bench(state_nav, n, most)
+    buffers = update_buffers(state_nav, n)
+    zs, ss, ks = (
+        alloc(state_nav, (most, MAX_MEASUREMENT_SIZE)),
+        alloc(state_nav, (most, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)),
+        alloc(state_nav, (most, n, MAX_MEASUREMENT_SIZE)),
+    )
+    squares, sizes, numbers = alloc(state_nav, (most,)), alloc(state_nav, (most,)), alloc(state_nav, (most,))
+    there = alloc(state_nav, (MAX_MEASUREMENT_SIZE,))
+    space, mixture_work = (
+        propagation_buffers(state_nav, n, chart.straight, declared),
+        _mixture_buffers(state_nav, n, most),
+    )
     epoch, first = range_epoch(state_nav, n, most, events, model.clock.scales.shape[0]), 0
     # the copy that runs ahead
     runs_ahead = False
     for i in range(events.ahead.shape[0]):  # numba's own `any` loads its linear algebra at every start
         runs_ahead |= events.ahead[i]
     late = _components(state_nav, most if runs_ahead else 1, nav_size, n)
-    line, v, variance = registers(state.steady), room(state_nav, (3,)), room(state_nav, (3,))
-    m_force, turns, attitude = room(state_nav, (3,)), room(state_nav, (most, 3)), room(state_nav, (4,))
-    rejections, cursors, cursor = room(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
+    line, v, variance = as_simd(state.steady), alloc(state_nav, (3,)), alloc(state_nav, (3,))
+    m_force, turns, attitude = alloc(state_nav, (3,)), alloc(state_nav, (most, 3)), alloc(state_nav, (4,))
+    rejections, cursors, cursor = alloc(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
     copy(state_rejected, rejections[0])
-    copy(way.cursor, cursors[0])
-    if way.cursor[0] < 0.0:
+    copy(stream.cursor, cursors[0])
+    if stream.cursor[0] < 0.0:
         for j in range(_count(own.weight)):
             start_axes(own.navigation[j])
-            set_off(imu, own.navigation[j], declared, cursors[0], own.increments[j])
+            start_mechanisation(imu, own.navigation[j], declared, cursors[0], own.increments[j])
         start_line(line, own.navigation[0, NAV_VEL:NAV_QUAT], cursors[0, 1])
     before = 0
     for i in range(events.time.shape[0]):
@@ -622,115 +675,122 @@ def run(chart, imu, measurements, events, state, way, model, account):
         before = ahead
         now = late if ahead else own
         weight, rejected = now.weight, rejections[ahead]
-        what, row = events.kind[i], events.row[i]
-        nothing_yet(left, i)
+        kind, row = events.kind[i], events.row[i]
+        clear_event(record, i)
         copy(cursors[ahead], cursor)
         count = _count(weight)
         # nowhere to go: in the midst of an epoch, too, whose components keep their places until its end
-        if is_ahead(events.time[i], cursor):
+        if is_later(events.time[i], cursor):
             # a turn finds the components as narrow as it needs them
-            turn = turn_ahead(imu, cursor, events.time[i], now.navigation[0])
+            turn = expected_turn(imu, cursor, events.time[i], now.navigation[0])
             if any_lane(turn > 0.0):
-                arrange(now, turn, model.widest, space, bench)
+                split_and_merge(now, turn, model.widest, space, mixture_work)
                 count = _count(weight)
-            if model.steady_force and not ahead and not has_begun(line):
+            if model.steady_force and not ahead and not is_interval_started(line):
                 mean_velocity(now, count, v, variance)
                 begin_interval(line, v, variance, force_noise(model, cursor), cursor[1])
             for j in range(count):
                 copy(cursors[ahead], cursor)
-                copy(now.navigation[j, NAV_QUAT:NAV_HELD], attitude)
+                copy(now.navigation[j, NAV_QUAT:NAV_BIAS_FRAME], attitude)
                 advance(
                     chart, events.time[i], imu, model, now.navigation[j], now.covariance[j], cursor, now.increments[j],
                     space,
                 )  # fmt: skip
-                _hold_axes(now.navigation[j], now.covariance[j], attitude, cursor[1] - cursors[ahead, 1], space.c_nb)
+                _freeze_bias_frame(
+                    now.navigation[j], now.covariance[j], attitude, cursor[1] - cursors[ahead, 1], space.c_nb
+                )
             copy(cursor, cursors[ahead])
-        if model.steady_force and not ahead and what != OUTPUT and what != PASS and has_begun(line):
+        if model.steady_force and not ahead and kind != OUTPUT and kind != PASS and is_interval_started(line):
             mean_velocity(now, count, v, variance)
             turns_from_mean(now, count, turns, attitude)
             end_interval(line, v, variance, attitude, force_noise(model, cursor), cursor[1], m_force)
             couple_sum(now, count, m_force, turns)
-        if what == OUTPUT:
-            moments(now, gauge.nav, gauge.p, True, space, bench)
-            answer(chart, gauge.nav, gauge.p, left, row)
-        elif what != PASS:
+        if kind == OUTPUT:
+            moments(now, buffers.nav, buffers.p, True, space, mixture_work)
+            write_output(chart, buffers.nav, buffers.p, record, row)
+        elif kind != PASS:
             m = 0
-            for a in range(MOST):
+            for a in range(MAX_MEASUREMENT_SIZE):
                 there[a] = 0.0
-            if what == RANGE and is_alone(events, i, 1):
+            if kind == RANGE and is_epoch_boundary(events, i, 1):
                 first = i
                 begin_epoch(epoch)
                 for j in range(count):
                     begin_estimate(epoch, j, now.covariance[j])
             for j in range(count):
                 nav, increments = now.navigation[j], now.increments[j]
-                if what == RANGE:
-                    m = foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, gauge)
+                if kind == RANGE:
+                    m = predict_range(
+                        chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, buffers
+                    )
                 else:
                     m = observe(
-                        what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, gauge.have, gauge.z,
-                        gauge.h, gauge.r,
+                        kind, row, measurements, nav, increments, cursor[2], declared, space.c_nb, buffers.have,
+                        buffers.z,
+                        buffers.h, buffers.r,
                     )  # fmt: skip
-                numbers[j] = numbers_in(gauge.have, m)
+                numbers[j] = count_valid(buffers.have, m)
                 for a in range(m):
-                    more = (weight[j] > 0.0) & (gauge.have[a] > there[a])
-                    there[a] = select(more, gauge.have[a], there[a])
-                    zs[j, a] = gauge.z[a]
-                good = gain(now.covariance[j], gauge.h, gauge.r, m, gauge.pht, ss[j], ks[j])
-                copy(zs[j], gauge.z)
-                square = whitened_square(ss[j], gauge.z, m)
-                squares[j] = select(good & (square < math.inf), square, math.inf)
+                    more = (weight[j] > 0.0) & (buffers.have[a] > there[a])
+                    there[a] = where(more, buffers.have[a], there[a])
+                    zs[j, a] = buffers.z[a]
+                good = gain(now.covariance[j], buffers.h, buffers.r, m, buffers.pht, ss[j], ks[j])
+                copy(zs[j], buffers.z)
+                square = whitened_square(ss[j], buffers.z, m)
+                squares[j] = where(good & (square < math.inf), square, math.inf)
                 sizes[j] = ss[j, 0, 0]
                 for a in range(1, m):
                     sizes[j] *= ss[j, a, a]
-            copy(there, gauge.have)
-            degrees = numbers_in(there, m)
+            copy(there, buffers.have)
+            degrees = count_valid(there, m)
             # a component that is none any more goes, unless there is no other
             sound = weight[0] < 0.0
             for j in range(count):
-                squares[j] = select(numbers[j] < degrees, math.inf, squares[j])
+                squares[j] = where(numbers[j] < degrees, math.inf, squares[j])
                 sound = sound | ((weight[j] > 0.0) & (squares[j] < math.inf))
             fewer = weight[0] < 0.0
             for j in range(count):
                 failed = sound & (weight[j] > 0.0) & no(squares[j] < math.inf)
-                weight[j] = select(failed, 0.0, weight[j])
+                weight[j] = where(failed, 0.0, weight[j])
                 fewer = fewer | failed
             if any_lane(fewer):
-                _share(fewer, weight)
-            weighed = _together(weight, zs, ss, m, gauge.z, gauge.s) & (degrees > 0.0) & sound
-            where = slot(what, row, measurements)
-            used = decide(ahead > 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
+                _normalise_weights(fewer, weight)
+            weighed = _mixture_innovation(weight, zs, ss, m, buffers.z, buffers.s) & (degrees > 0.0) & sound
+            counter = slot(kind, row, measurements)
+            used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, model, rejected, record, i)
             for j in range(count):
                 own_use = used & (weight[j] > 0.0)
                 if not any_lane(own_use):
                     continue
                 nav, p, increments = now.navigation[j], now.covariance[j], now.increments[j]
-                if what == RANGE:
+                if kind == RANGE:
                     # correction from another component is in the gauge
-                    foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, gauge)
-                    gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
-                    errors_from(ks[j], zs[j], m, gauge.x)
-                    take_range(own_use, m, p, epoch, j, gauge)
+                    predict_range(
+                        chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, buffers
+                    )
+                    gain(p, buffers.h, buffers.r, m, buffers.pht, buffers.s, buffers.k)
+                    estimate_errors(ks[j], zs[j], m, buffers.x)
+                    accumulate_range(own_use, m, p, epoch, j, buffers)
                 else:
-                    errors_from(ks[j], zs[j], m, gauge.x)
+                    estimate_errors(ks[j], zs[j], m, buffers.x)
                     update(
-                        chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge
+                        chart, used, kind, row, measurements, declared, nav, p, increments, cursor[2], space, buffers
                     )  # fmt: skip
-            weigh(used, weight, squares, sizes)
-            if what == RANGE:
+            update_weights(used, weight, squares, sizes)
+            if kind == RANGE:
                 count_range(measurements.ranges, row, i - first, weighed, used, epoch)
-            if what == RANGE and is_alone(events, i, 0):
+            if kind == RANGE and is_epoch_boundary(events, i, 0):
                 for j in range(_count(weight)):
-                    move_estimate(
+                    apply_epoch(
                         chart, weight[j] > 0.0, events.row[first : i + 1], measurements, declared, now.navigation[j],
-                        now.covariance[j], now.increments[j], cursor[2], epoch, j, space, gauge,
+                        now.covariance[j], now.increments[j], cursor[2], epoch, j, space, buffers,
                     )  # fmt: skip
-                if has_jumped(epoch.heard, epoch.kept, epoch.jumped):
+                if detect_clock_jumps(epoch.available, epoch.accepted, epoch.jumped):
                     for j in range(_count(weight)):
-                        forget_clock(epoch.jumped, now.covariance[j])
+                        reset_clock(epoch.jumped, now.covariance[j])
             # places in the epoch are those of its beginning
-            if what != RANGE or is_alone(events, i, 0):
-                _close_ranks(now)
-    moments(own, state_nav, state_p, True, space, bench)
+            if kind != RANGE or is_epoch_boundary(events, i, 0):
+                _compact_components(now)
+    moments(own, state_nav, state_p, True, space, mixture_work)
     copy(rejections[0], state_rejected)
-    copy(cursors[0], way.cursor)
+    copy(cursors[0], stream.cursor)

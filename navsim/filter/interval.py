@@ -30,16 +30,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.compiler.jit import inlined, kernel, within
-from navsim.compiler.lanes import fma, room, small_vector
+from navsim.compiler.jit import kernel, kernel_inline, kernel_internal
+from navsim.compiler.lanes import alloc, fma, small_vector
 from navsim.filter.states import (
-    A_D,
-    A_E,
-    A_N,
     ACCELEROMETERS,
     ATT,
     CONSTANT,
     GYROS,
+    PHI_D,
+    PHI_E,
+    PHI_N,
     POS,
     R_D,
     R_E,
@@ -86,55 +86,55 @@ class StepSums(NamedTuple):
     """(9 + 12 k,) sums, by the offsets above."""
     length: np.ndarray
     """(2,) length of the interval, s, and its number of steps; not in lanes."""
-    left: np.ndarray
+    decay: np.ndarray
     """(k,) decay of each state over the interval."""
-    gathered: np.ndarray
+    noise: np.ndarray
     """(k,) process noise that each state has collected, added to its variance."""
-    step_left: np.ndarray
+    step_decay: np.ndarray
     """(k,) decay over the last step."""
 
 
-@within
-def sums_of(like, declared):
+@kernel_internal
+def allocate_sums(like, declared):
     """Allocate the sums for these sensor states, with the lanes of `like`."""
     k = declared.shape[0]
-    total = room(like, (_COLUMNS + _COLUMN_N * k,))
+    total = alloc(like, (_COLUMNS + _COLUMN_N * k,))
     return StepSums(declared, total, np.empty(2), np.empty(k), np.empty(k), np.empty(k))
 
 
-@inlined
-def begin_sums(sums):
+@kernel_inline
+def reset_sums(sums):
     """Reset the sums at the start of an interval."""
     sums.length[0], sums.length[1] = 0.0, 0.0
     for i in range(sums.total.shape[0]):
         sums.total[i] = 0.0
-    for c in range(sums.left.shape[0]):
-        sums.left[c], sums.gathered[c] = 1.0, 0.0
+    for c in range(sums.decay.shape[0]):
+        sums.decay[c], sums.noise[c] = 1.0, 0.0
 
 
-@inlined
-def kept(decay, dt):
+@kernel_inline
+def markov_decay(decay, dt):
     """Decay over dt (s) of a state with rate `decay` (1/s): exp(-decay dt)."""
     return math.exp(-decay * dt) if decay > 0.0 else 1.0
 
 
 @kernel
-def age_sums(sums, dt):
+def accumulate_markov(sums, dt):
     """Propagate decay and noise of the sensor states by dt (s)."""
     part, declared = 1.0, sums.declared
     for c in range(declared.shape[0]):
         if c == 0 or declared[c].decay != declared[c - 1].decay:
-            part = kept(declared[c].decay, dt)
-        sums.step_left[c] = part
-        sums.left[c] *= part
-        sums.gathered[c] = part * sums.gathered[c] * part + declared[c].drive * dt
+            part = markov_decay(declared[c].decay, dt)
+        sums.step_decay[c] = part
+        sums.decay[c] *= part
+        sums.noise[c] = part * sums.noise[c] * part + declared[c].drive * dt
 
 
-@inlined
-def add_step(total, left, mid, dt, increments, declared):
+@kernel_inline
+def add_step(total, decay, mid, dt, increments, declared):
     """Add a step of dt, s, that `strapdown.step` has made, to the sums `total`.
 
-    left (k,): decay so far of the declared sensor states (k,), of which measurement errors are skipped. mid: (MID_N,).
+    decay (k,): decay so far of the declared sensor states (k,), of which measurement errors are skipped. mid: (MID_N,).
     increments: (6,) compensated.
     """
     n, e, d = mid[MID_FELT], mid[MID_FELT + 1], mid[MID_FELT + 2]
@@ -148,7 +148,7 @@ def add_step(total, left, mid, dt, increments, declared):
         if triad > ACCELEROMETERS:
             continue  # an error of measurements, whose `axis` is no axis of the body
         # input of the state, over the step
-        weight = left[c] * (dt - 0.5 * dt * dt * declared[c].decay)
+        weight = decay[c] * (dt - 0.5 * dt * dt * declared[c].decay)
         x, y, z = weight * mid[axis], weight * mid[3 + axis], weight * mid[6 + axis]
         if signal != CONSTANT:
             signed = increments[3 * triad + signal] / dt
@@ -172,7 +172,7 @@ def add_step(total, left, mid, dt, increments, declared):
             )  # fmt: skip
 
 
-@inlined
+@kernel_inline
 def transition(sums, mid, phi):
     """Phi - I over an interval: its navigation rows, phi (9, n).
 
@@ -273,41 +273,41 @@ def transition(sums, mid, phi):
     # -[f x]: v <- theta to second order, r <- theta
     # (F_vv F_vt + F_vt F_tt) with F_vv = -[o x] and F_tt = -[w x], each product [a x][b x] = b a' - (a.b) I
     s = (on * sn + oe * se + od * sd) + (wn * ln + we * le + wd * ld)
-    phi[V_N, A_N] = sn * on + wn * ln - s
-    phi[V_N, A_E] = ud + (sn * oe + wn * le)
-    phi[V_N, A_D] = -ue + (sn * od + wn * ld)
-    phi[V_E, A_N] = -ud + (se * on + we * ln)
-    phi[V_E, A_E] = se * oe + we * le - s
-    phi[V_E, A_D] = un + (se * od + we * ld)
-    phi[V_D, A_N] = ue + (sd * on + wd * ln)
-    phi[V_D, A_E] = -un + (sd * oe + wd * le)
-    phi[V_D, A_D] = sd * od + wd * ld - s
-    phi[R_N, A_E] = sd
-    phi[R_N, A_D] = -se
-    phi[R_E, A_N] = -sd
-    phi[R_E, A_D] = sn
-    phi[R_D, A_N] = se
-    phi[R_D, A_E] = -sn
+    phi[V_N, PHI_N] = sn * on + wn * ln - s
+    phi[V_N, PHI_E] = ud + (sn * oe + wn * le)
+    phi[V_N, PHI_D] = -ue + (sn * od + wn * ld)
+    phi[V_E, PHI_N] = -ud + (se * on + we * ln)
+    phi[V_E, PHI_E] = se * oe + we * le - s
+    phi[V_E, PHI_D] = un + (se * od + we * ld)
+    phi[V_D, PHI_N] = ue + (sd * on + wd * ln)
+    phi[V_D, PHI_E] = -un + (sd * oe + wd * le)
+    phi[V_D, PHI_D] = sd * od + wd * ld - s
+    phi[R_N, PHI_E] = sd
+    phi[R_N, PHI_D] = -se
+    phi[R_E, PHI_N] = -sd
+    phi[R_E, PHI_D] = sn
+    phi[R_D, PHI_N] = se
+    phi[R_D, PHI_E] = -sn
 
     # attitude rows
-    phi[A_N, R_N] = -in_r0 * dt
-    phi[A_N, R_D] = -en_r2 * dt
-    phi[A_E, R_D] = -ee_r2 * dt
-    phi[A_D, R_N] = -(id_r0 + ed_r0) * dt
-    phi[A_D, R_D] = -ed_r2 * dt
-    phi[A_N, V_E] = -en_v1 * dt
-    phi[A_E, V_N] = -ee_v0 * dt
-    phi[A_D, V_E] = -ed_v1 * dt
+    phi[PHI_N, R_N] = -in_r0 * dt
+    phi[PHI_N, R_D] = -en_r2 * dt
+    phi[PHI_E, R_D] = -ee_r2 * dt
+    phi[PHI_D, R_N] = -(id_r0 + ed_r0) * dt
+    phi[PHI_D, R_D] = -ed_r2 * dt
+    phi[PHI_N, V_E] = -en_v1 * dt
+    phi[PHI_E, V_N] = -ee_v0 * dt
+    phi[PHI_D, V_E] = -ed_v1 * dt
     ww = wn * wn + we * we + wd * wd
-    phi[A_N, A_N] = h * (wn * wn - ww)
-    phi[A_N, A_E] = wd * dt + h * wn * we
-    phi[A_N, A_D] = -we * dt + h * wn * wd
-    phi[A_E, A_N] = -wd * dt + h * we * wn
-    phi[A_E, A_E] = h * (we * we - ww)
-    phi[A_E, A_D] = wn * dt + h * we * wd
-    phi[A_D, A_N] = we * dt + h * wd * wn
-    phi[A_D, A_E] = -wn * dt + h * wd * we
-    phi[A_D, A_D] = h * (wd * wd - ww)
+    phi[PHI_N, PHI_N] = h * (wn * wn - ww)
+    phi[PHI_N, PHI_E] = wd * dt + h * wn * we
+    phi[PHI_N, PHI_D] = -we * dt + h * wn * wd
+    phi[PHI_E, PHI_N] = -wd * dt + h * we * wn
+    phi[PHI_E, PHI_E] = h * (we * we - ww)
+    phi[PHI_E, PHI_D] = wn * dt + h * we * wd
+    phi[PHI_D, PHI_N] = we * dt + h * wd * wn
+    phi[PHI_D, PHI_E] = -wn * dt + h * wd * we
+    phi[PHI_D, PHI_D] = h * (wd * wd - ww)
 
     # sensor states: -C on theta and v, with the turning of n
     for c in range(declared.shape[0]):
@@ -322,12 +322,12 @@ def transition(sums, mid, phi):
         elif declared[c].triad == GYROS:
             for i in range(3):
                 phi[POS + i, j], phi[VEL + i, j] = total[k + _CROSSED_TWICE + i], total[k + _CROSSED + i]
-            phi[A_N, j] = (we * tz - wd * ty) - x
-            phi[A_E, j] = (wd * tx - wn * tz) - y
-            phi[A_D, j] = (wn * ty - we * tx) - z
+            phi[PHI_N, j] = (we * tz - wd * ty) - x
+            phi[PHI_E, j] = (wd * tx - wn * tz) - y
+            phi[PHI_D, j] = (wn * ty - we * tx) - z
 
 
-@inlined
+@kernel_inline
 def _moments(length):
     """Sums of dt, dt r, dt r^2, dt r^3, dt r^4 over the equal steps of an interval, with r the time left after each,
     and a step; length: of `StepSums`."""
@@ -338,7 +338,7 @@ def _moments(length):
     return whole, first, second, first * first, fourth, step
 
 
-@inlined
+@kernel_inline
 def _add_both(p, i, j, more):
     """Add `more` to elements (i, j) and (j, i), so that P stays symmetric."""
     p[i, j] += more
@@ -379,7 +379,7 @@ def add_white(sums, gyro, accel, p):
 def add_driven(sums, c, drive, place, p):
     """P <- P + Q due to the drive of a sensor state, of this density, through attitude or velocity over an interval.
 
-    c: its number among those summed; place: its own in P. Its own variance is `gathered`.
+    c: its number among those summed; place: its own in P. Its own variance is `noise`.
     """
     state = sums.declared[c]
     whole, first, second, third, _, _ = _moments(sums.length)

@@ -14,7 +14,19 @@ from navsim.compiler.lanes import small_matrix, small_vector
 from navsim.compiler.linear import copy, copy_matrix, identity, invert3
 from navsim.filter.covariance import transport
 from navsim.filter.eskf import move
-from navsim.filter.states import A_D, A_E, A_N, ATT, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, POS, SENSORS, VEL
+from navsim.filter.states import (
+    ATT,
+    NAV_BIAS_FRAME,
+    NAV_QUAT,
+    NAV_SENSORS,
+    NAV_VEL,
+    PHI_D,
+    PHI_E,
+    PHI_N,
+    POS,
+    SENSORS,
+    VEL,
+)
 from navsim.geodesy.attitude_kernels import left_jacobian, left_jacobian_derivative, rotate_left
 
 
@@ -32,7 +44,7 @@ def blocks_of_motion(x, diagonal, column, straight):
     x: (n,) the estimate. diagonal, column: (5, 3, 3) out. Blocks of sensor states are the identity; also those of
     position and velocity as far as the chart is `straight` (`error_parametrisation`).
     """
-    a, b, c = x[A_N], x[A_E], x[A_D]
+    a, b, c = x[PHI_N], x[PHI_E], x[PHI_D]
     for block in range(diagonal.shape[0]):
         identity(diagonal[block])
         for i in range(3):
@@ -60,12 +72,13 @@ def move_rigidly(nav, x, jac, straight):
         turned(jac, x[VEL:ATT], u)
     for i in range(3):
         nav[NAV_VEL + i] += u[i]
-    rotate_left(nav[NAV_QUAT:NAV_HELD], x[A_N], x[A_E], x[A_D])
+    rotate_left(nav[NAV_QUAT:NAV_BIAS_FRAME], x[PHI_N], x[PHI_E], x[PHI_D])
 
 
 @kernel
 def correct(nav, p, x, space):
-    """Apply the estimated errors x (n,) and transform P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
+    """Apply the estimated errors x (n,) and transform P (n, n) to the new estimate. space:
+    `filter_loop.PropagationBuffers`."""
     feed_back(nav, x, space)
     transport(p, space.diagonal, space.column, space.turned)
 
@@ -83,10 +96,10 @@ def feed_back(nav, x, space):
 
 
 @kernel
-def own_error(error, out, straight):
+def error_in_filter_coordinates(error, out, straight):
     """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (n,)."""
     jac, inverse = small_matrix(error, 3, 3), small_matrix(error, 3, 3)
-    left_jacobian(error[A_N], error[A_E], error[A_D], jac)
+    left_jacobian(error[PHI_N], error[PHI_E], error[PHI_D], jac)
     invert3(jac, inverse)
     copy(error, out)
     if straight < 1:

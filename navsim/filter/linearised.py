@@ -18,13 +18,13 @@ import numpy as np
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import fma
 from navsim.compiler.linear import copy, copy_matrix, identity
-from navsim.filter.covariance import age, carry_covariance, gain, joseph
+from navsim.filter.covariance import gain, joseph, propagate_covariance, propagate_markov_states
 from navsim.filter.error_parametrisation import PLAIN
-from navsim.filter.filter_loop import advance_once, goes_on, set_off, workshop
+from navsim.filter.filter_loop import advance_once, can_advance, propagation_buffers, start_mechanisation
 from navsim.filter.interval import add_driven, add_white
 from navsim.filter.measurement_models import observe
 from navsim.filter.records import OUTPUT, PASS, TIME_TOLERANCE, Events
-from navsim.filter.states import MOST, SENSORS, N
+from navsim.filter.states import MAX_MEASUREMENT_SIZE, N_BASE, SENSORS
 
 NOISES = 4
 """Sensor noises: white gyro, white accelerometer, drive of the Markov gyro and accelerometer bias."""
@@ -91,15 +91,17 @@ def empty(steps: Steps, outputs: int, n: int, truth: np.ndarray) -> Linearised:
     t = truth.size
     i, w = int(steps.interval.max(initial=-1)) + 1, int(steps.measurement.max(initial=-1)) + 1
     return Linearised(
-        np.empty((i, n, n)), np.empty((i, SENSORS, t)), np.empty((i, NOISES, N, N)), np.zeros((w, MOST, n)),
-        np.zeros((w, n, MOST)), np.zeros((w, MOST)), np.zeros((w, MOST, MOST)), np.zeros((w, MOST)),
+        np.empty((i, n, n)), np.empty((i, SENSORS, t)), np.empty((i, NOISES, N_BASE, N_BASE)),
+        np.zeros((w, MAX_MEASUREMENT_SIZE, n)),
+        np.zeros((w, n, MAX_MEASUREMENT_SIZE)), np.zeros((w, MAX_MEASUREMENT_SIZE)),
+        np.zeros((w, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)), np.zeros((w, MAX_MEASUREMENT_SIZE)),
         np.empty((outputs, n, n)),
     )  # fmt: skip
 
 
 @kernel
-def _carry_all(phi, left, errors, work):
-    """Propagate errors (9 + k, 9 + k) over an interval; phi (9, 9 + k), left (k,). work: the same size."""
+def _propagate_errors(phi, decay, errors, work):
+    """Propagate errors (9 + k, 9 + k) over an interval; phi (9, 9 + k), decay (k,). work: the same size."""
     size = errors.shape[0]
     for i in range(SENSORS):
         for j in range(size):
@@ -109,35 +111,35 @@ def _carry_all(phi, left, errors, work):
             work[i, j] = t
     for i in range(SENSORS):
         copy(work[i], errors[i])
-    for c in range(left.shape[0]):
+    for c in range(decay.shape[0]):
         for j in range(size):
-            errors[SENSORS + c, j] *= left[c]
+            errors[SENSORS + c, j] *= decay[c]
 
 
 @kernel
-def _carry_added(space, markov, noises, errors, work, added):
+def _propagate_noises(space, markov, noises, errors, work, added):
     """Propagate added (NOISES, 15, 15) over an interval, and add the noises of unit densities.
 
     space: after the interval. markov, noises: as of `linearise`. errors: (9, 15), work (15, 9): space.
     """
     sums = space.sums
     for i in range(SENSORS):
-        for j in range(N):
+        for j in range(N_BASE):
             errors[i, j] = space.phi[i, j if j < SENSORS else j + markov]
-    left, nothing = sums.left[markov : markov + N - SENSORS], np.zeros(N - SENSORS)
+    decay, nothing = sums.decay[markov : markov + N_BASE - SENSORS], np.zeros(N_BASE - SENSORS)
     for a in range(NOISES):
         if noises[a]:
-            carry_covariance(added[a], errors, N, work)
-            age(added[a], SENSORS, left, nothing)
+            propagate_covariance(added[a], errors, N_BASE, work)
+            propagate_markov_states(added[a], SENSORS, decay, nothing)
     if noises[0]:
         add_white(sums, 1.0, 0.0, added[0])
     if noises[1]:
         add_white(sums, 0.0, 1.0, added[1])
-    for c in range(N - SENSORS):
+    for c in range(N_BASE - SENSORS):
         a = 2 + c // 3
         if noises[a]:
             add_driven(sums, markov + c, 1.0, SENSORS + c, added[a])
-            added[a, SENSORS + c, SENSORS + c] += sums.gathered[markov + c]
+            added[a, SENSORS + c, SENSORS + c] += sums.noise[markov + c]
 
 
 @kernel
@@ -149,13 +151,13 @@ def _interval(until, imu, model, markov, noises, nav, p, cursor, increments, spa
     errors, work, of_markov, by = tools
     identity(errors)
     for a in range(NOISES):
-        for i in range(N):
-            for j in range(N):
+        for i in range(N_BASE):
+            for j in range(N_BASE):
                 added[a, i, j] = 0.0
-    while goes_on(imu, until, cursor):
+    while can_advance(imu, until, cursor):
         advance_once(PLAIN, until, imu, model, nav, p, cursor, increments, space)
-        _carry_all(space.phi, space.sums.left, errors, work)
-        _carry_added(space, markov, noises, of_markov, by, added)
+        _propagate_errors(space.phi, space.sums.decay, errors, work)
+        _propagate_noises(space, markov, noises, of_markov, by, added)
 
 
 @kernel
@@ -194,17 +196,22 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
     """
     n = out.believed.shape[1]
     declared = model.declared
-    h, z, r, s = np.empty((MOST, n)), np.empty(MOST), np.empty((MOST, MOST)), np.empty((MOST, MOST))
-    pht, work = np.empty((n, MOST)), np.empty((n, MOST))
-    space, size = workshop(state.navigation, n, PLAIN.straight, both), SENSORS + both.shape[0]
+    h, z, r, s = (
+        np.empty((MAX_MEASUREMENT_SIZE, n)),
+        np.empty(MAX_MEASUREMENT_SIZE),
+        np.empty((MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)),
+        np.empty((MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)),
+    )
+    pht, work = np.empty((n, MAX_MEASUREMENT_SIZE)), np.empty((n, MAX_MEASUREMENT_SIZE))
+    space, size = propagation_buffers(state.navigation, n, PLAIN.straight, both), SENSORS + both.shape[0]
     errors = np.empty((size, size))
-    tools = errors, np.empty((SENSORS, size)), np.empty((SENSORS, N)), np.empty((N, SENSORS))
+    tools = errors, np.empty((SENSORS, size)), np.empty((SENSORS, N_BASE)), np.empty((N_BASE, SENSORS))
     navs, ps, increments_pair, cursors = (
         np.empty((2, state.navigation.shape[0])), np.empty((2, n, n)), np.empty((2, 6)), np.zeros((2, 3)),
     )  # fmt: skip
     copy(state.navigation, navs[0])
     copy_matrix(state.covariance, ps[0])
-    set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
+    start_mechanisation(imu, navs[0], declared, cursors[0], increments_pair[0])
     before = 0
     for i in range(events.time.shape[0]):
         # outputs ahead of late fixes are those of a copy, which starts from the present filter
@@ -223,14 +230,14 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
                 out.added[at],
             )  # fmt: skip
             _describe(errors, model.clock, steps.length[i], out.transition[at], out.inputs[at])
-        what, row = events.kind[i], events.row[i]
-        if what == OUTPUT:
+        kind, row = events.kind[i], events.row[i]
+        if kind == OUTPUT:
             copy_matrix(p, out.believed[row])
-        elif what != PASS:
+        elif kind != PASS:
             w = steps.measurement[i]
-            m = observe(what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, out.have[w], z, h, r)
+            m = observe(kind, row, measurements, nav, increments, cursor[2], declared, space.c_nb, out.have[w], z, h, r)
             if not gain(p, h, r, m, pht, s, out.gain[w]):
-                for a in range(MOST):
+                for a in range(MAX_MEASUREMENT_SIZE):
                     out.have[w, a] = 0.0
                 continue
             # innovation covariance of the filter: H P H' + R

@@ -25,20 +25,20 @@ import numpy as np
 
 from navsim.compiler.elementary import exp_of_negative, sincos_of_latitude
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import no, registers, select, small_matrix, small_vector
+from navsim.compiler.lanes import as_simd, no, small_matrix, small_vector, where
 from navsim.filter.states import (
-    A_D,
-    A_E,
-    A_N,
     ATT,
     CONSTANT,
     GYROS,
-    MOST,
-    NAV_HELD,
+    MAX_MEASUREMENT_SIZE,
+    NAV_BIAS_FRAME,
     NAV_LLH,
     NAV_QUAT,
     NAV_SENSORS,
     NAV_VEL,
+    PHI_D,
+    PHI_E,
+    PHI_N,
     POS,
     R_D,
     R_E,
@@ -48,7 +48,7 @@ from navsim.filter.states import (
     VEL,
 )
 from navsim.geodesy.attitude_kernels import dcm
-from navsim.geodesy.earth_kernels import RATE, llh_to_ecef, ned_axes, radii, short_way
+from navsim.geodesy.earth_kernels import RATE, llh_to_ecef, ned_axes, radii, wrap_angle
 
 FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE, MAGNETIC = 2, 3, 4, 5, 6, 7, 8
 """Kinds of measurements, as kinds of events; `records.PASS` and `OUTPUT` come before them. The filter computes the
@@ -72,7 +72,7 @@ class FixTable(NamedTuple):
     """(m, 6, 6) of the white noise of both, NED."""
     lever_arm: np.ndarray
     """(3,) IMU to antenna, body axes, m; the same in all lanes."""
-    lasting: np.ndarray = np.empty((0, MOST, 0))
+    correlated: np.ndarray = np.empty((0, MAX_MEASUREMENT_SIZE, 0))
     """(m, 6, k) effect of each of the filter's k time-correlated errors of fixes [4]; the same in all lanes."""
 
     @classmethod
@@ -206,7 +206,7 @@ class RangeTable(NamedTuple):
     """(m,) m/s, unused if it or the pseudorange is nan."""
     lever_arm: np.ndarray
     """See `FixTable`."""
-    lasting: np.ndarray
+    correlated: np.ndarray
     """(m, g) 1 sigma of the time-correlated errors that the filter estimates, m, for each of g groups of kinds. The
     state with the axis g source + group is this error in sigmas [4]."""
 
@@ -284,16 +284,16 @@ def hard_iron(declared):
 @kernel
 def _across(arm, h, first):
     """-[arm x] into the attitude columns of the rows first .. first + 2: effect of a rotation on an arm in NED."""
-    h[first, A_E], h[first, A_D] = arm[2], -arm[1]
-    h[first + 1, A_N], h[first + 1, A_D] = -arm[2], arm[0]
-    h[first + 2, A_N], h[first + 2, A_E] = arm[1], -arm[0]
+    h[first, PHI_E], h[first, PHI_D] = arm[2], -arm[1]
+    h[first + 1, PHI_N], h[first + 1, PHI_D] = -arm[2], arm[0]
+    h[first + 2, PHI_N], h[first + 2, PHI_E] = arm[1], -arm[0]
 
 
 @kernel
 def _antenna(nav, increments, dt, c_nb, lever, arm, swing):
     """Position of the antenna relative to the IMU, arm (3,) NED m, and its velocity, swing (3,) NED m/s [1]; c_nb (3,
     3) out."""
-    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], c_nb)
     sin_lat, cos_lat = sincos_of_latitude(nav[NAV_LLH])
     rate = small_vector(nav, 3)
     # v_antenna = v + C (omega_eb x l), omega_eb = omega_ib - C' omega_ie
@@ -327,7 +327,7 @@ def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
     sin_lat, cos_lat = sincos_of_latitude(lat)
     meridian, transverse = radii(sin_lat)
     z[0] = (llh[0] - lat) * (meridian + height) - arm[0]
-    z[1] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat - arm[1]
+    z[1] = wrap_angle(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat - arm[1]
     z[2] = height - llh[2] - arm[2]
     # r_antenna = r + C l: d = -[C l x] theta
     _across(arm, h, 0)
@@ -393,28 +393,28 @@ def _above_ground(nav, c_nb, grounds, z, h):
     z (1,): of a zero measurement. h (1, n): zero at first.
     """
     arm = small_vector(nav, 3)
-    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], c_nb)
     lever, along, height = grounds.lever_arm, grounds.along, grounds.ground
     for i in range(3):
         arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
     north, east = grounds.direction[0], grounds.direction[1]
     beyond = north * ((nav[NAV_LLH] - grounds.threshold[0]) * grounds.scale[0] + arm[0])
-    beyond += east * (short_way(nav[NAV_LLH + 1] - grounds.threshold[1]) * grounds.scale[1] + arm[1])
+    beyond += east * (wrap_angle(nav[NAV_LLH + 1] - grounds.threshold[1]) * grounds.scale[1] + arm[1])
     ground, slope = 0.0 * beyond + height[0], 0.0 * beyond
     for k in range(along.shape[0] - 1):
         rise = (height[k + 1] - height[k]) / (along[k + 1] - along[k])
         past = beyond - along[k]
         inside = (past > 0.0) & (beyond < along[k + 1])
-        slope = select(inside, rise, slope)
-        ground = select(past > 0.0, height[k] + rise * past, ground)
-        ground = select(beyond < along[k + 1], ground, height[k + 1])
+        slope = where(inside, rise, slope)
+        ground = where(past > 0.0, height[k] + rise * past, ground)
+        ground = where(beyond < along[k + 1], ground, height[k + 1])
     z[0] = -(nav[NAV_LLH + 2] - arm[2] - grounds.threshold[2] - ground)
     # height = -r_D - slope (north r_N + east r_E), r_antenna = r + C l: the arm turns with theta
     by_north, by_east = -slope * north, -slope * east
     h[0, R_N], h[0, R_E], h[0, R_D] = by_north, by_east, -1.0
-    h[0, A_N] = -arm[1] - by_east * arm[2]
-    h[0, A_E] = arm[0] + by_north * arm[2]
-    h[0, A_D] = by_east * arm[0] - by_north * arm[1]
+    h[0, PHI_N] = -arm[1] - by_east * arm[2]
+    h[0, PHI_E] = arm[0] + by_north * arm[2]
+    h[0, PHI_D] = by_east * arm[0] - by_north * arm[1]
     return beyond
 
 
@@ -427,10 +427,10 @@ def _magnetic(nav, declared, c_nb, table, z, h):
     """
     soft = small_matrix(nav, 3, 3)
     field, along = small_vector(nav, 3), small_vector(nav, 3)
-    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], c_nb)
     height = nav[NAV_LLH + 2] - table.ground
     above = height > 0.0
-    fade = exp_of_negative(select(above, height, 0.0) * (-1.0 / table.fades))
+    fade = exp_of_negative(where(above, height, 0.0) * (-1.0 / table.fades))
     for i in range(3):
         field[i] = table.earth[i] + 0.0 * fade
         along[i] = c_nb[0, i] * table.earth[0] + c_nb[1, i] * table.earth[1] + c_nb[2, i] * table.earth[2]
@@ -457,7 +457,7 @@ def _magnetic(nav, declared, c_nb, table, z, h):
                     h[i, SENSORS + c] = effect
                     z[i] -= effect * x
                     if axis >= 6:  # higher up there is less of it
-                        h[i, R_D] += select(above, effect * x * (1.0 / table.fades), 0.0)
+                        h[i, R_D] += where(above, effect * x * (1.0 / table.fades), 0.0)
     # C_true' v = C' v + C' [v x] theta
     for i in range(3):
         for k in range(3):
@@ -494,41 +494,41 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
       innovation 0
       and row 0, so it has no effect.
     """
-    for a in range(MOST):
+    for a in range(MAX_MEASUREMENT_SIZE):
         have[a] = 0.0
         for c in range(h.shape[1]):
             h[a, c] = 0.0
     if kind in (FIX, PROBE):
         fixes = measurements.fixes
-        llh, velocity, covariance = registers(fixes.llh), registers(fixes.velocity), registers(fixes.covariance)
+        llh, velocity, covariance = as_simd(fixes.llh), as_simd(fixes.velocity), as_simd(fixes.covariance)
         _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, llh[row], velocity[row], z, h)
         for c in range(declared.shape[0]):
             if declared[c].triad == FIX:
-                for a in range(MOST):
-                    effect = fixes.lasting[row, a, declared[c].axis]
+                for a in range(MAX_MEASUREMENT_SIZE):
+                    effect = fixes.correlated[row, a, declared[c].axis]
                     z[a] -= effect * nav[NAV_SENSORS + c]
                     h[a, SENSORS + c] = effect
         fixed = no(math.isnan(llh[row, 0]))
-        for a in range(MOST):
+        for a in range(MAX_MEASUREMENT_SIZE):
             there = fixed & no(math.isnan(z[a]))
-            have[a] = select(there, 1.0, 0.0)
-            z[a] = select(there, z[a], 0.0)
+            have[a] = where(there, 1.0, 0.0)
+            z[a] = where(there, z[a], 0.0)
             for c in range(h.shape[1]):
                 h[a, c] *= have[a]
             for b in range(a):
                 both = have[a] * have[b] > 0.0
-                r[a, b] = select(both, covariance[row, a, b], 0.0)
+                r[a, b] = where(both, covariance[row, a, b], 0.0)
                 r[b, a] = r[a, b]
-            r[a, a] = select(there, covariance[row, a, a], 1.0)
-        return MOST
+            r[a, a] = where(there, covariance[row, a, a], 1.0)
+        return MAX_MEASUREMENT_SIZE
     if kind == RANGE:
         ranges = measurements.ranges
-        pseudorange, range_rate = registers(ranges.pseudorange), registers(ranges.range_rate)
+        pseudorange, range_rate = as_simd(ranges.pseudorange), as_simd(ranges.range_rate)
         _range(nav, increments, dt, declared, c_nb, ranges, row, z, h)
-        groups = ranges.lasting.shape[1]
+        groups = ranges.correlated.shape[1]
         for c in range(declared.shape[0]):
             if declared[c].triad == RANGE and declared[c].axis // groups == ranges.source[row]:
-                effect = ranges.lasting[row, declared[c].axis % groups]
+                effect = ranges.correlated[row, declared[c].axis % groups]
                 z[0] -= effect * nav[NAV_SENSORS + c]
                 h[0, SENSORS + c] = effect
         ranged = no(math.isnan(pseudorange[row]))
@@ -536,32 +536,32 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
             measured = pseudorange[row] if a == 0 else range_rate[row]
             sigma = ranges.sigma[row] if a == 0 else ranges.rate_sigma[row]
             there = ranged & no(math.isnan(measured))
-            have[a] = select(there, 1.0, 0.0)
-            z[a] = select(there, z[a] + measured, 0.0)
+            have[a] = where(there, 1.0, 0.0)
+            z[a] = where(there, z[a] + measured, 0.0)
             for c in range(h.shape[1]):
                 h[a, c] *= have[a]
-            r[a, a] = select(there, sigma * sigma, 1.0)
+            r[a, a] = where(there, sigma * sigma, 1.0)
         r[0, 1], r[1, 0] = 0.0, 0.0
         return 2
     if kind == ABOVE_GROUND:
         grounds = measurements.grounds
-        height = registers(grounds.height)
+        height = as_simd(grounds.height)
         beyond = _above_ground(nav, c_nb, grounds, z, h)
         there = no(math.isnan(height[row])) & (beyond >= grounds.start)
         # by the height that the filter expects, which is not off by the noise
         sigma = grounds.share * -z[0]
-        sigma = select(sigma > grounds.floor, sigma, grounds.floor)
-        have[0] = select(there, 1.0, 0.0)
-        z[0] = select(there, z[0] + height[row], 0.0)
+        sigma = where(sigma > grounds.floor, sigma, grounds.floor)
+        have[0] = where(there, 1.0, 0.0)
+        z[0] = where(there, z[0] + height[row], 0.0)
         for c in range(h.shape[1]):
             h[0, c] *= have[0]
-        r[0, 0] = select(there, sigma * sigma, 1.0)
+        r[0, 0] = where(there, sigma * sigma, 1.0)
         return 1
     if kind == PRESSURE:
         pressures = measurements.pressures
-        measured, variance = registers(pressures.height), registers(pressures.variance)
+        measured, variance = as_simd(pressures.height), as_simd(pressures.variance)
         there = no(math.isnan(measured[row]))
-        have[0] = select(there, 1.0, 0.0)
+        have[0] = where(there, 1.0, 0.0)
         # late by the lag, it reads the earlier height: higher during the descent [3]
         z[0] = measured[row] - (nav[NAV_LLH + 2] + pressures.lag * nav[NAV_VEL + 2])
         h[0, R_D], h[0, V_D] = -1.0, pressures.lag
@@ -569,32 +569,32 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
             if declared[c].triad == PRESSURE:
                 z[0] -= nav[NAV_SENSORS + c]
                 h[0, SENSORS + c] = 1.0
-        z[0] = select(there, z[0], 0.0)
+        z[0] = where(there, z[0], 0.0)
         for c in range(h.shape[1]):
             h[0, c] *= have[0]
-        r[0, 0] = select(there, variance[row], 1.0)
+        r[0, 0] = where(there, variance[row], 1.0)
         return 1
     if kind == ALTITUDE:
         altitudes = measurements.altitudes
-        measured, variance = registers(altitudes.height), registers(altitudes.variance)
+        measured, variance = as_simd(altitudes.height), as_simd(altitudes.variance)
         there = no(math.isnan(measured[row]))
-        have[0] = select(there, 1.0, 0.0)
-        z[0] = select(there, nav[NAV_LLH + 2] - measured[row], 0.0)  # down, as the error of position
+        have[0] = where(there, 1.0, 0.0)
+        z[0] = where(there, nav[NAV_LLH + 2] - measured[row], 0.0)  # down, as the error of position
         h[0, R_D] = have[0]
-        r[0, 0] = select(there, variance[row], 1.0)
+        r[0, 0] = where(there, variance[row], 1.0)
         return 1
     if kind == MAGNETIC:
         table = measurements.magnetic
-        seen = registers(table.field)
+        seen = as_simd(table.field)
         _magnetic(nav, declared, c_nb, table, z, h)
         for a in range(3):
             there = no(math.isnan(seen[row, a]))
-            have[a] = select(there, 1.0, 0.0)
-            z[a] = select(there, z[a] + seen[row, a], 0.0)
+            have[a] = where(there, 1.0, 0.0)
+            z[a] = where(there, z[a] + seen[row, a], 0.0)
             for c in range(h.shape[1]):
                 h[a, c] *= have[a]
             for b in range(3):
                 r[a, b] = 0.0
-            r[a, a] = select(there, table.variance, 1.0)
+            r[a, a] = where(there, table.variance, 1.0)
         return 3
     raise ValueError("no measurement model is of this kind")

@@ -17,18 +17,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.compiler.jit import kernel, within
-from navsim.compiler.lanes import any_lane, no, room, select
+from navsim.compiler.jit import kernel, kernel_internal
+from navsim.compiler.lanes import alloc, any_lane, no, where
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import gain, joseph
-from navsim.filter.error_parametrisation import correct, feed_back, own_error
+from navsim.filter.error_parametrisation import correct, error_in_filter_coordinates, feed_back
 from navsim.filter.eskf import between
 from navsim.filter.measurement_models import RANGE, is_bent, observe
-from navsim.filter.update import errors_from, held
+from navsim.filter.update import copy_where_not, estimate_errors
 
 _MORE = 2
 """Further iterations for an epoch with curved ranges."""
-NUMBERS = 2
+RANGE_SIZE = 2
 """Components of a range: pseudorange and range rate."""
 
 
@@ -43,12 +43,12 @@ class RangeEpoch(NamedTuple):
     """(M,) 1 if one linearisation is not enough."""
     used: np.ndarray
     """(E,) 1 for ranges that are used."""
-    heard: np.ndarray
+    available: np.ndarray
     """(c,) ranges of each time scale."""
-    kept: np.ndarray
+    accepted: np.ndarray
     """(c,) ranges used of each time scale."""
     jumped: np.ndarray
-    """(c + 1,) see `receiver_clock.has_jumped`."""
+    """(c + 1,) see `receiver_clock.detect_clock_jumps`."""
     now: np.ndarray
     """(M,) 1 if the present range is curved. Work space, as are all that follow."""
     z: np.ndarray
@@ -60,12 +60,12 @@ class RangeEpoch(NamedTuple):
     nav: np.ndarray
     """(NAV,)."""
     p: np.ndarray
-    """(n, n), also `again`."""
-    again: np.ndarray
+    """(n, n), also `work`."""
+    work: np.ndarray
 
 
 @kernel
-def is_alone(events, i, before):
+def is_epoch_boundary(events, i, before):
     """Whether the event before (1), or behind (0), event i is none of the ranges of the same epoch."""
     j = i - 1 if before else i + 1
     if j < 0 or j >= events.time.shape[0]:
@@ -79,29 +79,30 @@ def _longest(events):
     most, length = 0, 0
     for i in range(events.time.shape[0]):
         if events.kind[i] == RANGE:
-            length = 1 if is_alone(events, i, 1) else length + 1
+            length = 1 if is_epoch_boundary(events, i, 1) else length + 1
             most = max(most, length)
     return most
 
 
-@within
+@kernel_internal
 def range_epoch(nav, n, estimates, events, scales):
     """Allocate the update of so many estimates of n states with the ranges of an epoch, for so many time scales."""
     most = _longest(events)
     m, states, size = (estimates, n, nav.shape[0]) if most else (0, 0, 0)
     return RangeEpoch(
-        room(nav, (m, states)), room(nav, (m, states, states)), room(nav, (m,)), room(nav, (most,)),
-        room(nav, (scales,)), room(nav, (scales,)), room(nav, (scales + 1,)), room(nav, (m,)), room(nav, (NUMBERS,)),
-        room(nav, (NUMBERS, states)), room(nav, (states,)), room(nav, (size,)), room(nav, (states, states)),
-        room(nav, (states, states)),
+        alloc(nav, (m, states)), alloc(nav, (m, states, states)), alloc(nav, (m,)), alloc(nav, (most,)),
+        alloc(nav, (scales,)), alloc(nav, (scales,)), alloc(nav, (scales + 1,)), alloc(nav, (m,)),
+        alloc(nav, (RANGE_SIZE,)),
+        alloc(nav, (RANGE_SIZE, states)), alloc(nav, (states,)), alloc(nav, (size,)), alloc(nav, (states, states)),
+        alloc(nav, (states, states)),
     )  # fmt: skip
 
 
 @kernel
 def begin_epoch(epoch):
     """The first range of an epoch is at hand."""
-    for b in range(epoch.heard.shape[0]):
-        epoch.heard[b], epoch.kept[b] = 0.0, 0.0
+    for b in range(epoch.available.shape[0]):
+        epoch.available[b], epoch.accepted[b] = 0.0, 0.0
 
 
 @kernel
@@ -114,15 +115,17 @@ def begin_estimate(epoch, j, p):
 
 
 @kernel
-def foresee(chart, row, measurements, declared, nav, increments, interval, epoch, j, space, gauge):
+def predict_range(chart, row, measurements, declared, nav, increments, interval, epoch, j, space, buffers):
     """`observe` a range for estimate j, given the ranges before it; nav (NAV,) is the state before the epoch.
 
     Returns the number of components.
     """
-    ranges, z, h, x = measurements.ranges, gauge.z, gauge.h, epoch.x[j]
-    m = observe(RANGE, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, z, h, gauge.r)
+    ranges, z, h, x = measurements.ranges, buffers.z, buffers.h, epoch.x[j]
+    m = observe(
+        RANGE, row, measurements, nav, increments, interval, declared, space.c_nb, buffers.have, z, h, buffers.r
+    )
     bent = is_bent(ranges, row, h, epoch.prior[j])
-    epoch.now[j] = select(bent, 1.0, 0.0)
+    epoch.now[j] = where(bent, 1.0, 0.0)
     for a in range(m):
         for c in range(x.shape[0]):
             z[a] -= h[a, c] * x[c]
@@ -133,93 +136,104 @@ def foresee(chart, row, measurements, declared, nav, increments, interval, epoch
         copy(nav, epoch.nav)
         feed_back(chart, epoch.nav, x, space)
         observe(
-            RANGE, row, measurements, epoch.nav, increments, interval, declared, space.c_nb, gauge.have, z, h, gauge.r
+            RANGE,
+            row,
+            measurements,
+            epoch.nav,
+            increments,
+            interval,
+            declared,
+            space.c_nb,
+            buffers.have,
+            z,
+            h,
+            buffers.r,
         )
         for a in range(m):
-            z[a] = select(bent, z[a], epoch.z[a])
-            held(epoch.h[a], bent, h[a])
+            z[a] = where(bent, z[a], epoch.z[a])
+            copy_where_not(epoch.h[a], bent, h[a])
     return m
 
 
 @kernel
-def _weigh(used, m, p, gauge):
+def _update_covariance(used, m, p, buffers):
     """Update P (n, n) with a range of m components after `gain`, where it is used."""
     for i in range(p.shape[0]):
         for a in range(m):
-            gauge.k[i, a] = select(used, gauge.k[i, a], 0.0)
-    joseph(p, gauge.h, gauge.r, m, gauge.pht, gauge.k, gauge.work)
+            buffers.k[i, a] = where(used, buffers.k[i, a], 0.0)
+    joseph(p, buffers.h, buffers.r, m, buffers.pht, buffers.k, buffers.work)
 
 
 @kernel
-def take_range(used, m, p, epoch, j, gauge):
+def accumulate_range(used, m, p, epoch, j, buffers):
     """Update estimate j with a range, where it is used: covariance p (n, n), and the correction gauge.x."""
     for i in range(p.shape[0]):
-        epoch.x[j, i] += select(used, gauge.x[i], 0.0)
-    epoch.bent[j] = select(used & (epoch.now[j] > 0.0), 1.0, epoch.bent[j])
-    _weigh(used, m, p, gauge)
+        epoch.x[j, i] += where(used, buffers.x[i], 0.0)
+    epoch.bent[j] = where(used & (epoch.now[j] > 0.0), 1.0, epoch.bent[j])
+    _update_covariance(used, m, p, buffers)
 
 
 @kernel
 def count_range(ranges, row, place, weighed, used, epoch):
     """Count a range, the one of this place in its epoch."""
     b = ranges.bias[row]
-    epoch.heard[b] += select(weighed, 1.0, 0.0)
-    epoch.kept[b] += select(used, 1.0, 0.0)
-    epoch.used[place] = select(used, 1.0, 0.0)
+    epoch.available[b] += where(weighed, 1.0, 0.0)
+    epoch.accepted[b] += where(used, 1.0, 0.0)
+    epoch.used[place] = where(used, 1.0, 0.0)
 
 
 @kernel
-def _weigh_all(rows, measurements, declared, nav, p, x, increments, interval, epoch, space, gauge, moves):
+def _update_with_all(rows, measurements, declared, nav, p, x, increments, interval, epoch, space, buffers, moves):
     """Update P (n, n) with all used ranges at nav (NAV,); where it `moves`, also the correction x (n,)."""
     for e in range(rows.shape[0]):
         m = observe(
-            RANGE, rows[e], measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z,
-            gauge.h, gauge.r,
+            RANGE, rows[e], measurements, nav, increments, interval, declared, space.c_nb, buffers.have, buffers.z,
+            buffers.h, buffers.r,
         )  # fmt: skip
-        good = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k) & (epoch.used[e] > 0.0)
+        good = gain(p, buffers.h, buffers.r, m, buffers.pht, buffers.s, buffers.k) & (epoch.used[e] > 0.0)
         if moves:
             for a in range(m):
                 for c in range(x.shape[0]):
-                    gauge.z[a] -= gauge.h[a, c] * x[c]
-            errors_from(gauge.k, gauge.z, m, gauge.x)
+                    buffers.z[a] -= buffers.h[a, c] * x[c]
+            estimate_errors(buffers.k, buffers.z, m, buffers.x)
             for i in range(x.shape[0]):
-                x[i] += select(good, gauge.x[i], 0.0)
-        _weigh(good, m, p, gauge)
+                x[i] += where(good, buffers.x[i], 0.0)
+        _update_covariance(good, m, p, buffers)
 
 
 @kernel
-def move_estimate(chart, there, rows, measurements, declared, nav, p, increments, interval, epoch, j, space, gauge):
-    """Correct estimate j, nav (NAV,) and p (n, n), with the ranges of these rows, where it is `there`.
+def apply_epoch(chart, mask, rows, measurements, declared, nav, p, increments, interval, epoch, j, space, buffers):
+    """Correct estimate j, nav (NAV,) and p (n, n), with the ranges of these rows, where it is `mask`.
 
     The prior is transformed to the new estimate, and all ranges are processed there, as in `update.update`.
     """
     x = epoch.x[j]
-    some = there & no(there)
+    some = mask & no(mask)
     for e in range(rows.shape[0]):
-        some = some | (there & (epoch.used[e] > 0.0))
+        some = some | (mask & (epoch.used[e] > 0.0))
     if not any_lane(some):
         return
-    copy(nav, gauge.nav)
+    copy(nav, buffers.nav)
     copy_matrix(epoch.prior[j], p)
     correct(chart, nav, p, x, space)
     bent = some & (epoch.bent[j] > 0.0)
     if any_lane(bent):
         for _ in range(_MORE):
             copy(nav, epoch.nav)
-            copy_matrix(p, epoch.again)
+            copy_matrix(p, epoch.work)
             copy_matrix(p, epoch.p)
             # innovation of the prior from here
-            between(gauge.nav, nav, epoch.y)
-            own_error(chart, nav, epoch.y, x)
-            _weigh_all(
-                rows, measurements, declared, nav, epoch.p, x, increments, interval, epoch, space, gauge, True
+            between(buffers.nav, nav, epoch.y)
+            error_in_filter_coordinates(chart, nav, epoch.y, x)
+            _update_with_all(
+                rows, measurements, declared, nav, epoch.p, x, increments, interval, epoch, space, buffers, True
             )  # fmt: skip
             correct(chart, nav, p, x, space)
-            held(epoch.nav, bent, nav)
+            copy_where_not(epoch.nav, bent, nav)
             for i in range(p.shape[0]):
-                held(epoch.again[i], bent, p[i])
-    _weigh_all(rows, measurements, declared, nav, p, x, increments, interval, epoch, space, gauge, False)
+                copy_where_not(epoch.work[i], bent, p[i])
+    _update_with_all(rows, measurements, declared, nav, p, x, increments, interval, epoch, space, buffers, False)
     if any_lane(no(some)):
-        held(gauge.nav, some, nav)
+        copy_where_not(buffers.nav, some, nav)
         for i in range(p.shape[0]):
-            held(epoch.prior[j, i], some, p[i])
+            copy_where_not(epoch.prior[j, i], some, p[i])

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, select
+from navsim.compiler.lanes import any_lane, where
 from navsim.filter.states import NAV_SENSORS, SENSORS
 
 
@@ -36,7 +36,7 @@ NO_CLOCK = ReceiverClock(np.empty(0, np.int64), np.zeros(2))
 
 
 @kernel
-def carry_clock_rows(first, count, dt, matrix):
+def propagate_clock_rows(first, count, dt, matrix):
     """Propagate the clock's rows of a matrix (n, m) over dt, s, in place: biases first .. first + count - 1, then the
     drift."""
     drift = first + count
@@ -47,11 +47,11 @@ def carry_clock_rows(first, count, dt, matrix):
 
 
 @kernel
-def carry_clock_covariance(first, count, phase, frequency, dt, p):
+def propagate_clock_covariance(first, count, phase, frequency, dt, p):
     """Propagate P (n, n) of the same states over dt, s, with noise densities phase and frequency, in place and exactly
     symmetric."""
     drift = first + count
-    carry_clock_rows(first, count, dt, p)
+    propagate_clock_rows(first, count, dt, p)
     for i in range(p.shape[0]):
         moved = dt * p[i, drift]
         for b in range(count):
@@ -68,45 +68,45 @@ def carry_clock_covariance(first, count, phase, frequency, dt, p):
 
 
 @kernel
-def run_clock_on(clock, dt, nav, p):
+def propagate_clock(clock, dt, nav, p):
     """Propagate the clock states, the last ones, of nav (NAV,) and P (n, n) over dt, s, in place."""
     count = clock.scales.shape[0]
     if count > 0 and dt > 0.0:
         first = p.shape[0] - count - 1
         for b in range(count):
             nav[NAV_SENSORS - SENSORS + first + b] += dt * nav[NAV_SENSORS - SENSORS + first + count]
-        carry_clock_covariance(first, count, clock.density[0], clock.density[1], dt, p)
+        propagate_clock_covariance(first, count, clock.density[0], clock.density[1], dt, p)
 
 
 @kernel
-def has_jumped(heard, kept, jumped):
+def detect_clock_jumps(available, accepted, jumped):
     """Detect jumps of clock biases and of the drift; returns whether any lane has one.
 
     A bias jumped if all the sources of an epoch, at least two, were rejected. The drift jumped if that is so for all
     biases with measurements.
 
-    - `heard`, `kept` (c,): number of ranges of each bias, and number used.
+    - `available`, `accepted` (c,): number of ranges of each bias, and number used.
     - `jumped` (c + 1,), out: 1 or 0, the drift last.
     """
-    count = heard.shape[0]
-    every, some = heard[0] >= 0.0, heard[0] < 0.0
+    count = available.shape[0]
+    every, some = available[0] >= 0.0, available[0] < 0.0
     for b in range(count):
-        off = (heard[b] > 1.5) & (kept[b] == 0.0)
-        jumped[b] = select(off, 1.0, 0.0)
-        every = every & (off | (heard[b] == 0.0))
+        off = (available[b] > 1.5) & (accepted[b] == 0.0)
+        jumped[b] = where(off, 1.0, 0.0)
+        every = every & (off | (available[b] == 0.0))
         some = some | off
-    jumped[count] = select(some & every, 1.0, 0.0)
+    jumped[count] = where(some & every, 1.0, 0.0)
     return any_lane(some)
 
 
 @kernel
-def forget_clock(jumped, p):
+def reset_clock(jumped, p):
     """Remove all information about clocks that jumped (c + 1,) from P (n, n), in place; they are its last states."""
     first = p.shape[0] - jumped.shape[0]
     for b in range(jumped.shape[0]):
         gone = jumped[b] > 0.0
         for i in range(p.shape[0]):
-            p[first + b, i] = select(gone, 0.0, p[first + b, i])
-            p[i, first + b] = select(gone, 0.0, p[i, first + b])
+            p[first + b, i] = where(gone, 0.0, p[first + b, i])
+            p[i, first + b] = where(gone, 0.0, p[i, first + b])
         sigma = UNKNOWN_DRIFT if b == jumped.shape[0] - 1 else UNKNOWN_BIAS
-        p[first + b, first + b] = select(gone, sigma * sigma, p[first + b, first + b])
+        p[first + b, first + b] = where(gone, sigma * sigma, p[first + b, first + b])

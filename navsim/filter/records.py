@@ -2,7 +2,7 @@
 
     IMU, measurements, events, state, model -> history, or account
 
-A `History` holds estimates. An `Account` holds their errors; only it needs the truth (`filter.history`). `Events`
+A `History` holds estimates. An `ErrorHistory` holds their errors; only it needs the truth (`filter.history`). `Events`
 is the order of all that happens. A measurement is a row in the table of its kind (`filter.measurement_models`).
 
 Arrays are those of one run, or of W runs in SIMD lanes (`compiler.lanes`). In lanes, an array that differs between runs
@@ -22,7 +22,7 @@ from navsim.compiler.lanes import in_lanes
 from navsim.filter import states
 from navsim.filter.measurement_models import KIND_COUNT
 from navsim.filter.receiver_clock import NO_CLOCK, ReceiverClock
-from navsim.filter.states import MOST
+from navsim.filter.states import MAX_MEASUREMENT_SIZE
 
 TIME_TOLERANCE = 1e-9
 """Times closer than this are equal, s: far below any sample interval, far above rounding."""
@@ -97,7 +97,7 @@ class Mixture(NamedTuple):
     covariance: np.ndarray
     """(M, n, n)."""
     increments: np.ndarray
-    """(M, 6), see `Way`."""
+    """(M, 6), see `StreamCursor`."""
     weight: np.ndarray
     """(M,), sum 1."""
 
@@ -120,7 +120,7 @@ class State(NamedTuple):
     """Components whose moments `navigation` and `covariance` are; empty unless the filter is a sum."""
 
 
-class Way(NamedTuple):
+class StreamCursor(NamedTuple):
     """Position of a filter in the IMU data."""
 
     cursor: np.ndarray
@@ -128,7 +128,7 @@ class Way(NamedTuple):
     increments: np.ndarray
     """(6,) compensated increments of that interval."""
 
-    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Way:
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> StreamCursor:
         """The record with the array changed that differs between runs."""
         return self._replace(increments=change(self.increments))
 
@@ -208,7 +208,7 @@ class Truth(NamedTuple):
         return Truth(*map(change, self))
 
 
-class Judgement(NamedTuple):
+class OutputErrors(NamedTuple):
     """Errors of a history against the truth, at the outputs (o,)."""
 
     error: np.ndarray
@@ -221,12 +221,12 @@ class Judgement(NamedTuple):
     """(o, g) of each group of three states; single states have none."""
 
 
-class Account(NamedTuple):
+class ErrorHistory(NamedTuple):
     """Statistics of an estimator against the truth. Outputs are evaluated as they come and are not stored."""
 
     truth: Truth
     """True values at the outputs (o,)."""
-    judgement: Judgement
+    errors: OutputErrors
     """Errors at the outputs."""
     sigma: np.ndarray
     """(o, n) 1 sigma of the errors, nan where a variance is negative."""
@@ -243,25 +243,26 @@ class Account(NamedTuple):
     status: np.ndarray
     """(k,) see `History`."""
 
-    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Account:
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> ErrorHistory:
         """The account with every array changed that differs between runs."""
-        return Account(self.truth.each(change), Judgement(*map(change, self.judgement)), *map(change, self[2:]))
+        return ErrorHistory(self.truth.each(change), OutputErrors(*map(change, self.errors)), *map(change, self[2:]))
 
 
-def empty_account(
+def empty_error_history(
     truth: Truth, states: int, events: int, *lanes: int, single: int = 0, innovations: bool = False
-) -> Account:
+) -> ErrorHistory:
     """Allocate the account of an estimator of so many states, for one run or for lanes.
 
     single: number of last states that belong to no group of three. innovations: whether to keep innovations.
     """
     o, n, groups = truth.llh.shape[0], states, (states - single) // 3
-    judgement = Judgement(
+    judgement = OutputErrors(
         np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, groups, *lanes))
     )
-    return Account(
+    return ErrorHistory(
         truth, judgement, np.empty((o, n, *lanes)), np.empty((o, 6, *lanes)),
-        np.empty((events if innovations else 0, MOST, *lanes)), *(np.empty((events, *lanes)) for _ in range(3)),
+        np.empty((events if innovations else 0, MAX_MEASUREMENT_SIZE, *lanes)),
+        *(np.empty((events, *lanes)) for _ in range(3)),
     )  # fmt: skip
 
 
@@ -269,7 +270,8 @@ def empty_history(outputs: int, events: int, n: int, *lanes: int) -> History:
     """Allocate the history of an estimator of n states, for one run or for lanes."""
     return History(
         np.empty((outputs, states.NAV_SENSORS + n - states.SENSORS, *lanes)), np.empty((outputs, n, n, *lanes)),
-        np.full((events, MOST, *lanes), np.nan), np.full((events, MOST, *lanes), np.nan),
+        np.full((events, MAX_MEASUREMENT_SIZE, *lanes), np.nan),
+        np.full((events, MAX_MEASUREMENT_SIZE, *lanes), np.nan),
         np.full((events, *lanes), np.nan), np.zeros((events, *lanes)), np.full((events, *lanes), float(NOT_USED)),
     )  # fmt: skip
 

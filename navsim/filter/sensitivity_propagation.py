@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import fma, numbers, registers, room, select, small_matrix, small_vector
+from navsim.compiler.lanes import alloc, as_simd, fma, numbers, small_matrix, small_vector, where
 from navsim.compiler.linear import copy_matrix
-from navsim.filter.receiver_clock import carry_clock_covariance
-from navsim.filter.states import MOST, SENSORS
+from navsim.filter.receiver_clock import propagate_clock_covariance
+from navsim.filter.states import MAX_MEASUREMENT_SIZE, SENSORS
 
 
-class Route(NamedTuple):
+class LinearisedHistory(NamedTuple):
     """History of a linearised filter for S propagated states, of which the filter's n come first."""
 
     ahead: np.ndarray
@@ -46,7 +46,7 @@ class Route(NamedTuple):
     clock: tuple[int, int]
     """First clock bias among the states, and number of clock states."""
 
-    def of(self, chosen: np.ndarray) -> Route:
+    def of(self, chosen: np.ndarray) -> LinearisedHistory:
         """The history for some of the states, including the filter's; the others are always zero."""
         sensors = chosen[SENSORS:] - SENSORS
         return self._replace(
@@ -58,8 +58,8 @@ class Route(NamedTuple):
 
 
 @kernel
-def _carry_column(phi, rest, x):
-    """x (S,) <- Phi x; see `Route`."""
+def _propagate_column(phi, rest, x):
+    """x (S,) <- Phi x; see `LinearisedHistory`."""
     out = small_vector(x, SENSORS)
     for i in range(SENSORS):
         t = phi[i, 0] * x[0]
@@ -73,9 +73,9 @@ def _carry_column(phi, rest, x):
 
 
 @kernel
-def _carry_over(route, at, x):
+def _propagate_over(route, at, x):
     """x (S,) over interval `at` of a route, with the clock."""
-    _carry_column(route.phi[at], route.rest[at], x)
+    _propagate_column(route.phi[at], route.rest[at], x)
     first, scales = route.clock
     for b in range(scales):
         x[first + b] += route.length[at] * x[first + scales]
@@ -93,14 +93,14 @@ def _observe_column(h, x, d, seen):
 
 
 @kernel
-def carry_columns(route, x, d, seen, error):
+def propagate_columns(route, x, d, seen, error):
     """Propagate columns in lanes, in g groups.
 
     - `x` (2, g, S): initial columns, and room for the copy that predicts ahead; overwritten.
     - `d` (w, g, MOST): measurement errors.
     - `seen` (w, g, MOST), out: innovations H x + d; `error` (o, g, n), out: errors at the outputs.
     """
-    x, d, seen, error = registers(x), registers(d), registers(seen), registers(error)
+    x, d, seen, error = as_simd(x), as_simd(d), as_simd(seen), as_simd(error)
     size, n = x.shape[2], route.gain.shape[1]
     before = 0
     for i in range(route.ahead.shape[0]):
@@ -112,7 +112,7 @@ def carry_columns(route, x, d, seen, error):
                     x[1, g, j] = x[0, g, j]
             one = x[ahead, g]
             if at >= 0:
-                _carry_over(route, at, one)
+                _propagate_over(route, at, one)
             if row >= 0:
                 for j in range(n):
                     t = one[j]
@@ -132,7 +132,7 @@ def carry_columns(route, x, d, seen, error):
 
 
 @kernel
-def _carry(phi, rest, p, work):
+def _propagate(phi, rest, p, work):
     """P <- Phi P Phi' (S, S); work: (9, S)."""
     size = p.shape[0]
     for i in range(SENSORS):
@@ -167,7 +167,7 @@ def _add(added, place, density, p):
 
 
 @kernel
-def _weigh(h, gain, r, p, hp, work):
+def _update(h, gain, r, p, hp, work):
     """P <- (I - K H) P (I - K H)' + K R K', symmetric; also the second moments of the innovations, H P H' + R.
 
     h: (m, S). gain: (n, m). r: (m, m), overwritten by these moments. p: (S, S). hp (m, S), work (S, m): space.
@@ -247,7 +247,7 @@ def _errors(to_error, p, work, variance, sums):
 
 
 @kernel
-def carry_covariances(route, added, place, density, p, r, variance, second, sums):
+def propagate_covariances(route, added, place, density, p, r, variance, second, sums):
     """Propagate the covariances of sources of error in lanes.
 
     - `added` (i, noises, 15, 15): noise of the intervals for a unit density; `place` (15,): its states among those
@@ -259,13 +259,13 @@ def carry_covariances(route, added, place, density, p, r, variance, second, sums
     - `second` (w, MOST, MOST) and `sums` (o, n, n): the sums over the lanes of innovation moments, and of covariances
       at the outputs, are added.
     """
-    p, r, density, variance = registers(p), registers(r), registers(density), registers(variance)
+    p, r, density, variance = as_simd(p), as_simd(r), as_simd(density), as_simd(variance)
     size, n, noises = p.shape[1], route.gain.shape[1], added.shape[1]
     first, scales = route.clock
-    work, hp, by = room(p, (n, size)), room(p, (MOST, size)), room(p, (size, MOST))
-    moments = small_matrix(p, MOST, MOST)
+    work, hp, by = alloc(p, (n, size)), alloc(p, (MAX_MEASUREMENT_SIZE, size)), alloc(p, (size, MAX_MEASUREMENT_SIZE))
+    moments = small_matrix(p, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)
     alone = numbers(moments)
-    lanes = alone.shape[1] // MOST
+    lanes = alone.shape[1] // MAX_MEASUREMENT_SIZE
     there = np.zeros(noises, np.bool_)
     numbers_of = numbers(density)
     for k in range(noises):
@@ -282,21 +282,21 @@ def carry_covariances(route, added, place, density, p, r, variance, second, sums
         before = ahead
         one, at, w, row = p[ahead], route.interval[i], route.weighed[i], route.output[i]
         if at >= 0:
-            _carry(route.phi[at], route.rest[at], one, work)
+            _propagate(route.phi[at], route.rest[at], one, work)
             if scales > 0:
-                carry_clock_covariance(first, scales, density[noises], density[noises + 1], route.length[at], one)
+                propagate_clock_covariance(first, scales, density[noises], density[noises + 1], route.length[at], one)
             for k in range(noises):
                 if there[k]:
                     _add(added[at, k], place, density[k], one)
         if row >= 0:
             _errors(route.to_error, one, work, variance[row], sums[row])
         if w >= 0:
-            for a in range(MOST):
-                for b in range(MOST):
+            for a in range(MAX_MEASUREMENT_SIZE):
+                for b in range(MAX_MEASUREMENT_SIZE):
                     moments[a, b] = r[w, a, b]
-            _weigh(route.h[w], route.gain[w], moments, one, hp, by)
-            for a in range(MOST):
-                for b in range(MOST):
+            _update(route.h[w], route.gain[w], moments, one, hp, by)
+            for a in range(MAX_MEASUREMENT_SIZE):
+                for b in range(MAX_MEASUREMENT_SIZE):
                     total = second[w, a, b]
                     for c in range(lanes):
                         total += alone[a, lanes * b + c]
@@ -304,7 +304,7 @@ def carry_covariances(route, added, place, density, p, r, variance, second, sums
 
 
 @kernel
-def carry_differences(route, gains, innovation, fix, apart, scale, x, farthest):
+def propagate_differences(route, gains, innovation, fix, separation, scale, x, farthest):
     """Propagate the differences between f filters with fewer measurements and the main filter, in lanes of its runs.
 
     With d the others' estimates minus the filter's, and z the innovation of each event at the filter's estimate, d <- d
@@ -312,46 +312,50 @@ def carry_differences(route, gains, innovation, fix, apart, scale, x, farthest):
 
     - `route`: of the main filter; `gains` (w, f, n, MOST): of the others.
     - `innovation` (k, MOST): at events that the main filter used, nan for others.
-    - `fix` (k,): row of a fix in `apart`, -1 for measurements that all filters share.
-    - `apart` (f, e, MOST): fixes of the others minus its own, nan if they have none.
+    - `fix` (k,): row of a fix in `separation`, -1 for measurements that all filters share.
+    - `separation` (f, e, MOST): fixes of the others minus its own, nan if they have none.
     - `scale` (o, f, 3): factor on position differences.
     - `x` (2, f, n): zero, and room for the copy that predicts ahead; overwritten.
     - `farthest` (o,), out: largest scaled difference.
     """
-    innovation, apart, x, farthest = registers(innovation), registers(apart), registers(x), registers(farthest)
+    innovation, separation, x, farthest = as_simd(innovation), as_simd(separation), as_simd(x), as_simd(farthest)
     others, n = x.shape[1], x.shape[2]
-    z, seen, off = small_vector(x, MOST), small_vector(x, MOST), small_vector(x, MOST)
+    z, seen, off = (
+        small_vector(x, MAX_MEASUREMENT_SIZE),
+        small_vector(x, MAX_MEASUREMENT_SIZE),
+        small_vector(x, MAX_MEASUREMENT_SIZE),
+    )
     before = 0
     for i in range(route.ahead.shape[0]):
         ahead = 1 if route.ahead[i] else 0
         at, w, row = route.interval[i], route.weighed[i], route.output[i]
         largest = 0.0 * farthest[0]
         if w >= 0:
-            for a in range(MOST):
+            for a in range(MAX_MEASUREMENT_SIZE):
                 used = innovation[i, a] == innovation[i, a]
-                z[a] = select(used, innovation[i, a], 0.0)
+                z[a] = where(used, innovation[i, a], 0.0)
         for f in range(others):
             if ahead > before:
                 for j in range(n):
                     x[1, f, j] = x[0, f, j]
             one = x[ahead, f]
             if at >= 0:
-                _carry_over(route, at, one)
+                _propagate_over(route, at, one)
             if row >= 0:
                 for q in range(3):
                     size = scale[row, f, q] * one[q]
-                    size = select(size < 0.0, -size, size)
+                    size = where(size < 0.0, -size, size)
                     # nan stays nan
-                    largest = select((size <= largest) | (largest != largest), largest, size)
+                    largest = where((size <= largest) | (largest != largest), largest, size)
             if w >= 0:
-                for a in range(MOST):
+                for a in range(MAX_MEASUREMENT_SIZE):
                     off[a] = z[a]
                     if fix[i] >= 0:
-                        off[a] += apart[f, fix[i], a]
+                        off[a] += separation[f, fix[i], a]
                 _observe_difference(route.h[w], one, off, innovation[i], seen)
                 for j in range(n):
                     t = one[j]
-                    for a in range(MOST):
+                    for a in range(MAX_MEASUREMENT_SIZE):
                         t = fma(gains[w, f, j, a], seen[a], fma(-route.gain[w, j, a], z[a], t))
                     one[j] = t
         if row >= 0:
@@ -368,7 +372,7 @@ def _observe_difference(h, x, off, innovation, seen):
             if h[a, j] != 0.0:
                 t = fma(-h[a, j], x[j], t)
         there = (innovation[a] == innovation[a]) & (off[a] == off[a])
-        seen[a] = select(there, t, 0.0)
+        seen[a] = where(there, t, 0.0)
 
 
 @kernel
@@ -389,7 +393,7 @@ def _put_line(line, side, j, matrix):
 
 
 @kernel
-def carry_excess(route, gains, cross, x, excess):
+def propagate_excess(route, gains, cross, x, excess):
     """Propagate the excess of the error covariance of two filters over the covariance of the first filter.
 
     For optimal filters with the same measurements it is zero: the other's error contains the better one's error
@@ -401,7 +405,7 @@ def carry_excess(route, gains, cross, x, excess):
     - `excess` (o, 3, 3), out: of positions.
     """
     size = x.shape[1]
-    seen, nothing, column = np.empty(MOST), np.zeros(MOST), np.empty(size)
+    seen, nothing, column = np.empty(MAX_MEASUREMENT_SIZE), np.zeros(MAX_MEASUREMENT_SIZE), np.empty(size)
     before = 0
     for i in range(route.ahead.shape[0]):
         ahead = 1 if route.ahead[i] else 0
@@ -413,7 +417,7 @@ def carry_excess(route, gains, cross, x, excess):
         for side in range(2) if at >= 0 else range(0):
             for j in range(size):
                 _line(one, side, j, column)
-                _carry_over(route, at, column)
+                _propagate_over(route, at, column)
                 _put_line(column, side, j, one)
         if row >= 0:
             for j in range(3):
@@ -426,11 +430,11 @@ def carry_excess(route, gains, cross, x, excess):
                     _line(one, side, j, column)
                     _observe_column(route.h[w], column, nothing, seen)
                     for k in range(size):
-                        for a in range(MOST):
+                        for a in range(MAX_MEASUREMENT_SIZE):
                             column[k] -= gain[k, a] * seen[a]
                     _put_line(column, side, j, one)
-            for a in range(MOST):
-                for b in range(MOST):
+            for a in range(MAX_MEASUREMENT_SIZE):
+                for b in range(MAX_MEASUREMENT_SIZE):
                     if cross[w, a, b] != 0.0:
                         for j in range(size):
                             for k in range(size):

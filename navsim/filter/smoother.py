@@ -20,26 +20,26 @@ import math
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.compiler.lanes import alloc, any_lane, as_simd, no, small_matrix, small_vector, where
 from navsim.compiler.linear import cholesky, copy, copy_matrix, identity, solve_cholesky
 from navsim.filter import eskf
-from navsim.filter.covariance import carry_errors, felt, gain, joseph, reset
+from navsim.filter.covariance import count_imu_states, gain, joseph, propagate_error_columns, reset
 from navsim.filter.error_parametrisation import PLAIN
-from navsim.filter.filter_loop import advance_once, goes_on, set_off, workshop
-from navsim.filter.history import keep_decision, keep_innovation, opened
+from navsim.filter.filter_loop import advance_once, can_advance, propagation_buffers, start_mechanisation
+from navsim.filter.history import as_registers, record_decision, record_innovation
 from navsim.filter.measurement_models import PROBE, observe, slot
-from navsim.filter.receiver_clock import carry_clock_rows
+from navsim.filter.receiver_clock import propagate_clock_rows
 from navsim.filter.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
 from navsim.filter.states import (
-    A_D,
-    A_E,
-    A_N,
-    MOST,
-    NAV_HELD,
+    MAX_MEASUREMENT_SIZE,
+    NAV_BIAS_FRAME,
     NAV_SENSORS,
+    PHI_D,
+    PHI_E,
+    PHI_N,
     SENSORS,
 )
-from navsim.filter.update import count_rejection, errors_from, limit_of, numbers_in, whitened_square
+from navsim.filter.update import count_rejection, count_valid, estimate_errors, gate_limit, whitened_square
 
 PASSES = {RTS: 1, MAP: 30}
 """Passes over the flight that each kind of smoother makes at most."""
@@ -51,7 +51,7 @@ _CONVERGED = 1e-3
 def _fly(until, imu, model, nav, cursor, increments, space, added, transition):
     """Mechanise to `until`; transition (n, n) of the plain errors, added (n, n): covariance gathered.
 
-    space: from `filter_loop.workshop`.
+    space: from `filter_loop.propagation_buffers`.
     """
     n, declared = transition.shape[0], model.declared
     identity(transition)
@@ -59,12 +59,12 @@ def _fly(until, imu, model, nav, cursor, increments, space, added, transition):
         for j in range(n):
             added[i, j] = 0.0
     scales = model.clock.scales.shape[0]
-    while goes_on(imu, until, cursor):
+    while can_advance(imu, until, cursor):
         begin = cursor[1]
         advance_once(PLAIN, until, imu, model, nav, added, cursor, increments, space)
-        carry_errors(space.phi, SENSORS + felt(declared), space.sums.left, transition, space.a)
+        propagate_error_columns(space.phi, SENSORS + count_imu_states(declared), space.sums.decay, transition, space.a)
         if scales > 0:
-            carry_clock_rows(n - scales - 1, scales, cursor[1] - begin, transition)
+            propagate_clock_rows(n - scales - 1, scales, cursor[1] - begin, transition)
 
 
 @kernel
@@ -159,55 +159,57 @@ def run(imu, measurements, events, state, model, passes, history):
     covariance is not positive definite.
     """
     declared = model.declared
-    navigation, rejected, final = registers(state.navigation), registers(state.rejected), registers(state.covariance)
+    navigation, rejected, final = as_simd(state.navigation), as_simd(state.rejected), as_simd(state.covariance)
     n = final.shape[0]
-    left = opened(history)
-    answers, covariance, status = left.navigation, left.covariance, left.status
+    decay = as_registers(history)
+    answers, covariance, status = decay.navigation, decay.covariance, decay.status
     size = navigation.shape[0]
     node_time, node_event, node_output = _nodes(imu.time[0], events)
     count = node_time.shape[0]
-    nodes, filtered = room(navigation, (count, size)), room(navigation, (count, n, n))
+    nodes, filtered = alloc(navigation, (count, size)), alloc(navigation, (count, n, n))
     predicted, carried, gains = (
-        room(navigation, (count, n, n)), room(navigation, (count, n, n)), room(navigation, (count, n, n)),
+        alloc(navigation, (count, n, n)), alloc(navigation, (count, n, n)), alloc(navigation, (count, n, n)),
     )  # fmt: skip
     # means of the errors about each node, before and after its measurement
-    mean, mean_predicted = room(navigation, (count, n)), room(navigation, (count, n))
-    transition, factor, later = room(navigation, (n, n)), room(navigation, (n, n)), room(navigation, (n, n))
-    added, p, prior = room(navigation, (n, n)), room(navigation, (n, n)), room(navigation, (n, n))
+    mean, mean_predicted = alloc(navigation, (count, n)), alloc(navigation, (count, n))
+    transition, factor, later = alloc(navigation, (n, n)), alloc(navigation, (n, n)), alloc(navigation, (n, n))
+    added, p, prior = alloc(navigation, (n, n)), alloc(navigation, (n, n)), alloc(navigation, (n, n))
     h, z, r, s = (
-        room(navigation, (MOST, n)), small_vector(navigation, MOST), small_matrix(navigation, MOST, MOST),
-        small_matrix(navigation, MOST, MOST),
+        alloc(navigation, (MAX_MEASUREMENT_SIZE, n)), small_vector(navigation, MAX_MEASUREMENT_SIZE),
+        small_matrix(navigation, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE),
+        small_matrix(navigation, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE),
     )  # fmt: skip
     have, k, pht, work = (
-        small_vector(navigation, MOST), room(navigation, (n, MOST)), room(navigation, (n, MOST)),
-        room(navigation, (n, MOST)),
+        small_vector(navigation, MAX_MEASUREMENT_SIZE), alloc(navigation, (n, MAX_MEASUREMENT_SIZE)),
+        alloc(navigation, (n, MAX_MEASUREMENT_SIZE)),
+        alloc(navigation, (n, MAX_MEASUREMENT_SIZE)),
     )  # fmt: skip
-    jac, columns = small_matrix(navigation, 3, 3), room(navigation, (n, 3))
-    space = workshop(navigation, n, PLAIN.straight, declared)
+    jac, columns = small_matrix(navigation, 3, 3), alloc(navigation, (n, 3))
+    space = propagation_buffers(navigation, n, PLAIN.straight, declared)
     increments, cursor = small_vector(navigation, 6), np.zeros(3)
-    here, x, start = room(navigation, (size,)), room(navigation, (n,)), room(navigation, (size,))
+    here, x, start = alloc(navigation, (size,)), alloc(navigation, (n,)), alloc(navigation, (size,))
 
     copy(navigation, start)
     copy_matrix(final, prior)
-    for i in range(NAV_HELD, NAV_SENSORS):
-        start[i] = 1.0 if i == NAV_HELD else 0.0
+    for i in range(NAV_BIAS_FRAME, NAV_SENSORS):
+        start[i] = 1.0 if i == NAV_BIAS_FRAME else 0.0
     for e in range(status.shape[0]):
         status[e] = NOT_USED
     for i in range(rejected.shape[0]):
         rejected[i] = 0.0
     # runs that are still being smoothed; those that are done keep the answers of the pass in which they were
-    running = start[NAV_HELD] == 1.0
+    running = start[NAV_BIAS_FRAME] == 1.0
     for iteration in range(passes):
         # the first pass has no trajectory yet: it follows its own estimate
         first = iteration == 0
         if first:
             copy(start, nodes[0])
-        set_off(imu, nodes[0], declared, cursor, increments)
+        start_mechanisation(imu, nodes[0], declared, cursor, increments)
         # prior: exp(d) exp(moved) = exp(theta), theta ~ N(0, P)
         eskf.between(nodes[0], start, x)
         # forwards: a filter of the errors along this trajectory
         copy_matrix(prior, filtered[0])
-        reset(filtered[0], x[A_N], x[A_E], x[A_D], jac, columns)
+        reset(filtered[0], x[PHI_N], x[PHI_E], x[PHI_D], jac, columns)
         for i in range(n):
             mean[0, i] = -x[i]
         for node in range(1, count):
@@ -228,28 +230,28 @@ def run(imu, measurements, events, state, model, passes, history):
             e = node_event[node]
             if e < 0:
                 continue
-            what = events.kind[e]
+            kind = events.kind[e]
             m = observe(
-                what, events.row[e], measurements, nodes[node], increments, cursor[2], declared, space.c_nb, have, z, h,
+                kind, events.row[e], measurements, nodes[node], increments, cursor[2], declared, space.c_nb, have, z, h,
                 r,
             )  # fmt: skip
-            degrees = numbers_in(have, m)
+            degrees = count_valid(have, m)
             for a in range(m):
                 for c in range(n):
                     z[a] -= h[a, c] * mean[node, c]
             copy_matrix(filtered[node], p)
             used = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
-            errors_from(k, z, m, x)
+            estimate_errors(k, z, m, x)
             if first:
                 weighed = used
-                keep_innovation(False, have, weighed, m, z, s, left, e)
+                record_innovation(False, have, weighed, m, z, s, decay, e)
                 q = whitened_square(s, z, m)
-                where = slot(what, events.row[e], measurements)
-                used = weighed & (no(q > limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
-                if what == PROBE:
+                counter = slot(kind, events.row[e], measurements)
+                used = weighed & (no(q > gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
+                if kind == PROBE:
                     used = used & no(used)
-                keep_decision(weighed, used, q, degrees, left, e)
-                count_rejection(weighed, used, where, rejected)
+                record_decision(weighed, used, q, degrees, decay, e)
+                count_rejection(weighed, used, counter, rejected)
             used = used & (status[e] == USED)
             if not any_lane(used):
                 continue
@@ -258,25 +260,25 @@ def run(imu, measurements, events, state, model, passes, history):
                 # the node moves onto its estimate, and its errors are counted from there
                 copy(nodes[node], here)
                 eskf.inject(here, x)
-                reset(p, x[A_N], x[A_E], x[A_D], jac, columns)
+                reset(p, x[PHI_N], x[PHI_E], x[PHI_D], jac, columns)
                 for i in range(size):
-                    nodes[node, i] = select(used, here[i], nodes[node, i])
+                    nodes[node, i] = where(used, here[i], nodes[node, i])
                 for i in range(n):
-                    mean_predicted[node, i] = select(used, -x[i], mean_predicted[node, i])
-                    mean[node, i] = select(used, 0.0, mean[node, i])
+                    mean_predicted[node, i] = where(used, -x[i], mean_predicted[node, i])
+                    mean[node, i] = where(used, 0.0, mean[node, i])
             else:
                 for i in range(n):
-                    mean[node, i] = select(used, mean[node, i] + x[i], mean[node, i])
+                    mean[node, i] = where(used, mean[node, i] + x[i], mean[node, i])
             for i in range(n):
                 for j in range(n):
-                    filtered[node, i, j] = select(used, p[i, j], filtered[node, i, j])
+                    filtered[node, i, j] = where(used, p[i, j], filtered[node, i, j])
         # backwards [2]: information of later measurements about each node
         moved = 0.0 * start[0]
         for node in range(count - 1, -1, -1):
             if node < count - 1:
                 good = _smoothing_gain(carried[node + 1], predicted[node + 1], factor, gains[node])
                 # no covariance, no answer
-                moved = select(good, moved, math.nan)
+                moved = where(good, moved, math.nan)
                 for i in range(n):
                     t = mean[node, i]
                     for c in range(n):
@@ -284,7 +286,7 @@ def run(imu, measurements, events, state, model, passes, history):
                     mean[node, i] = t
             for i in range(n):
                 step = abs(mean[node, i]) / math.sqrt(filtered[node, i, i])
-                moved = select(step > moved, step, moved)
+                moved = where(step > moved, step, moved)
         lost = running & math.isnan(moved)
         # the next trajectory
         for node in range(count):
@@ -297,18 +299,18 @@ def run(imu, measurements, events, state, model, passes, history):
         if any_lane(lost):
             for o in range(answers.shape[0]):
                 for i in range(size):
-                    answers[o, i] = select(lost, math.nan, answers[o, i])
+                    answers[o, i] = where(lost, math.nan, answers[o, i])
                 for i in range(n):
                     for j in range(n):
-                        covariance[o, i, j] = select(lost, math.nan, covariance[o, i, j])
+                        covariance[o, i, j] = where(lost, math.nan, covariance[o, i, j])
         if any_lane(done):
             # covariances are smoothed once, along the last trajectory; they do not change it
             for i in range(size):
-                navigation[i] = select(done, nodes[count - 1, i], navigation[i])
+                navigation[i] = where(done, nodes[count - 1, i], navigation[i])
             copy_matrix(filtered[count - 1], later)
             for i in range(n):
                 for j in range(n):
-                    final[i, j] = select(done, later[i, j], final[i, j])
+                    final[i, j] = where(done, later[i, j], final[i, j])
             for node in range(count - 1, -1, -1):
                 if node < count - 1:
                     _smooth_covariance(gains[node], predicted[node + 1], later, filtered[node], factor)
@@ -316,10 +318,10 @@ def run(imu, measurements, events, state, model, passes, history):
                 o = node_output[node]
                 if o >= 0:
                     for i in range(size):
-                        answers[o, i] = select(done, nodes[node, i], answers[o, i])
+                        answers[o, i] = where(done, nodes[node, i], answers[o, i])
                     for i in range(n):
                         for j in range(n):
-                            covariance[o, i, j] = select(done, later[i, j], covariance[o, i, j])
+                            covariance[o, i, j] = where(done, later[i, j], covariance[o, i, j])
         running = running & no(done) & no(lost)
         if not any_lane(running):
             break

@@ -20,25 +20,25 @@ from navsim.defect import Defect
 # --- error state: the navigation block
 POS, VEL, ATT = 0, 3, 6
 """First index of the position, velocity and attitude errors."""
-R_N, R_E, R_D, V_N, V_E, V_D, A_N, A_E, A_D = range(9)
+R_N, R_E, R_D, V_N, V_E, V_D, PHI_N, PHI_E, PHI_D = range(9)
 """Each of them: position, velocity, attitude; north, east, down."""
 SENSORS = 9
 """Size of the navigation block: the first index of the declared sensor states."""
 GYRO, ACCEL = 9, 12
 """First index of the gyro and accelerometer biases, which every filter follows."""
-N = 15
+N_BASE = 15
 """States of a filter that follows nothing but the biases."""
-MOST = 6
+MAX_MEASUREMENT_SIZE = 6
 """Most numbers that one measurement has."""
 
 # --- navigation state: latitude, longitude [rad], height [m]; velocity NED [m/s]; quaternion b -> n (scalar first); the
 # turn that the `tfg` filter's bias axes have been held back by (quaternion, see `filter.tfg`; zeros at the start of
 # a flight); estimates of the sensor states, biases [rad/s, m/s2] first, and of the clock, in the order of the error
 # state
-NAV_LLH, NAV_VEL, NAV_QUAT, NAV_HELD, NAV_SENSORS = 0, 3, 6, 10, 14
+NAV_LLH, NAV_VEL, NAV_QUAT, NAV_BIAS_FRAME, NAV_SENSORS = 0, 3, 6, 10, 14
 NAV_GYRO, NAV_ACCEL = 14, 17
 NAV_N = 20
-"""Size of the navigation state of a filter of `N` states."""
+"""Size of the navigation state of a filter of `N_BASE` states."""
 
 # --- declared sensor states
 GYROS, ACCELEROMETERS = 0, 1
@@ -123,16 +123,16 @@ G_SENSITIVITY = tuple(Block(f"gyro_g_sensitivity_{k}", "rad/s/(m/s2)", GYROS, th
 """Blocks of constant gains of gyros from specific force, of a truth alone."""
 
 
-def alone(name: str, unit: str, kind: int, first: int, sigma: float, time: float, step: float) -> Block:
+def correlated_single(name: str, unit: str, kind: int, first: int, sigma: float, time: float, step: float) -> Block:
     """A single time-correlated measurement error of a kind, with the number `first`.
 
-    It is a Gauss-Markov process of this 1 sigma, in its unit. time, step: see `lasting`.
+    It is a Gauss-Markov process of this 1 sigma, in its unit. time, step: see `correlated_triple`.
     """
     drive = -math.expm1(-2.0 * step / time) / step
     return Block(name, unit, kind, decay=1.0 / time, drive=sigma**2 * drive, first=first, size=1)
 
 
-def lasting(name: str, kind: int, time: float, step: float, first: int = 0, numbered: bool = False) -> Block:
+def correlated_triple(name: str, kind: int, time: float, step: float, first: int = 0, numbered: bool = False) -> Block:
     """Three time-correlated measurement errors of a kind (`filter.measurement_models`), each a Gauss-Markov process of
     1 sigma one.
 
@@ -198,13 +198,13 @@ def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
     return (*(unit for unit, size in groups for _ in range(size)), *(["m"] * scales), *(["m/s"] if scales else []))
 
 
-_LASTING = re.compile("(?:fix_error_(slow|fast)|range_error_(slow|fast))(_more)?(?:_(.+))?")
+_CORRELATED = re.compile("(?:fix_error_(slow|fast)|range_error_(slow|fast))(_more)?(?:_(.+))?")
 """States of time-correlated errors of fixes, and of ranges."""
 
 
 def display_name(state: str) -> str:
     """Name of a state, or of a group of three, in reports."""
-    if found := _LASTING.fullmatch(state):
+    if found := _CORRELATED.fullmatch(state):
         fix, range_, more, which = found.groups()
         name = f"{'further ' if more else ''}{fix} satellite errors" if fix else f"{range_} ranging error"
         return f"{name}, {which}" if which else name
@@ -222,4 +222,4 @@ def is_sigma_wrong(most: float, least: float, band: tuple[float, float], toleran
 SLICES = slices(biases())
 NAMES = names(biases())
 UNITS = units(biases())
-"""Units of a filter of `N` states."""
+"""Units of a filter of `N_BASE` states."""

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, no, select, small_matrix, small_vector
+from navsim.compiler.lanes import any_lane, no, small_matrix, small_vector, where
 from navsim.compiler.linear import copy
 from navsim.filter.records import (
     STEADY_AGE,
@@ -38,7 +38,7 @@ from navsim.filter.records import (
     STEADY_USES_FORCE,
     TIME_TOLERANCE,
 )
-from navsim.filter.states import A_D, A_E, A_N, NAV_HELD, NAV_QUAT, NAV_VEL, VEL
+from navsim.filter.states import NAV_BIAS_FRAME, NAV_QUAT, NAV_VEL, PHI_D, PHI_E, PHI_N, VEL
 from navsim.geodesy.attitude_kernels import dcm, difference, half_sinc, rotate_left
 
 _WINDOW = 40.0
@@ -75,15 +75,15 @@ def start_line(line, velocity, time):
     """Start the line (STEADY_N,) at a velocity (3,) at a time, s, unless it continues from an earlier flight."""
     new = line[STEADY_ROUGHNESS] == 0.0
     for i in range(3):
-        line[STEADY_LINE + i] = select(new, velocity[i], line[STEADY_LINE + i])
-        line[STEADY_LAST + i] = select(new, velocity[i], line[STEADY_LAST + i])
-    line[STEADY_TIME] = select(new, time, line[STEADY_TIME])
-    line[STEADY_ROUGHNESS] = select(new, 1.0, line[STEADY_ROUGHNESS])
-    line[STEADY_USES_FORCE] = select(new, 1.0, line[STEADY_USES_FORCE])
+        line[STEADY_LINE + i] = where(new, velocity[i], line[STEADY_LINE + i])
+        line[STEADY_LAST + i] = where(new, velocity[i], line[STEADY_LAST + i])
+    line[STEADY_TIME] = where(new, time, line[STEADY_TIME])
+    line[STEADY_ROUGHNESS] = where(new, 1.0, line[STEADY_ROUGHNESS])
+    line[STEADY_USES_FORCE] = where(new, 1.0, line[STEADY_USES_FORCE])
 
 
 @kernel
-def has_begun(line):
+def is_interval_started(line):
     """Whether an interval of the line is under way: the velocity that it began with is known."""
     return any_lane(line[STEADY_BEGUN] > 0.5)
 
@@ -92,8 +92,8 @@ def has_begun(line):
 def _span(age, memory):
     """Memory of the line and the mean force at this age, s, with that memory of the velocity."""
     longest = _WINDOW_MEMORIES * memory
-    longest = select(longest < _WINDOW, _WINDOW, longest)
-    return select(age > longest, longest, age)
+    longest = where(longest < _WINDOW, _WINDOW, longest)
+    return where(age > longest, longest, age)
 
 
 @kernel
@@ -105,29 +105,29 @@ def begin_interval(line, v, variance, q, time):
     dt = line[STEADY_STEP]
     memory = (variance[0] + variance[1] + variance[2]) / (3.0 * q)
     youngest = _YOUNG_MEMORIES * memory
-    youngest = select(youngest < _YOUNG, _YOUNG, youngest)
+    youngest = where(youngest < _YOUNG, _YOUNG, youngest)
     age = line[STEADY_AGE] + dt
     # a line by least squares, whose memory grows with its age
-    many = select(dt > 0.0, _span(age, memory) / select(dt > 0.0, dt, 1.0), 1.0)
-    many = select(many < 1.0, 1.0, many)
+    many = where(dt > 0.0, _span(age, memory) / where(dt > 0.0, dt, 1.0), 1.0)
+    many = where(many < 1.0, 1.0, many)
     gain = 2.0 * (2.0 * many - 1.0) / (many * (many + 1.0))
-    gain = select(gain > 1.0, 1.0, gain)
-    slope_gain = select(many < 1.5, 0.0, 6.0 / (many * (many + 1.0)))
+    gain = where(gain > 1.0, 1.0, gain)
+    slope_gain = where(many < 1.5, 0.0, 6.0 / (many * (many + 1.0)))
     steady = line[STEADY_IS] > 0.5
     grown = (age > youngest + TIME_TOLERANCE) & (memory < _SLOWEST)
     # gusts are remembered beyond the line that they ended; next to a young line all changes look like gusts
-    count = select(steady | grown | (line[STEADY_USES_FORCE] > 0.5), line[STEADY_COUNT], 0.0)
+    count = where(steady | grown | (line[STEADY_USES_FORCE] > 0.5), line[STEADY_COUNT], 0.0)
     begins = grown & no(steady) & no(_is_rough(line[STEADY_ROUGHNESS], count)) & (count * dt > _YOUNG + TIME_TOLERANCE)
     for i in range(3):
         off = v[i] - line[STEADY_LINE + i]
-        line[STEADY_SLOPE + i] += select(dt > 0.0, slope_gain * off / select(dt > 0.0, dt, 1.0), 0.0)
-        s = select(begins, v[i], line[STEADY_LINE + i] + gain * off)
+        line[STEADY_SLOPE + i] += where(dt > 0.0, slope_gain * off / where(dt > 0.0, dt, 1.0), 0.0)
+        s = where(begins, v[i], line[STEADY_LINE + i] + gain * off)
         line[STEADY_LINE + i] = s
-        line[STEADY_LAST + i] = select(steady, line[STEADY_LAST + i], s)
+        line[STEADY_LAST + i] = where(steady, line[STEADY_LAST + i], s)
         line[STEADY_LEFT + i] = v[i]
-        line[STEADY_OMITTED + i] = select(begins, 0.0, line[STEADY_OMITTED + i])
+        line[STEADY_OMITTED + i] = where(begins, 0.0, line[STEADY_OMITTED + i])
     line[STEADY_AGE], line[STEADY_COUNT] = age, count
-    line[STEADY_IS] = select(begins, 1.0, line[STEADY_IS])
+    line[STEADY_IS] = where(begins, 1.0, line[STEADY_IS])
     line[STEADY_TIME] = time + 0.0 * dt
     line[STEADY_BEGUN] = 1.0 + 0.0 * dt
 
@@ -135,7 +135,7 @@ def begin_interval(line, v, variance, q, time):
 @kernel
 def _is_rough(roughness, count):
     """Whether velocity changes are larger than the noise, although each of them alone is not detected."""
-    return (roughness - 1.0) * (roughness - 1.0) * count * 3.0 > 2.0 * _ROUGH * _ROUGH * select(
+    return (roughness - 1.0) * (roughness - 1.0) * count * 3.0 > 2.0 * _ROUGH * _ROUGH * where(
         roughness > 1.0, 1.0, math.inf
     )
 
@@ -153,13 +153,13 @@ def end_interval(line, v, variance, attitude, q, time, m):
     memory = (variance[0] + variance[1] + variance[2]) / (3.0 * q)
     # after a hole the line is no older by fixes that did not come
     most = _SLOWING * line[STEADY_STEP]
-    step = select((most > 0.0) & (dt > most), most, dt)
+    step = where((most > 0.0) & (dt > most), most, dt)
     age = line[STEADY_AGE] + step
     force, noise, omitted = small_vector(line, 3), small_vector(line, 3), small_vector(line, 3)
     _compare(line, v, attitude, _span(age, memory) / step, dt, force, noise)
     uses = line[STEADY_USES_FORCE] > 0.5
     # fixes correct the effect of noise within the memory of the velocity
-    forgotten = select(dt < memory, dt / memory, 1.0)
+    forgotten = where(dt < memory, dt / memory, 1.0)
     limit = _OFF_MEAN * _OFF_MEAN * q * memory * (0.5 + memory / age)
     ends = steady & (memory > _UNCONFIRMED * _SLOWEST)
     sudden = steady & no(steady)
@@ -175,11 +175,11 @@ def end_interval(line, v, variance, attitude, q, time, m):
         beside += noise[i] * noise[i]
         by_line += jump * jump
     keeps = uses & no(turned)
-    square = select(keeps, beside, by_line)
+    square = where(keeps, beside, by_line)
     longest = _ROUGHNESS_TIME / step
     count = line[STEADY_COUNT] + 1.0
-    count = select(count > longest, longest, count)
-    count = select(count < 1.0, 1.0, count)
+    count = where(count > longest, longest, count)
+    count = where(count < 1.0, 1.0, count)
     roughness = line[STEADY_ROUGHNESS] + (square / (3.0 * q * dt) - line[STEADY_ROUGHNESS]) / count
     line[STEADY_ROUGHNESS] = roughness
     ends = ends | sudden | (steady & _is_rough(roughness, count))
@@ -189,19 +189,19 @@ def end_interval(line, v, variance, attitude, q, time, m):
         before, last = line[STEADY_LEFT + i], line[STEADY_LAST + i]
         # part that the line and the mean force have omitted so far, and the part of this interval
         of_line, of_force = last - before, line[STEADY_OMITTED + i]
-        follows = (s - last) - (v[i] - before) + select(uses, of_line - of_force, 0.0)
-        back = -select(uses, of_force, of_line)
-        m[i] = select(stays, select(keeps, -noise[i], follows), select(stops, back, 0.0))
-        line[STEADY_OMITTED + i] = select(ends, 0.0, omitted[i])
-        line[STEADY_FORCE + i] = select(ends, force[i], line[STEADY_FORCE + i])
-        s = select(ends, v[i], s)
+        follows = (s - last) - (v[i] - before) + where(uses, of_line - of_force, 0.0)
+        back = -where(uses, of_force, of_line)
+        m[i] = where(stays, where(keeps, -noise[i], follows), where(stops, back, 0.0))
+        line[STEADY_OMITTED + i] = where(ends, 0.0, omitted[i])
+        line[STEADY_FORCE + i] = where(ends, force[i], line[STEADY_FORCE + i])
+        s = where(ends, v[i], s)
         line[STEADY_LINE + i] = s
         line[STEADY_LAST + i] = s
-        line[STEADY_SLOPE + i] = select(ends, (v[i] - before) / dt, line[STEADY_SLOPE + i])
-    line[STEADY_USES_FORCE] = select(ends, 1.0, select(keeps, 1.0, 0.0))
-    line[STEADY_AGE] = select(ends, 0.0, line[STEADY_AGE])
-    line[STEADY_IS] = select(ends, 0.0, line[STEADY_IS])
-    line[STEADY_COUNT] = select(sudden, 0.0, count)
+        line[STEADY_SLOPE + i] = where(ends, (v[i] - before) / dt, line[STEADY_SLOPE + i])
+    line[STEADY_USES_FORCE] = where(ends, 1.0, where(keeps, 1.0, 0.0))
+    line[STEADY_AGE] = where(ends, 0.0, line[STEADY_AGE])
+    line[STEADY_IS] = where(ends, 0.0, line[STEADY_IS])
+    line[STEADY_COUNT] = where(sudden, 0.0, count)
     line[STEADY_STEP] = step
     line[STEADY_BEGUN] = 0.0 * dt
 
@@ -215,7 +215,7 @@ def _compare(line, v, attitude, many, dt, force, noise):
     """
     c_nb, level = small_matrix(noise, 3, 3), small_vector(noise, 3)
     dcm(attitude, c_nb)
-    many = select(many < 1.0, 1.0, many)
+    many = where(many < 1.0, 1.0, many)
     for i in range(3):
         level[i] = (v[i] - line[STEADY_LEFT + i]) / dt - (_GRAVITY if i == 2 else 0.0)
     for i in range(3):
@@ -237,13 +237,13 @@ def couple(p, block, m, tilts):
     n = p.shape[0]
     m0, m1, m2 = m[0], m[1], m[2]
     for j in range(n):
-        t0, t1, t2 = tilts * p[A_N, j], tilts * p[A_E, j], p[A_D, j]
+        t0, t1, t2 = tilts * p[PHI_N, j], tilts * p[PHI_E, j], p[PHI_D, j]
         p[block, j] += t1 * m2 - t2 * m1
         p[block + 1, j] += t2 * m0 - t0 * m2
         p[block + 2, j] += t0 * m1 - t1 * m0
     for i in range(3):
         row = block + i
-        t0, t1, t2 = tilts * p[row, A_N], tilts * p[row, A_E], p[row, A_D]
+        t0, t1, t2 = tilts * p[row, PHI_N], tilts * p[row, PHI_E], p[row, PHI_D]
         p[row, block] += t1 * m2 - t2 * m1
         p[row, block + 1] += t2 * m0 - t0 * m2
         p[row, block + 2] += t0 * m1 - t1 * m0
@@ -269,11 +269,11 @@ def mean_velocity(mixture, count, v, variance):
     for i in range(3):
         mean, square = 0.0 * weight[0], 0.0 * weight[0]
         for j in range(count):
-            mean += select(weight[j] > 0.0, weight[j] * mixture.navigation[j, NAV_VEL + i], 0.0)
+            mean += where(weight[j] > 0.0, weight[j] * mixture.navigation[j, NAV_VEL + i], 0.0)
         for j in range(count):
             apart = mixture.navigation[j, NAV_VEL + i] - mean
             own = apart * apart + mixture.covariance[j, VEL + i, VEL + i]
-            square += select(weight[j] > 0.0, weight[j] * own, 0.0)
+            square += where(weight[j] > 0.0, weight[j] * own, 0.0)
         v[i], variance[i] = mean, square
 
 
@@ -284,11 +284,11 @@ def turns_from_mean(mixture, count, turns, attitude):
     mean = small_vector(attitude, 3)
     for i in range(3):
         mean[i] = 0.0
-    first = mixture.navigation[0, NAV_QUAT:NAV_HELD]
+    first = mixture.navigation[0, NAV_QUAT:NAV_BIAS_FRAME]
     for j in range(count):
-        difference(mixture.navigation[j, NAV_QUAT:NAV_HELD], first, turns[j])
+        difference(mixture.navigation[j, NAV_QUAT:NAV_BIAS_FRAME], first, turns[j])
         for i in range(3):
-            turns[j, i] = select(weight[j] > 0.0, turns[j, i], 0.0)
+            turns[j, i] = where(weight[j] > 0.0, turns[j, i], 0.0)
             mean[i] += weight[j] * turns[j, i]
     for j in range(count):
         for i in range(3):
@@ -316,6 +316,6 @@ def couple_sum(mixture, count, m, turns):
         own[1] = one * y + two * (c * x - a * z)
         own[2] = one * z + two * (a * y - b * x)
         for i in range(3):
-            mixture.navigation[j, NAV_VEL + i] += select(there, own[i], 0.0)
-            own[i] = select(there, m[i] + own[i], 0.0)
+            mixture.navigation[j, NAV_VEL + i] += where(there, own[i], 0.0)
+            own[i] = where(there, m[i] + own[i], 0.0)
         couple(mixture.covariance[j], VEL, own, 1.0)

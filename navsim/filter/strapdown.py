@@ -13,23 +13,23 @@ from __future__ import annotations
 import math
 
 from navsim.compiler.elementary import sincos_of_latitude
-from navsim.compiler.jit import inlined, kernel
-from navsim.compiler.lanes import any_lane, registers, select, small_matrix, small_vector
+from navsim.compiler.jit import kernel, kernel_inline
+from navsim.compiler.lanes import any_lane, as_simd, small_matrix, small_vector, where
 from navsim.compiler.linear import copy, identity, invert3
 from navsim.filter.states import (
     ACCELEROMETERS,
+    N_BASE,
     NAV_ACCEL,
+    NAV_BIAS_FRAME,
     NAV_GYRO,
-    NAV_HELD,
     NAV_LLH,
     NAV_QUAT,
     NAV_SENSORS,
     NAV_VEL,
     SENSORS,
-    N,
 )
 from navsim.geodesy.attitude_kernels import dcm, normalise, rotate_left, rotate_right
-from navsim.geodesy.earth_kernels import RATE, gravity, radii, short_way
+from navsim.geodesy.earth_kernels import RATE, gravity, radii, wrap_angle
 
 # Quantities of a step for the error model, one flat array (`mid`): everything at mid-interval.
 MID_DCM, MID_FELT, MID_SIN = 0, 9, 12
@@ -49,7 +49,7 @@ def unmixing(nav, declared, out):
     m = small_matrix(nav, 3, 3)
     for triad in range(2):
         identity(m)
-        for c in range(N - SENSORS, declared.shape[0]):
+        for c in range(N_BASE - SENSORS, declared.shape[0]):
             if declared[c].triad == triad:
                 m[declared[c].axis, declared[c].signal] += nav[NAV_SENSORS + c]
         invert3(m, out[3 * triad : 3 * triad + 3])
@@ -59,12 +59,12 @@ def unmixing(nav, declared, out):
 def is_mixed(declared):
     """Whether the inertial sensors have declared states other than biases, so that `unmixing` is needed."""
     mixed = False
-    for c in range(N - SENSORS, declared.shape[0]):
+    for c in range(N_BASE - SENSORS, declared.shape[0]):
         mixed |= declared[c].triad <= ACCELEROMETERS
     return mixed
 
 
-@inlined
+@kernel_inline
 def compensated(nav, mixed, inverse, gx, gy, gz, fx, fy, fz, dt):
     """The increments without the sensor errors that the navigation state estimates, six numbers.
 
@@ -91,7 +91,7 @@ def compensated(nav, mixed, inverse, gx, gy, gz, fx, fy, fz, dt):
     return tx, ty, tz, ux, uy, uz
 
 
-@inlined
+@kernel_inline
 def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     """Advance the navigation state by one interval, in place.
 
@@ -122,7 +122,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     by += k * (pz * ux - px * uz + sz * tx - sx * tz)
     bz += k * (px * uy - py * ux + sx * ty - sy * tx)
 
-    q = nav[NAV_QUAT:NAV_HELD]
+    q = nav[NAV_QUAT:NAV_BIAS_FRAME]
     dcm(q, c_nb)
     sn = c_nb[0, 0] * bx + c_nb[0, 1] * by + c_nb[0, 2] * bz
     se = c_nb[1, 0] * bx + c_nb[1, 1] * by + c_nb[1, 2] * bz
@@ -175,7 +175,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     lon = nav[NAV_LLH + 1] + 0.5 * (ve + ve1) * dt / (rt * cos_m)
     beyond = abs(lon) > math.pi
     if any_lane(beyond):
-        lon = select(beyond, short_way(lon), lon)
+        lon = where(beyond, wrap_angle(lon), lon)
     nav[NAV_LLH + 1] = lon
     nav[NAV_VEL], nav[NAV_VEL + 1], nav[NAV_VEL + 2] = vn1, ve1, vd1
 
@@ -209,7 +209,7 @@ def first_increments(nav, declared, dtheta, dv, dt, previous):
         previous[i] = increments[i]
 
 
-@inlined
+@kernel_inline
 def _all(nav, mixed, inverse, dtheta, dv, dt, previous, every, out):
     c_nb = small_matrix(nav, 3, 3)
     mid = small_vector(nav, MID_N)
@@ -229,7 +229,7 @@ def navigate(nav, declared, dtheta, dv, dt, every, out):
     nav: initial navigation state, overwritten by the final one, with estimates of the declared sensor states. dtheta,
     dv: (n, 3) rad, m/s. dt: s. out: (n // every + 1, NAV_N).
     """
-    nav, dtheta, dv, out = registers(nav), registers(dtheta), registers(dv), registers(out)
+    nav, dtheta, dv, out = as_simd(nav), as_simd(dtheta), as_simd(dv), as_simd(out)
     previous, inverse = small_vector(nav, 6), small_matrix(nav, 6, 3)
     first_increments(nav, declared, dtheta[0], dv[0], dt, previous)
     copy(nav, out[0])

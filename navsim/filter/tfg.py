@@ -10,8 +10,8 @@ the filter learns nothing along it.
     P+ = T(x+)^-1 M T(x) P T(x)' M' T(x+)^-T
     M: J_l(theta) on the diagonal, d(J_l(theta) y_u)/d(theta) in the theta column
 
-C is the present attitude, except after a quick turn with an uncertain heading (`hold_axes`): then it is the attitude
-before the turn. Any C is valid to first order; this one keeps the posterior straight.
+C is the present attitude, except after a quick turn with an uncertain heading (`freeze_bias_frame`): then it is the
+attitude before the turn. Any C is valid to first order; this one keeps the posterior straight.
 
 Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68 (2023) (two-frames group). [2]
 Fornasier et al., Equivariant symmetries for inertial navigation systems, arXiv 2309.03765. [3] `docs/theory/filter.md`,
@@ -21,23 +21,23 @@ section 5.
 from __future__ import annotations
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, no, select, small_matrix, small_vector
+from navsim.compiler.lanes import any_lane, no, small_matrix, small_vector, where
 from navsim.compiler.linear import copy, invert3
 from navsim.filter.covariance import transport
 from navsim.filter.left_invariant import blocks_of_motion, move_rigidly, turned
 from navsim.filter.states import (
-    A_D,
-    A_E,
-    A_N,
     ATT,
     GYRO,
-    NAV_HELD,
+    N_BASE,
+    NAV_BIAS_FRAME,
     NAV_QUAT,
     NAV_SENSORS,
+    PHI_D,
+    PHI_E,
+    PHI_N,
     POS,
     SENSORS,
     VEL,
-    N,
 )
 from navsim.geodesy.attitude_kernels import dcm, left_jacobian, left_jacobian_derivative, rotate_right
 
@@ -48,29 +48,29 @@ HELD_SIGMA = 0.07
 
 
 @kernel
-def hold_axes(nav, p, increments, dt):
+def freeze_bias_frame(nav, p, increments, dt):
     """Accumulate the rotation that holds back the bias axes.
 
     increments: bias-free angle increments over dt, rad. While heading is uncertain, knowledge of a bias belongs to the
     axes along which it was observed. A quick turn of the body must not rotate it to axes of unknown direction.
     """
-    held = nav[NAV_HELD:NAV_SENSORS]
-    known = p[A_D, A_D] < HELD_SIGMA * HELD_SIGMA
+    held = nav[NAV_BIAS_FRAME:NAV_SENSORS]
+    known = p[PHI_D, PHI_D] < HELD_SIGMA * HELD_SIGMA
     size = increments[0] * increments[0] + increments[1] * increments[1] + increments[2] * increments[2]
     turning = no(known) & (size > (HELD_RATE * dt) * (HELD_RATE * dt))
     if any_lane(turning):
         # a rotation by zero changes nothing
-        share = select(turning, 1.0, 0.0)
+        share = where(turning, 1.0, 0.0)
         rotate_right(held, share * increments[0], share * increments[1], share * increments[2])
     for i in range(4):
-        held[i] = select(known, 1.0 if i == 0 else 0.0, held[i])
+        held[i] = where(known, 1.0 if i == 0 else 0.0, held[i])
 
 
 @kernel
 def bias_axes(nav, out):
     """C (3, 3): the attitude minus the held-back turn; it rotates biases into their own frame."""
-    q = nav[NAV_QUAT:NAV_HELD]
-    m = nav[NAV_HELD:NAV_SENSORS]
+    q = nav[NAV_QUAT:NAV_BIAS_FRAME]
+    m = nav[NAV_BIAS_FRAME:NAV_SENSORS]
     back = small_vector(nav, 4)
     back[0] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2] + q[3] * m[3]
     back[1] = -q[0] * m[1] + q[1] * m[0] - q[2] * m[3] + q[3] * m[2]
@@ -80,7 +80,7 @@ def bias_axes(nav, out):
 
 
 @kernel
-def turned_back(matrix, u0, u1, u2, out):
+def apply_transposed(matrix, u0, u1, u2, out):
     """out = matrix' u for the 3-vector u."""
     for i in range(3):
         out[i] = matrix[0, i] * u0 + matrix[1, i] * u1 + matrix[2, i] * u2
@@ -107,17 +107,17 @@ def feed_back(nav, x, space):
     attitude, later = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
     bias_axes(nav, before)
     if body > 0:
-        dcm(nav[NAV_QUAT:NAV_HELD], attitude)
+        dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], attitude)
     blocks_of_motion(x, diagonal, column, space.straight)
     jac = diagonal[2]
     move_rigidly(nav, x, jac, space.straight)
     bias_axes(nav, after)
-    for o in range(GYRO, N, 3):
+    for o in range(GYRO, N_BASE, 3):
         _move_vector(nav, x, o, before, after, jac, diagonal[o // 3], column[o // 3])
     if body > 0:
-        dcm(nav[NAV_QUAT:NAV_HELD], later)
+        dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], later)
         _move_vector(nav, x, body, attitude, later, jac, diagonal[body // 3], column[body // 3])
-    for c in range(N, n):
+    for c in range(N_BASE, n):
         if c < body or c >= body + 3:
             nav[NAV_SENSORS - SENSORS + c] += x[c]
 
@@ -130,7 +130,7 @@ def _move_vector(nav, x, o, before, after, jac, diagonal, column):
     """
     slope = small_matrix(nav, 3, 3)
     y, big, moved = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3)
-    t0, t1, t2 = x[A_N], x[A_E], x[A_D]
+    t0, t1, t2 = x[PHI_N], x[PHI_E], x[PHI_D]
     first = NAV_SENSORS - SENSORS + o
     b = nav[first : first + 3]
     turned(before, b, big)
@@ -141,7 +141,7 @@ def _move_vector(nav, x, o, before, after, jac, diagonal, column):
     y[2] -= big[0] * t1 - big[1] * t0
     left_jacobian_derivative(t0, t1, t2, y, slope)
     turned(jac, y, moved)
-    turned_back(after, moved[0] + big[0], moved[1] + big[1], moved[2] + big[2], b)
+    apply_transposed(after, moved[0] + big[0], moved[1] + big[1], moved[2] + big[2], b)
     # theta column: C+' (D - J [B x]) + [b+ x] C+' J;  own block: C+' J C
     for i in range(3):
         j0, j1, j2 = jac[i, 0], jac[i, 1], jac[i, 2]
@@ -150,28 +150,28 @@ def _move_vector(nav, x, o, before, after, jac, diagonal, column):
         slope[i, 2] -= j0 * big[1] - j1 * big[0]
     for j in range(3):
         # column j of C+' J, then of C+' slope
-        turned_back(after, jac[0, j], jac[1, j], jac[2, j], y)
-        turned_back(after, slope[0, j], slope[1, j], slope[2, j], moved)
+        apply_transposed(after, jac[0, j], jac[1, j], jac[2, j], y)
+        apply_transposed(after, slope[0, j], slope[1, j], slope[2, j], moved)
         column[0, j] = moved[0] + b[1] * y[2] - b[2] * y[1]
         column[1, j] = moved[1] + b[2] * y[0] - b[0] * y[2]
         column[2, j] = moved[2] + b[0] * y[1] - b[1] * y[0]
         # column j of C, then of J C, of C+' J C
         y[0], y[1], y[2] = before[0, j], before[1, j], before[2, j]
         turned(jac, y, moved)
-        turned_back(after, moved[0], moved[1], moved[2], y)
+        apply_transposed(after, moved[0], moved[1], moved[2], y)
         for i in range(3):
             diagonal[i, j] = y[i]
 
 
 @kernel
-def own_error(nav, error, out, straight, body):
+def error_in_filter_coordinates(nav, error, out, straight, body):
     """Error (n,) in the filter's own coordinates, expressed as the plain error of the same tangent.
 
     y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors applies to it.
     straight, body: of the chart.
     """
     c_nb, jac, inverse = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
-    left_jacobian(error[A_N], error[A_E], error[A_D], jac)
+    left_jacobian(error[PHI_N], error[PHI_E], error[PHI_D], jac)
     invert3(jac, inverse)
     copy(error, out)
     if straight < 1:
@@ -179,18 +179,18 @@ def own_error(nav, error, out, straight, body):
     if straight < 2:
         turned(inverse, error[VEL:ATT], out[VEL:ATT])
     bias_axes(nav, c_nb)
-    for o in range(GYRO, N, 3):
-        _own_error_of_vector(nav, error, o, c_nb, jac, inverse, out)
+    for o in range(GYRO, N_BASE, 3):
+        _vector_error_in_filter_coordinates(nav, error, o, c_nb, jac, inverse, out)
     if body > 0:
-        dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
-        _own_error_of_vector(nav, error, body, c_nb, jac, inverse, out)
+        dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], c_nb)
+        _vector_error_in_filter_coordinates(nav, error, body, c_nb, jac, inverse, out)
 
 
 @kernel
-def _own_error_of_vector(nav, error, o, c_nb, jac, inverse, out):
-    """`own_error` of a vector of the body, states o .. o + 2, whose axes are c_nb (3, 3)."""
+def _vector_error_in_filter_coordinates(nav, error, o, c_nb, jac, inverse, out):
+    """`error_in_filter_coordinates` of a vector of the body, states o .. o + 2, whose axes are c_nb (3, 3)."""
     truth, big, y = small_matrix(nav, 3, 3), small_vector(nav, 3), small_vector(nav, 3)
-    t0, t1, t2 = error[A_N], error[A_E], error[A_D]
+    t0, t1, t2 = error[PHI_N], error[PHI_E], error[PHI_D]
     # C_true = exp(theta x) C = (I + [theta x] J_l) C
     for j in range(3):
         y[0] = c_nb[0, j]

@@ -9,17 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.compiler.jit import kernel, within
-from navsim.compiler.lanes import any_lane, no, room, select
+from navsim.compiler.jit import kernel, kernel_internal
+from navsim.compiler.lanes import alloc, any_lane, no, where
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct
-from navsim.filter.history import keep_decision, keep_innovation, keep_use
+from navsim.filter.history import record_decision, record_innovation, record_use
 from navsim.filter.measurement_models import PROBE, observe
-from navsim.filter.states import MOST
+from navsim.filter.states import MAX_MEASUREMENT_SIZE
 
 
-class Weighing(NamedTuple):
+class UpdateBuffers(NamedTuple):
     """Work space of a measurement update; see `observe`, `gain` and `joseph`."""
 
     have: np.ndarray
@@ -42,13 +42,16 @@ class Weighing(NamedTuple):
     """(n, n) covariance likewise."""
 
 
-@within
-def weighing(nav, n):
+@kernel_internal
+def update_buffers(nav, n):
     """Allocate work space for a filter of n states, with the lanes of `nav`."""
-    return Weighing(
-        room(nav, (MOST,)), room(nav, (MOST,)), room(nav, (MOST, n)), room(nav, (MOST, MOST)), room(nav, (MOST, MOST)),
-        room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n,)), room(nav, (nav.shape[0],)),
-        room(nav, (n, n)),
+    return UpdateBuffers(
+        alloc(nav, (MAX_MEASUREMENT_SIZE,)), alloc(nav, (MAX_MEASUREMENT_SIZE,)), alloc(nav, (MAX_MEASUREMENT_SIZE, n)),
+        alloc(nav, (MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)),
+        alloc(nav, (MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)),
+        alloc(nav, (n, MAX_MEASUREMENT_SIZE)), alloc(nav, (n, MAX_MEASUREMENT_SIZE)),
+        alloc(nav, (n, MAX_MEASUREMENT_SIZE)), alloc(nav, (n,)), alloc(nav, (nav.shape[0],)),
+        alloc(nav, (n, n)),
     )  # fmt: skip
 
 
@@ -66,7 +69,7 @@ def whitened_square(s, z, m):
 
 
 @kernel
-def numbers_in(have, m):
+def count_valid(have, m):
     """Number of valid measurements among the first m."""
     count = have[0]
     for a in range(1, m):
@@ -75,7 +78,7 @@ def numbers_in(have, m):
 
 
 @kernel
-def errors_from(k, z, m, x):
+def estimate_errors(k, z, m, x):
     """The estimated errors x (n,) = K z of m innovations."""
     for j in range(x.shape[0]):
         t = k[j, 0] * z[0]
@@ -85,49 +88,49 @@ def errors_from(k, z, m, x):
 
 
 @kernel
-def limit_of(gate, degrees):
+def gate_limit(gate, degrees):
     """Gate limit (MOST + 1,) for so many components."""
     limit = degrees * 0.0 + gate[0]
     for m in range(1, gate.shape[0]):
-        limit = select(degrees == m, gate[m], limit)
+        limit = where(degrees == m, gate[m], limit)
     return limit
 
 
 @kernel
-def count_rejection(weighed, used, where, rejected):
-    """Rejections (slots,) in a row, after a measurement of the slot `where`."""
-    rejected[where] = select(weighed, select(used, 0.0, rejected[where] + 1.0), rejected[where])
+def count_rejection(weighed, used, counter, rejected):
+    """Rejections (slots,) in a row, after a measurement of the slot `counter`."""
+    rejected[counter] = where(weighed, where(used, 0.0, rejected[counter] + 1.0), rejected[counter])
 
 
 @kernel
-def decide(ahead, weighed, degrees, m, gauge, where, model, rejected, left, i):
+def apply_gate(ahead, weighed, degrees, m, buffers, counter, model, rejected, record, i):
     """Whether a measurement is used: it passes the gate, or enough consecutive ones before it were rejected.
 
-    - `gauge`: `weighing` with z (m,), which is overwritten, and the factor s of its covariance.
-    - `where`: its slot in `rejected` (slots,), which is updated.
+    - `buffers`: `update_buffers` with z (m,), which is overwritten, and the factor s of its covariance.
+    - `counter`: its slot in `rejected` (slots,), which is updated.
     - The decision is stored as that of event i, except for the copy that predicts ahead.
     """
-    keep_innovation(ahead, gauge.have, weighed, m, gauge.z, gauge.s, left, i)
-    q = whitened_square(gauge.s, gauge.z, m)
-    used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
-    if where == PROBE:
+    record_innovation(ahead, buffers.have, weighed, m, buffers.z, buffers.s, record, i)
+    q = whitened_square(buffers.s, buffers.z, m)
+    used = weighed & ((q <= gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
+    if counter == PROBE:
         used = used & no(used)
-    keep_use(used, m, left, i)
+    record_use(used, m, record, i)
     if not ahead:
-        keep_decision(weighed, used, q, degrees, left, i)
-    count_rejection(weighed, used, where, rejected)
+        record_decision(weighed, used, q, degrees, record, i)
+    count_rejection(weighed, used, counter, rejected)
     return used
 
 
 @kernel
-def held(source, there, target):
-    """target (n,) <- source where `there` is not."""
+def copy_where_not(source, mask, target):
+    """target (n,) <- source where `mask` is not."""
     for i in range(source.shape[0]):
-        target[i] = select(there, target[i], source[i])
+        target[i] = where(mask, target[i], source[i])
 
 
 @kernel
-def update(chart, used, what, row, measurements, declared, nav, p, increments, interval, space, gauge):
+def update(chart, used, kind, row, measurements, declared, nav, p, increments, interval, space, buffers):
     """Update nav (NAV,) and P (n, n) with a measurement and the errors gauge.x estimated from it, where it is used.
 
     what, row, measurements, increments, interval, declared: as of `observe`.
@@ -135,17 +138,28 @@ def update(chart, used, what, row, measurements, declared, nav, p, increments, i
     # a lane without the measurement does not change
     spared = any_lane(no(used))
     if spared:
-        copy(nav, gauge.nav)
-        copy_matrix(p, gauge.p)
+        copy(nav, buffers.nav)
+        copy_matrix(p, buffers.p)
     # Gauss-Newton: the prior is transformed to the new estimate and updated there. The reverse order would keep the
     # correlations that J_l(theta) y gives the fix at the old one
-    correct(chart, nav, p, gauge.x, space)
+    correct(chart, nav, p, buffers.x, space)
     m = observe(
-        what, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z, gauge.h, gauge.r
+        kind,
+        row,
+        measurements,
+        nav,
+        increments,
+        interval,
+        declared,
+        space.c_nb,
+        buffers.have,
+        buffers.z,
+        buffers.h,
+        buffers.r,
     )
-    gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
-    joseph(p, gauge.h, gauge.r, m, gauge.pht, gauge.k, gauge.work)
+    gain(p, buffers.h, buffers.r, m, buffers.pht, buffers.s, buffers.k)
+    joseph(p, buffers.h, buffers.r, m, buffers.pht, buffers.k, buffers.work)
     if spared:
-        held(gauge.nav, used, nav)
+        copy_where_not(buffers.nav, used, nav)
         for i in range(p.shape[0]):
-            held(gauge.p[i], used, p[i])
+            copy_where_not(buffers.p[i], used, p[i])

@@ -45,7 +45,7 @@ def true_antenna(result: Result) -> np.ndarray:
     def at_fixes(values: np.ndarray) -> np.ndarray:
         return np.stack([np.interp(when, t, column) for column in values.T], axis=1)
 
-    llh = at_fixes(earth.unturned(result["/truth/position_llh"]))
+    llh = at_fixes(earth.unwrap_longitude(result["/truth/position_llh"]))
     attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
     lever = attitude @ np.array(scenario_of(result)["receiver"]["lever_arm_m"], dtype=float)
     return earth.ecef_from_llh(llh) + np.einsum("eij,ei->ej", earth.ned_matrix(llh), lever)
@@ -181,7 +181,7 @@ def _lonlat(llh: np.ndarray) -> list[list[float]]:
 
     Beyond 180 degrees the longitude continues, since maps would draw the line around the Earth.
     """
-    there = earth.unturned(llh)
+    there = earth.unwrap_longitude(llh)
     return [
         [round(float(np.degrees(p[1])), 9), round(float(np.degrees(p[0])), 9), round(float(p[2]), 3)] for p in there
     ]

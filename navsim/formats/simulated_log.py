@@ -54,7 +54,7 @@ Markov bias, a random walk of the bias and white noise."""
 
 def differences(result: Result) -> list[str]:
     """Features of a run's filter that its exported log lacks, so that their estimates differ."""
-    names = [str(name) for name in result["/filter/state"][states.N :]]
+    names = [str(name) for name in result["/filter/state"][states.N_BASE :]]
     out = []
     if _is_tight(result):
         out.append("takes ranges (filter.coupling: tight), the replay takes fixes")
@@ -79,7 +79,7 @@ def files(result: Result, imu: Path, fixes: Path, title: str) -> tuple[list[list
     step = np.diff(time, prepend=0.0)[:, None]
     samples = [time[:, None], *(result[f"/imu/delta_{name}"][0] / step for name in ("angle", "velocity"))]
     fixes_given, columns = _fixes(result), [*GNSS_COLUMNS]
-    errors = _lasting(result)
+    errors = _correlated_errors(result)
     if not _is_tight(result):
         spread = _spread(result["/filter/fix_covariance"][0])
         effect = result["/filter/fix_effect"] if errors.size else np.empty((*spread.shape[:1], 6, 0))
@@ -124,14 +124,14 @@ def _fixes(result: Result) -> np.ndarray:
     return np.column_stack([_arrival(result), np.degrees(llh[:, :2]), llh[:, 2], velocity])
 
 
-def _lasting(result: Result) -> np.ndarray:
+def _correlated_errors(result: Result) -> np.ndarray:
     """Filter states for time-correlated errors of fixes."""
     return np.flatnonzero([str(name).startswith(FIX_ERROR) for name in result["/filter/state"]])
 
 
 def _fix_errors(result: Result) -> dict[str, Any]:
     """Their correlation times and numbers, for the section `gnss`."""
-    decay = result["/filter/state_decay"][_lasting(result)].tolist()
+    decay = result["/filter/state_decay"][_correlated_errors(result)].tolist()
     if not decay:
         return {}
     groups = [list(group) for _, group in itertools.groupby(decay)]

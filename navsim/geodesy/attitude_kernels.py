@@ -12,7 +12,7 @@ import math
 
 from navsim.compiler.elementary import atan2, sincos
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, no, select
+from navsim.compiler.lanes import any_lane, no, where
 
 _SMALL = 1e-2
 """Below this square of an angle (rad2) series replace the closed forms; their error is below 1e-17."""
@@ -27,8 +27,8 @@ def half_sinc(t2):
     if any_lane(no(small)):
         t = math.sqrt(t2)
         sine, cosine = sincos(0.5 * t)
-        s = select(small, s, sine / t)
-        c = select(small, c, cosine)
+        s = where(small, s, sine / t)
+        c = where(small, c, cosine)
     return s, c
 
 
@@ -93,9 +93,9 @@ def difference(p, q, out):
     x = -p[0] * q[1] + p[1] * q[0] - p[2] * q[3] + p[3] * q[2]
     y = -p[0] * q[2] + p[1] * q[3] + p[2] * q[0] - p[3] * q[1]
     z = -p[0] * q[3] - p[1] * q[2] + p[2] * q[1] + p[3] * q[0]
-    sign = select(w < 0.0, -1.0, 1.0)
+    sign = where(w < 0.0, -1.0, 1.0)
     s = math.sqrt(x * x + y * y + z * z)
-    k = sign * select(s > 1e-12, 2.0 * atan2(s, sign * w) / s, 2.0)
+    k = sign * where(s > 1e-12, 2.0 * atan2(s, sign * w) / s, 2.0)
     out[0] = k * x
     out[1] = k * y
     out[2] = k * z
@@ -110,8 +110,8 @@ def _shares(t2):
     if any_lane(no(small)):
         t = math.sqrt(t2)
         s, c = sincos(t)
-        p = select(small, p, (1.0 - c) / t2)
-        q = select(small, q, (t - s) / (t2 * t))
+        p = where(small, p, (1.0 - c) / t2)
+        q = where(small, q, (t - s) / (t2 * t))
     return p, q
 
 
@@ -132,8 +132,8 @@ def left_jacobian_derivative(x, y, z, u, out):
         t = math.sqrt(t2)
         s, c = sincos(t)
         v = 1.0 - c
-        dp = select(small, dp, (t * s - 2.0 * v) / (t2 * t2))
-        dq = select(small, dq, (t * v - 3.0 * (t - s)) / (t2 * t2 * t))
+        dp = where(small, dp, (t * s - 2.0 * v) / (t2 * t2))
+        dq = where(small, dq, (t * v - 3.0 * (t - s)) / (t2 * t2 * t))
     u0, u1, u2 = u[0], u[1], u[2]
     c0, c1, c2 = y * u2 - z * u1, z * u0 - x * u2, x * u1 - y * u0
     dot = x * u0 + y * u1 + z * u2

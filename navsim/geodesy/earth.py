@@ -55,12 +55,12 @@ def in_heading_axes(ecef: np.ndarray, llh: np.ndarray, heading: float) -> np.nda
     return (ecef - ecef_from_llh(llh)) @ heading_axes(llh, heading)
 
 
-def short_way(angle: Any) -> Any:
+def wrap_angle(angle: Any) -> Any:
     """A longitude, or the short way between two of them, rad: in -pi ... pi."""
     return angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi) + 0.5)
 
 
-def unturned(llh: np.ndarray) -> np.ndarray:
+def unwrap_longitude(llh: np.ndarray) -> np.ndarray:
     """Positions (n, 3) [rad, rad, m], nan among them or not, with longitudes within half a turn of the first one's."""
     known = llh[np.isfinite(llh[:, 1]), 1]
     turns = np.round((llh[:, 1] - known[0]) / (2.0 * np.pi)) if known.size else 0.0

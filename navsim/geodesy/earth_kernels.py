@@ -16,7 +16,7 @@ __all__ = ["RATE", "ecef_to_llh", "gravity", "llh_to_ecef", "ned_axes", "radii",
 
 
 @kernel
-def short_way(angle):
+def wrap_angle(angle):
     """A longitude, or the short way between two of them, rad: in -pi ... pi."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 

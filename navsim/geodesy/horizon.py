@@ -55,7 +55,7 @@ def crossings(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray) -> Cross
     return Crossings(between, share, over, way, along, up)
 
 
-def reach(tops: np.ndarray, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+def skyline_elevation(tops: np.ndarray, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
     """Elevations (n,), rad, up to which ridges hide the sky from an eye (3,) at azimuths (n,); -pi/2 without a ridge.
 
     tops: (w, 2, 3) ends of their tops, ECEF, m.

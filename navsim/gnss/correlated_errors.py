@@ -29,7 +29,7 @@ LOWEST = np.radians(2.0)
 
 
 @dataclass(frozen=True)
-class LastingError:
+class CorrelatedError:
     """A kind of error that all satellites have, each its own: name; sigma: 1 sigma at the zenith, m; time: correlation
     time, s, may be inf; mapping: how it grows towards the horizon."""
 
@@ -44,7 +44,7 @@ class LastingError:
 
 
 @dataclass(frozen=True)
-class LastingErrors:
+class CorrelatedErrors:
     """The kinds of errors of the sources of signals: names (k,); time (k,) correlation times, s; sigma (k, e, s) 1
     sigma at each epoch of each source, m, 0 of those without."""
 
@@ -57,13 +57,13 @@ class LastingErrors:
         """1 sigma of all kinds together (e, s), m."""
         return np.asarray(np.sqrt(np.sum(self.sigma**2, axis=0)))
 
-    def at(self, epochs: np.ndarray) -> LastingErrors:
+    def at(self, epochs: np.ndarray) -> CorrelatedErrors:
         """At the epochs with these numbers (m,) int."""
-        return LastingErrors(self.names, self.time, self.sigma[:, epochs])
+        return CorrelatedErrors(self.names, self.time, self.sigma[:, epochs])
 
-    def select(self, kept: np.ndarray) -> LastingErrors:
+    def select(self, kept: np.ndarray) -> CorrelatedErrors:
         """Errors of the sources marked in `kept` (s,) bool."""
-        return LastingErrors(self.names, self.time, self.sigma[:, :, kept])
+        return CorrelatedErrors(self.names, self.time, self.sigma[:, :, kept])
 
     def steps(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Decay of each kind from epoch to epoch (e,), s, and 1 sigma of the noise for a variance of one (e, k).

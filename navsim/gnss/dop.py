@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from navsim.compiler.jit import inlined, kernel
-from navsim.compiler.lanes import any_lane, select
+from navsim.compiler.jit import kernel, kernel_inline
+from navsim.compiler.lanes import any_lane, where
 from navsim.compiler.linear import cholesky, invert_factored
 
 MAX_CLOCKS = 6
@@ -36,7 +36,7 @@ def clock_columns(used, clock, column, present):
         present[c] = 0.0
     for s in range(used.shape[0]):
         c = clock[s]
-        present[c] = select(used[s] > 0.0, 1.0, present[c])
+        present[c] = where(used[s] > 0.0, 1.0, present[c])
     n = 3
     for c in range(MAX_CLOCKS):
         if any_lane(present[c] > 0.0):
@@ -45,7 +45,7 @@ def clock_columns(used, clock, column, present):
     return n
 
 
-@inlined
+@kernel_inline
 def add_source(x, y, z, weight, c, normal):
     """Add a source, unit vector x, y, z, the clock in column c, to the lower triangle of H' W H."""
     normal[0, 0] += weight * x * x

@@ -161,12 +161,12 @@ def happened(events: tuple[Event, ...], scene: Scene) -> Happened:
     shape = scene.time.size, len(scene.names)
     longer, faster, apart, silent = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape, bool)
     for event in events:
-        lasting = (scene.time >= event.begin) & (scene.time < event.end)
-        if not lasting.any():
+        correlated = (scene.time >= event.begin) & (scene.time < event.end)
+        if not correlated.any():
             continue
-        on = lasting[:, None] & event.concerns(scene.names, scene.systems)
-        begun = scene.ned[np.argmax(lasting)]
-        added = event.what.on_ranges(scene, np.where(lasting, scene.time - event.begin, 0.0), begun)
+        on = correlated[:, None] & event.concerns(scene.names, scene.systems)
+        begun = scene.ned[np.argmax(correlated)]
+        added = event.what.on_ranges(scene, np.where(correlated, scene.time - event.begin, 0.0), begun)
         if added is None:
             silent |= on
         else:

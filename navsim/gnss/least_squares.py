@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, no, select
+from navsim.compiler.lanes import any_lane, no, where
 from navsim.compiler.linear import cholesky, invert_factored, solve_cholesky
 from navsim.gnss.dop import MAX_CLOCKS, add_source, clock_columns, strength, well_posed
 
@@ -64,9 +64,9 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, present, 
             distance = _direction(source, s, x, los)
             ux, uy, uz = los[s, 0], los[s, 1], los[s, 2]
             c = column[clock[s]]
-            w = select(there, 1.0 / (sigma[s] * sigma[s]), 0.0)
+            w = where(there, 1.0 / (sigma[s] * sigma[s]), 0.0)
             # the clocks enter linearly: solve for their total value each time
-            z = select(there, w * (pseudorange[s] - distance), 0.0)
+            z = where(there, w * (pseudorange[s] - distance), 0.0)
             add_source(ux, uy, uz, w, c, normal)
             rhs[0] -= z * ux
             rhs[1] -= z * uy
@@ -75,22 +75,22 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, present, 
         for c in range(MAX_CLOCKS):
             if column[c] >= 0:
                 i = column[c]
-                normal[i, i] = select(present[c] > 0.0, normal[i, i], 1.0)
+                normal[i, i] = where(present[c] > 0.0, normal[i, i], 1.0)
         weights = strength(normal)
         good = cholesky(normal, n)
         solve_cholesky(normal, n, rhs)
         move = rhs[0] * rhs[0] + rhs[1] * rhs[1] + rhs[2] * rhs[2]
         running = running & good & (move < 1e18)  # also nan
         for i in range(3):
-            x[i] = select(running, x[i] + rhs[i], x[i])
+            x[i] = where(running, x[i] + rhs[i], x[i])
         for i in range(3, n):
-            x[i] = select(running, rhs[i], x[i])
+            x[i] = where(running, rhs[i], x[i])
         done = running & (move < _CONVERGED * _CONVERGED)
         if any_lane(done):
             invert_factored(normal, n, inverse)
             for i in range(n):
                 for j in range(n):
-                    cofactor[i, j] = select(done, inverse[i, j], cofactor[i, j])
+                    cofactor[i, j] = where(done, inverse[i, j], cofactor[i, j])
             fixed = fixed | (done & well_posed(weights, inverse))
             running = running & no(done)
     # the velocity uses the unit vectors of this position: a last step of 1 cm turns those of a source 100 m away
@@ -122,9 +122,9 @@ def solve_velocity(source, los, source_velocity, range_rate, sigma, used, x, v, 
         if not any_lane(there):
             continue
         ux, uy, uz = los[s, 0], los[s, 1], los[s, 2]
-        w = select(there, 1.0 / (sigma[s] * sigma[s]), 0.0)
+        w = where(there, 1.0 / (sigma[s] * sigma[s]), 0.0)
         z = ux * source_velocity[s, 0] + uy * source_velocity[s, 1] + uz * source_velocity[s, 2]
-        z = select(there, w * (range_rate[s] - z), 0.0)
+        z = where(there, w * (range_rate[s] - z), 0.0)
         add_source(ux, uy, uz, w, 3, normal)
         v[0] -= z * ux
         v[1] -= z * uy
@@ -146,7 +146,7 @@ def solve_velocity(source, los, source_velocity, range_rate, sigma, used, x, v, 
         distance = (source[s, 0] - x[0]) * ux + (source[s, 1] - x[1]) * uy + (source[s, 2] - x[2]) * uz
         wx, wy, wz = source_velocity[s, 0] - v[0], source_velocity[s, 1] - v[1], source_velocity[s, 2] - v[2]
         along = ux * wx + uy * wy + uz * wz
-        weight = select(there, 1.0 / (sigma[s] * sigma[s] * distance), 0.0)
+        weight = where(there, 1.0 / (sigma[s] * sigma[s] * distance), 0.0)
         # (I - u u') (v_source - v) / distance, the change of the range rate with the position
         _add_slope(slope[0], weight * (wx - along * ux), ux, uy, uz)
         _add_slope(slope[1], weight * (wy - along * uy), ux, uy, uz)

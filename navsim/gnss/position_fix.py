@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.compiler.lanes import alloc, any_lane, as_simd, no, small_matrix, small_vector, where
 from navsim.geodesy.earth_kernels import ecef_to_llh, llh_to_ecef, ned_axes
 from navsim.gnss.dop import MAX_CLOCKS, MAX_UNKNOWNS
 from navsim.gnss.least_squares import solve_position, solve_velocity
@@ -41,18 +41,18 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
 
     All are nan if there are too few sources or the geometry is singular; velocity alone if that is so for range rates.
     """
-    pseudorange, range_rate, cov = registers(pseudorange), registers(range_rate), registers(cov)
-    llh, v_ned, clocks = registers(llh), registers(v_ned), registers(clocks)
+    pseudorange, range_rate, cov = as_simd(pseudorange), as_simd(range_rate), as_simd(cov)
+    llh, v_ned, clocks = as_simd(llh), as_simd(v_ned), as_simd(clocks)
     epochs, sources = pseudorange.shape
     column = np.empty(MAX_CLOCKS, np.int64)
-    used, present = room(llh, (sources,)), small_vector(llh, MAX_CLOCKS)
+    used, present = alloc(llh, (sources,)), small_vector(llh, MAX_CLOCKS)
     normal, inverse = small_matrix(llh, MAX_UNKNOWNS, MAX_UNKNOWNS), small_matrix(llh, MAX_UNKNOWNS, MAX_UNKNOWNS)
     cofactor = small_matrix(llh, MAX_UNKNOWNS, MAX_UNKNOWNS)
     rhs, x, v, los = (
         small_vector(llh, MAX_UNKNOWNS),
         small_vector(llh, MAX_UNKNOWNS),
         small_vector(llh, 4),
-        room(llh, (sources, 3)),
+        alloc(llh, (sources, 3)),
     )
     c_ne, p_r, p_v, turned = (
         small_matrix(llh, 3, 3),
@@ -67,7 +67,7 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
             cofactor[i, j] = 0.0
     for e in range(epochs):
         for s in range(sources):
-            used[s] = select(math.isnan(pseudorange[e, s]), 0.0, 1.0)
+            used[s] = where(math.isnan(pseudorange[e, s]), 0.0, 1.0)
         fixed = solve_position(
             position[e], pseudorange[e], sigma[e], used, clock, x, column, present, normal, inverse, cofactor, rhs, los
         )
@@ -75,15 +75,15 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
         ned_axes(llh[e, 0], llh[e, 1], c_ne)
         _to_ned(c_ne, cofactor, p_r)
         for i in range(3):
-            llh[e, i] = select(fixed, llh[e, i], math.nan)
+            llh[e, i] = where(fixed, llh[e, i], math.nan)
             for j in range(3):
-                cov[e, i, j] = select(fixed, p_r[i, j], math.nan)
+                cov[e, i, j] = where(fixed, p_r[i, j], math.nan)
         for c in range(MAX_CLOCKS):
             clocks[e, c] = math.nan
             if column[c] >= 0:
-                clocks[e, c] = select(fixed & (present[c] > 0.0), x[column[c]], math.nan)
+                clocks[e, c] = where(fixed & (present[c] > 0.0), x[column[c]], math.nan)
         for s in range(sources):
-            used[s] = select(math.isnan(range_rate[e, s]), 0.0, used[s])
+            used[s] = where(math.isnan(range_rate[e, s]), 0.0, used[s])
         solved = fixed & solve_velocity(
             position[e], los, velocity[e], range_rate[e], rate_sigma[e], used, x, v, normal, inverse, slope
         )
@@ -91,21 +91,21 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
         _to_ned(c_ne, slope, turned)  # transposed: turned' = G, velocity error = G position error
         for i in range(3):
             t = c_ne[i, 0] * v[0] + c_ne[i, 1] * v[1] + c_ne[i, 2] * v[2]
-            v_ned[e, i] = select(solved, t, math.nan)
+            v_ned[e, i] = where(solved, t, math.nan)
             for j in range(3):
                 t = turned[0, i] * p_r[0, j] + turned[1, i] * p_r[1, j] + turned[2, i] * p_r[2, j]
-                cov[e, 3 + i, j] = select(solved, t, math.nan)
+                cov[e, 3 + i, j] = where(solved, t, math.nan)
                 cov[e, j, 3 + i] = cov[e, 3 + i, j]
         for i in range(3):
             for j in range(3):
                 t = p_v[i, j]
                 for a in range(3):
                     t += cov[e, 3 + i, a] * turned[a, j]
-                cov[e, 3 + i, 3 + j] = select(solved, t, math.nan)
+                cov[e, 3 + i, 3 + j] = where(solved, t, math.nan)
         if any_lane(no(fixed)):
             # the next epoch starts from the initial point
             for i in range(3):
-                x[i] = select(fixed, x[i], start[i])
+                x[i] = where(fixed, x[i], start[i])
 
 
 @kernel
@@ -116,8 +116,8 @@ def residuals(position, clock, antenna, axes, pseudorange, llh, clocks, residual
     - `antenna` (e, 3): true position, ECEF, m, in lanes with them; `axes` (e, 3, 3): rows, axes for the errors.
     - `residual` (e, s), out: m, nan for an unused range; `off` (e, 3), out: fix minus truth, m; both nan without a fix.
     """
-    pseudorange, llh, clocks, antenna = registers(pseudorange), registers(llh), registers(clocks), registers(antenna)
-    residual, off = registers(residual), registers(off)
+    pseudorange, llh, clocks, antenna = as_simd(pseudorange), as_simd(llh), as_simd(clocks), as_simd(antenna)
+    residual, off = as_simd(residual), as_simd(off)
     epochs, sources = pseudorange.shape
     here = small_vector(llh, 3)
     for e in range(epochs):

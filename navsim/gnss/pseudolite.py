@@ -32,7 +32,7 @@ def table1_position(start: np.ndarray, slant: float, s: float, l1: float) -> np.
     """
     latitude = start[0] + (slant + s) / TABLE1_SPHERE
     longitude = start[1] + l1 / (TABLE1_SPHERE * np.cos(start[0]))
-    return np.array([latitude, earth.short_way(longitude)])
+    return np.array([latitude, earth.wrap_angle(longitude)])
 
 
 def runway_position(threshold: np.ndarray, heading: float, s: float, l1: float, height: float) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from navsim.geodesy import earth
 from navsim.gnss.constellations.constellation import Constellation
-from navsim.gnss.correlated_errors import LastingErrors
+from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.dll import ReflectionErrors
 from navsim.gnss.pseudolite_clock import WanderingClocks
 
@@ -74,7 +74,7 @@ class Signals:
     space: np.ndarray | None
     """(e, s, 4) effect of one sigma of position and clock errors drawn for each run; None without. Satellites have
     errors of their messages, pseudolites those of survey and calibration."""
-    lasting: LastingErrors | None
+    correlated: CorrelatedErrors | None
     """Time-correlated errors drawn for each run, or None."""
     fix_sigma: np.ndarray
     """(e, s) 1 sigma of the pseudoranges of fixes, due to all random errors except `space` of satellites."""
@@ -94,15 +94,15 @@ class Signals:
     @property
     def noise_sigma(self) -> np.ndarray:
         """1 sigma of the white noise in the pseudoranges of fixes (e, s), m."""
-        if self.lasting is None:
+        if self.correlated is None:
             return self.fix_sigma
-        return np.asarray(np.sqrt(np.maximum(self.fix_sigma**2 - self.lasting.total**2, 0.0)))
+        return np.asarray(np.sqrt(np.maximum(self.fix_sigma**2 - self.correlated.total**2, 0.0)))
 
     def with_noise(self, share: float) -> np.ndarray:
         """`fix_sigma` with `noise_sigma` multiplied by `share` (e, s), m."""
-        if self.lasting is None:
+        if self.correlated is None:
             return share * self.fix_sigma
-        return np.hypot(share * self.noise_sigma, self.lasting.total)
+        return np.hypot(share * self.noise_sigma, self.correlated.total)
 
     def unfinished(self) -> list[tuple[str, str]]:
         """Names of source and field of numbers that are not finite although they should be."""
@@ -122,9 +122,9 @@ class Signals:
             for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "space", "smoothing")
             if getattr(self, name) is not None
         }
-        lasting = None if self.lasting is None else self.lasting.at(epochs)
+        correlated = None if self.correlated is None else self.correlated.at(epochs)
         reflections = None if self.reflections is None else self.reflections.at(epochs)
-        return replace(self, js=self.js[:, epochs], lasting=lasting, reflections=reflections, **each)
+        return replace(self, js=self.js[:, epochs], correlated=correlated, reflections=reflections, **each)
 
     def select(self, kept: np.ndarray) -> Signals:
         """Signals of the sources marked in `kept` (s,) bool."""
@@ -134,7 +134,7 @@ class Signals:
             names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
             clock=self.clock[kept],
             space=None if self.space is None else self.space[:, kept],
-            lasting=None if self.lasting is None else self.lasting.select(kept),
+            correlated=None if self.correlated is None else self.correlated.select(kept),
             reflections=None if self.reflections is None else self.reflections.select(kept),
             smoothing=None if self.smoothing is None else self.smoothing[:, kept],
             js=self.js[:, :, kept],

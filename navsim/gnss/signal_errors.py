@@ -19,7 +19,7 @@ from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss import atmosphere, dll
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.constellations.systems import CLOCKS
-from navsim.gnss.correlated_errors import LastingError
+from navsim.gnss.correlated_errors import CorrelatedError
 from navsim.gnss.heavy_tailed import HeavyTailedNoise
 from navsim.gnss.pseudorange import satellites_at_reception
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
@@ -94,7 +94,7 @@ class Effects:
     """The receiver treats all time scales as one."""
     smoothing: float = 0.0
     """Time constant of the carrier-smoothed code, s."""
-    lasting: tuple[LastingError, ...] = ()
+    correlated: tuple[CorrelatedError, ...] = ()
     """Time-correlated errors of satellites in the pseudoranges that the receiver uses."""
     heavier: HeavyTailedNoise | None = None
     """Distribution of the ranging noise if it is not Gaussian."""

@@ -18,7 +18,7 @@ from navsim.gnss import atmosphere, dll, pseudorange, timescales
 from navsim.gnss.antenna import AircraftAntenna, GroundPattern
 from navsim.gnss.constellations.constellation import Constellation, carriers
 from navsim.gnss.constellations.systems import CLOCKS, GPS, OWN
-from navsim.gnss.correlated_errors import LastingErrors
+from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.events import PSEUDOLITES, Event, Scene, happened
 from navsim.gnss.interference import propagation as interference
 from navsim.gnss.interference.horizon import behind, horizon_dip, horizon_distance
@@ -314,11 +314,11 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     velocity: list[np.ndarray] = []
     true_position: list[np.ndarray] = []
 
-    def add(name: str, clock: int, use: bool, believed: np.ndarray, moving: np.ndarray, there: np.ndarray) -> None:
+    def add(name: str, clock: int, use: bool, assumed: np.ndarray, moving: np.ndarray, there: np.ndarray) -> None:
         names.append(name)
         clocks.append(clock)
         chosen.append(use)
-        position.append(believed)
+        position.append(assumed)
         velocity.append(moving)
         true_position.append(there)
 
@@ -340,7 +340,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         add(name, pseudolites.clock, True, still + surveyed, still, still + true)
 
     s = len(names)
-    believed = np.stack(position, axis=1) if s else np.empty((e, 0, 3))
+    assumed = np.stack(position, axis=1) if s else np.empty((e, 0, 3))
     speed = np.stack(velocity, axis=1) if s else np.empty((e, 0, 3))
     true = np.stack(true_position, axis=1) if s else np.empty((e, 0, 3))
     is_pseudolite = np.arange(s) >= s - len(pseudolites.names)
@@ -348,7 +348,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     offset = true - antenna[:, None]
     distance = np.linalg.norm(offset, axis=2)
     rate = np.sum(offset * (speed - antenna_velocity[:, None]), axis=2) / distance
-    offset = believed - antenna[:, None]
+    offset = assumed - antenna[:, None]
     los = np.einsum("nij,nsj->nsi", c_ue, offset / np.linalg.norm(offset, axis=2, keepdims=True))
     azimuth, elevation = azimuth_elevation(los)
     used = np.array(chosen, dtype=bool) & (is_pseudolite | environment.in_view(azimuth, elevation, antenna))
@@ -363,7 +363,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         names=tuple(names),
         clock=np.array(clocks, dtype=np.int64),
         used=used,
-        position=believed,
+        position=assumed,
         velocity=speed,
         range=distance,
         range_rate=rate,
@@ -376,7 +376,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         cn0=np.where(used, np.where(is_pseudolite, pseudolites.cn0, law.cn0), np.nan),
         divergence=np.zeros((e, s)),
         space=None,
-        lasting=None,
+        correlated=None,
         fix_sigma=np.empty((e, s)),
         fix_rate_sigma=np.empty((e, s)),
         smoothing=None,
@@ -387,9 +387,9 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
             over = environment.antenna.elevation_of(motion.c_eb, offset / np.linalg.norm(offset, axis=2, keepdims=True))
             used &= over >= environment.antenna.mask
     if len(environment.terrain):
-        used &= ~behind(environment.terrain, believed, antenna)
+        used &= ~behind(environment.terrain, assumed, antenna)
     if environment.events:
-        scene = Scene(motion.time, built.names, environment.systems, believed, speed, antenna, antenna_velocity, c_ne)
+        scene = Scene(motion.time, built.names, environment.systems, assumed, speed, antenna, antenna_velocity, c_ne)
         told = happened(environment.events, scene)
         built = replace(
             built, used=used & ~told.silent, delay=built.delay + told.longer,
@@ -506,14 +506,14 @@ def _affected(
         wandering = WanderingClocks(pseudolites.clock_density, pseudolites.clock_age, is_pseudolite)
         of_ranges, of_rates = wandering.sigmas(signals.time)
         fix_sigma, fix_rate_sigma = np.hypot(fix_sigma, of_ranges), np.hypot(rate_sigma, of_rates)
-    lasting = None
-    if effects.lasting:
-        sizes = np.stack([np.where(sky & used, one.at(signals.elevation), 0.0) for one in effects.lasting])
-        lasting = LastingErrors(
-            tuple(one.name for one in effects.lasting), np.array([one.time for one in effects.lasting]), sizes
+    correlated = None
+    if effects.correlated:
+        sizes = np.stack([np.where(sky & used, one.at(signals.elevation), 0.0) for one in effects.correlated])
+        correlated = CorrelatedErrors(
+            tuple(one.name for one in effects.correlated), np.array([one.time for one in effects.correlated]), sizes
         )
         # a receiver weights ranges by all their known errors
-        fix_sigma = np.hypot(fix_sigma, lasting.total)
+        fix_sigma = np.hypot(fix_sigma, correlated.total)
     return replace(
         signals,
         clock=clock_unknowns(effects, signals.clock),
@@ -527,7 +527,7 @@ def _affected(
         # the ionosphere delays the code as much as it advances the carrier
         divergence=2.0 * ionosphere + signals.divergence,
         space=space,
-        lasting=lasting,
+        correlated=correlated,
         reflections=reflections,
         fix_sigma=fix_sigma,
         fix_rate_sigma=fix_rate_sigma,

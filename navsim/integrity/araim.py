@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import WIDTH, in_lanes, registers, select
+from navsim.compiler.lanes import WIDTH, as_simd, in_lanes, where
 from navsim.defect import Defect
 from navsim.integrity.solution import MonitoredFix, Noise, solve, turned
 
@@ -100,7 +100,7 @@ class SolutionSpread:
     """(e, 3) 1 sigma."""
     separate_sigma: np.ndarray
     """(k, e, 3) 1 sigma."""
-    apart: np.ndarray
+    separation_sigma: np.ndarray
     """(k, e, 3) 1 sigma of the differences."""
     bias: np.ndarray
     """(e, 3) largest effect of nominal biases."""
@@ -175,8 +175,8 @@ def levels(
         _sigma(whole),
         np.array([_sigma(s) for s in without]).reshape(*shape, 3),
         np.array([np.sqrt(accuracy.variance(one)) for one in separator]).reshape(*shape, 3),
-        _reach(whole, nominal),
-        np.array([_reach(s, nominal) for s in without]).reshape(*shape, 3),
+        _bias_effect(whole, nominal),
+        np.array([_bias_effect(s, nominal) for s in without]).reshape(*shape, 3),
     )
     found = allocated_risk(spread, used, faults, allocation, unlisted)
     of_fix = np.where(whole.solved[:, None], np.sqrt(accuracy.variance(whole.estimator)), np.nan)
@@ -219,7 +219,7 @@ def allocated_risk(
             monitored[k, every] &= ~left
             unmonitored = unmonitored + np.where(left, priors[k], 0.0)
 
-    threshold = _factors(allocation, monitored.sum(axis=0)) * spread.apart
+    threshold = _factors(allocation, monitored.sum(axis=0)) * spread.separation_sigma
     threshold[~monitored] = np.nan
 
     share = 1.0 - unmonitored / total
@@ -321,7 +321,7 @@ def _sigma(solution: MonitoredFix) -> np.ndarray:
     return np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2))
 
 
-def _reach(solution: MonitoredFix, nominal: np.ndarray) -> np.ndarray:
+def _bias_effect(solution: MonitoredFix, nominal: np.ndarray) -> np.ndarray:
     """Largest effect of biases of ranges (e, s) on the position (e, 3); nan without a fix."""
     reach = (np.abs(solution.estimator) * nominal[:, None]).sum(axis=2)
     return np.where(solution.solved[:, None], reach, np.nan)
@@ -377,7 +377,7 @@ def _level(
 @kernel
 def _farthest(separator: np.ndarray, residual: Any, out: Any) -> None:
     """Largest size (e,) of separators (k, e, 3, s) times residuals (e, s) of one run, or of lanes."""
-    residual, out = registers(residual), registers(out)
+    residual, out = as_simd(residual), as_simd(out)
     faults, epochs, axes, sources = separator.shape
     for e in range(epochs):
         farthest = 0.0 * residual[e, 0]
@@ -386,12 +386,12 @@ def _farthest(separator: np.ndarray, residual: Any, out: Any) -> None:
                 apart = 0.0 * farthest
                 for s in range(sources):
                     apart += separator[k, e, q, s] * residual[e, s]
-                size = select(apart < 0.0, -apart, apart)
-                farthest = select(size > farthest, size, farthest)
+                size = where(apart < 0.0, -apart, apart)
+                farthest = where(size > farthest, size, farthest)
         out[e] = farthest
 
 
-class SeparationWatch:
+class SeparationDistances:
     """Test of the distance of solutions without the sources of a fault from the full one; found: the levels."""
 
     found: Levels
@@ -412,7 +412,7 @@ class SeparationWatch:
         return np.ones(self.tested.size)
 
 
-class SeparationMonitor(SeparationWatch):
+class SeparationMonitor(SeparationDistances):
     """The test of fixes."""
 
     found: FixLevels

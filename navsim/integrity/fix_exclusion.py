@@ -23,7 +23,7 @@ MOST_KEPT = 2**28
 
 
 @dataclass(frozen=True)
-class SettledFixes:
+class FixesAfterExclusion:
     """Fixes after exclusion."""
 
     fixes: ReceiverFixes
@@ -50,33 +50,38 @@ class Excluder:
     _kept: dict[tuple[int, int], Snapshot] = field(default_factory=dict)
 
     @cached_property
-    def _heard(self) -> np.ndarray:
+    def _used_sources(self) -> np.ndarray:
         """Sources that are used at all (s,) bool; nothing is computed with others."""
         return np.asarray(self.signals.used.any(axis=0))
 
     @cached_property
     def _candidates(self) -> np.ndarray:
         """Sources that each candidate removes (c, s) bool."""
-        names = np.array(self.signals.names)[self._heard]
+        names = np.array(self.signals.names)[self._used_sources]
         taken = [np.isin(names, one.sources) for one in self.watching.candidates(self.signals)]
         return np.array(taken, bool).reshape(-1, names.size)
 
-    def settle(
-        self, alarm: np.ndarray, ranges: np.ndarray, rates: np.ndarray, antenna: np.ndarray, settled: SettledFixes
+    def exclude(
+        self,
+        alarm: np.ndarray,
+        ranges: np.ndarray,
+        rates: np.ndarray,
+        antenna: np.ndarray,
+        settled: FixesAfterExclusion,
     ) -> None:
         """Replace fixes with an alarm (e, W) by those without the excluded candidate; measurements (e, s, W), antenna
         (e, 3, W)."""
         for number, first in enumerate(range(0, alarm.shape[0], STRETCH)):
             part = slice(first, first + STRETCH)
             if alarm[part].any():
-                heard = [np.ascontiguousarray(m[part, self._heard]) for m in (ranges, rates)]
-                self._settle_stretch(number, part, alarm[part], [*heard, antenna[part]], settled)
+                heard = [np.ascontiguousarray(m[part, self._used_sources]) for m in (ranges, rates)]
+                self._exclude_in_stretch(number, part, alarm[part], [*heard, antenna[part]], settled)
 
-    def _settle_stretch(
-        self, number: int, part: slice, alarm: np.ndarray, measured: list[np.ndarray], settled: SettledFixes
+    def _exclude_in_stretch(
+        self, number: int, part: slice, alarm: np.ndarray, measured: list[np.ndarray], settled: FixesAfterExclusion
     ) -> None:
         ranges, rates, antenna = measured
-        signals = self.signals.at(np.arange(self.signals.time.size)[part]).select(self._heard)
+        signals = self.signals.at(np.arange(self.signals.time.size)[part]).select(self._used_sources)
         taken = (self._candidates[:, None] & signals.used).any(axis=2)
         tried = np.flatnonzero(taken.any(axis=1))
         passes, rms = np.zeros((tried.size, *alarm.shape), bool), np.zeros((tried.size, *alarm.shape))

@@ -13,7 +13,7 @@ import numpy as np
 
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity import araim
-from navsim.integrity.araim import UP, Allocation, SeparationMonitor, SeparationWatch
+from navsim.integrity.araim import UP, Allocation, SeparationDistances, SeparationMonitor
 from navsim.integrity.fixes import ReceiverFixes
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.residuals import ChiSquareTest, Monitor
@@ -28,7 +28,7 @@ NO_EXCLUSION, RESIDUAL, RMS = "none", "residual", "rms"
 """Rules by which something is excluded after an alarm."""
 
 
-class Watcher(Protocol):
+class LandingMonitor(Protocol):
     """Monitor of a landing, of any type."""
 
     @property
@@ -48,14 +48,14 @@ class Watcher(Protocol):
         """Approximate memory, bytes."""
 
 
-class Snapshot(Watcher, Protocol):
+class Snapshot(LandingMonitor, Protocol):
     """Monitor of fixes, each epoch separately."""
 
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
         """Test statistic (e, W) from residuals (e, s, W) of fixes, m."""
 
 
-class Bank(Watcher, Protocol):
+class Bank(LandingMonitor, Protocol):
     """A monitor of the filter, at its outputs."""
 
     @property
@@ -207,12 +207,12 @@ def alerted(status: np.ndarray) -> np.ndarray:
     return (status == ALARM) | (status == NO_FIX)
 
 
-def tested_levels(monitor: Watcher) -> np.ndarray:
+def tested_levels(monitor: LandingMonitor) -> np.ndarray:
     """Protection levels (e, 2), m, nan without a test."""
     return np.where(monitor.tested[:, None], monitor.levels, np.nan)
 
 
-def vertical_sigma(watching: Monitoring, monitor: Watcher) -> np.ndarray:
+def vertical_sigma(watching: Monitoring, monitor: LandingMonitor) -> np.ndarray:
     """1 sigma (e,), m, of the monitored fault-free vertical error, of fixes or of the filter; nan without."""
     if isinstance(monitor, Monitor):
         return watching.accuracy * np.sqrt(monitor.solution.covariance[:, UP, UP])
@@ -221,9 +221,9 @@ def vertical_sigma(watching: Monitoring, monitor: Watcher) -> np.ndarray:
     return cast(Bank, monitor).sigma[:, UP]
 
 
-def threshold_by_faults(monitor: Watcher) -> np.ndarray | None:
+def threshold_by_faults(monitor: LandingMonitor) -> np.ndarray | None:
     """Effective monitor threshold (e,), m; None where residuals are tested."""
-    return monitor.found.emt if isinstance(monitor, SeparationWatch) else None
+    return monitor.found.emt if isinstance(monitor, SeparationDistances) else None
 
 
 def _indices(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, ...]:

@@ -34,10 +34,10 @@ class FixTest(Protocol):
     def silent(self, errors: np.ndarray) -> np.ndarray:
         """(m,) bool, whether errors (n, m) cause no alarm."""
 
-    def reach(self, direction: np.ndarray) -> float:
+    def largest_undetected(self, direction: np.ndarray) -> float:
         """Largest size of errors along a direction (n,) of size 1 without an alarm."""
 
-    def unseen(self, size: float, direction: np.ndarray) -> float:
+    def missed_probability(self, size: float, direction: np.ndarray) -> float:
         """The chance of no alarm, or more, with a bias of this size along a direction of the residuals (n,)."""
 
 
@@ -54,11 +54,11 @@ class SquareTest:
         """See `FixTest`."""
         return np.asarray(((self.residual @ errors) ** 2).sum(axis=0) <= self.threshold)
 
-    def reach(self, direction: np.ndarray) -> float:
+    def largest_undetected(self, direction: np.ndarray) -> float:
         """See `FixTest`."""
         return math.sqrt(self.threshold)
 
-    def unseen(self, size: float, direction: np.ndarray) -> float:
+    def missed_probability(self, size: float, direction: np.ndarray) -> float:
         """See `FixTest`; exact."""
         return chi_square.probability_below(self.threshold, self.degrees, size * size)
 
@@ -74,11 +74,11 @@ class SeparationTest:
         """See `FixTest`."""
         return np.asarray((np.abs(self.separators @ errors) <= 1.0).all(axis=0))
 
-    def reach(self, direction: np.ndarray) -> float:
+    def largest_undetected(self, direction: np.ndarray) -> float:
         """See `FixTest`."""
         return 1.0 / max(float(np.abs(self.separators @ direction).max(initial=0.0)), 1e-12)
 
-    def unseen(self, size: float, direction: np.ndarray) -> float:
+    def missed_probability(self, size: float, direction: np.ndarray) -> float:
         """See `FixTest`; only for the difference that shows the bias best."""
         steepest = self.separators[np.argmax(np.abs(self.separators @ direction))]
         spread = float(np.linalg.norm(steepest))
@@ -110,7 +110,7 @@ class TailCase:
         """Whitened biases (n,) of biases of all ranges (s,), m."""
         return np.asarray(of_ranges[self.used] / self.unwhitened)
 
-    def least_seen(self, sources: np.ndarray) -> np.ndarray:
+    def least_visible_bias(self, sources: np.ndarray) -> np.ndarray:
         """Bias of ranges (s,) bool, whitened and of size 1 (n,), with the largest position effect relative to the
         residuals.
 
@@ -181,7 +181,7 @@ class TailDraws:
         return float(weights.sum() ** 2 / (weights @ weights)) if weights.size else 0.0
 
 
-def moves(case: TailCase, bias: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
+def proposal_shifts(case: TailCase, bias: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
     """Shifts of the samples (c, n) and their shares (c,).
 
     Shifts bring the estimate to either limit, including its bias, and the residuals, along those of the bias, to the
@@ -195,7 +195,7 @@ def moves(case: TailCase, bias: np.ndarray, limit: float) -> tuple[np.ndarray, n
     back = np.zeros_like(bias)
     if size > 0.0:
         direction = seen / size
-        back = -max(0.0, size - case.test.reach(direction)) * direction
+        back = -max(0.0, size - case.test.largest_undetected(direction)) * direction
     far = np.array([(limit - off) / sigma, (limit + off) / sigma])
     sides = np.array([1.0, -1.0])[:, None] * np.maximum(far, 0.0)[:, None] * along + back
     tails = -0.5 * np.maximum(far, 0.0) ** 2
@@ -205,7 +205,7 @@ def moves(case: TailCase, bias: np.ndarray, limit: float) -> tuple[np.ndarray, n
 
 def sampled(case: TailCase, bias: np.ndarray, limit: float, count: int, rng: np.random.Generator) -> TailDraws:
     """Draws of fixes whose ranges have these whitened biases (n,); limit: of the error along the axis, m."""
-    places, shares = moves(case, bias, limit)
+    places, shares = proposal_shifts(case, bias, limit)
     squares = 0.5 * (places**2).sum(axis=1)
     weights, hits = np.empty(count), np.empty(count, bool)
     for first in range(0, count, _AT_ONCE):
@@ -223,7 +223,7 @@ def sampled(case: TailCase, bias: np.ndarray, limit: float, count: int, rng: np.
 def worst_size(case: TailCase, direction: np.ndarray, nominal: np.ndarray, limit: float) -> float:
     """Size of a bias along a direction (n,), beside nominal ones (n,), with the largest integrity risk.
 
-    From `FixTest.unseen`, which is a bound for several simultaneous tests.
+    From `FixTest.missed_probability`, which is a bound for several simultaneous tests.
     """
     moved, shown = float(case.estimate @ direction), float(np.linalg.norm(case.residual @ direction))
     if moved == 0.0 or shown < 1e-9:
@@ -234,10 +234,10 @@ def worst_size(case: TailCase, direction: np.ndarray, nominal: np.ndarray, limit
 
     def risk(size: float) -> float:
         beyond = float(normal.exceedance(np.array(limit), off + moved * size, sigma))
-        return beyond * case.test.unseen(abs(before + shown * size), along)
+        return beyond * case.test.missed_probability(abs(before + shown * size), along)
 
     most = min((limit + abs(off)) / abs(moved) + _FARTHEST * sigma / abs(moved),
-               (case.test.reach(along) + abs(before) + _FARTHEST) / shown)  # fmt: skip
+               (case.test.largest_undetected(along) + abs(before) + _FARTHEST) / shown)  # fmt: skip
     sizes = np.linspace(0.0, most, _PLACES + 1)
     around = sizes[int(np.argmax([risk(size) for size in sizes]))]
     finer = around + np.linspace(-1.0, 1.0, 41) * sizes[1]

@@ -11,7 +11,7 @@ import numpy as np
 
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
-from navsim.filter.design import Beliefs
+from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.states import Block
 from navsim.gnss.constellations.systems import CLOCKS
@@ -34,7 +34,7 @@ from navsim.simulation.inertial_states import followed, gains_that_matter
 from navsim.simulation.landing import Flight, InitialErrors, fly
 from navsim.simulation.landing import prepare as prepare_flight
 from navsim.simulation.run import Run
-from navsim.simulation.shared_truth import World, build_world
+from navsim.simulation.shared_truth import SharedTruth, build_shared_truth
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.kinematics import Moving
 
@@ -61,55 +61,55 @@ class Case:
     @property
     def warnings(self) -> list[str]:
         """Warnings about the input: sky, predicted geometry, near sources, sensors that never measure."""
-        idle = [aid.sensor.name for aid in self.world.aids if aid.time.size and aid.missing == aid.time.size]
+        idle = [aid.sensor.name for aid in self.shared.aids if aid.time.size and aid.missing == aid.time.size]
         said = "measures nothing on this flight, whose heights or attitudes are beyond its limits"
         near = map(str, self.flight.near_passes)
-        return [*self.sky_warnings, *self.foreseen.warnings, *near, *(f"{name}: {said}" for name in idle)]
+        return [*self.sky_warnings, *self.preflight.warnings, *near, *(f"{name}: {said}" for name in idle)]
 
     @property
-    def foreseen(self) -> PreflightChecks:
+    def preflight(self) -> PreflightChecks:
         """Quantities known before a run."""
-        world = self.world
-        return PreflightChecks(self.scenario, self.trajectory, self.environment, world.signals, world.filter_time)
+        shared = self.shared
+        return PreflightChecks(self.scenario, self.trajectory, self.environment, shared.signals, shared.filter_time)
 
     def behind_terrain(self) -> np.ndarray:
         """At which fixes (e, s) bool terrain hides which sources: satellites that the mask lets pass, pseudolites."""
-        s = self.world.signals
+        s = self.shared.signals
         hidden = behind(self.environment.terrain, s.position, s.antenna)
         satellites = slice(0, len(s.names) - len(self.pseudolites.names))
         hidden[:, satellites] &= self.environment.in_view(s.azimuth, s.elevation, s.antenna)[:, satellites]
         return hidden
 
-    def over(self, world: World) -> Case:
+    def over(self, shared: SharedTruth) -> Case:
         """Copy of this case with another world, and its sources."""
         flight = replace(self.flight, watching=watching(self.scenario, self.environment))
-        return replace(self, flight=flight.over(world))
+        return replace(self, flight=flight.over(shared))
 
     @property
-    def world(self) -> World:
+    def shared(self) -> SharedTruth:
         """Simulation inputs that all its runs share."""
-        return self.flight.world
+        return self.flight.shared
 
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the states of its filter."""
-        return states.names(self.beliefs.sensors.blocks, [CLOCKS[scale] for scale in self.flight.scales])
+        return states.names(self.design.sensors.blocks, [CLOCKS[scale] for scale in self.flight.scales])
 
     @property
     def state_units(self) -> tuple[str, ...]:
         """Their units."""
-        return states.units(self.beliefs.sensors.blocks, len(self.flight.scales))
+        return states.units(self.design.sensors.blocks, len(self.flight.scales))
 
     @property
     def groups(self) -> tuple[str, ...]:
         """Groups of three states for NEES."""
-        return tuple(states.slices(self.beliefs.sensors.blocks))
+        return tuple(states.slices(self.design.sensors.blocks))
 
     @cached_property
     def uncertain(self) -> np.ndarray:
         """Which states (n,) bool have any uncertainty, in truth or in the filter: an initial sigma, process noise, or
         states that they are integrals of. Only these are degrees of freedom."""
-        flight, sensors = self.flight, self.beliefs.sensors
+        flight, sensors = self.flight, self.design.sensors
         triads, starts = (flight.gyro, flight.accel), (flight.start, flight.initial)
         declared = zip(sensors.blocks, sensors.sigma, strict=True)
         known = [sigma == 0.0 and block.drive == 0.0 for block, sigma in declared]
@@ -133,9 +133,9 @@ class Case:
         return int(self.uncertain[states_].sum())
 
     @property
-    def beliefs(self) -> Beliefs:
+    def design(self) -> FilterDesign:
         """Filter model."""
-        return self.flight.beliefs
+        return self.flight.design
 
     @property
     def pseudolites(self) -> Pseudolites:
@@ -145,7 +145,7 @@ class Case:
     @cached_property
     def solvable(self) -> np.ndarray:
         """At which fix epochs the geometry has a solution, clocks included (e,)."""
-        return np.isfinite(self.world.dop[:, 1])
+        return np.isfinite(self.shared.dop[:, 1])
 
     def fly(self, seed: int, run: int) -> Run:
         """Run number `run` of the ensemble of `seed`."""
@@ -174,10 +174,10 @@ class Case:
 
         An ensemble without a lost run looks as if first-order errors explained it: its interval would be too narrow.
         """
-        signals, gate = self.world.signals, self.scenario.filter.gate.probability
+        signals, gate = self.shared.signals, self.scenario.filter.gate.probability
         if gate * signals.time.size > MAX_CHANCE_REJECTIONS:
             return f"filter.gate.probability {gate:g} rejects good fixes, and a rejection depends on the error itself"
-        begin, end = self.world.imu_time[[0, -1]]
+        begin, end = self.shared.imu_time[[0, -1]]
         solved = signals.time[self.solvable]
         gap = float(np.max(np.diff([begin, *solved, end])))
         if gap > max(MAX_GAP_S, 2.0 * float(np.median(np.diff([begin, *signals.time, end])))):
@@ -192,7 +192,7 @@ class Case:
     @cached_property
     def first_order_covariance(self) -> np.ndarray:
         """Exact covariance (o, 3, 3) of the first-order errors of position, NED, m2. Raises AnalysisError."""
-        return position_covariance(self.flight, np.isin(self.world.signals.names, self.pseudolites.names))
+        return position_covariance(self.flight, np.isin(self.shared.signals.names, self.pseudolites.names))
 
 
 Ask = Callable[[Landing, Environment], None]
@@ -207,17 +207,17 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     trajectory, sources, scenario, warnings = modelled(scenario, document)
     ask(scenario, sources)
     gyro, accel = scenario.imu.triads()
-    world = world_of(scenario, trajectory, sources)
+    shared = world_of(scenario, trajectory, sources)
     watched = watching(scenario, sources)
-    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, world), watched)
+    flight = prepare_flight(shared, _initial(scenario), gyro, accel, *_filter_design(scenario, shared), watched)
     case = Case(scenario, trajectory, sources, flight, warnings)
-    case.foreseen.check(document)
+    case.preflight.check(document)
     return case
 
 
-def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> World:
+def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> SharedTruth:
     """Simulation inputs that all runs of a scenario share, from its duration, rates and receiver."""
-    return build_world(
+    return build_shared_truth(
         trajectory,
         sources,
         scenario.receiver_model(),
@@ -238,17 +238,17 @@ def _initial(scenario: Landing) -> InitialErrors:
     return InitialErrors(section.attitude_deg * DEG, section.position_m, section.velocity_m_s, fixed)
 
 
-def _gains(scenario: Landing, world: World, gyro: Triad, accel: Triad) -> tuple[Block, ...]:
+def _gains(scenario: Landing, shared: SharedTruth, gyro: Triad, accel: Triad) -> tuple[Block, ...]:
     """Gains of inertial sensors in the filter model: requested ones, and by default those that matter on this
     flight."""
-    dt = float(world.imu_time[1] - world.imu_time[0])
-    large = gains_that_matter(gyro, accel, world.dtheta, world.dv, dt)
+    dt = float(shared.imu_time[1] - shared.imu_time[0])
+    large = gains_that_matter(gyro, accel, shared.dtheta, shared.dv, dt)
     its = scenario.filter
     asked = ((its.scale_factors, states.SCALE_FACTORS), (its.misalignments, states.MISALIGNMENTS))
     return tuple(b for wanted, blocks in asked for b in blocks if (b in large if wanted is None else wanted))
 
 
-def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
+def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign, InitialErrors]:
     """Filter model, including the initial errors; keys missing in its section equal the truth."""
     section = scenario.filter
     truth = scenario.initial_errors
@@ -259,19 +259,19 @@ def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
         truth.velocity_m_s if given.velocity_m_s is None else given.velocity_m_s,
     )
     gyro, accel = scenario.imu.triads(section.imu.gyro, section.imu.accelerometer)
-    sensors, lasting = followed(gyro, accel, _gains(scenario, world, gyro, accel)), None
+    sensors, correlated = followed(gyro, accel, _gains(scenario, shared, gyro, accel)), None
     if kinds := scenario.signals.errors.models():
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
-        lasting = followed_errors(scenario.about_lasting_errors(), kinds, scenario.duration_s, interval)
+        correlated = followed_errors(scenario.about_correlated_errors(), kinds, scenario.duration_s, interval)
         # those of ranges go by the sources that are received: `simulation.landing.prepare` adds them
-        blocks = () if section.tight else fix_blocks(lasting, kinds, step)
+        blocks = () if section.tight else fix_blocks(correlated, kinds, step)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
     of_aids = followed_errors_of_aids(scenario.aiding(), 1.0 / scenario.imu.rate_hz)
     sensors = replace(
         sensors, blocks=(*sensors.blocks, *(b for b, _ in of_aids)), sigma=(*sensors.sigma, *(s for _, s in of_aids))
     )
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
-    beliefs = Beliefs(
+    design = FilterDesign(
         kind=FILTER_KINDS[section.kind],
         sensors=sensors,
         velocity=section.velocity,
@@ -284,10 +284,10 @@ def _beliefs(scenario: Landing, world: World) -> tuple[Beliefs, InitialErrors]:
         widest=section.gaussian_sum.heading_deg * DEG,
         steady_force=section.steady_force,
         clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
-        lasting=lasting,
+        correlated=correlated,
         reflections=section.fix_errors != "none",
     )
-    return beliefs, initial
+    return design, initial
 
 
 def touches_down(case: Case) -> bool:
@@ -297,7 +297,7 @@ def touches_down(case: Case) -> bool:
 
 def rms_window(case: Case) -> np.ndarray:
     """Filter outputs in the last seconds before touchdown (t,)."""
-    t, end = case.world.filter_time, touchdown_time(case.scenario, case.trajectory)
+    t, end = case.shared.filter_time, touchdown_time(case.scenario, case.trajectory)
     return (t >= end - RMS_WINDOW - 1e-9) & (t <= end + 1e-9)
 
 
@@ -309,4 +309,4 @@ def crossing_times(case: Case) -> list[float]:
 def times_at_heights(case: Case, heights: Sequence[float]) -> list[float]:
     """Last times of descent through these heights above the runway, m, 0 for touchdown; nan if not before the last
     output."""
-    return case.foreseen.times_at_heights(heights)
+    return case.preflight.times_at_heights(heights)

@@ -47,7 +47,7 @@ def expected_ratios(case: Case, rms: np.ndarray, sigma: np.ndarray) -> Ratios:
 def _ratios(case: Case, z: np.ndarray, runs: int, correlation: np.ndarray) -> Ratios:
     known = np.where(case.uncertain, z, np.nan)
     known[0, known[0] < EXACT_START] = np.nan
-    return Ratios(case.world.filter_time, case.states, known, runs, correlation)
+    return Ratios(case.shared.filter_time, case.states, known, runs, correlation)
 
 
 def evaluate_states(case: Case, ratios: Ratios) -> tuple[RatioBand, StateVerdict]:

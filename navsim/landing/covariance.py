@@ -57,7 +57,7 @@ def budget(analysis: Analysis) -> tuple[str, ...]:
 def covariance_analysis(case: Case) -> Analysis:
     """The analysis of a case. Raises ValueError for a smoother, AnalysisError for a defect of the analysis."""
     case.scenario.check_analysable()
-    of_pseudolites = np.isin(case.world.signals.names, case.pseudolites.names)
+    of_pseudolites = np.isin(case.shared.signals.names, case.pseudolites.names)
     return analyse(case.flight, of_pseudolites)
 
 
@@ -73,7 +73,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     draft["/budget/source"] = np.array(budget(analysis))
     draft["/budget/rms"] = np.sqrt(square)
     for group in ("filter", "covariance", "budget"):
-        draft[f"/{group}/time"] = case.world.filter_time
+        draft[f"/{group}/time"] = case.shared.filter_time
         draft.put(f"/{group}/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
     _summary(draft, case, analysis, square)
     integrity.described(draft, case)
@@ -88,10 +88,10 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
 
 def _beyond_range(case: Case) -> list[str]:
     """Note that the analysis neglects the sensors' range, if the route exceeds it."""
-    out, interval = [], np.diff(case.world.imu_time)[:, None]
+    out, interval = [], np.diff(case.shared.imu_time)[:, None]
     for triad, exact, key in (
-        (case.flight.gyro, case.world.dtheta, "imu.gyro.range_deg_s"),
-        (case.flight.accel, case.world.dv, "imu.accelerometer.range_g"),
+        (case.flight.gyro, case.shared.dtheta, "imu.gyro.range_deg_s"),
+        (case.flight.accel, case.shared.dv, "imu.accelerometer.range_g"),
     ):
         over = int((np.abs(exact) > triad.further.largest * interval).any(axis=1).sum())
         if over:
@@ -106,16 +106,16 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     none, e = analysis.degrees == 0, analysis.degrees.size
     solvable = case.solvable
     fixes = np.zeros((UNRANGED + 1, e), bool)
-    if case.beliefs.tight:
+    if case.design.tight:
         fixes[UNRANGED] = none
     else:
         fixes[UNHEARD], fixes[PENALTY_UNSOLVED] = none & ~solvable, none & solvable
-        fixes[NO_VELOCITY] = case.beliefs.velocity & (analysis.degrees == 3)
+        fixes[NO_VELOCITY] = case.design.velocity & (analysis.degrees == 3)
     outputs = np.zeros((FAR_OFF + 1, e + 1), bool)
     rms = np.sqrt(_squares(analysis).sum(axis=0))[:, FOLLOWED]
-    believed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
+    assumed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
     outputs[NOT_POSITIVE] = ~positive(analysis.believed)
-    outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(believed, 0.0))).any(axis=1)
+    outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(assumed, 0.0))).any(axis=1)
     found = notes([*case.warnings, *_beyond_range(case), *integrity.level_warnings(case)])
     if integrity.is_kept_from_faults(case):
         found += notes(
@@ -184,7 +184,7 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
         to_first_order(draft, box, off, np.sqrt(np.diagonal(spread)))
     attitude = states.SLICES["attitude"]
     square_of_all = analysis.covariance + analysis.mean[:, :, None] * analysis.mean[:, None, :]
-    to_rpy = rpy_jacobian(case.world.at_filter.rpy[window])
+    to_rpy = rpy_jacobian(case.shared.at_filter.rpy[window])
 
     def late_rpy(history: np.ndarray) -> np.ndarray:
         found = turned_variances(to_rpy, history[window, attitude, attitude])
@@ -218,7 +218,7 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
         share = part / part.sum() if part.any() else np.full(part.shape, np.nan)
         draft[f"/summary/budget/{name}"] = np.sqrt(part)
         draft[f"/summary/budget/{name}_share"] = share
-    draft["/summary/consistency/time"] = case.world.filter_time
+    draft["/summary/consistency/time"] = case.shared.filter_time
     every, moving = np.flatnonzero(case.uncertain), np.flatnonzero(case.uncertain[MOVING])
     nis = np.concatenate([[np.nan], analysis.nis / np.maximum(analysis.degrees, 1)])
     for name, values, degrees in (
@@ -228,7 +228,7 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
     ):
         draft.put(f"/summary/consistency/{name}", values, {"degrees_of_freedom": degrees})
     put_consistency(draft, case, _expected(case, analysis), None)
-    lost = int(np.sum(~np.isfinite(case.world.dop[:, 1]) if case.beliefs.tight else analysis.degrees == 0))
+    lost = int(np.sum(~np.isfinite(case.shared.dop[:, 1]) if case.design.tight else analysis.degrees == 0))
     for name, value in (("runs", 0), ("fixes", analysis.degrees.size - lost), ("epochs_without_fix", lost)):
         draft[f"/summary/count/{name}"] = np.int64(value)
 
@@ -236,8 +236,8 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
 def _expected(case: Case, analysis: Analysis) -> Ratios:
     """Errors in units of the filter's sigma, to first order."""
     second = np.diagonal(analysis.covariance, axis1=1, axis2=2) + analysis.mean**2
-    believed = np.diagonal(analysis.believed, axis1=1, axis2=2)
-    return expected_ratios(case, np.sqrt(second), np.sqrt(believed))
+    assumed = np.diagonal(analysis.believed, axis1=1, axis2=2)
+    return expected_ratios(case, np.sqrt(second), np.sqrt(assumed))
 
 
 def _at_heights(case: Case, analysis: Analysis, times: list[float]) -> tuple[np.ndarray, np.ndarray]:

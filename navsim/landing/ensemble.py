@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.design import Beliefs
+from navsim.filter.design import FilterDesign
 from navsim.filter.records import NOT_USED, REJECTED
-from navsim.filter.states import MOST
+from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import rpy_error, rpy_jacobian
 from navsim.gnss.dop import MAX_CLOCKS
 from navsim.integrity.monitoring import ALARM
@@ -72,14 +72,15 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "fix_velocity": ("epoch", 3), "fix_clock": ("epoch", MAX_CLOCKS), "error": ("output", "state"),
     "sigma": ("output", "state"), "cross": ("output", 6), "nees": ("output",), "nees_position_velocity": ("output",),
     "nees_group": ("output", "group"), "innovation_squared": ("epoch",), "degrees": ("epoch",),
-    "status": ("epoch",), "range_status": ("epoch", "ranged"), "aided": ("aided", MOST),
+    "status": ("epoch",), "range_status": ("epoch", "ranged"), "aided": ("aided", MAX_MEASUREMENT_SIZE),
     "aided_squared": ("aided",), "aided_degrees": ("aided",),
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
     "watched_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
     "innovation_ratio": ("tried",), "deviation": ("deviating", 3), "attitude": ("deviating", 3),
     "antenna": ("met", 3), "gust": ("deviating", 3), "delta_angle": ("sample", 3), "delta_velocity": ("sample", 3),
     "start_llh": (3,), "start_velocity": (3,), "start_rpy": (3,),
-    "filter_fix_llh": ("loose", 3), "filter_fix_velocity": ("loose", 3), "filter_fix_covariance": ("loose", MOST, MOST),
+    "filter_fix_llh": ("loose", 3), "filter_fix_velocity": ("loose", 3),
+    "filter_fix_covariance": ("loose", MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE),
     "clipped": ("limited",), "first_order": ("linear", 3),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
@@ -108,13 +109,13 @@ class LandingStudy:
     @cached_property
     def attitude(self) -> tuple[np.ndarray, np.ndarray]:
         """True roll, pitch, yaw (n, 3) of those outputs, rad, and the matrix from errors in NED to theirs (n, 3, 3)."""
-        rpy = self.case.world.at_filter.rpy[self.window]
+        rpy = self.case.shared.at_filter.rpy[self.window]
         return rpy, rpy_jacobian(rpy)
 
     @cached_property
     def box_time(self) -> list[float]:
         """When the height of the box is passed, s; of no box nothing."""
-        return [] if self.case.scenario.box is None else [self.case.foreseen.box_time]
+        return [] if self.case.scenario.box is None else [self.case.preflight.box_time]
 
     @cached_property
     def crossings(self) -> list[float]:
@@ -137,11 +138,11 @@ class LandingStudy:
         measured = "pseudorange" in HISTORIES[self.keep]
         linear = () if self.first_order is None else (self.first_order,)
         for runs in self.case.fly_runs(self.seed, first, count, measured, *linear):
-            fixes = fix_flaws(runs, self.case.solvable, self.case.beliefs, self.case.flight.drops)
+            fixes = fix_flaws(runs, self.case.solvable, self.case.design, self.case.flight.drops)
             outputs = output_flaws(runs)
             error = runs.error[:, window]
             squares, rpy, turn = _mean_square(error), route_rpy, to_rpy
-            if self.case.world.ways is not None:
+            if self.case.shared.ways is not None:
                 rpy = runs.attitude[:, window]
                 turn = rpy_jacobian(rpy)
             rows.append(
@@ -282,7 +283,7 @@ FOLLOWED = slice(0, states.ATT)
 def of_aids(case: Case, runs: Run) -> dict[str, np.ndarray]:
     """Sums over each sensor beside the receiver (run, aid): squared innovations, degrees of freedom, rejections by the
     gate."""
-    ends = np.cumsum([0, *(aid.time.size for aid in case.world.aids)])
+    ends = np.cumsum([0, *(aid.time.size for aid in case.shared.aids)])
     parts = [slice(first, last) for first, last in itertools.pairwise(ends)]
 
     def each(values: np.ndarray) -> np.ndarray:
@@ -297,7 +298,7 @@ def of_aids(case: Case, runs: Run) -> dict[str, np.ndarray]:
     }
 
 
-def fix_flaws(runs: Run, solvable: np.ndarray, beliefs: Beliefs, drops: bool = False) -> Flaws:
+def fix_flaws(runs: Run, solvable: np.ndarray, design: FilterDesign, drops: bool = False) -> Flaws:
     """Flaws (run, flaw) of the fix epochs of several runs. solvable: (e,) where the geometry has a solution. drops:
     whether the filter does without fixes with an alarm."""
     none = np.isnan(runs.fix_llh[..., 0])
@@ -306,11 +307,11 @@ def fix_flaws(runs: Run, solvable: np.ndarray, beliefs: Beliefs, drops: bool = F
     unweighed = runs.status == NOT_USED
     if drops:
         unweighed &= runs.monitor_status != ALARM
-    if beliefs.tight:
+    if design.tight:
         masks[:, UNRANGED] = unweighed
         masks[:, GATED] = (runs.range_status == REJECTED).any(axis=2)
         return judging.tally(masks)
-    masks[:, NO_VELOCITY] = beliefs.velocity & ~none & np.isnan(runs.fix_velocity[..., 0])
+    masks[:, NO_VELOCITY] = design.velocity & ~none & np.isnan(runs.fix_velocity[..., 0])
     masks[:, UNWEIGHED] = ~none & unweighed
     masks[:, GATED] = runs.status == REJECTED
     return judging.tally(masks)
@@ -340,9 +341,9 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
     runs = ensemble.runs
     out = judging.notes([*case.warnings, *integrity.level_warnings(case)])
     out += of_fixes(case, fixes)
-    epochs = case.world.signals.time
+    epochs = case.shared.signals.time
     fixed, probability = int(ensemble.per_run("fixes").sum()), case.scenario.filter.gate.probability
-    gated, tight = judging.spread(fixes, GATED, epochs), case.beliefs.tight
+    gated, tight = judging.spread(fixes, GATED, epochs), case.design.tight
     each = int(ensemble.per_run("weighed_ranges").sum()) if tight else None
     out += judging.rejections(gated, runs * epochs.size if tight else fixed, probability, runs, each)
     out += of_outputs(case, outputs)
@@ -354,7 +355,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         half = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
         out += judging.doubted("sigma_all_states", f"errors of {n} states in half of the runs", half, n * runs, runs)
         out += judging.of_states(evaluate_states(case, ratios_of_runs(case, ensemble))[1], runs)
-    for k, aid in enumerate(case.world.aids):
+    for k, aid in enumerate(case.shared.aids):
         rejected, weighed = (int(ensemble.per_run(f"aided_{name}")[:, k].sum()) for name in ("rejected", "weighed"))
         name = aid.sensor.name
         out += judging.rejected_of(name, rejected, runs * (aid.time.size - aid.missing), probability)
@@ -362,7 +363,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
             mean = float(ensemble.per_run("aided_innovations")[:, k].sum()) / weighed
             out += judging.doubted("aided_innovations", f"innovations of the {name}", mean, weighed, runs)
     if case.flight.limited:
-        samples = runs * (case.world.imu_time.size - 1)
+        samples = runs * (case.shared.imu_time.size - 1)
         out += judging.clipped(ensemble.per_run("clipped"), samples)
     weighed = int(ensemble.per_run("weighed").sum())
     if weighed:
@@ -373,19 +374,19 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
 
 def of_fixes(case: Case, flaws: Flaws) -> list[Finding]:
     """Findings about fixes that are not there; flaws (run, flaw), see `UNHEARD`."""
-    epochs = case.world.signals.time
+    epochs = case.shared.signals.time
     if not epochs.size:
         text = f"{case.scenario.why_no_fix()}: the filter never gets a fix"
         return [Finding("no_fix", text, (FIX,))]
     names = {UNHEARD: "epochs_without_fix", PENALTY_UNSOLVED: "lost_fixes", NO_VELOCITY: "fixes_without_velocity",
              UNWEIGHED: "unweighed_fixes"}  # fmt: skip
-    return _spreads(flaws, {UNRANGED: "epochs_without_range"} if case.beliefs.tight else names, epochs)
+    return _spreads(flaws, {UNRANGED: "epochs_without_range"} if case.design.tight else names, epochs)
 
 
 def of_outputs(case: Case, flaws: Flaws) -> list[Finding]:
     """Findings about the filter's outputs; flaws (run, flaw), see `NOT_FINITE`."""
     names = {NOT_FINITE: "not_finite", NOT_POSITIVE: "covariance_not_positive", FAR_OFF: "errors_beyond_sigma"}
-    return _spreads(flaws, names, case.world.filter_time)
+    return _spreads(flaws, names, case.shared.filter_time)
 
 
 def _spreads(flaws: Flaws, names: dict[int, str], time: np.ndarray) -> list[Finding]:
@@ -457,7 +458,7 @@ def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
     """Histories of the filter's outputs (..., t, m) at some times (..., h, m), between outputs in a straight line; nan
     for nan."""
     unknown = ~np.isfinite(times)
-    before, after, share = between_outputs(case, np.where(unknown, case.world.filter_time[0], times))
+    before, after, share = between_outputs(case, np.where(unknown, case.shared.filter_time[0], times))
     share = share[:, None]
     first, second = history[..., before, :], history[..., after, :]
     out = np.where(share > 0.0, first + share * (second - first), first)
@@ -469,7 +470,7 @@ def beside_times(case: Case, times: list[float], history: np.ndarray) -> np.ndar
     """Histories of the filter's outputs (..., t, m) at the outputs before and after some times (..., h, 2, m); nan for
     nan."""
     unknown = ~np.isfinite(times)
-    before, after, _ = between_outputs(case, np.where(unknown, case.world.filter_time[0], times))
+    before, after, _ = between_outputs(case, np.where(unknown, case.shared.filter_time[0], times))
     out = np.stack([history[..., before, :], history[..., after, :]], axis=-2)
     out[..., unknown, :, :] = np.nan
     return out
@@ -477,7 +478,7 @@ def beside_times(case: Case, times: list[float], history: np.ndarray) -> np.ndar
 
 def between_outputs(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Outputs before and after times (h,), and the fraction of the interval up to them."""
-    t = case.world.filter_time
+    t = case.shared.filter_time
     before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, t.size - 1)
     after = np.minimum(before + 1, t.size - 1)
     length = t[after] - t[before]
@@ -493,13 +494,13 @@ def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndar
 
 def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.ndarray]:
     """Flight-technical errors (run, h, 3) at the crossings of the route, where runs deviate from it."""
-    return {} if case.world.ways is None else {"at_deviation": _technical(case, crossings, runs)}
+    return {} if case.shared.ways is None else {"at_deviation": _technical(case, crossings, runs)}
 
 
 def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:
     """Deviation of each run from the route (run, h, 3); with guidance by estimates, the deviation of the estimate."""
     off = at_times(case, when, runs.deviation)
-    ways = case.world.ways
+    ways = case.shared.ways
     return off if ways is None or not ways.follows else off - at_heights(case, when, runs.error)
 
 

@@ -17,7 +17,7 @@ AXES = ("lateral", "along", "vertical")
 
 
 @dataclass(frozen=True)
-class Box:
+class ErrorBox:
     """Limits of position errors at a height."""
 
     height: float
@@ -38,20 +38,20 @@ class Box:
         return np.logical_not((self.lower <= errors) & (errors <= self.upper))
 
 
-def box_of(case: Case) -> Box | None:
+def box_of(case: Case) -> ErrorBox | None:
     """The box of a case, if it has one."""
     section = case.scenario.box
     if section is None:
         return None
-    place = case.foreseen.box_place
+    place = case.preflight.box_place
     lower, upper = map(np.array, section.limits(place))
-    return Box(
-        section.height_m, case.foreseen.box_time, lower, upper, section.error == "total",
+    return ErrorBox(
+        section.height_m, case.preflight.box_time, lower, upper, section.error == "total",
         math.nan if section.from_threshold_m is None else place,
     )  # fmt: skip
 
 
-def described(draft: ResultBuilder, box: Box) -> None:
+def described(draft: ResultBuilder, box: ErrorBox) -> None:
     """Write the definition of the box."""
     if "/axis" not in draft:
         draft["/summary/box/axis"] = np.array(AXES)
@@ -62,7 +62,7 @@ def described(draft: ResultBuilder, box: Box) -> None:
         draft["/summary/box/place"] = box.place
 
 
-def counted(draft: ResultBuilder, box: Box, errors: np.ndarray) -> None:
+def counted(draft: ResultBuilder, box: ErrorBox, errors: np.ndarray) -> None:
     """The box, and how many errors (run, 3) are outside."""
     described(draft, box)
     outside = box.beyond(errors)
@@ -78,7 +78,7 @@ def counted(draft: ResultBuilder, box: Box, errors: np.ndarray) -> None:
         draft["/summary/box/axis_gaussian"] = where_limited(box, chances)
 
 
-def to_first_order(draft: ResultBuilder, box: Box, mean: np.ndarray, sigma: np.ndarray) -> None:
+def to_first_order(draft: ResultBuilder, box: ErrorBox, mean: np.ndarray, sigma: np.ndarray) -> None:
     """The box, and how often Gaussian errors with these means and sigmas (3,), m, are outside."""
     described(draft, box)
     draft["/summary/box/axis_mean"] = mean
@@ -86,7 +86,7 @@ def to_first_order(draft: ResultBuilder, box: Box, mean: np.ndarray, sigma: np.n
     draft["/summary/box/axis_first_order"] = where_limited(box, normal.outside(box.lower, box.upper, mean, sigma))
 
 
-def where_limited(box: Box, values: np.ndarray) -> np.ndarray:
+def where_limited(box: ErrorBox, values: np.ndarray) -> np.ndarray:
     """Values of the axes (3, ...), nan of those without a limit."""
     out = values.copy()
     out[~np.isfinite(box.upper)] = np.nan

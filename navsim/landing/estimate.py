@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from navsim.compiler.lanes import WIDTH
-from navsim.filter.states import MOST, clock_states
+from navsim.filter.states import MAX_MEASUREMENT_SIZE, clock_states
 from navsim.gnss.constellations.systems import OWN
 from navsim.gnss.events import PSEUDOLITES
 from navsim.gnss.signals import Environment
@@ -113,12 +113,12 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         clocks.add(sources.pseudolites.clock)
     scales = 1 if sources.effects.one_clock else len(clocks)
     jamming = sources.jamming
-    lasting = scenario.lasting_states(names // 2)  # about half of a sky is received
+    correlated = scenario.correlated_states(names // 2)  # about half of a sky is received
     sensors = scenario.aiding()
     of_aids = [block.size for block, _ in followed_errors(sensors, 1.0 / scenario.imu.rate_hz)]
     return Extent(
         size.samples, fixes, names, scales,
-        scenario.filter.states(scales, scenario.gain_states + lasting + sum(of_aids)),
+        scenario.filter.states(scales, scenario.gain_states + correlated + sum(of_aids)),
         sum(times_of(sensor, scenario.duration_s, scenario.imu.rate_hz).size for sensor in sensors),
         fixes * _waiting(scenario) * sum(sensor.rate for sensor in sensors),
         0 if scenario.integrity is None else fixes,
@@ -127,56 +127,56 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes,
         # one for each source that is received, about half of a sky, for each system, and some for two at once
         0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4,
-        scenario.draws_of_way(),
+        scenario.trajectory_draws(),
         2 if scenario.imu.limited() else 0,
         any(triad.further.there for triad in scenario.imu.triads()),
         scenario.air() is not None,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
-        (lasting if scenario.filter.tight else 0) + sum(size for size in of_aids if size < 3),
+        (correlated if scenario.filter.tight else 0) + sum(size for size in of_aids if size < 3),
     )  # fmt: skip
 
 
-def landing(
-    scenario: Landing, sources: Environment, runs: int = 1, keep: str = "all", workers: int = 1, away: bool = False
+def estimate_landing(
+    scenario: Landing, sources: Environment, runs: int = 1, keep: str = "all", workers: int = 1, remote: bool = False
 ) -> Budget:
     """Estimate for a landing by its own method; runs, keep, workers: only for Monte Carlo.
 
-    away: whether the workers have memory of their own.
+    remote: whether the workers have memory of their own.
     """
-    here = extent(scenario, sources)
+    sizes = extent(scenario, sources)
     if scenario.method == "covariance":
-        return _analysed(scenario, sources, here)
+        return _analysed(scenario, sources, sizes)
     if scenario.method == "rare":
-        return _pushed(scenario, here, runs, workers, away)
+        return _pushed(scenario, sizes, runs, workers, remote)
     workers = max(1, min(workers, -(-runs // BATCH)))
-    of_run = sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
-    stored = _stored(here, keep)
+    of_run = sum(history_bytes(name, sizes.sizes()) for name in HISTORIES[keep])
+    stored = _stored(sizes, keep)
     batches = -(-runs // BATCH)
-    sums = (runs // BATCH + _blocks(runs % BATCH)) * sums_bytes(here)
-    held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1)) + workers * flying_memory(scenario, here)
-    if away:  # results of a task, twice
+    sums = (runs // BATCH + _blocks(runs % BATCH)) * sums_bytes(sizes)
+    held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1)) + workers * flying_memory(scenario, sizes)
+    if remote:  # results of a task, twice
         held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
     streamed = runs * stored
     # in addition to the sums of each block, once, the entry of each of their numbers
     linear = FIRST_ORDER if runs > 1 else 0
     statistics = STATISTICS + NUMBER * linear
-    part = runs * (COLUMNS + linear + (36 if here.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(here)
-    result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
-    result += NUMBER * (5 + here.sizes()["group"] + 3 * here.states) * (here.epochs + 1)
+    part = runs * (COLUMNS + linear + (36 if sizes.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(sizes)
+    result = _common_bytes(scenario, sizes) + streamed + part + runs * 13 * NUMBER
+    result += NUMBER * (5 + sizes.sizes()["group"] + 3 * sizes.states) * (sizes.epochs + 1)
     variables = {"none": 119, "errors": 128, "all": 152}[keep] + (27 if runs > 1 else 0)
     if runs >= LEAST_RUNS:
         variables += CONTROLLED
         result += 12 * NUMBER * runs
-    if here.ways:
+    if sizes.ways:
         variables += {"none": 16, "errors": 19, "all": 23}[keep]
-    lasting = 0 if scenario.filter.tight else scenario.lasting_states(here.sources)
-    if keep == "all" and lasting:
-        result += NUMBER * MOST * here.epochs * lasting  # their effects on fixes
+    correlated = 0 if scenario.filter.tight else scenario.correlated_states(sizes.sources)
+    if keep == "all" and correlated:
+        result += NUMBER * MAX_MEASUREMENT_SIZE * sizes.epochs * correlated  # their effects on fixes
         variables += 2
-    result += variables * VARIABLE + NUMBER * (here.epochs + here.sources + (here.samples if keep == "all" else 0))
+    result += variables * VARIABLE + NUMBER * (sizes.epochs + sizes.sources + (sizes.samples if keep == "all" else 0))
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
-        shared_memory(here) + _linear_memory(here, runs) + held + 3 * statistics * runs + sums + image,
+        shared_memory(sizes) + _linear_memory(sizes, runs) + held + 3 * statistics * runs + sums + image,
         result,
         runs * (of_run + statistics) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
     )
@@ -189,66 +189,76 @@ def _blocks(runs: int) -> int:
 
 def _waiting(scenario: Landing) -> float:
     """Time for which the filter waits for late measurements, s."""
-    believed = scenario.filter.latency_s
-    of_fixes = scenario.receiver.latency_s if believed is None else believed
+    assumed = scenario.filter.latency_s
+    of_fixes = scenario.receiver.latency_s if assumed is None else assumed
     return max(of_fixes, *(sensor.believed_latency for sensor in scenario.aiding()), 0.0)
 
 
-def flying_memory(scenario: Landing, here: Extent) -> float:
+def flying_memory(scenario: Landing, sizes: Extent) -> float:
     """Memory of a worker for the runs that it processes at once, bytes."""
-    kept = sum(history_bytes(name, here.sizes()) for name in HISTORIES["all"])
-    of_one = 2 * kept + NUMBER * (6 * here.samples + FLOWN * here.epochs)
-    if here.imperfect:  # increments that vibrate, drifts, walks, gains, quanta
-        of_one += NUMBER * 15 * here.samples
-    if here.ways:
-        of_one += NUMBER * ((WAY + here.deviating) * here.samples + here.epochs * (60 + 2 * here.sources))
+    kept = sum(history_bytes(name, sizes.sizes()) for name in HISTORIES["all"])
+    of_one = 2 * kept + NUMBER * (6 * sizes.samples + FLOWN * sizes.epochs)
+    if sizes.imperfect:  # increments that vibrate, drifts, walks, gains, quanta
+        of_one += NUMBER * 15 * sizes.samples
+    if sizes.ways:
+        of_one += NUMBER * ((WAY + sizes.deviating) * sizes.samples + sizes.epochs * (60 + 2 * sizes.sources))
     if scenario.filter.kind in SMOOTHERS:  # its whole flight: five covariances at every time
-        of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
+        of_one += NUMBER * 5 * sizes.states**2 * (2 * sizes.epochs + sizes.aided)
     if scenario.filter.kind == SUM:
-        of_one += NUMBER * 2 * here.states**2 * scenario.filter.gaussian_sum.components
-    if here.settled:  # fixes of a stretch without each candidate
-        of_one += NUMBER * FLOWN * STRETCH * here.sources
-    of_one += NUMBER * MOST * here.filters * here.epochs
-    return WIDTH * of_one + (MOST_KEPT if here.settled else 0)
+        of_one += NUMBER * 2 * sizes.states**2 * scenario.filter.gaussian_sum.components
+    if sizes.settled:  # fixes of a stretch without each candidate
+        of_one += NUMBER * FLOWN * STRETCH * sizes.sources
+    of_one += NUMBER * MAX_MEASUREMENT_SIZE * sizes.filters * sizes.epochs
+    return WIDTH * of_one + (MOST_KEPT if sizes.settled else 0)
 
 
-def shared_memory(here: Extent) -> float:
-    gains = NUMBER * MOST * here.states * here.filters * (here.epochs * max(1, here.ranged // 2) + here.aided)
-    return BASE_MEMORY + SAMPLE_MEMORY * here.samples + SIGNAL_MEMORY * here.epochs * here.sources + 2 * gains
+def shared_memory(sizes: Extent) -> float:
+    gains = (
+        NUMBER
+        * MAX_MEASUREMENT_SIZE
+        * sizes.states
+        * sizes.filters
+        * (sizes.epochs * max(1, sizes.ranged // 2) + sizes.aided)
+    )
+    return BASE_MEMORY + SAMPLE_MEMORY * sizes.samples + SIGNAL_MEMORY * sizes.epochs * sizes.sources + 2 * gains
 
 
-def _linear_memory(here: Extent, runs: int) -> float:
+def _linear_memory(sizes: Extent, runs: int) -> float:
     """Memory of the linearised filter that computes first-order errors, and of the covariance analysis, bytes."""
     if runs == 1:
         return 0.0
-    route = NUMBER * here.epochs * (2 * here.states**2 + 2 * MOST * (here.states + max(1, here.sources)))
-    return route + NUMBER * 13 * here.samples + (ANALYSED_MEMORY * here.epochs if runs >= LEAST_RUNS else 0.0)
+    route = (
+        NUMBER
+        * sizes.epochs
+        * (2 * sizes.states**2 + 2 * MAX_MEASUREMENT_SIZE * (sizes.states + max(1, sizes.sources)))
+    )
+    return route + NUMBER * 13 * sizes.samples + (ANALYSED_MEMORY * sizes.epochs if runs >= LEAST_RUNS else 0.0)
 
 
-def sums_bytes(here: Extent) -> int:
+def sums_bytes(sizes: Extent) -> int:
     """Size of the sums over a block of runs at every output of the filter, bytes.
 
     Three for each group of states; for each state the squared error in sigmas, the number of runs, and the numbers
     beyond two limits.
     """
-    return (3 + here.sizes()["group"] + 4 * here.states) * NUMBER * (here.epochs + 1)
+    return (3 + sizes.sizes()["group"] + 4 * sizes.states) * NUMBER * (sizes.epochs + 1)
 
 
-def _stored(here: Extent, keep: str) -> float:
+def _stored(sizes: Extent, keep: str) -> float:
     """Size of a run in the result file, bytes, by the data kept of it."""
 
     def of(*names: str) -> int:
-        return sum(history_bytes(name, here.sizes()) for name in names)
+        return sum(history_bytes(name, sizes.sizes()) for name in names)
 
     if keep == "none":
         return 0
     errors = (
         of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
         + of("deviation", "monitor_statistic", "watched_error", "monitor_level", "innovation_ratio")
-        + here.epochs
-        + here.aided
-        + here.watched
-        + 2 * here.settled
+        + sizes.epochs
+        + sizes.aided
+        + sizes.watched
+        + 2 * sizes.settled
     )
     if keep == "errors":
         return errors
@@ -257,24 +267,24 @@ def _stored(here: Extent, keep: str) -> float:
     return (
         errors
         + ranges
-        + here.epochs * here.ranged
+        + sizes.epochs * sizes.ranged
         + of("fix_llh", "fix_velocity", "aided", "antenna", "gust", "delta_angle", "delta_velocity")
         + of("start_llh", "start_velocity", "start_rpy")
         + of("filter_fix_llh", "filter_fix_velocity", "filter_fix_covariance")
-        + NUMBER * here.epochs * here.clocks
+        + NUMBER * sizes.epochs * sizes.clocks
     )
 
 
-def _common_bytes(scenario: Landing, here: Extent) -> float:
+def _common_bytes(scenario: Landing, sizes: Extent) -> float:
     """Size of truth, geometry and messages, which every result of a landing has, bytes."""
-    truth = (14 if scenario.wind.blows else 10) * (here.samples + 1)
-    geometry = here.epochs * (16 + 3 * here.sources) + SKY_TIMES * (1 + 2 * here.sources) + 2 * here.sources
-    messages = 16 * here.sources * (1 + int(scenario.duration_s / 1800.0))
+    truth = (14 if scenario.wind.blows else 10) * (sizes.samples + 1)
+    geometry = sizes.epochs * (16 + 3 * sizes.sources) + SKY_TIMES * (1 + 2 * sizes.sources) + 2 * sizes.sources
+    messages = 16 * sizes.sources * (1 + int(scenario.duration_s / 1800.0))
     result = NUMBER * (truth + geometry + messages) + 7000
     if scenario.terrain:  # at how many epochs it hides each source
-        result += VARIABLE + NUMBER * here.sources
-    if here.interfering is not None:  # its ratio and its effect on the sources, and which are tracked
-        result += here.epochs * here.sources * (NUMBER * (here.interfering + 1) + 1)
+        result += VARIABLE + NUMBER * sizes.sources
+    if sizes.interfering is not None:  # its ratio and its effect on the sources, and which are tracked
+        result += sizes.epochs * sizes.sources * (NUMBER * (sizes.interfering + 1) + 1)
     return result
 
 
@@ -297,30 +307,30 @@ def further(scenario: Landing, sources: Environment) -> int:
     )
 
 
-def _analysed(scenario: Landing, sources: Environment, here: Extent) -> Budget:
+def _analysed(scenario: Landing, sources: Environment, sizes: Extent) -> Budget:
     """A covariance analysis."""
-    outputs = here.epochs + 1
+    outputs = sizes.epochs + 1
     errors = 1 + len(SOURCES) + further(scenario, sources)  # and the systematic ones
     # those of the budget, the mean, the root mean square of all, the filter sigma, and error over that
-    of_states = (errors + 4) * here.states
-    result = _common_bytes(scenario, here) + NUMBER * outputs * (8 + of_states) + 110 * VARIABLE
+    of_states = (errors + 4) * sizes.states
+    result = _common_bytes(scenario, sizes) + NUMBER * outputs * (8 + of_states) + 110 * VARIABLE
     return Budget(
-        shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
+        shared_memory(sizes) + ANALYSED_MEMORY * (outputs + 2.0 * (sizes.aided + sizes.ahead)) + WRITING * result,
         result,
     )
 
 
-def _pushed(scenario: Landing, here: Extent, runs: int, workers: int, away: bool) -> Budget:
+def _pushed(scenario: Landing, sizes: Extent, runs: int, workers: int, remote: bool) -> Budget:
     """Runs that are pushed to the edge of a box."""
     workers = max(1, min(workers, -(-runs // BATCH)))
-    inputs = NUMBER * (6 * here.samples + 3 * here.epochs * here.sources + here.aided)
+    inputs = NUMBER * (6 * sizes.samples + 3 * sizes.epochs * sizes.sources + sizes.aided)
     # each worker's inputs are there before and after the push, slopes and shifts of three errors once
     pushes = inputs * (3 * WIDTH * workers + 6)
-    flying = 2 * TASK_BYTES if away else workers * flying_memory(scenario, here) + pushes
+    flying = 2 * TASK_BYTES if remote else workers * flying_memory(scenario, sizes) + pushes
     numbers = (NUMBER * PUSHED + STATISTICS) * runs
     batches = -(-runs // BATCH)
     return Budget(
-        shared_memory(here) + ANALYSED_MEMORY * here.epochs + flying
+        shared_memory(sizes) + ANALYSED_MEMORY * sizes.epochs + flying
         + 3 * STATISTICS * runs + WRITING * numbers,
         numbers + 24 * VARIABLE,
         runs * STATISTICS + batches * BATCH_FILE if runs > BATCH else 0.0,

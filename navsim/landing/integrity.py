@@ -13,7 +13,7 @@ import numpy as np
 
 from navsim.gnss.events import Silence
 from navsim.integrity import sbas_gbas
-from navsim.integrity.araim import SeparationWatch
+from navsim.integrity.araim import SeparationDistances
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.monitoring import (
     ALARM,
@@ -68,7 +68,7 @@ class ApproachLimits:
 
 def glide_of(case: Case) -> np.ndarray:
     """Which fix epochs are on the glide (e,) bool."""
-    return on_glide(case.scenario, case.trajectory, case.world.signals.time)
+    return on_glide(case.scenario, case.trajectory, case.shared.signals.time)
 
 
 def spread_over(epochs: np.ndarray, most: int) -> np.ndarray:
@@ -82,7 +82,7 @@ def approach_limits(case: Case) -> ApproachLimits | None:
     section = case.scenario.integrity
     if section is None or section.limits is None:
         return None
-    time, glide = case.world.signals.time, glide_of(case)
+    time, glide = case.shared.signals.time, glide_of(case)
     due = glide
     if section.decision_height_m is not None:
         (passed,) = times_at_heights(case, [section.decision_height_m])
@@ -105,18 +105,18 @@ def relative_levels(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
 
 def faulty(case: Case) -> np.ndarray:
     """Which ranges are wrong by an event (e, s) bool."""
-    signals = case.world.signals
+    signals = case.shared.signals
     out = np.zeros(signals.used.shape, bool)
     for event in case.environment.events:
         if not isinstance(event.what, Silence):
-            lasting = (signals.time >= event.begin) & (signals.time < event.end)
-            out |= lasting[:, None] & event.concerns(signals.names, case.environment.systems_of(signals.names))
+            correlated = (signals.time >= event.begin) & (signals.time < event.end)
+            out |= correlated[:, None] & event.concerns(signals.names, case.environment.systems_of(signals.names))
     return out & signals.used
 
 
 def outcomes(case: Case) -> np.ndarray:
     """Outcome by `EXCLUSIONS` of excluding each candidate at each epoch (c + 1, e); the last is `NOTHING`."""
-    wrong, names = faulty(case), case.world.signals.names
+    wrong, names = faulty(case), case.shared.signals.names
     taken = np.array([np.isin(names, one.sources) for one in case.flight.candidates]).reshape(-1, 1, len(names))
     remains = (wrong & ~taken).any(axis=2)
     came = np.where(wrong.any(axis=1), remains.astype(np.int64), EXCLUSIONS.index("needless"))
@@ -260,13 +260,13 @@ def described(draft: ResultBuilder, case: Case) -> None:
     monitor, watching = case.flight.monitor, case.flight.watching
     if monitor is None or watching is None:
         return
-    draft["/integrity/time"] = case.world.signals.time
+    draft["/integrity/time"] = case.shared.signals.time
     draft["/integrity/threshold"] = monitor.threshold
     draft["/integrity/sigma_vertical"] = vertical_sigma(watching, monitor)
     levels = monitor.levels
     for i, name in enumerate(("hpl", "vpl")):
         draft[f"/integrity/{name}"] = levels[:, i]
-    if isinstance(monitor, SeparationWatch):
+    if isinstance(monitor, SeparationDistances):
         expected = case.flight.expected
         draft["/integrity/fault"] = np.array([fault.name for fault in expected], dtype=object)
         draft["/integrity/prior"] = np.array([fault.prior for fault in expected], dtype=float)
@@ -297,7 +297,7 @@ def in_runway_axes(draft: ResultBuilder, case: Case) -> None:
     if flight.bank is not None:
         levels = flight.bank.along(bearing)
     elif flight.snapshot is not None and flight.watching is not None:
-        levels = runway_levels(flight.watching, flight.snapshot, case.world.signals, bearing)
+        levels = runway_levels(flight.watching, flight.snapshot, case.shared.signals, bearing)
     else:
         return
     there = glide_of(case) & np.isfinite(levels).all(axis=1)
@@ -311,7 +311,7 @@ def compared(draft: ResultBuilder, case: Case) -> None:
     section = case.scenario.integrity
     if section is None or section.comparison is None:
         return
-    signals, scenario, station = case.world.signals, case.scenario, section.comparison.gbas
+    signals, scenario, station = case.shared.signals, case.scenario, section.comparison.gbas
     fix, found = fix_of(signals), {}
     if section.comparison.sbas:
         levels = sbas_gbas.sbas(fix)
@@ -430,7 +430,7 @@ def level_warnings(case: Case) -> list[str]:
             return ["integrity: no fault is expected (probabilities 0): nothing is tested, and no level counts"]
         return _by_inertial_sensors(case, glide)
     many = f"integrity: no protection level at {lacking.sum()} of {glide.sum()} epochs of the glide"
-    if not isinstance(monitor, SeparationWatch):
+    if not isinstance(monitor, SeparationDistances):
         return [f"{many}: a range is not checked by the others there, or there is no fix"]
     unmonitored = monitor.found.unmonitored[lacking]
     worst = int(np.argmax(unmonitored))

@@ -40,7 +40,7 @@ _FLAGS = ("fix", "detection", "exclusion", "ground_loss")
 
 
 @dataclass(frozen=True)
-class WatchedGlide:
+class MonitoredGlide:
     """Inputs for protection levels on the glide."""
 
     watching: Monitoring
@@ -74,8 +74,8 @@ class WatchedGlide:
         if self.flight is None:
             monitor = self.monitor(sources)
             return monitor.levels, tested_levels(monitor)
-        world = self.flight.world
-        bank = self.flight.over(replace(world, signals=_of_these(world.signals, sources))).bank
+        shared = self.flight.shared
+        bank = self.flight.over(replace(shared, signals=_of_these(shared.signals, sources))).bank
         assert bank is not None
         return bank.levels[self.chosen], tested_levels(bank)[self.chosen]
 
@@ -95,7 +95,7 @@ def _of_these(signals: Signals, sources: np.ndarray) -> Signals:
     return replace(signals, used=signals.used & np.isin(np.arange(len(signals.names)), sources))
 
 
-def watched(case: Case) -> WatchedGlide:
+def watched(case: Case) -> MonitoredGlide:
     """Inputs for the levels of a case with limits. Raises ValueError without a fix epoch on the glide."""
     watching, asked, glide = case.flight.watching, approach_limits(case), np.flatnonzero(glide_of(case))
     assert watching is not None
@@ -103,10 +103,10 @@ def watched(case: Case) -> WatchedGlide:
     if not glide.size:
         raise ValueError("there is no fix epoch on the glide within duration_s")
     spread = spread_over(glide, MOST_LEVELS)
-    signals = case.world.signals
+    signals = case.shared.signals
     ground = np.array([system == events.PSEUDOLITES for system in case.environment.systems], bool)
     throughout = signals.used[glide].all(axis=0)
-    return WatchedGlide(
+    return MonitoredGlide(
         watching, asked, signals.at(spread), np.flatnonzero(throughout & ~ground),
         np.flatnonzero(ground)[: max(PSEUDOLITES)], glide.size, case.flight if watching.bank else None, spread,
     )  # fmt: skip
@@ -123,7 +123,7 @@ def subsets(satellites: np.ndarray, count: int, seed: int, most: int = MOST_SUBS
     return np.array(sorted(found))
 
 
-def cells(here: WatchedGlide, seed: int, done: Callable[[int], None]) -> tuple[np.ndarray, np.ndarray]:
+def cells(here: MonitoredGlide, seed: int, done: Callable[[int], None]) -> tuple[np.ndarray, np.ndarray]:
     """Protection levels of each cell (pseudolites, satellites, 4), nan with too few sources; number of subsets
     (satellites,).
 
@@ -146,7 +146,7 @@ def cells(here: WatchedGlide, seed: int, done: Callable[[int], None]) -> tuple[n
     return out, taken
 
 
-def compute(case: Case, here: WatchedGlide, seed: int, done: Callable[[int], None] = lambda _: None) -> Result:
+def compute(case: Case, here: MonitoredGlide, seed: int, done: Callable[[int], None] = lambda _: None) -> Result:
     """Both tables as a result of kind integrity-table; `done(n)` receives the number of finished cells."""
     draft = ResultBuilder(INTEGRITY_TABLE)
     draft["/pseudolites"], draft["/satellites"] = np.array(PSEUDOLITES), np.array(SATELLITES)
@@ -180,7 +180,7 @@ def _still_jamming(case: Case) -> list[str]:
     return ["pseudolites that a row leaves out send all the same, and jam"]
 
 
-def _several_clocks(here: WatchedGlide) -> list[str]:
+def _several_clocks(here: MonitoredGlide) -> list[str]:
     """Warning if capabilities and levels have different clock unknowns."""
     sources = np.concatenate([here.satellites, here.pseudolites])
     clocks = np.unique(here.signals.clock[sources]).size

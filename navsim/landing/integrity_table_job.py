@@ -27,7 +27,7 @@ class IntegrityTableJob:
     extent = integrity_table.CELLS
     even = False  # there are more subsets of some numbers of satellites than of others
     case: landing.Case
-    watched: integrity_table.WatchedGlide
+    watched: integrity_table.MonitoredGlide
 
     def __init__(self, section: Landing, document: Document, seed: int) -> None:
         """Raises InputError for a scenario without limits."""

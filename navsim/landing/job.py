@@ -7,7 +7,7 @@ from collections.abc import Callable
 from navsim.gnss.signals import Environment
 from navsim.landing import rare_events
 from navsim.landing import study as landing
-from navsim.landing.estimate import landing as estimated
+from navsim.landing.estimate import estimate_landing as estimated
 from navsim.results.result import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, ResultKind
 from navsim.runner.batches import BATCH, Until, fly_all
 from navsim.runner.checkpoint import CheckpointStore
@@ -56,11 +56,11 @@ class _Prepared:
         return self.case.warnings
 
     def _described(self, what: str) -> str:
-        world = self.case.world
-        used = int(world.signals.used.any(axis=0).sum())
+        shared = self.case.shared
+        used = int(shared.signals.used.any(axis=0).sum())
         return (
-            f"{what} of {self.case.scenario.duration_s:g} s, {world.dtheta.shape[0]} IMU samples, "
-            f"{world.signals.time.size} fix epochs, {used} of {len(world.signals.names)} sources received"
+            f"{what} of {self.case.scenario.duration_s:g} s, {shared.dtheta.shape[0]} IMU samples, "
+            f"{shared.signals.time.size} fix epochs, {used} of {len(shared.signals.names)} sources received"
         )
 
 
@@ -150,7 +150,7 @@ class RareJob(_Prepared):
     """The probability of leaving the box."""
 
     unit, suffix = "runs", ""
-    edge: rare_events.Edge
+    edge: rare_events.LimitState
 
     def __init__(self, section: Landing, document: Document, options: Options) -> None:
         super().__init__(section, document)

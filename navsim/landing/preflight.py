@@ -182,9 +182,9 @@ class PreflightChecks:
     def _received(self, event: EventSection) -> bool:
         """Whether any source of an event is received while it lasts."""
         signals, model = self.signals, event.model()
-        lasting = (signals.time >= model.begin) & (signals.time < model.end)
+        correlated = (signals.time >= model.begin) & (signals.time < model.end)
         concerned = model.concerns(signals.names, self.environment.systems_of(signals.names))
-        return bool(signals.used[np.ix_(lasting, concerned)].any())
+        return bool(signals.used[np.ix_(correlated, concerned)].any())
 
     def times_at_heights(self, heights: Sequence[float]) -> list[float]:
         """`passed`, with nan for times after the filter's last output."""

@@ -29,7 +29,7 @@ from navsim.landing.ensemble import (
     percent,
     to_runway,
 )
-from navsim.landing.error_box import AXES, Box, box_of, to_first_order, where_limited
+from navsim.landing.error_box import AXES, ErrorBox, box_of, to_first_order, where_limited
 from navsim.landing.result_groups import attributes
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept, several
@@ -43,7 +43,7 @@ from navsim.runner.executor import Executor
 from navsim.runner.findings import Flaws
 from navsim.runner.merge_state import pack
 from navsim.runner.statistics import weighted_share
-from navsim.simulation.importance_sampling import Tilt, pushed, tilt
+from navsim.simulation.importance_sampling import ProposalShifts, proposal_shifts, shift_inputs
 from navsim.simulation.landing import draw, fly_inputs
 from navsim.simulation.landing_covariance import along_truth, analyse
 from navsim.simulation.sensitivity import sensitivity
@@ -58,26 +58,28 @@ LINEAR = 0.2
 
 
 @dataclass(frozen=True)
-class Edge:
+class LimitState:
     """The box of a case, and the pushes to its edge."""
 
-    box: Box
-    tilt: Tilt
+    box: ErrorBox
+    tilt: ProposalShifts
 
 
-def prepare(case: Case) -> Edge:
+def prepare(case: Case) -> LimitState:
     """Importance sampling for the box of a case. Raises ValueError if a limited error depends on no random input."""
     box = box_of(case)
     assert box is not None
     before, after, share = between_outputs(case, np.array([box.time]))
-    weights = np.zeros((3, case.world.filter_time.size, 3))
+    weights = np.zeros((3, case.shared.filter_time.size, 3))
     turn = to_runway(case)
     weights[:, before[0]] += (1.0 - share[0]) * turn
     weights[:, after[0]] += share[0] * turn
     along = along_truth(case.flight)
-    analysis = analyse(case.flight, np.isin(case.world.signals.names, case.pseudolites.names), along)
+    analysis = analyse(case.flight, np.isin(case.shared.signals.names, case.pseudolites.names), along)
     mean = at_heights(case, [box.time], analysis.mean)[0]
-    return Edge(box, tilt(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper))
+    return LimitState(
+        box, proposal_shifts(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper)
+    )
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class RareStudy:
     """Pushed runs of a case as the engine flies them (`runner.batches.Study`)."""
 
     case: Case
-    edge: Edge
+    edge: LimitState
     seed: int
 
     def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
@@ -95,15 +97,15 @@ class RareStudy:
         for begin in range(first, first + count, WIDTH):
             runs = range(begin, min(begin + WIDTH, first + count))
             components = [tilt.proposal.drawn(self.seed, run) for run in runs]
-            inputs, off = pushed(case.flight, tilt, draw(case.flight, self.seed, runs), components)
+            inputs, off = shift_inputs(case.flight, tilt, draw(case.flight, self.seed, runs), components)
             flown = fly_inputs(case.flight, inputs, len(runs))
-            fixes, outputs = fix_flaws(flown, case.solvable, case.beliefs), output_flaws(flown)
+            fixes, outputs = fix_flaws(flown, case.solvable, case.design), output_flaws(flown)
             rows.append(
                 {
                     "error": at_heights(case, [self.edge.box.time], flown.error)[:, 0],
                     "first_order": (tilt.mean[:, None] + off).T[: len(runs)],
                     "log_weight": tilt.proposal.log_weights(off)[: len(runs)],
-                    "still": np.logical_not(tilt.proposal.pushes[components].any(axis=1)),
+                    "still": np.logical_not(tilt.proposal.shifts[components].any(axis=1)),
                     "fixes": np.sum(~np.isnan(flown.fix_llh[..., 0]), axis=1),
                     "aided_rejected": of_aids(case, flown)["aided_rejected"],
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
@@ -115,7 +117,7 @@ class RareStudy:
 
 def fly_all(
     case: Case,
-    edge: Edge,
+    edge: LimitState,
     seed: int,
     first_run: int,
     runs: int,
@@ -129,14 +131,14 @@ def fly_all(
     return fly_ensemble(RareStudy(case, edge, seed), first_run, runs, executor, store, done, enough)
 
 
-def probability(edge: Edge, flown: Ensemble) -> tuple[np.ndarray, float, float]:
+def probability(edge: LimitState, flown: Ensemble) -> tuple[np.ndarray, float, float]:
     """Probability of ending outside the box: value with its 95 % interval (3,), relative standard error, effective
     samples."""
     outside = np.asarray(edge.box.beyond(flown.per_run("error")).any(axis=1))
     return _share(edge, flown, outside, edge.box.lower, edge.box.upper)
 
 
-def axis_probabilities(edge: Edge, flown: Ensemble) -> list[tuple[np.ndarray, float, float]]:
+def axis_probabilities(edge: LimitState, flown: Ensemble) -> list[tuple[np.ndarray, float, float]]:
     """Probability of exceeding each limit alone, in the same form."""
     outside = edge.box.beyond(flown.per_run("error"))
     alone = np.eye(3, dtype=bool)
@@ -145,7 +147,7 @@ def axis_probabilities(edge: Edge, flown: Ensemble) -> list[tuple[np.ndarray, fl
 
 
 def _share(
-    edge: Edge, flown: Ensemble, outside: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    edge: LimitState, flown: Ensemble, outside: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, float, float]:
     """Probability of runs outside (run,) of limits (3,); see `runner.statistics.weighted_share`."""
     mean, mix = edge.tilt.mean, edge.tilt.proposal
@@ -166,7 +168,7 @@ def narrow(value: np.ndarray, effective: float, share: float) -> bool:
 _UNTIL = re.compile(r"\s*probability\s+within\s+([0-9.]+)\s*%\s*")
 
 
-def stopping_rule(edge: Callable[[], Edge], expression: str) -> Until:
+def stopping_rule(edge: Callable[[], LimitState], expression: str) -> Until:
     """`probability within 20%`: true once the 95 % interval is `narrow` by that share. edge: known once runs are.
     Raises ValueError for anything else."""
     match = _UNTIL.fullmatch(expression)
@@ -182,7 +184,7 @@ def stopping_rule(edge: Callable[[], Edge], expression: str) -> Until:
     return Until(judge)
 
 
-def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
+def findings(case: Case, edge: LimitState, flown: Ensemble) -> list[Finding]:
     """Findings about the input, the runs, and the probability."""
     fixes, outputs = (
         Flaws(*(flown.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
@@ -223,11 +225,11 @@ def _rejections(case: Case, fixes: Flaws, flown: Ensemble) -> list[Finding]:
     """
     still, probability = flown.per_run("still"), case.scenario.filter.gate.probability
     rejected, fixed = fixes.count[:, GATED], flown.per_run("fixes")
-    found = judging.spread(fixes, GATED, case.world.signals.time)
+    found = judging.spread(fixes, GATED, case.shared.signals.time)
     out = judging.rejections(found, int(fixed.sum()), probability, flown.runs)
     if not judging.too_many(int(rejected[still].sum()), int(fixed[still].sum()) * probability):
         out = [_by_pushes(each) for each in out]
-    for k, aid in enumerate(case.world.aids):
+    for k, aid in enumerate(case.shared.aids):
         of_aid, size = flown.per_run("aided_rejected")[:, k], aid.time.size - aid.missing
         of_all = judging.rejected_of(aid.sensor.name, int(of_aid.sum()), flown.runs * size, probability)
         if not judging.too_many(int(of_aid[still].sum()), int(still.sum()) * size * probability):
@@ -241,7 +243,7 @@ def _by_pushes(found: Finding) -> Finding:
     return replace(found, text=f"{found.text}; pushes may have caused it", against=())
 
 
-def not_linear(edge: Edge, flown: Ensemble) -> np.ndarray:
+def not_linear(edge: LimitState, flown: Ensemble) -> np.ndarray:
     """Nonlinear part of the limited errors (k,): its standard deviation over shifted runs, relative to the first-order
     sigma.
 
@@ -253,7 +255,7 @@ def not_linear(edge: Edge, flown: Ensemble) -> np.ndarray:
     return np.where(np.isfinite(off).all(axis=0), off.std(axis=0), np.inf) / sigma
 
 
-def result(case: Case, edge: Edge, flown: Ensemble, seed: int) -> Result:
+def result(case: Case, edge: LimitState, flown: Ensemble, seed: int) -> Result:
     """The result."""
     draft = ResultBuilder(RARE)
     error, log_weight, tilt = flown.per_run("error"), flown.per_run("log_weight"), edge.tilt

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.integrity.monitoring import Monitoring, Watcher, tested_levels, threshold_by_faults, vertical_sigma
+from navsim.integrity.monitoring import LandingMonitor, Monitoring, tested_levels, threshold_by_faults, vertical_sigma
 from navsim.landing.case import Case, touches_down
 from navsim.landing.integrity import (
     approach_limits,
@@ -63,7 +63,7 @@ class Fulfilment:
     """Required limit."""
     least: bool = False
     """Whether it is a lower limit."""
-    again: Callable[[int], np.ndarray] | None = None
+    with_runs: Callable[[int], np.ndarray] | None = None
     """Expected interval of so many runs like these."""
     utilisation: float = math.nan
 
@@ -76,16 +76,16 @@ class Fulfilment:
     def more(self, runs: int) -> float:
         """Number of further runs for a decision, if they are like these; nan if none would be enough, or if it is
         decided."""
-        if self.again is None or self.verdict() != UNDECIDED or np.isnan(self.value[0]):
+        if self.with_runs is None or self.verdict() != UNDECIDED or np.isnan(self.value[0]):
             return math.nan
         low, high = runs, 2 * runs
-        while self.verdict(self.again(high)) == UNDECIDED:
+        while self.verdict(self.with_runs(high)) == UNDECIDED:
             low, high = high, 2 * high
             if high > MOST_RUNS:
                 return math.nan
         while high - low > max(1, low // 100):
             middle = (low + high) // 2
-            low, high = (middle, high) if self.verdict(self.again(middle)) == UNDECIDED else (low, middle)
+            low, high = (middle, high) if self.verdict(self.with_runs(middle)) == UNDECIDED else (low, middle)
         return float(high - runs)
 
 
@@ -232,7 +232,7 @@ def _by_control(one: AnySingle, plain: Fulfilment, controls: Controls, runs: int
         found = controls.rms(one.of)
     else:
         return plain
-    return replace(plain, value=found.value, again=lambda n: found.with_runs(runs, n)) if found.helps else plain
+    return replace(plain, value=found.value, with_runs=lambda n: found.with_runs(runs, n)) if found.helps else plain
 
 
 def _statement(one: AnySingle) -> tuple[str, float, bool]:
@@ -272,7 +272,7 @@ def _counted(nothing: Fulfilment, count: int, runs: int) -> Fulfilment:
     def again(n: int) -> np.ndarray:
         return share_interval(round(share * n), n)
 
-    return replace(nothing, value=share_interval(count, runs), again=again)
+    return replace(nothing, value=share_interval(count, runs), with_runs=again)
 
 
 def _of_box(nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:
@@ -283,7 +283,7 @@ def _of_box(nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:
             reach = np.log(value[1:] / value[0]) * math.sqrt(runs / n)
             return np.array([value[0], *(value[0] * np.exp(reach))])
 
-        return replace(nothing, value=value, again=pushed if np.isfinite(value).all() and value[1] > 0.0 else None)
+        return replace(nothing, value=value, with_runs=pushed if np.isfinite(value).all() and value[1] > 0.0 else None)
     if draft.layout == COVARIANCE:  # between the most probable of its sides and the sum of all
         if "/summary/box/axis_first_order" not in draft:
             return nothing
@@ -325,7 +325,7 @@ def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: ResultBuilder, runs
         return replace(nothing, value=value)
     axes = draft["/summary/rms/position_ned"][:, 0]
     squares = (axes[:2] if one.of == "horizontal" else axes[2:]) ** 2
-    return replace(nothing, value=value, again=lambda n: rms_interval_of_means(squares, n))
+    return replace(nothing, value=value, with_runs=lambda n: rms_interval_of_means(squares, n))
 
 
 def _of_epochs(
@@ -346,7 +346,7 @@ def _of_epochs(
 
 
 def sizes_of(
-    one: ThresholdRequirement | AccuracyRequirement, watching: Monitoring | None, monitor: Watcher | None
+    one: ThresholdRequirement | AccuracyRequirement, watching: Monitoring | None, monitor: LandingMonitor | None
 ) -> np.ndarray | None:
     """Quantity of a requirement at all epochs (e,), m; None if unknown."""
     if watching is None or monitor is None:
@@ -421,4 +421,4 @@ def _share_of_epochs(nothing: Fulfilment, share: np.ndarray, runs: int) -> Fulfi
         reach = half * math.sqrt(runs / n)
         return np.array([share[0], *np.clip([share[0] - reach, share[0] + reach], 0.0, 1.0)])
 
-    return replace(nothing, value=share, again=again)
+    return replace(nothing, value=share, with_runs=again)

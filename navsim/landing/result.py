@@ -71,56 +71,56 @@ def _history(
 
 
 def _measurements(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
-    s = case.world.signals
+    s = case.shared.signals
     draft["/measurements/time"] = s.time
     draft["/measurements/source"] = np.array(s.names, dtype=object)
     draft["/measurements/pseudorange"] = _history(ensemble, "pseudorange")
     draft["/measurements/range_rate"] = _history(ensemble, "range_rate")
-    draft["/imu/time"] = case.world.imu_time[1:]
+    draft["/imu/time"] = case.shared.imu_time[1:]
     for name in ("delta_angle", "delta_velocity"):
         draft[f"/imu/{name}"] = _history(ensemble, name)
     draft["/measurements/cn0"] = _history(ensemble, "pseudorange", lambda block: np.broadcast_to(s.cn0, block.shape))
 
 
 def _receiver(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
-    s = case.world.signals
+    s = case.shared.signals
     clocks = sorted(set(s.clock[np.any(s.used, axis=0)].tolist()))
     draft["/receiver/clock_name"] = np.array([CLOCKS[c] for c in clocks], dtype=object)
     draft["/receiver/position_llh"] = _history(ensemble, "fix_llh")
     draft["/receiver/velocity_ned"] = _history(ensemble, "fix_velocity")
-    if case.world.ways is not None:
+    if case.shared.ways is not None:
         draft["/receiver/true_position_llh"] = _history(ensemble, "antenna", llh_from_ecef)
     draft["/receiver/clock"] = _history(ensemble, "fix_clock", lambda block: block[..., clocks])
 
 
 def _filter(draft: ResultBuilder, case: Case, ensemble: Ensemble, keep: str) -> None:
-    world = case.world
-    draft["/filter/time"] = world.filter_time
+    shared = case.shared
+    draft["/filter/time"] = shared.filter_time
     draft.put("/filter/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
     draft["/filter/error"] = _history(ensemble, "error")
     draft["/filter/sigma"] = _history(ensemble, "sigma")
     for name, degrees in _nees_degrees(case):
         draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": degrees})
-    if world.ways is not None:
+    if shared.ways is not None:
         for i, axis in enumerate(RUNWAY_AXES):
             if keep == "all":
                 draft[f"/filter/gust_{axis}"] = _history(ensemble, "gust", lambda block, i=i: block[..., i])  # type: ignore[misc]
             draft[f"/filter/deviation_{axis}"] = _history(ensemble, "deviation", lambda block, i=i: block[..., i])  # type: ignore[misc]
-    draft["/filter/epoch"] = world.signals.time
+    draft["/filter/epoch"] = shared.signals.time
     most = int(ensemble.per_run("degrees").max())
     name = "innovation_squared"
     draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": most})
     draft["/filter/fix_status"] = _history(ensemble, "status", lambda block: block.astype(np.int8))
     if keep == "all":
         _filter_model(draft, case, ensemble)
-    if keep == "all" and case.beliefs.tight:
-        draft["/filter/source"] = np.array(world.signals.names, dtype=object)
+    if keep == "all" and case.design.tight:
+        draft["/filter/source"] = np.array(shared.signals.names, dtype=object)
         draft["/filter/range_status"] = _history(ensemble, "range_status", lambda block: block.astype(np.int8))
 
 
 def _filter_model(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     """Write the filter model: initial state, sensors, and fixes."""
-    sensors = case.beliefs.sensors
+    sensors = case.design.sensors
     for name, history in (("position_llh", "llh"), ("velocity_ned", "velocity"), ("attitude_rpy", "rpy")):
         draft[f"/filter/start_{name}"] = _history(ensemble, f"start_{history}")
     draft["/filter/start_sigma"] = np.sqrt(np.diag(case.flight.covariance))
@@ -130,20 +130,20 @@ def _filter_model(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         draft[f"/filter/state_{name}"] = np.concatenate([np.zeros(states.SENSORS), each, np.zeros(others)])
     for k, name in enumerate(("gyro", "accelerometer")):
         draft[f"/filter/noise_{name}"] = float(np.sqrt(sensors.noise[k]))
-    if not case.beliefs.tight:
+    if not case.design.tight:
         draft["/filter/fix_position_llh"] = _history(ensemble, "filter_fix_llh")
         draft["/filter/fix_velocity_ned"] = _history(ensemble, "filter_fix_velocity")
         draft["/filter/fix_covariance"] = _history(ensemble, "filter_fix_covariance")
-        if case.flight.lasting_roots.size:
+        if case.flight.correlated_roots.size:
             followed = [name for block in sensors.blocks if block.triad == FIX for name in block.states]
             draft["/filter/fix_error"] = np.array(followed, dtype=object)
-            draft["/filter/fix_effect"] = case.flight.lasting_roots
+            draft["/filter/fix_effect"] = case.flight.correlated_roots
 
 
 def _aiding(draft: ResultBuilder, case: Case, ensemble: Ensemble, measured: bool) -> None:
     """Write the measurements of each sensor beside the receiver, and their status."""
     first = 0
-    for aid in case.world.aids:
+    for aid in case.shared.aids:
         branch, part = f"/aiding/{aid.sensor.name}", slice(first, first + aid.time.size)
         first, numbers = part.stop, aid.exact.shape[1]
 
@@ -202,7 +202,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         size = np.sqrt(squares[:, first:last].sum(axis=1))
         draft[f"/summary/rms/{name}_percentile"] = np.percentile(size, PERCENTILES)
 
-    if case.world.ways is not None:
+    if case.shared.ways is not None:
         technical = ensemble.per_run("at_deviation")
         for i, name in enumerate(RUNWAY_AXES):
             for kind, values in (("fte", technical[..., i]), ("tse", technical[..., i] + at[..., i])):
@@ -217,7 +217,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     draft["/summary/coverage/expected"] = np.array([ellipsoid_probability(k, 3) for k in LEVELS])
     _consistency(draft, case, ensemble)
 
-    for k, aid in enumerate(case.world.aids):
+    for k, aid in enumerate(case.shared.aids):
         sums = [ensemble.per_run(f"aided_{name}")[:, k].sum() for name in ("innovations", "weighed", "rejected")]
         branch = f"/summary/aiding/{aid.sensor.name}"
         draft[f"{branch}/nis"] = float(sums[0] / sums[1]) if sums[1] else np.nan
@@ -237,7 +237,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
 
 def _consistency(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     runs, branch = ensemble.runs, "/summary/consistency"
-    draft[f"{branch}/time"] = case.world.filter_time
+    draft[f"{branch}/time"] = case.shared.filter_time
     most = int(ensemble.per_run("degrees").max())
     for name, degrees in (*_nees_degrees(case), ("nis", most)):
         band = consistency_band(degrees, runs) if degrees else (np.nan, np.nan)

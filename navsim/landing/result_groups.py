@@ -26,7 +26,7 @@ def base(case: Case, layout: str) -> ResultBuilder:
     draft = ResultBuilder(
         layout,
         {"mixed": ", ".join(dict.fromkeys(case.state_units))},
-        sensor=[aid.sensor.name for aid in case.world.aids],
+        sensor=[aid.sensor.name for aid in case.shared.aids],
         system=[group.constellation.system.name for group in case.environment.satellites],
     )
     _truth(draft, case)
@@ -45,7 +45,7 @@ def attributes(case: Case, seed: int) -> dict[str, Any]:
 
 
 def _truth(draft: ResultBuilder, case: Case) -> None:
-    truth = case.world.truth
+    truth = case.shared.truth
     draft["/truth/time"] = truth.time
     draft["/truth/position_llh"] = truth.llh
     draft["/truth/velocity_ned"] = truth.velocity_ned
@@ -61,7 +61,7 @@ def _wind(draft: ResultBuilder, case: Case) -> None:
     """Write the mean wind along the trajectory, and the wind triangle at the decision heights, if there is wind."""
     if not case.scenario.wind.blows:
         return
-    trajectory, truth = case.trajectory, case.world.truth
+    trajectory, truth = case.trajectory, case.shared.truth
     assert isinstance(trajectory, Trajectory)
     # the tangent plane's axes are those of the touchdown point, a wind's north is that of the place
     c_np = ned_matrix(truth.llh) @ trajectory.frame.axes
@@ -87,14 +87,14 @@ def _track(draft: ResultBuilder, case: Case) -> None:
 
 
 def _geometry(draft: ResultBuilder, case: Case) -> None:
-    world = case.world
-    s = world.signals
+    shared = case.shared
+    s = shared.signals
     draft["/geometry/time"] = s.time
     draft["/geometry/source"] = np.array(s.names, dtype=object)
     draft.put("/geometry/clock", s.clock, {"clocks": ", ".join(CLOCKS)})
     draft["/geometry/line_of_sight"] = s.los
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
-        draft[f"/geometry/{name}"] = world.dop[:, i]
+        draft[f"/geometry/{name}"] = shared.dop[:, i]
     some = np.unique(np.linspace(0, s.time.size - 1, min(SKY_TIMES, s.time.size)).astype(int))
     draft["/geometry/instant"] = s.time[some]
     draft["/geometry/azimuth"] = s.azimuth[some]
@@ -105,17 +105,17 @@ def _geometry(draft: ResultBuilder, case: Case) -> None:
     if case.environment.sight_placed:
         draft["/geometry/behind_terrain"] = case.behind_terrain().sum(axis=0)
     if case.environment.antenna is not None:
-        draft["/geometry/shadowed"] = case.foreseen.shadowed.sum(axis=0)
+        draft["/geometry/shadowed"] = case.preflight.shadowed.sum(axis=0)
     pseudolites = case.pseudolites
     draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
     draft["/pseudolites/position_llh"] = pseudolites.llh
     draft["/receiver/time"] = s.time
-    draft["/receiver/covariance_enu"] = world.fix_covariance
+    draft["/receiver/covariance_enu"] = shared.fix_covariance
 
 
 def _navigation(draft: ResultBuilder, case: Case) -> None:
     """Write the messages of the satellites, real or simulated, for an export to RINEX."""
-    time = timescales.gps_from_utc(case.scenario.epoch.timestamp()) + case.world.signals.time
+    time = timescales.gps_from_utc(case.scenario.epoch.timestamp()) + case.shared.signals.time
     for group in case.environment.satellites:
         sent = group.constellation.messages(time)
         if sent is None:
@@ -130,7 +130,7 @@ def _navigation(draft: ResultBuilder, case: Case) -> None:
 
 def _interference(draft: ResultBuilder, case: Case) -> None:
     """Write the effect of jammers on signals, if any."""
-    jamming, s = case.environment.jamming, case.world.signals
+    jamming, s = case.environment.jamming, case.shared.signals
     if jamming is None:
         return
     ground = () if jamming.pseudolites is None else case.pseudolites.names
@@ -150,16 +150,16 @@ def geometry_summary(case: Case) -> ResultBuilder:
 
 
 def _geometry_summary(draft: ResultBuilder, case: Case) -> None:
-    world = case.world
-    glide = on_glide(case.scenario, case.trajectory, world.signals.time)
+    shared = case.shared
+    glide = on_glide(case.scenario, case.trajectory, shared.signals.time)
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
-        values = world.dop[glide, i]
+        values = shared.dop[glide, i]
         draft[f"/summary/dop/{name}"] = _statistics(values[np.isfinite(values)])
-    ground = np.isin(world.signals.names, case.pseudolites.names)
+    ground = np.isin(shared.signals.names, case.pseudolites.names)
     for name, chosen in (("satellites", ~ground), ("pseudolites", ground)):
-        draft[f"/summary/used/{name}"] = _statistics(world.signals.used[glide][:, chosen].sum(axis=1))
+        draft[f"/summary/used/{name}"] = _statistics(shared.signals.used[glide][:, chosen].sum(axis=1))
 
-    variance = np.diagonal(world.fix_covariance, axis1=1, axis2=2)[glide]
+    variance = np.diagonal(shared.fix_covariance, axis1=1, axis2=2)[glide]
     variance = variance[np.isfinite(variance[:, 0])]
     for name, columns in (("rms_horizontal", [0, 1]), ("rms_vertical", [2]), ("rms_3d", [0, 1, 2])):
         each = np.sqrt(variance[:, columns].sum(axis=1))

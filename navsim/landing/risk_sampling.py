@@ -30,7 +30,7 @@ _PILOT = 10_000
 
 
 @dataclass(frozen=True)
-class Supposed:
+class AssumedFault:
     """An assumed fault.
 
     name; taken: (s,) bool, its sources; prior: probability, nan without one; bias: (n,) whitened nominal biases.
@@ -55,7 +55,7 @@ class SampledLevel:
 
 def sampled_risks(draft: ResultBuilder, case: Case, seed: int) -> None:
     """Risks beyond the levels at the times that the scenario asks for, if any."""
-    section, monitor, time = case.scenario.integrity, case.flight.monitor, case.world.signals.time
+    section, monitor, time = case.scenario.integrity, case.flight.monitor, case.shared.signals.time
     if section is None or section.tails is None or monitor is None or not time.size:
         return
     epochs = np.maximum(np.searchsorted(time, np.array(section.tails.at_s) + 1e-9, side="right") - 1, 0)
@@ -65,7 +65,7 @@ def sampled_risks(draft: ResultBuilder, case: Case, seed: int) -> None:
     bias, effective = (np.full((*shape, len(names)), np.nan) for _ in range(2))
     level, total = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
     risk = np.full((*shape, len(names), 3), np.nan)
-    fix = fix_of(case.world.signals)
+    fix = fix_of(case.shared.signals)
     for i, epoch in enumerate(map(int, epochs)):
         for j, axis in enumerate(axes):
             found = _at(case, fix, epoch, axis, seed)
@@ -81,7 +81,7 @@ def sampled_risks(draft: ResultBuilder, case: Case, seed: int) -> None:
 
 
 def _names(case: Case) -> list[str]:
-    signals = case.world.signals
+    signals = case.shared.signals
     if isinstance(case.flight.monitor, SeparationMonitor):
         return [NO_FAULT, *(fault.name for fault in case.flight.expected)]
     return [NO_FAULT, *(signals.names[i] for i in np.flatnonzero(signals.used.any(axis=0)))]
@@ -113,7 +113,7 @@ def _at(case: Case, fix: MonitoredFix, epoch: int, axis: int, seed: int) -> Samp
     else:
         tail = under_separations(fix, monitor.found, epoch, axis)
     priors = np.zeros(count)
-    for k, fault in enumerate(_supposed(case, fix, tail, epoch, axis)):
+    for k, fault in enumerate(_assumed_faults(case, fix, tail, epoch, axis)):
         if fault is None:
             continue
 
@@ -122,7 +122,7 @@ def _at(case: Case, fix: MonitoredFix, epoch: int, axis: int, seed: int) -> Samp
             value, _, worth = weighted_share(found.log_weights, found.hits, 1.0 / UNMOVED, 1.0 / UNMOVED)
             return value, worth
 
-        direction = tail.least_seen(fault.taken)
+        direction = tail.least_visible_bias(fault.taken)
         own = worst_size(tail, direction, fault.beside, level) * direction
         if own.any():
             pilots = [drawn(fault.beside + share * own, _PILOT, i)[0][0] for i, share in enumerate(_AROUND)]
@@ -148,23 +148,25 @@ def _total(case: Case, epoch: int, axis: int, priors: np.ndarray, risk: np.ndarr
     return np.asarray(np.nansum(priors[:, None] * risk, axis=0) + unmonitored)
 
 
-def _supposed(case: Case, fix: MonitoredFix, tail: TailCase, epoch: int, axis: int) -> Iterator[Supposed | None]:
+def _assumed_faults(
+    case: Case, fix: MonitoredFix, tail: TailCase, epoch: int, axis: int
+) -> Iterator[AssumedFault | None]:
     """No fault, then each of `_names`; None for those that are not there at the epoch, or not monitored."""
-    monitor, signals, watching = case.flight.monitor, case.world.signals, case.flight.watching
+    monitor, signals, watching = case.flight.monitor, case.shared.signals, case.flight.watching
     assert watching is not None
     none = np.zeros(len(signals.names), bool)
     if not isinstance(monitor, SeparationMonitor):
         nothing = np.zeros(tail.used.size)
-        yield Supposed(NO_FAULT, none, 1.0, nothing)
+        yield AssumedFault(NO_FAULT, none, 1.0, nothing)
         for i in np.flatnonzero(signals.used.any(axis=0)):
             taken = np.arange(none.size) == i
-            yield Supposed(signals.names[i], taken, math.nan, nothing) if signals.used[epoch, i] else None
+            yield AssumedFault(signals.names[i], taken, math.nan, nothing) if signals.used[epoch, i] else None
         return
     nominal = np.array([watching.nominal[name] for name in signals.names])
-    yield Supposed(NO_FAULT, none, 1.0, tail.biases(np.sign(fix.estimator[epoch, axis]) * nominal))
+    yield AssumedFault(NO_FAULT, none, 1.0, tail.biases(np.sign(fix.estimator[epoch, axis]) * nominal))
     for k, fault in enumerate(case.flight.expected):
         taken = np.isin(signals.names, fault.sources)
         # nominal biases that move the fix without the fault most
         without = monitor.found.separator[k, epoch, axis] + fix.estimator[epoch, axis]
         beside = tail.biases(np.where(taken, 0.0, np.sign(without) * nominal))
-        yield Supposed(fault.name, taken, fault.prior, beside) if monitor.found.monitored[k, epoch] else None
+        yield AssumedFault(fault.name, taken, fault.prior, beside) if monitor.found.monitored[k, epoch] else None

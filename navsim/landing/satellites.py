@@ -38,7 +38,7 @@ def read_satellites(
         files = _Files(scenario, document, key)
         for name in getattr(sky, key):
             constellations += files.read(name, _READERS[key], utc, warnings)
-        scenario = files.with_what_they_say()
+        scenario = files.with_checksums()
         if not constellations:
             where = document.place(("sky", key))
             message = f"no satellite of {' or '.join(s.name for s in wanted)}{''.join(f'; {w}' for w in warnings)}"
@@ -195,7 +195,7 @@ class _Files:
         self.offsets.append((name, path, read.offsets))
         return read.constellations
 
-    def with_what_they_say(self) -> Landing:
+    def with_checksums(self) -> Landing:
         """The scenario with their checksums, and the offsets of times that it takes from them as numbers."""
         sky = self.scenario.sky.model_copy(update={f"{self.key}_sha256": tuple(self.found)})
         signals, numbers = self.scenario.signals, dict(self.scenario.signals.system_offsets_ns)

@@ -154,7 +154,7 @@ def compute(
         sigmas / sigma,
         sigmas[:, 1:, 0],
         error,
-        case.world.signals.time,
+        case.shared.signals.time,
         np.array([c[0] for c in curves]),
         np.array([c[1] for c in curves]),
         np.array(found),
@@ -176,10 +176,10 @@ def compute_all(seed: int, runs: int, executor: Executor, done: Callable[[int], 
 
 def _curve(case: Case, ensemble: Ensemble) -> tuple[np.ndarray, np.ndarray]:
     """PDOP and horizontal RMS error (m) at the fix epochs."""
-    square = np.zeros(case.world.filter_time.size)
+    square = np.zeros(case.shared.filter_time.size)
     for block in ensemble.blocks("error"):
         square += np.sum(block[:, :, :2] ** 2, axis=(0, 2))
-    return case.world.dop[:, 1], np.sqrt(square[1:] / ensemble.runs)
+    return case.shared.dop[:, 1], np.sqrt(square[1:] / ensemble.runs)
 
 
 # --- the paper's claims

@@ -87,7 +87,7 @@ class Prepared:
             signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
             fix_sigma=signals.with_noise(share), fix_rate_sigma=self.share * signals.fix_rate_sigma,
         )  # fmt: skip
-        return replace(self.case, environment=sources).over(replace(self.case.world, signals=signals))
+        return replace(self.case, environment=sources).over(replace(self.case.shared, signals=signals))
 
 
 class FidelityEvaluator:
@@ -162,7 +162,7 @@ class LevelScreen:
     def _of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         n, k = places.shape[:2]
         case = self._flight.with_pseudolites(self._plane.llh(places[0]))
-        signals, watching = case.world.signals, case.flight.watching
+        signals, watching = case.shared.signals, case.flight.watching
         assert watching is not None
         e, s = signals.used.shape
         away = self._plane.ecef(places)[:, None] - signals.antenna[:, None]
@@ -271,9 +271,9 @@ def glimpsed(case: Case) -> Prepared:
     Loop memory covers only the epoch before, as long ago as lost signals wait, instead of the whole approach.
     """
     prepared = screened(case)
-    if prepared.watched is None or prepared.case.world.signals.smoothing is not None:
+    if prepared.watched is None or prepared.case.shared.signals.smoothing is not None:
         return prepared
-    jamming, time = prepared.case.environment.jamming, prepared.case.world.signals.time
+    jamming, time = prepared.case.environment.jamming, prepared.case.shared.signals.time
     assert jamming is not None  # else nothing is remembered
     wait = max(jamming.lock.lose_s, jamming.lock.regain_s)
     before = np.searchsorted(time, time[prepared.watched] - wait, side="right") - 1
@@ -286,9 +286,9 @@ def _watched(case: Case, chosen: Callable[[np.ndarray], np.ndarray]) -> Prepared
     end, scenario = touchdown_time(case.scenario, case.trajectory), case.scenario
     flight = _flight(case, end, scenario.receiver.rate_hz, scenario.imu.rate_hz)
     epochs = chosen(np.flatnonzero(integrity.glide_of(flight.case)))
-    if flight.case.world.signals.smoothing is not None or flight.case.environment.jamming is not None:
+    if flight.case.shared.signals.smoothing is not None or flight.case.environment.jamming is not None:
         return replace(flight, watched=epochs)  # a receiver with memory must be simulated throughout
-    return replace(flight, motion=case.trajectory.motion(flight.case.world.signals.time[epochs]))
+    return replace(flight, motion=case.trajectory.motion(flight.case.shared.signals.time[epochs]))
 
 
 def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> Prepared:
@@ -309,10 +309,10 @@ def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> Prepare
         case.environment,
         satellites=tuple(replace(g, constellation=Remembering(g.constellation)) for g in case.environment.satellites),
     )
-    world = world_of(scenario, case.trajectory, sources)
+    shared = world_of(scenario, case.trajectory, sources)
     return Prepared(
-        replace(case, scenario=scenario, environment=sources).over(world),
-        case.trajectory.motion(world.signals.time),
-        np.any(world.signals.used, axis=0),
+        replace(case, scenario=scenario, environment=sources).over(shared),
+        case.trajectory.motion(shared.signals.time),
+        np.any(shared.signals.used, axis=0),
         math.sqrt(fix_rate / receiver.rate_hz),
     )

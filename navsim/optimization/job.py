@@ -59,20 +59,20 @@ class OptimizeJob:
     def estimate(self, scenario: Landing, sources: Environment) -> Budget:
         """Estimated memory and disk of a search for placements."""
         study = self.section
-        here = simulation_size(scenario, sources)
+        problem = simulation_size(scenario, sources)
         starts = 1 if study.period is None else study.period.count
         most = max(study.counts)
         # a map is evaluated in one call, choices of sites in chunks
         at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.counts}
         judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.counts)
-        signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
+        signals = SIGNAL_MEMORY * problem.epochs * problem.sources * starts
         glide = int(glide_epochs(scenario, scenario.trajectory())[1].sum())  # epochs for the evaluation of placements
         ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
         judged = _JUDGED_MEMORY * judged_places * glide * ruled
         result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 46 * VARIABLE
         flown = 0.0
         if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
-            flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
+            flown = 2.0 * SAMPLE_MEMORY * problem.samples + ANALYSED_MEMORY * problem.epochs
         return Budget(
             BASE_MEMORY + signals + judged + flown,
             result,

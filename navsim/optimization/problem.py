@@ -334,7 +334,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         first = (objective,)
     else:
         objective, quick = full.judge(study.objective), coarse.judge(study.objective)
-    here = PlacementProblem(
+    problem = PlacementProblem(
         study, scenario, kept, geometry, objective, warnings, quick,
         (*first, *_screens(study.objective, geometry, epochs, end, kept)),
         _features(geometry, epochs, end, kept, flies),
@@ -343,13 +343,13 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         fly=fly,
     )  # fmt: skip
     if study.constraints.requirements:
-        here = _with_requirements(here, full, coarse, document)
+        problem = _with_requirements(problem, full, coarse, document)
     placed = sources.placed or sources.sight_placed or sources.singled_out
-    placed = placed or geometry.has_beyond_horizon(kept.plane.ecef(_corners(*here.limits())))
-    if here.quick and epochs.size and not placed:
-        decided = None if here.requirements is None else here.requirements.decided
-        here = replace(here, level_screen=LevelScreen(kept.plane, screened(case), study.objective, decided))
-    return here
+    placed = placed or geometry.has_beyond_horizon(kept.plane.ecef(_corners(*problem.limits())))
+    if problem.quick and epochs.size and not placed:
+        decided = None if problem.requirements is None else problem.requirements.decided
+        problem = replace(problem, level_screen=LevelScreen(kept.plane, screened(case), study.objective, decided))
+    return problem
 
 
 def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -404,7 +404,7 @@ def _refused(document: Document, key: KeyPath, text: str) -> InputError:
 
 
 def _with_requirements(
-    here: PlacementProblem, full: FidelityEvaluator, coarse: FidelityEvaluator, document: Document
+    problem: PlacementProblem, full: FidelityEvaluator, coarse: FidelityEvaluator, document: Document
 ) -> PlacementProblem:
     """The problem with the base scenario's requirements. A case without pseudolites shows which of them can be
     decided."""
@@ -419,11 +419,11 @@ def _with_requirements(
     def judge(by: Callable[[np.ndarray], list[Fulfilment]]) -> ObjectiveFunction:
         return lambda places: np.array([asked.load(by(one)) for one in places])
 
-    warnings = [*here.warnings]
+    warnings = [*problem.warnings]
     if left:
         warnings.append(f"requirements that runs alone decide (navsim run) are no constraint here: {'; '.join(left)}")
     return replace(
-        here, warnings=warnings, requirements=asked, load=judge(asked.judge), coarse_load=judge(asked.coarse)
+        problem, warnings=warnings, requirements=asked, load=judge(asked.judge), coarse_load=judge(asked.coarse)
     )
 
 

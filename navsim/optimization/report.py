@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _reach(values: np.ndarray) -> Cell | str:
+def _range_text(values: np.ndarray) -> Cell | str:
     """Distances by bearing as least and largest; a bearing that area or rules end has no bound."""
     known = values[np.isfinite(values)]
     if not known.size:
@@ -64,7 +64,7 @@ def tables(result: Result) -> list[Table | str]:
             angles = [number(np.degrees(result[f"/optimum/{axis}"][i, k]), 7) for axis in ("latitude", "longitude")]
             explored = result["/optimum/explored"][i]
             around = result["/optimum/neighbourhood"][i, k]
-            reach = [_reach(row) if explored else "not computed" for row in around]
+            reach = [_range_text(row) if explored else "not computed" for row in around]
             where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
             places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
     return [front, *flown(result), *flown_requirements(result), *([requirements(result)] if judged else []), places]

@@ -166,51 +166,51 @@ class _Best(NamedTuple):
     every: bool = False
 
 
-def steps(here: PlacementProblem, count: int, earlier: bool) -> list[Step]:
+def steps(problem: PlacementProblem, count: int, earlier: bool) -> list[Step]:
     """Steps of a search for `count` pseudolites, at most. earlier: there is a placement of fewer."""
-    effort, pace = here.study.effort, _pace(here)
+    effort, pace = problem.study.effort, _pace(problem)
     rounds = _rounds(count) * effort
-    if here.study.sites:
-        usable = int(np.sum(_usable(here)))
+    if problem.study.sites:
+        usable = int(np.sum(_usable(problem)))
         choices = math.comb(usable, count)
-        if here.analysed and choices <= _all(here):
+        if problem.analysed and choices <= _all(problem):
             return [Step(_choosing(count), {FULL: choices})]
         # greedy choices, and some three rounds of exchanges of every site
         tried = choices if choices <= ALL_CHOICES else 5 * effort * 4 * count * usable
-        if not here.analysed:
+        if not problem.analysed:
             return [Step(_choosing(count), {GEOMETRY: tried})]
-        screening = Step(_choosing(count), {GEOMETRY: len(here.screens) * tried})
-        pool = len(here.screens) * min(tried, _POOL)
-        learning = {GEOMETRY: rounds * pool, COARSE: _first(here, count) + rounds * pace.learning}
-        return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(here)})]
-    if not here.analysed:
+        screening = Step(_choosing(count), {GEOMETRY: len(problem.screens) * tried})
+        pool = len(problem.screens) * min(tried, _POOL)
+        learning = {GEOMETRY: rounds * pool, COARSE: _first(problem, count) + rounds * pace.learning}
+        return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(problem)})]
+    if not problem.analysed:
         per_start = 2 * count * (_POPULATION * (_GENERATIONS + 1) + len(_FINISHING) * _FINISHING_TRIES)
         return [Step(_evolving(count), {GEOMETRY: effort * per_start + _MORE * earlier})]
     evolving = _members(count) * (_SCREEN_GENERATIONS + 1)
-    most = {GEOMETRY: len(here.screens) * (_POOL + evolving + _MORE * earlier)}
-    learning = {COARSE: _first(here, count) + pace.finishing(count)}
-    if here.level_screen is not None:
+    most = {GEOMETRY: len(problem.screens) * (_POOL + evolving + _MORE * earlier)}
+    learning = {COARSE: _first(problem, count) + pace.finishing(count)}
+    if problem.level_screen is not None:
         most[LEVELS] = (_LEVEL_STARTS + effort) * _members(count) * (_LEVEL_GENERATIONS + 1) + _LEVEL_MORE * earlier
     else:
         learning[COARSE] += rounds * pace.learning
         learning[GEOMETRY] = rounds * (2 * _POOL + evolving)
     screening = Step(_screening(count), most)
-    anew = {} if here.requirements is None else {COARSE: _AGAIN * pace.finishing(count)}
-    return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(here), **anew})]
+    anew = {} if problem.requirements is None else {COARSE: _AGAIN * pace.finishing(count)}
+    return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(problem), **anew})]
 
 
-def _all(here: PlacementProblem) -> int:
+def _all(problem: PlacementProblem) -> int:
     """Choices of sites up to which every one is analysed in full."""
-    return ALL_WATCHED if here.quick else ALL_ANALYSED
+    return ALL_WATCHED if problem.quick else ALL_ANALYSED
 
 
-def _pace(here: PlacementProblem) -> _SearchBudget:
-    return _WATCHED if here.quick else _FLOWN
+def _pace(problem: PlacementProblem) -> _SearchBudget:
+    return _WATCHED if problem.quick else _FLOWN
 
 
-def _decisions(here: PlacementProblem) -> int:
+def _decisions(problem: PlacementProblem) -> int:
     """Number of full analyses at the end; the last is that of the placement at whole centimetres."""
-    return (here.study.effort + 1) * (1 if here.requirements is None else 1 + _AGAIN) + 1
+    return (problem.study.effort + 1) * (1 if problem.requirements is None else 1 + _AGAIN) + 1
 
 
 def named(count: int) -> str:
@@ -242,17 +242,17 @@ def _members(count: int) -> int:
     return 12 * count + 12
 
 
-def _first(here: PlacementProblem, count: int) -> int:
+def _first(problem: PlacementProblem, count: int) -> int:
     """Placements the surrogate begins to learn from."""
-    return _pace(here).first * (16 + 8 * count)
+    return _pace(problem).first * (16 + 8 * count)
 
 
 class Evaluator:
     """Evaluates placements as `PlacementProblem` does, and reports to a monitor. searching: report the best ones,
     too."""
 
-    def __init__(self, here: PlacementProblem, watch: SearchMonitor, searching: bool) -> None:
-        self._here, self._watch, self._searching = here, watch, searching
+    def __init__(self, problem: PlacementProblem, watch: SearchMonitor, searching: bool) -> None:
+        self._here, self._watch, self._searching = problem, watch, searching
 
     def at_once(self, places: np.ndarray, judge: ObjectiveFunction | None = None, way: str = GEOMETRY) -> np.ndarray:
         """Values (n,) of placements (n, k, 2) by the objective of geometry or a replacement."""
@@ -294,27 +294,27 @@ class Evaluator:
 
 
 def search_one(
-    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: SearchMonitor
+    problem: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: SearchMonitor
 ) -> Found:
     """The best placement of `count` pseudolites. earlier: the best of fewer. Raises NoPlacement, TimeUp."""
     watch.begin()
-    trials = Evaluator(here, watch, searching=True)
-    if here.study.sites:
-        choose = _choose_analysed if here.analysed else _choose
-        places, value, others, every = choose(here, count, seed, trials, watch)
+    trials = Evaluator(problem, watch, searching=True)
+    if problem.study.sites:
+        choose = _choose_analysed if problem.analysed else _choose
+        places, value, others, every = choose(problem, count, seed, trials, watch)
     else:
-        place = _place_analysed if here.analysed else _place
-        places, value, others, every = place(here, count, seed, earlier, trials, watch)
-    if value >= PENALTY_CONSTRAINT or (value >= PENALTY_UNSOLVED and here.requirements is None):
-        what = "protection level" if here.study.objective in LEVEL_OBJECTIVES else "fix"
+        place = _place_analysed if problem.analysed else _place
+        places, value, others, every = place(problem, count, seed, earlier, trials, watch)
+    if value >= PENALTY_CONSTRAINT or (value >= PENALTY_UNSOLVED and problem.requirements is None):
+        what = "protection level" if problem.study.objective in LEVEL_OBJECTIVES else "fix"
         reason = "breaks a rule" if value >= PENALTY_CONSTRAINT else f"leaves epochs of the glide without a {what}"
         raise NoPlacement(f"{count} pseudolite(s): every placement tried {reason}")
-    if not here.study.sites:
-        judge = (lambda some: trials.full(some).value) if here.analysed else trials.at_once
+    if not problem.study.sites:
+        judge = (lambda some: trials.full(some).value) if problem.analysed else trials.at_once
         places, value = _printed(places, value, judge)
-    if here.requirements is None:
+    if problem.requirements is None:
         return Found(places, value, watch.tried_since(), every, finished=True, others=others)
-    best = here.judged(places[None])
+    best = problem.judged(places[None])
     objective, load = float(best.objective[0]), float(best.load[0])
     return Found(places, objective, watch.tried_since(), every, finished=True, load=load, others=others)
 
@@ -344,19 +344,24 @@ def _printed(places: np.ndarray, value: float, judge: ObjectiveFunction) -> tupl
 
 
 def _place(
-    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Evaluator, watch: SearchMonitor
+    problem: PlacementProblem,
+    count: int,
+    seed: int,
+    earlier: np.ndarray | None,
+    trials: Evaluator,
+    watch: SearchMonitor,
 ) -> _Best:
     def value(x: np.ndarray) -> float:
         return float(trials.at_once(x.reshape(1, count, 2))[0])
 
-    bounds = _bounds(here, count)
+    bounds = _bounds(problem, count)
     with watch.step(_evolving(count)):
         candidates = [
             _evolve(trials.at_once, bounds, np.random.default_rng([seed, count, start]), _GENERATIONS, _POPULATION)[0]
-            for start in range(here.study.effort)
+            for start in range(problem.study.effort)
         ]
         if earlier is not None and len(earlier) < count:
-            candidates.append(_one_more(here, count, earlier, np.random.default_rng([seed, count, 1000]), trials)[0])
+            candidates.append(_one_more(problem, count, earlier, np.random.default_rng([seed, count, 1000]), trials)[0])
         best, lowest = candidates[0], math.inf
         for candidate in candidates:
             x, reached = _finish(value, candidate.ravel(), bounds, _FINISHING, _FINISHING_TRIES)
@@ -365,10 +370,10 @@ def _place(
     return _Best(best, lowest)
 
 
-def _bounds(here: PlacementProblem, count: int) -> Bounds:
+def _bounds(problem: PlacementProblem, count: int) -> Bounds:
     from scipy.optimize import Bounds
 
-    low, high = here.limits()
+    low, high = problem.limits()
     return Bounds(np.tile(low, count), np.tile(high, count))
 
 
@@ -397,7 +402,7 @@ def _evolve(
 
 
 def _one_more(
-    here: PlacementProblem,
+    problem: PlacementProblem,
     count: int,
     earlier: np.ndarray,
     rng: np.random.Generator,
@@ -405,7 +410,7 @@ def _one_more(
     judge: ObjectiveFunction | None = None,
 ) -> np.ndarray:
     """The placement found for fewer, with the best of many random places added one at a time; the best (20, k, 2)."""
-    low, high = here.limits()
+    low, high = problem.limits()
     places = earlier
     while True:
         tries = rng.uniform(low, high, (_MORE, 2))
@@ -438,15 +443,15 @@ def _finish(
     return x, lowest
 
 
-def _usable(here: PlacementProblem) -> np.ndarray:
+def _usable(problem: PlacementProblem) -> np.ndarray:
     """Which sites keep the rules by themselves (n,) bool."""
-    return here.rules.violation(here.sites()[:, None]) <= 0.0
+    return problem.rules.violation(problem.sites()[:, None]) <= 0.0
 
 
-def _sites(here: PlacementProblem, count: int) -> np.ndarray:
-    usable = here.sites()[_usable(here)]
+def _sites(problem: PlacementProblem, count: int) -> np.ndarray:
+    usable = problem.sites()[_usable(problem)]
     if len(usable) < count:
-        total = len(here.study.sites)
+        total = len(problem.study.sites)
         text = f"only {len(usable)} of {total} sites keep the constraints, {count} are needed"
         raise NoPlacement(f"{text}; add sites, or relax `constraints`")
     return usable
@@ -459,9 +464,9 @@ def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
         yield np.array(chunk)
 
 
-def _choose(here: PlacementProblem, count: int, seed: int, trials: Evaluator, watch: SearchMonitor) -> _Best:
+def _choose(problem: PlacementProblem, count: int, seed: int, trials: Evaluator, watch: SearchMonitor) -> _Best:
     """The best `count` of the study's sites."""
-    usable = _sites(here, count)
+    usable = _sites(problem, count)
     with watch.step(_choosing(count)):
         if math.comb(len(usable), count) <= ALL_CHOICES:
             best, lowest = usable[:count], math.inf
@@ -471,7 +476,7 @@ def _choose(here: PlacementProblem, count: int, seed: int, trials: Evaluator, wa
                 if values[i] < lowest:
                     best, lowest = usable[chunk[i]], float(values[i])
             return _Best(best, lowest, every=True)
-        ranked = _exchanged(usable, count, seed, here.study.effort, trials.at_once)
+        ranked = _exchanged(usable, count, seed, problem.study.effort, trials.at_once)
         return _Best(usable[ranked[0][1]], ranked[0][0])
 
 
@@ -520,39 +525,44 @@ def _rounds(count: int) -> int:
     return 2 + 2 * count
 
 
-def _gaps(here: PlacementProblem, count: int) -> np.ndarray:
+def _gaps(problem: PlacementProblem, count: int) -> np.ndarray:
     """The distance new placements keep from those analysed, round by round, m."""
-    low, high = here.limits()
-    return np.geomspace(0.02 * float(np.linalg.norm(high - low)), 2.0, _rounds(count) * here.study.effort)
+    low, high = problem.limits()
+    return np.geomspace(0.02 * float(np.linalg.norm(high - low)), 2.0, _rounds(count) * problem.study.effort)
 
 
 def _place_analysed(
-    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Evaluator, watch: SearchMonitor
+    problem: PlacementProblem,
+    count: int,
+    seed: int,
+    earlier: np.ndarray | None,
+    trials: Evaluator,
+    watch: SearchMonitor,
 ) -> _Best:
     rng = np.random.default_rng([seed, count])
-    bounds = _bounds(here, count)
-    size, pace = _members(count), _pace(here)
+    bounds = _bounds(problem, count)
+    size, pace = _members(count), _pace(problem)
     with watch.step(_screening(count)):
-        pool = _pool(here, count, rng)
+        pool = _pool(problem, count, rng)
         lists: list[Iterable[np.ndarray]] = []
-        for screen in here.screens:
+        for screen in problem.screens:
             judge = trials.by(screen)
             ranked = pool[np.argsort(judge(pool), kind="stable")]
             lists += [_evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, ranked[:size]), ranked]
             if earlier is not None and len(earlier) < count:
-                lists.append(_one_more(here, count, earlier, rng, trials, screen))
-        if here.level_screen is not None:
-            lists = _by_levels(here, count, rng, lists, earlier, trials)
+                lists.append(_one_more(problem, count, earlier, rng, trials, screen))
+        if problem.level_screen is not None:
+            lists = _by_levels(problem, count, rng, lists, earlier, trials)
         lists.append(pool)
-    learner = SurrogateFit(here, trials)
+    learner = SurrogateFit(problem, trials)
     with watch.step(_learning(count)):
-        gaps = _gaps(here, count)
+        gaps = _gaps(problem, count)
         learner.analyse(
-            learner.new(_in_turn(lists), _first(here, count), gaps[0] if here.level_screen is None else 1.0)
+            learner.new(_in_turn(lists), _first(problem, count), gaps[0] if problem.level_screen is None else 1.0)
         )
-        low, high = here.limits()
+        low, high = problem.limits()
         for i, gap in enumerate(gaps):
-            if not learner.solved or here.level_screen is not None:
+            if not learner.solved or problem.level_screen is not None:
                 break
             best = np.array(learner.ranked()[: size // 3])
             if i % 2:  # around the best, and by turns around the best elsewhere
@@ -578,11 +588,11 @@ def _place_analysed(
                 _finish(value, best.ravel(), bounds, pace.sizes, pace.tries)
 
         refine()
-    return _decided(learner, count, here, trials, watch, refine)
+    return _decided(learner, count, problem, trials, watch, refine)
 
 
 def _by_levels(
-    here: PlacementProblem,
+    problem: PlacementProblem,
     count: int,
     rng: np.random.Generator,
     screened: list[Iterable[np.ndarray]],
@@ -593,11 +603,11 @@ def _by_levels(
 
     They start from the best by screens, and from random ones.
     """
-    judge, bounds, size = trials.by(here.screened, LEVELS), _bounds(here, count), _members(count)
+    judge, bounds, size = trials.by(problem.screened, LEVELS), _bounds(problem, count), _members(count)
     promising = np.array(list(itertools.islice(_in_turn(screened), size // 2)))
-    pool = _pool(here, count, rng)
+    pool = _pool(problem, count, rng)
     out: list[Iterable[np.ndarray]] = []
-    for _ in range(_LEVEL_STARTS + here.study.effort):
+    for _ in range(_LEVEL_STARTS + problem.study.effort):
         start = np.concatenate([promising, pool[rng.integers(len(pool), size=size - len(promising))]])
         out.append(_evolve(judge, bounds, rng, _LEVEL_GENERATIONS, 1, start))
     if earlier is not None and len(earlier) < count:
@@ -610,7 +620,7 @@ def _by_levels(
 def _decided(
     learner: SurrogateFit,
     count: int,
-    here: PlacementProblem,
+    problem: PlacementProblem,
     trials: Evaluator,
     watch: SearchMonitor,
     refine: Callable[[], None] = lambda: None,
@@ -626,7 +636,7 @@ def _decided(
         for again in range(1 + _AGAIN):
             if again:
                 refine()
-            some = learner.spaced(here.study.effort + 1, 10.0)
+            some = learner.spaced(problem.study.effort + 1, 10.0)
             found = trials.full(np.array(some))
             i = int(np.argmin(found.value))
             if found.value[i] < lowest:
@@ -639,24 +649,26 @@ def _decided(
     return _Best(best, lowest, tuple(others)[: CANDIDATES - 1])
 
 
-def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.ndarray:
+def _pool(problem: PlacementProblem, count: int, rng: np.random.Generator) -> np.ndarray:
     """Placements (n, k, 2) all over the area, with positions that keep the rules alone, if there are any."""
     from scipy.stats.qmc import Sobol
 
-    low, high = here.limits()
+    low, high = problem.limits()
     singles = low + (high - low) * Sobol(2, rng=rng).random(_SINGLES)
-    allowed = singles[here.rules.violation(singles[:, None]) <= 0.0]
+    allowed = singles[problem.rules.violation(singles[:, None]) <= 0.0]
     source = allowed if len(allowed) else singles
     pool = source[rng.integers(len(source), size=(_POOL, count))]
-    kept = pool[here.rules.violation(pool) <= 0.0]
+    kept = pool[problem.rules.violation(pool) <= 0.0]
     # if hardly any placement keeps the rules, evolution starts with violations
-    return kept if len(kept) >= _first(here, count) + _members(count) else pool
+    return kept if len(kept) >= _first(problem, count) + _members(count) else pool
 
 
-def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Evaluator, watch: SearchMonitor) -> _Best:
+def _choose_analysed(
+    problem: PlacementProblem, count: int, seed: int, trials: Evaluator, watch: SearchMonitor
+) -> _Best:
     """The best `count` of the study's sites by analyses."""
-    usable = _sites(here, count)
-    if math.comb(len(usable), count) <= _all(here):
+    usable = _sites(problem, count)
+    if math.comb(len(usable), count) <= _all(problem):
         with watch.step(_choosing(count)):
             choices = usable[np.concatenate(list(_chunks(len(usable), count)))]
             values = trials.full(choices).value
@@ -664,20 +676,21 @@ def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Eval
         return _Best(choices[best], float(values[best]), tuple(choices[others[: CANDIDATES - 1]]), every=True)
     with watch.step(_choosing(count)):
         ranked = [
-            _screened_choices(usable, count, seed, here.study.effort, trials.by(screen)) for screen in here.screens
+            _screened_choices(usable, count, seed, problem.study.effort, trials.by(screen))
+            for screen in problem.screens
         ]
-    learner, pace = SurrogateFit(here, trials), _pace(here)
+    learner, pace = SurrogateFit(problem, trials), _pace(problem)
     pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
     with watch.step(_learning(count)):
         starts = (usable[list(c)] for c in _in_turn([*ranked, np.random.default_rng([seed, count]).permutation(pool)]))
-        learner.analyse(learner.new(starts, _first(here, count), 0.0))
-        for _ in range(_rounds(count) * here.study.effort):
+        learner.analyse(learner.new(starts, _first(problem, count), 0.0))
+        for _ in range(_rounds(count) * problem.study.effort):
             if not learner.solved:
                 break
             pool = np.unique(np.concatenate([pool, _neighbours(usable, learner.ranked()[0])]), axis=0)
             order = np.argsort(trials.at_once(usable[pool], learner.surrogate(0.0)), kind="stable")
             learner.analyse(learner.new((usable[c] for c in pool[order]), pace.learning, 0.0))
-    return _decided(learner, count, here, trials, watch)
+    return _decided(learner, count, problem, trials, watch)
 
 
 def _screened_choices(usable: np.ndarray, count: int, seed: int, effort: int, judge: ObjectiveFunction) -> np.ndarray:

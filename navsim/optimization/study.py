@@ -88,46 +88,50 @@ class SearchOutcome:
         return out
 
 
-def search(here: PlacementProblem, seed: int, watch: SearchMonitor | None = None) -> dict[int, Found]:
+def search(problem: PlacementProblem, seed: int, watch: SearchMonitor | None = None) -> dict[int, Found]:
     """The best placement for every number of pseudolites the study asks for. Raises NoPlacement."""
     watch = watch or SearchMonitor()
-    watch.plan(_search_steps(here))
-    return dict(_searches(here, seed, watch, SearchLog()))
+    watch.plan(_search_steps(problem))
+    return dict(_searches(problem, seed, watch, SearchLog()))
 
 
-def planned(here: PlacementProblem) -> list[Step]:
+def planned(problem: PlacementProblem) -> list[Step]:
     """All steps of the work, each with the largest number of placements."""
-    return [*_search_steps(here), *(Step(_flying(count), {}) for count in here.study.counts), *_later_steps(here)]
+    return [
+        *_search_steps(problem),
+        *(Step(_flying(count), {}) for count in problem.study.counts),
+        *_later_steps(problem),
+    ]
 
 
-def _search_steps(here: PlacementProblem) -> list[Step]:
-    return [step for i, count in enumerate(here.study.counts) for step in steps(here, count, i > 0)]
+def _search_steps(problem: PlacementProblem) -> list[Step]:
+    return [step for i, count in enumerate(problem.study.counts) for step in steps(problem, count, i > 0)]
 
 
 def _searches(
-    here: PlacementProblem, seed: int, watch: SearchMonitor, journal: SearchLog
+    problem: PlacementProblem, seed: int, watch: SearchMonitor, journal: SearchLog
 ) -> Iterator[tuple[int, Found]]:
     earlier: np.ndarray | None = None
-    for count in here.study.counts:
-        found = Found.of(journal.step(f"found-{count}", partial(_search_arrays, here, count, seed, earlier, watch)))
+    for count in problem.study.counts:
+        found = Found.of(journal.step(f"found-{count}", partial(_search_arrays, problem, count, seed, earlier, watch)))
         earlier = found.places
         yield count, found
 
 
 def _search_arrays(
-    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: SearchMonitor
+    problem: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: SearchMonitor
 ) -> Arrays:
-    return search_one(here, count, seed, earlier, watch).arrays()
+    return search_one(problem, count, seed, earlier, watch).arrays()
 
 
-def partial_key(here: PlacementProblem, seed: int) -> dict[str, object]:
+def partial_key(problem: PlacementProblem, seed: int) -> dict[str, object]:
     """Data that partial work must match to be resumed."""
-    text = resolved_yaml(here.study) + resolved_yaml(here.scenario)
+    text = resolved_yaml(problem.study) + resolved_yaml(problem.scenario)
     return {"study_sha256": hashlib.sha256(text.encode()).hexdigest(), "seed": seed, **code_key()}
 
 
 def solve(
-    here: PlacementProblem,
+    problem: PlacementProblem,
     seed: int,
     watch: SearchMonitor | None = None,
     journal: SearchLog | None = None,
@@ -148,40 +152,40 @@ def solve(
     """
     watch = watch or SearchMonitor()
     journal = journal or SearchLog()
-    if pool is not None and journal.keeps and here.coarse is not None:
-        here = replace(here, ahead=Prefetcher(_judges(here), here.rules, journal, pool, watch.look))
-    if here.coarse is not None:
-        full, coarse = journal.remembering(FULL, here.objective), journal.remembering(COARSE, here.coarse)
-        here = replace(here, objective=full, coarse=coarse)
-    if here.load is not None and here.coarse_load is not None:
+    if pool is not None and journal.keeps and problem.coarse is not None:
+        problem = replace(problem, ahead=Prefetcher(_judges(problem), problem.rules, journal, pool, watch.look))
+    if problem.coarse is not None:
+        full, coarse = journal.remembering(FULL, problem.objective), journal.remembering(COARSE, problem.coarse)
+        problem = replace(problem, objective=full, coarse=coarse)
+    if problem.load is not None and problem.coarse_load is not None:
         full, coarse = (
             journal.remembering(f"{fidelity}-load", judge)
-            for fidelity, judge in ((FULL, here.load), (COARSE, here.coarse_load))
+            for fidelity, judge in ((FULL, problem.load), (COARSE, problem.coarse_load))
         )
-        here = replace(here, load=full, coarse_load=coarse)
-    counts = here.study.counts
-    trials = Evaluator(here, watch, searching=False)
-    watch.plan(planned(here))
+        problem = replace(problem, load=full, coarse_load=coarse)
+    counts = problem.study.counts
+    trials = Evaluator(problem, watch, searching=False)
+    watch.plan(planned(problem))
     nothing = np.empty((1, 0, 2))
-    if here.coarse is not None:
-        here.coarse(nothing)  # so that the next timing does not include the loading of kernels
-    outcome = SearchOutcome(float(here.objective(nothing)[0]))
+    if problem.coarse is not None:
+        problem.coarse(nothing)  # so that the next timing does not include the loading of kernels
+    outcome = SearchOutcome(float(problem.objective(nothing)[0]))
 
     def step(
         what: str, count: int, work: Callable[[PlacementProblem, Found, Evaluator], np.ndarray], best: Found
     ) -> np.ndarray:
-        return journal.step(f"{what}-{count}", lambda: {what: work(here, best, trials)})[what]
+        return journal.step(f"{what}-{count}", lambda: {what: work(problem, best, trials)})[what]
 
     try:
-        if here.coarse is not None:
-            for fidelity, judge in ((FULL, here.objective), (COARSE, here.coarse)):
+        if problem.coarse is not None:
+            for fidelity, judge in ((FULL, problem.objective), (COARSE, problem.coarse)):
                 with watch.trying(fidelity, 1):
                     judge(nothing)
-        for count, found in _searches(here, seed, watch, journal):
+        for count, found in _searches(problem, seed, watch, journal):
             outcome.found[count] = found
         for count in counts if runs else ():
             with watch.step(_flying(count)):
-                _fly_best(here, outcome, count, seed, runs, journal)
+                _fly_best(problem, outcome, count, seed, runs, journal)
         for count in counts:
             best = outcome.found[count]
             watch.best, watch.places = best.value, best.places
@@ -194,60 +198,63 @@ def solve(
                 outcome.maps[count] = step("map", count, objective_map, best)
     except (TimeUp, KeyboardInterrupt) as stop:
         outcome.stopped = TIME_LIMIT if isinstance(stop, TimeUp) else INTERRUPTED
-        _keep_unfinished(here, outcome, counts, watch)
+        _keep_unfinished(problem, outcome, counts, watch)
         if not outcome.found:
             if isinstance(stop, KeyboardInterrupt):
                 raise
             raise NoPlacement("the time limit passed before any placement that keeps the rules was found") from None
         if runs and outcome.stopped == TIME_LIMIT:
             for count in outcome.found.keys() - outcome.confirmed.keys():
-                _fly_best(here, outcome, count, seed, runs, journal)
+                _fly_best(problem, outcome, count, seed, runs, journal)
     return outcome
 
 
 def _fly_best(
-    here: PlacementProblem, outcome: SearchOutcome, count: int, seed: int, runs: int, journal: SearchLog
+    problem: PlacementProblem, outcome: SearchOutcome, count: int, seed: int, runs: int, journal: SearchLog
 ) -> None:
     """Run the best placement of a number of pseudolites; the next best replaces it if runs contradict it."""
     best = outcome.found[count]
 
     def work() -> Arrays:
-        assert here.fly is not None
-        others: list[Candidate] = [partial(_analysed, here, one) for one in best.others]
+        assert problem.fly is not None
+        others: list[Candidate] = [partial(_analysed, problem, one) for one in best.others]
         candidates: list[Candidate] = [lambda: (best.places, best.value), *others]
-        return confirm(candidates, here.study.objective, here.fly, seed, runs).arrays()
+        return confirm(candidates, problem.study.objective, problem.fly, seed, runs).arrays()
 
     # a continued search may reach another placement
     key = hashlib.sha256(best.places.tobytes()).hexdigest()[:16]
     found = outcome.confirmed[count] = Confirmation.of(journal.step(f"flown-{count}-{runs}-{key}", work))
     if found.rejected and not np.array_equal(found.best.choice, best.places):
-        load = float(here.judged(found.best.choice[None]).load[0])
+        load = float(problem.judged(found.best.choice[None]).load[0])
         outcome.found[count] = replace(best, places=found.best.choice, value=found.best.analysed, load=load)
 
 
-def _analysed(here: PlacementProblem, places: np.ndarray) -> tuple[np.ndarray, float] | None:
+def _analysed(problem: PlacementProblem, places: np.ndarray) -> tuple[np.ndarray, float] | None:
     """A placement (k, 2) with its objective by the full analysis, None where it breaks a rule or misses a
     requirement."""
-    found = here.judged(places[None])
+    found = problem.judged(places[None])
     return (places, float(found.objective[0])) if found.value[0] < PENALTY_REQUIREMENT else None
 
 
-def _judges(here: PlacementProblem) -> ObjectiveFunctions:
+def _judges(problem: PlacementProblem) -> ObjectiveFunctions:
     """Evaluators of an analysed problem, by their names in the journal."""
     out: ObjectiveFunctions = {}
-    for fidelity, judge, load in ((FULL, here.objective, here.load), (COARSE, here.coarse, here.coarse_load)):
+    for fidelity, judge, load in (
+        (FULL, problem.objective, problem.load),
+        (COARSE, problem.coarse, problem.coarse_load),
+    ):
         assert judge is not None
         out[fidelity] = {fidelity: judge} | ({} if load is None else {f"{fidelity}-load": load})
     return out
 
 
 def _keep_unfinished(
-    here: PlacementProblem, outcome: SearchOutcome, counts: tuple[int, ...], watch: SearchMonitor
+    problem: PlacementProblem, outcome: SearchOutcome, counts: tuple[int, ...], watch: SearchMonitor
 ) -> None:
     """The best so far of the number of pseudolites whose search was stopped."""
     if len(outcome.found) == len(counts) or watch.places is None:
         return
-    best = here.judged(watch.places[None])
+    best = problem.judged(watch.places[None])
     if best.value[0] < PENALTY_UNSOLVED:
         count, objective, load = len(watch.places), float(best.objective[0]), float(best.load[0])
         outcome.found[count] = Found(watch.places, objective, watch.tried_since(), False, finished=False, load=load)
@@ -265,27 +272,27 @@ def _mapping(count: int) -> str:
     return f"{named(count)}, map"
 
 
-def _later_steps(here: PlacementProblem) -> list[Step]:
-    counts = here.study.counts
-    fidelity = COARSE if here.analysed else GEOMETRY
-    reach = _ANALYSED_REACH.size if here.analysed else _REACH.size
-    points = _map_points(here)
+def _later_steps(problem: PlacementProblem) -> list[Step]:
+    counts = problem.study.counts
+    fidelity = COARSE if problem.analysed else GEOMETRY
+    reach = _ANALYSED_REACH.size if problem.analysed else _REACH.size
+    points = _map_points(problem)
     return [
         *(Step(_around(count), {fidelity: count * BEARINGS.size * reach}) for count in counts),
         *(Step(_mapping(count), {fidelity: points * points}) for count in counts),
     ]
 
 
-def _judged(here: PlacementProblem, best: Found, trials: Evaluator) -> ObjectiveFunction:
+def _judged(problem: PlacementProblem, best: Found, trials: Evaluator) -> ObjectiveFunction:
     """Evaluator for neighbourhoods: the objective, or the coarse analysis scaled to be right at the best.
 
     inf without a solution or if requirements are not met.
     """
-    if here.coarse is None:
+    if problem.coarse is None:
         return trials.at_once
     there = trials.coarse(best.places[None])
     scale = best.value / float(there.objective[0])
-    heavier = best.load / float(there.load[0]) if here.requirements is not None else 1.0
+    heavier = best.load / float(there.load[0]) if problem.requirements is not None else 1.0
 
     def judge(places: np.ndarray) -> np.ndarray:
         found = trials.coarse(places)
@@ -295,7 +302,7 @@ def _judged(here: PlacementProblem, best: Found, trials: Evaluator) -> Objective
     return judge
 
 
-def neighbourhood(here: PlacementProblem, best: Found, trials: Evaluator) -> np.ndarray:
+def neighbourhood(problem: PlacementProblem, best: Found, trials: Evaluator) -> np.ndarray:
     """Distance that each pseudolite may be moved alone before the objective worsens, by LOSSES and BEARINGS (k, 2, 8),
     m.
 
@@ -303,8 +310,8 @@ def neighbourhood(here: PlacementProblem, best: Found, trials: Evaluator) -> np.
     """
     if not best.met:
         return np.full((len(best.places), len(LOSSES), BEARINGS.size), np.nan)
-    judge = _judged(here, best, trials)
-    reach = _ANALYSED_REACH if here.analysed else _REACH
+    judge = _judged(problem, best, trials)
+    reach = _ANALYSED_REACH if problem.analysed else _REACH
     out = np.full((len(best.places), len(LOSSES), BEARINGS.size), np.nan)
     for k in range(len(best.places)):
         for b, bearing in enumerate(np.radians(BEARINGS)):
@@ -313,14 +320,14 @@ def neighbourhood(here: PlacementProblem, best: Found, trials: Evaluator) -> np.
             moved[:, k, 0] += reach * np.sin(bearing)
             moved[:, k, 1] -= reach * np.cos(bearing)
             inside = np.full(reach.size, True)
-            if here.study.area is not None:
-                low, high = here.limits()
+            if problem.study.area is not None:
+                low, high = problem.limits()
                 inside = np.all((moved[:, k] >= low) & (moved[:, k] <= high), axis=1)
-            usable = inside & (here.rules.violation(moved) <= 0.0)
+            usable = inside & (problem.rules.violation(moved) <= 0.0)
             blocked = int(np.argmin(usable)) if not usable.all() else reach.size
             if not blocked:
                 continue
-            if here.analysed:
+            if problem.analysed:
                 out[k, :, b] = _reached(judge, moved[:blocked], reach, best.value)
                 continue
             values = judge(moved[:blocked])
@@ -368,44 +375,44 @@ def _reached(judge: ObjectiveFunction, moved: np.ndarray, reach: np.ndarray, val
     return out
 
 
-def _map_points(here: PlacementProblem) -> int:
+def _map_points(problem: PlacementProblem) -> int:
     """Along each axis of a map."""
-    return MAP_POINTS if not here.analysed else WATCHED_MAP_POINTS if here.quick else ANALYSED_MAP_POINTS
+    return MAP_POINTS if not problem.analysed else WATCHED_MAP_POINTS if problem.quick else ANALYSED_MAP_POINTS
 
 
-def map_axes(here: PlacementProblem) -> tuple[np.ndarray, np.ndarray]:
+def map_axes(problem: PlacementProblem) -> tuple[np.ndarray, np.ndarray]:
     """The axes of maps of the objective: s (a,), l1 (b,), m."""
-    low, high = here.limits()
-    points = _map_points(here)
+    low, high = problem.limits()
+    points = _map_points(problem)
     return np.linspace(low[0], high[0], points), np.linspace(low[1], high[1], points)
 
 
-def objective_map(here: PlacementProblem, best: Found, trials: Evaluator) -> np.ndarray:
+def objective_map(problem: PlacementProblem, best: Found, trials: Evaluator) -> np.ndarray:
     """The objective with the first pseudolite moved over the area (a, b), nan where a rule is broken, or
     requirements are not met."""
-    s, l1 = map_axes(here)
+    s, l1 = map_axes(problem)
     moved = np.repeat(best.places[None], s.size * l1.size, axis=0)
     moved[:, 0] = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
     if not best.met:
         return np.full((s.size, l1.size), np.nan)
-    values = _judged(here, best, trials)(moved)
+    values = _judged(problem, best, trials)(moved)
     return np.where(values < PENALTY_UNSOLVED, values, np.nan).reshape(s.size, l1.size)
 
 
-def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -> Result:
+def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int) -> Result:
     """The optima, their neighbourhoods and the front as a result of kind optimize."""
-    study, found = here.study, outcome.found
+    study, found = problem.study, outcome.found
     counts = sorted(found)
     most = max(counts)
     unit, quantity = OBJECTIVE_QUANTITIES[study.objective]
-    draft = ResultBuilder(OPTIMIZE, {"how": "; by the coarse analysis, in proportion" if here.analysed else ""})
+    draft = ResultBuilder(OPTIMIZE, {"how": "; by the coarse analysis, in proportion" if problem.analysed else ""})
     draft["/pseudolites"] = np.array(counts)
     draft["/pseudolite"] = np.arange(1, most + 1)
     draft["/bearing"] = BEARINGS
     draft["/loss"] = np.array(LOSSES)
-    draft["/plan/threshold_llh"] = here.rules.plane.threshold
-    values = here.shown(np.array([found[c].value for c in counts]))
-    without = {"without_pseudolites": float(here.shown(np.array(outcome.without)))}
+    draft["/plan/threshold_llh"] = problem.rules.plane.threshold
+    values = problem.shown(np.array([found[c].value for c in counts]))
+    without = {"without_pseudolites": float(problem.shown(np.array(outcome.without)))}
     draft.put("/front/objective", values, without, unit=unit, quantity=quantity)
     draft["/front/evaluations"] = np.array([sum(found[c].tried.values()) for c in counts])
     for fidelity in (COARSE, FULL):
@@ -424,11 +431,11 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     for i, count in enumerate(counts):
         best = found[count]
         places[i, :count] = best.places
-        llh[i, :count] = llh_from_ecef(here.rules.plane.ecef(best.places))
+        llh[i, :count] = llh_from_ecef(problem.rules.plane.ecef(best.places))
         if count in outcome.neighbourhoods:
             around[i, :count] = outcome.neighbourhoods[count]
-        margin[i] = here.rules.violation(best.places[None])[0]
-        if excesses := here.rules.excesses(best.places[None]):
+        margin[i] = problem.rules.violation(best.places[None])[0]
+        if excesses := problem.rules.excesses(best.places[None]):
             tightest[i] = max(excesses, key=lambda rule: float(excesses[rule][0]))
     for axis, name in enumerate(("s", "l1")):
         draft[f"/optimum/{name}"] = places[..., axis]
@@ -437,23 +444,23 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     draft["/optimum/neighbourhood"] = around
     draft["/optimum/violation"] = margin
     draft["/optimum/tightest_rule"] = tightest
-    others = [dop_outputs(here.geometry, here.rules.plane.ecef(found[c].places)[None]) for c in counts]
+    others = [dop_outputs(problem.geometry, problem.rules.plane.ecef(found[c].places)[None]) for c in counts]
     for name in others[0]:
         draft[f"/optimum/{name}"] = np.array([o[name][0] for o in others])
-    s, l1 = map_axes(here)
+    s, l1 = map_axes(problem)
     draft["/map/s"] = s
     draft["/map/l1"] = l1
-    maps = here.shown(np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts]))
+    maps = problem.shown(np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts]))
     draft.put("/map/objective", maps, unit=unit, quantity=quantity)
     _flown(draft, outcome, unit, quantity)
-    unmet = _requirements(draft, here, outcome) + _flown_requirements(draft, here, outcome)
+    unmet = _requirements(draft, problem, outcome) + _flown_requirements(draft, problem, outcome)
     attributes = root_attributes(
-        "optimize", seed, here.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
+        "optimize", seed, problem.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
         undone="; ".join(outcome.undone(study.counts)),
     )  # fmt: skip
     out = draft.result(attributes)
     flown = [each for c, one in sorted(outcome.confirmed.items()) for each in one.findings(named(c), _at)]
-    out.variables.update(kept(judging.notes(here.warnings) + _findings(here, outcome) + flown + unmet))
+    out.variables.update(kept(judging.notes(problem.warnings) + _findings(problem, outcome) + flown + unmet))
     return out
 
 
@@ -489,9 +496,9 @@ def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: st
     draft.put("/rejected/flown", np.array([one.errors[0] for _, one in rejected]), unit=unit, quantity=quantity)
 
 
-def _flown_requirements(draft: ResultBuilder, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
+def _flown_requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
     """Write the verdicts of runs on the base scenario's requirements; return those that a best placement misses."""
-    asked, counts = statements(here.scenario), sorted(outcome.found)
+    asked, counts = statements(problem.scenario), sorted(outcome.found)
     if not asked or not outcome.confirmed:
         return []
     value, more_runs = np.full((len(counts), len(asked), 3), np.nan), np.full((len(counts), len(asked)), np.nan)
@@ -513,12 +520,12 @@ def _flown_requirements(draft: ResultBuilder, here: PlacementProblem, outcome: S
     return out
 
 
-def _requirements(draft: ResultBuilder, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
+def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
     """Write verdicts for each number of pseudolites and for none, and requirements that no placement meets.
 
     Writes nothing without requirements.
     """
-    asked = here.requirements
+    asked = problem.requirements
     if asked is None:
         return []
     counts = sorted(outcome.found)
@@ -561,10 +568,10 @@ def _missed(one: Fulfilment) -> str:
     return f"{figure}; {100.0 * (one.utilisation - 1.0):.3g} % beyond the size"
 
 
-def _findings(here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
+def _findings(problem: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
     """Findings of the full analysis of the best placements; none for those evaluated by geometry."""
-    if here.found is None:
+    if problem.found is None:
         return []
     counts = sorted(outcome.found)
-    marked = np.array([judging.marks(f.name for f in here.found(outcome.found[c].places)) for c in counts])
+    marked = np.array([judging.marks(f.name for f in problem.found(outcome.found[c].places)) for c in counts])
     return judging.among(marked, "best placements", lambda i: named(counts[i]))

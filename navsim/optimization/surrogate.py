@@ -72,8 +72,8 @@ class Surrogate:
 class SurrogateFit:
     """Placements analysed so far and the surrogate they make."""
 
-    def __init__(self, here: PlacementProblem, trials: Evaluator) -> None:
-        self._here, self._trials = here, trials
+    def __init__(self, problem: PlacementProblem, trials: Evaluator) -> None:
+        self._here, self._trials = problem, trials
         self.places: list[np.ndarray] = []
         self._found: list[Evaluated] = []
         self.most = 1.0

@@ -187,7 +187,7 @@ class Outlook:
         if watched.watched is not None:
             signals = signals.at(watched.watched)
         if QUANTITIES[name].level:
-            case = replace(watched.case, environment=sources).over(replace(watched.case.world, signals=signals))
+            case = replace(watched.case, environment=sources).over(replace(watched.case.shared, signals=signals))
             levels = case.flight.monitor.levels if case.flight.monitor is not None else np.empty((0, 2))
             of = levels[:, 0 if name.startswith("hpl") else 1]
             return float(np.max(of, initial=0.0)) if np.isfinite(of).all() else np.inf
@@ -227,12 +227,12 @@ class Outlook:
         if self.scenario.integrity is not None and self.scenario.integrity.method != "filter":
             figures |= {f"integrity/{name}": value for name, value in integrity.level_outputs(case).items()}
         glide = integrity.glide_of(case)
-        figures["lost"] = float(np.isnan(case.world.dop[glide, 1]).sum())
+        figures["lost"] = float(np.isnan(case.shared.dop[glide, 1]).sum())
         return Worth(figures, self._shares(case, glide), case.warnings)
 
     def _shares(self, case: Case, glide: np.ndarray) -> list[Share]:
         """All sources above the horizon, or used."""
-        signals = case.world.signals
+        signals = case.shared.signals
         los, out = signals.los[glide], []
         if not len(los):
             return []

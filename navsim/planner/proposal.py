@@ -85,7 +85,7 @@ class PlannedScenario:
     def places(self) -> np.ndarray:
         """Along, right and up of the pseudolites (p, 3), m."""
         section = self.scenario.pseudolites
-        out = self._seen(self.scenario.pseudolite_positions(self.trajectory.frame))
+        out = self._in_plane(self.scenario.pseudolite_positions(self.trajectory.frame))
         for place, site in zip(out, section.placed(), strict=True):
             if section.frame == "runway" and site.s_m is not None and site.l1_m is not None:
                 place[:2] = -site.l1_m, site.s_m
@@ -98,9 +98,9 @@ class PlannedScenario:
             return np.empty((0, 3))
         ground = self.scenario.runway.ellipsoidal_m
         llh = [[*each.place.radians, ground + each.height_m] for each in interference.jammers]
-        return self._seen(np.array(llh).reshape(-1, 3))
+        return self._in_plane(np.array(llh).reshape(-1, 3))
 
-    def _seen(self, llh: np.ndarray) -> np.ndarray:
+    def _in_plane(self, llh: np.ndarray) -> np.ndarray:
         plane = self.plane
         flat = np.column_stack([llh[:, :2], np.full(len(llh), self.threshold[2])])
         s_l1 = plane.places(flat)

@@ -95,7 +95,7 @@ class Planner:
             logging.getLogger(name).setLevel(logging.ERROR)
         asyncio.set_event_loop(asyncio.new_event_loop())
         sockets, port = bind_sockets(ADDRESS, port)
-        application = Application(FunctionHandler(lambda page: self._opened(page, warned)))
+        application = Application(FunctionHandler(lambda page: self._open_session(page, warned)))
         tornado = _OwnPages(
             {"/": application},
             extra_websocket_origins=["*"],  # `is_own` has looked at them
@@ -121,7 +121,7 @@ class Planner:
             for each in self._open:
                 each.close()
 
-    def _opened(self, page: Page, warned: Callable[[str], None]) -> None:
+    def _open_session(self, page: Page, warned: Callable[[str], None]) -> None:
         proposal = PlannedScenario(self._document, self._text)
         session = PlannerSession(page, proposal, Target(self._target), self._overlay)
         self._open.append(session)

@@ -39,7 +39,7 @@ def source_statistics(
     return {name: np.array(values) for name, values in out.items()}
 
 
-def states_not_seen(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def unobserved_states(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Which states (n,) the ranges do not show, by their variances at the start and at the end."""
     return after >= NOT_SEEN**2 * before
 

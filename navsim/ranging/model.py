@@ -212,11 +212,11 @@ def build_model(scenario: RecordedRanges, log: RangeLog) -> RangeModel:
     data = RangeData(log.time, log.source, log.range, scale, log.sources.position, row)
     return RangeModel(
         scenario, log, tuple(names), tuple(units), order, datum, clocks, first_clock, first_bias, first_markov,
-        _given(scenario), data,
+        _settings(scenario), data,
     )  # fmt: skip
 
 
-def _given(scenario: RecordedRanges) -> dict[str, float]:
+def _settings(scenario: RecordedRanges) -> dict[str, float]:
     """Settings that the scenario gives."""
     out: dict[str, float] = {}
     if scenario.ranges.sigma_m is not None:

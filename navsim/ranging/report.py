@@ -19,7 +19,7 @@ def tables(result: Result) -> list[Table | str]:
     out: list[Table | str] = [_sources(result)]
     if (errors := _errors(result)) is not None:
         out.append(errors)
-    return [*out, *_lasting(result), _noise(result), _geometry(result)]
+    return [*out, *_correlated_table(result), _noise(result), _geometry(result)]
 
 
 def _sources(result: Result) -> Table:
@@ -63,7 +63,7 @@ def _errors(result: Result) -> Table | None:
     return table
 
 
-def _lasting(result: Result) -> list[Table | str]:
+def _correlated_table(result: Result) -> list[Table | str]:
     """Clocks or biases, at the end."""
     names = [str(name) for name in result["/states/state"]]
     values, sigma = result["/states/value"], result["/states/sigma"]

@@ -14,7 +14,7 @@ from navsim.ranging.evaluation import (
     errors_against,
     find_time_offset,
     source_statistics,
-    states_not_seen,
+    unobserved_states,
 )
 from navsim.ranging.model import SETTINGS, RangeModel, build_model
 from navsim.ranging.recording import RangeLog, ReferenceTrack, read_log, read_reference
@@ -185,30 +185,30 @@ def _states(out: ResultBuilder, model: RangeModel, smoothed: Smoothed) -> list[F
     tell apart."""
     state, covariance = smoothed.state[-1], smoothed.covariance[-1]
     first = np.diagonal(smoothed.prior)
-    seen = ~states_not_seen(first, np.diagonal(covariance))
+    seen = ~unobserved_states(first, np.diagonal(covariance))
     out["/states/state"] = np.array(model.names, dtype=object)
     out["/states/units"] = np.array(model.units, dtype=object)
     out["/states/value"] = np.where(seen, state, np.nan)
     out["/states/sigma"] = np.where(seen, _root(np.diagonal(covariance)), np.nan)
     out["/states/prior_sigma"] = _root(first)
-    lasting = np.arange(model.size) < model.first_markov
-    lasting &= (np.arange(model.size) < 3) | (np.arange(model.size) >= 3 * model.order)
-    pairs = correlated_states(covariance, np.flatnonzero(lasting))
+    correlated = np.arange(model.size) < model.first_markov
+    correlated &= (np.arange(model.size) < 3) | (np.arange(model.size) >= 3 * model.order)
+    pairs = correlated_states(covariance, np.flatnonzero(correlated))
     out["/states/pair"] = np.array([f"{model.names[a]}, {model.names[b]}" for a, b, _ in pairs], dtype=object)
     out["/states/pair_correlation"] = np.array([c for _, _, c in pairs], dtype=float)
     found = []
-    unseen = [name for name, shown, there, s in zip(model.names, seen, lasting, first, strict=True)
+    unseen = [name for name, shown, there, s in zip(model.names, seen, correlated, first, strict=True)
               if there and not shown and s > 0.0]  # fmt: skip
     if unseen:
         text = f"the ranges do not show {', '.join(unseen)}: navsim gives no value and no sigma for these states"
-        found.append(Finding("states_not_seen", text, count=len(unseen), of=int(lasting.sum())))
+        found.append(Finding("states_not_seen", text, count=len(unseen), of=int(correlated.sum())))
     if pairs:
         worst = "; ".join(f"{model.names[a]} and {model.names[b]} ({c:+.4f})" for a, b, c in pairs[:4])
         text = (
             f"the geometry cannot tell apart {len(pairs)} pairs of states (correlation beyond 0.99): {worst}. Only a "
             "combination of each pair is known to its sigma"
         )
-        found.append(Finding("correlated_states", text, count=len(pairs), of=int(lasting.sum())))
+        found.append(Finding("correlated_states", text, count=len(pairs), of=int(correlated.sum())))
     return found
 
 
@@ -230,8 +230,8 @@ def _per_source(out: ResultBuilder, model: RangeModel, solution: RangeSolution) 
     shown = smoothed.filtered if model.scenario.smoother else filtered
     estimate = smoothed.state if model.scenario.smoother else filtered.state
     distance = np.linalg.norm(estimate[:, :3] - data.position[data.source], axis=1)
-    lasting = slice(3, model.first_markov)
-    residual = data.range - distance - np.einsum("mi,mi->m", data.row[:, lasting], estimate[:, lasting])
+    correlated = slice(3, model.first_markov)
+    residual = data.range - distance - np.einsum("mi,mi->m", data.row[:, correlated], estimate[:, correlated])
     out["/ranges/time"], out["/ranges/source_index"], out["/ranges/range"] = data.time, data.source, data.range
     out["/ranges/innovation"], out["/ranges/innovation_sigma"] = shown.innovation, _root(shown.variance)
     out["/ranges/residual"], out["/ranges/weight"] = residual, shown.weight

@@ -155,10 +155,10 @@ def find_off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> li
     """The findings of the times at which the nose points far from the course: `SIDEWAYS` and three sigma, for
     `OFF_COURSE` seconds of motion on end."""
     at = np.minimum(np.searchsorted(flown.time, flight.arrival), flown.time.size - 1)
-    nose = dcm_from_quaternion(flown.navigation[at, states.NAV_QUAT : states.NAV_HELD])[:, :2, 0]
+    nose = dcm_from_quaternion(flown.navigation[at, states.NAV_QUAT : states.NAV_BIAS_FRAME])[:, :2, 0]
     angle = np.angle(np.exp(1j * (np.arctan2(nose[:, 1], nose[:, 0]) - flight.course)))
     moving = np.flatnonzero((flight.speed > FASTEST_NEEDED) & flown.flown & (flown.status != REJECTED))
-    off = np.abs(angle[moving]) > SIDEWAYS + 3.0 * flown.sigma[at[moving], states.A_D]
+    off = np.abs(angle[moving]) > SIDEWAYS + 3.0 * flown.sigma[at[moving], states.PHI_D]
     edges = np.flatnonzero(np.diff(off, prepend=False, append=False)).reshape(-1, 2)
     out = []
     for begin, end in edges:
@@ -169,7 +169,7 @@ def find_off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> li
         text = (
             f"heading {np.degrees(np.median(np.abs(angle[rows]))):.0f} degrees off the course from {first:.1f} to "
             f"{last:.1f} s (median of {rows.size} fixes faster than {FASTEST_NEEDED:g} m/s, 1 sigma of the heading "
-            f"{np.degrees(np.median(flown.sigma[at[rows], states.A_D])):.1f} degrees). The attitude is wrong, unless "
+            f"{np.degrees(np.median(flown.sigma[at[rows], states.PHI_D])):.1f} degrees). The attitude is wrong, unless "
             "the aircraft flies sideways. Align elsewhere with start_s, or silence this with `checks: off`"
         )
         out.append(Finding("off_course", text, (CONSISTENT,), rows.size, moving.size, 1, first))

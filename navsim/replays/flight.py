@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.design import Beliefs
+from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS, estimate, is_smoother, lost
 from navsim.filter.measurement_models import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
 from navsim.filter.records import NOT_USED, REJECTED, TIME_TOLERANCE, ImuData, by_epoch, schedule, start
@@ -70,7 +70,7 @@ class KnownStart:
     @property
     def alignment(self) -> Alignment:
         """Attitude and gyro biases as an instantaneous alignment. It has no bias sigma, which a filter knows."""
-        attitude = self.navigation[states.NAV_QUAT : states.NAV_HELD]
+        attitude = self.navigation[states.NAV_QUAT : states.NAV_BIAS_FRAME]
         covariance = np.diag(self.sigma[states.ATT : states.SENSORS] ** 2)
         gyro_bias = self.navigation[states.NAV_GYRO : states.NAV_ACCEL]
         return Alignment(self.time, attitude, covariance, gyro_bias, np.full(3, np.nan), self.time, self.time)
@@ -197,7 +197,7 @@ class Replayed:
     @property
     def rpy(self) -> np.ndarray:
         """Roll, pitch, yaw (t, 3), rad."""
-        return roll_pitch_yaw(dcm_from_quaternion(self.navigation[:, states.NAV_QUAT : states.NAV_HELD]))
+        return roll_pitch_yaw(dcm_from_quaternion(self.navigation[:, states.NAV_QUAT : states.NAV_BIAS_FRAME]))
 
     def surprise(self, counted: np.ndarray, of_rejected: np.ndarray) -> float:
         """Negative log-likelihood of the counted fixes' innovations, up to a constant.
@@ -338,7 +338,7 @@ class _FlightInputs:
     """Common inputs of all parts of a flight, see `fly`."""
 
     flight: RecordedFlight
-    beliefs: Beliefs
+    design: FilterDesign
     fix_sigma: np.ndarray
     times: np.ndarray
     withheld: np.ndarray
@@ -347,7 +347,7 @@ class _FlightInputs:
     @property
     def ranges(self) -> Ranges | None:
         """The ranges that a tightly coupled filter takes."""
-        return self.flight.ranges if self.beliefs.tight else None
+        return self.flight.ranges if self.design.tight else None
 
 
 @dataclass(frozen=True)
@@ -362,7 +362,7 @@ class _Part:
 
 def fly(
     flight: RecordedFlight,
-    beliefs: Beliefs,
+    design: FilterDesign,
     fix_sigma: np.ndarray,
     times: np.ndarray,
     until: float = np.inf,
@@ -379,10 +379,10 @@ def fly(
     Raises ArithmeticError if a smoother's covariance fails, ValueError for a tightly coupled filter without ranges or
     their sigmas.
     """
-    if beliefs.tight and (flight.ranges is None or range_sigma is None):
+    if design.tight and (flight.ranges is None or range_sigma is None):
         raise ValueError("a tightly coupled filter needs ranges and their sigmas")
     withheld = np.zeros(flight.arrival.size, bool) if withheld is None else withheld
-    given = _FlightInputs(flight, beliefs, fix_sigma, times, withheld, range_sigma)
+    given = _FlightInputs(flight, design, fix_sigma, times, withheld, range_sigma)
     until = min(until, float(flight.imu_time[-1]))
     parts: list[_Part] = []
     lost: list[LostSpan] = []
@@ -427,12 +427,12 @@ def _taken_after(given: _FlightInputs, begin: PartStart, end: float, gap: tuple[
 
     An unobserved manoeuvre in the gap is larger than the filter model, and nothing else is wrong.
     """
-    beliefs = given.beliefs
-    if beliefs.tight:
+    design = given.design
+    if design.tight:
         return None
-    part = _fly_part(replace(given, beliefs=replace(beliefs, gate=np.full_like(beliefs.gate, np.inf))), begin, end)
+    part = _fly_part(replace(given, design=replace(design, gate=np.full_like(design.gate, np.inf))), begin, end)
     settling = (part.arrival >= gap[1]) & (part.arrival <= gap[1] + given.flight.patience)
-    beyond = part.seen.innovation_squared > beliefs.gate[part.seen.degrees]
+    beyond = part.seen.innovation_squared > design.gate[part.seen.degrees]
     return None if np.any(beyond & ~settling) else part
 
 
@@ -475,7 +475,7 @@ def _after_contradiction(
     change = seen.innovation[last] - seen.innovation[first]
     squared = change**2 / (seen.innovation_sigma[last] ** 2 + seen.innovation_sigma[first] ** 2)
     known = np.isfinite(squared)
-    agree = known.sum() >= 3 and float(squared[known].sum()) <= given.beliefs.gate[known.sum()]
+    agree = known.sum() >= 3 and float(squared[known].sum()) <= given.design.gate[known.sum()]
     before = [one for one in lost if one.why == CONTRADICTION and time - one.end < RELAPSE]
     if not agree or (before and not _cancel(before[-1].jump, jump)):
         return flight.restart(time)
@@ -484,11 +484,12 @@ def _after_contradiction(
     velocity = flight.velocity[fix].copy()
     unknown = np.isnan(velocity)
     velocity[unknown] = nav[states.NAV_VEL : states.NAV_QUAT][unknown]
-    age = given.beliefs.latency
+    age = given.design.latency
     here = earth.ecef_from_llh(flight.llh[fix]) + age * earth.ned_matrix(flight.llh[fix]).T @ velocity
     att, sigma = slice(states.ATT, states.ATT + 3), np.sqrt(np.diag(covariance))
     aligned = Alignment(
-        time, nav[states.NAV_QUAT : states.NAV_HELD], covariance[att, att], nav[states.NAV_GYRO : states.NAV_ACCEL],
+        time, nav[states.NAV_QUAT : states.NAV_BIAS_FRAME], covariance[att, att],
+        nav[states.NAV_GYRO : states.NAV_ACCEL],
         sigma[states.GYRO : states.GYRO + 3], time, time,
     )  # fmt: skip
     own = np.sqrt(np.diag(flight.covariance[fix]))
@@ -554,20 +555,20 @@ def _cut(flight: RecordedFlight, begin: float, end: float) -> tuple[ImuData, sli
 
 def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
     """A flight from a start to `end`, s, as of `fly`."""
-    flight, beliefs, fix_sigma, times = given.flight, given.beliefs, given.fix_sigma, given.times
+    flight, design, fix_sigma, times = given.flight, given.design, given.fix_sigma, given.times
     imu, within = _cut(flight, begin.alignment.time, end)
     at = float(imu.time[0])
-    rows = np.flatnonzero((flight.arrival - beliefs.latency > at) & (flight.arrival <= end + 1e-9))
+    rows = np.flatnonzero((flight.arrival - design.latency > at) & (flight.arrival <= end + 1e-9))
     arrival, withheld, count = flight.arrival[rows], given.withheld[rows], rows.size
-    wanted = np.unique(times[(times > at + beliefs.latency) & (times <= end + 1e-9)])
+    wanted = np.unique(times[(times > at + design.latency) & (times <= end + 1e-9)])
     outputs = np.unique(np.concatenate([imu.time[:1], arrival, wanted]))
     llh, velocity = flight.llh[rows], flight.velocity[rows]
     llh[withheld] = np.nan
-    valid = np.maximum(arrival - beliefs.latency, at)
+    valid = np.maximum(arrival - design.latency, at)
     # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
     gaps = any(within.start <= k < within.stop for k, _ in flight.gaps)
-    kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and gaps else beliefs.kind
-    noise = beliefs.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma)
+    kind = FILTER_KINDS["map"] if is_smoother(design.kind) and gaps else design.kind
+    noise = design.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma)
     known = valid if is_smoother(kind) else arrival
     tables: dict[int, FixTable | RangeTable] = {}
     scales: tuple[int, ...] = ()
@@ -577,30 +578,30 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
         scales, ranges = ranges.clocks, ranges.take(rows)
         heard = np.isfinite(ranges.pseudorange) & ~withheld[:, None]
         noise = noise_of_fixes(ranges, llh, given.range_sigma, noise)
-        tables[RANGE] = table_of(ranges, heard, scales, given.range_sigma, beliefs.lever_arm)
-    tables[PROBE if beliefs.tight else FIX] = FixTable(llh, velocity, noise, beliefs.lever_arm, flight.effect[rows])
+        tables[RANGE] = table_of(ranges, heard, scales, given.range_sigma, design.lever_arm)
+    tables[PROBE if design.tight else FIX] = FixTable(llh, velocity, noise, design.lever_arm, flight.effect[rows])
     epoch = np.nonzero(heard)[0]
-    events = schedule(outputs, (PROBE if beliefs.tight else FIX, valid, known), (RANGE, valid[epoch], known[epoch]))
-    densities = noise_of(flight, beliefs)
+    events = schedule(outputs, (PROBE if design.tight else FIX, valid, known), (RANGE, valid[epoch], known[epoch]))
+    densities = noise_of(flight, design)
     densities = densities if densities.shape[0] == 1 else densities[within]
-    model = replace(beliefs, kind=kind).model(densities, scales)
+    model = replace(design, kind=kind).model(densities, scales)
     history = estimate(
         imu,
         Measurements.of(tables),
         events,
-        start(*start_of(flight, begin, beliefs, fix_sigma, scales, ranges), model.components, heard.shape[1]),
+        start(*start_of(flight, begin, design, fix_sigma, scales, ranges), model.components, heard.shape[1]),
         model,
     )
     if is_smoother(kind) and lost(history):
         raise ArithmeticError("the smoother lost the positive covariance of its flight")
-    weighed = events.rows(PROBE if beliefs.tight else FIX)
+    weighed = events.rows(PROBE if design.tight else FIX)
     squared, degrees, status = (m[weighed] for m in (history.innovation_squared, history.degrees, history.status))
     each = np.where(np.isfinite(history.innovation_sigma), history.innovation_sigma, 1.0)  # 1 for a missing one
     log_sigma = np.log(each).sum(axis=1)
     of_ranges = np.full((*heard.shape, 2), np.nan)
     range_status = np.zeros(heard.shape, np.int64)
     logs, rejected = log_sigma[weighed], (status == REJECTED).astype(np.int64)
-    if beliefs.tight:
+    if design.tight:
         table = np.full(heard.shape, -1)
         table[heard] = events.rows(RANGE)
         passed = history.status != REJECTED

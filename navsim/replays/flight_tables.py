@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.filter import covariance, eskf, states
-from navsim.filter.design import Beliefs, with_unknown_clock
+from navsim.filter.design import FilterDesign, with_unknown_clock
 from navsim.filter.measurement_models import RangeTable
 from navsim.formats.recorded_data import Ranges
 from navsim.geodesy import earth
@@ -65,7 +65,7 @@ def table_of(
 def start_of(
     flight: RecordedFlight,
     begin: PartStart,
-    beliefs: Beliefs,
+    design: FilterDesign,
     fix_sigma: np.ndarray,
     scales: tuple[int, ...],
     ranges: Ranges | None,
@@ -76,21 +76,21 @@ def start_of(
     scales: time scales whose clock the filter estimates. ranges: those of the part, in order.
     """
     if begin.known is not None:
-        nav, matrix = begin.known.navigation, beliefs.sensors.covariance(begin.known.sigma)
+        nav, matrix = begin.known.navigation, design.sensors.covariance(begin.known.sigma)
         return _with_clock(nav, matrix, begin, ranges, scales)
     alignment = begin.alignment
     nav = np.zeros(states.NAV_N)
     nav[states.NAV_LLH : states.NAV_VEL] = begin.llh
     nav[states.NAV_VEL : states.NAV_QUAT] = begin.velocity
-    nav[states.NAV_QUAT : states.NAV_HELD] = alignment.quaternion
+    nav[states.NAV_QUAT : states.NAV_BIAS_FRAME] = alignment.quaternion
     nav[states.NAV_GYRO : states.NAV_ACCEL] = alignment.gyro_bias
     if begin.kept is not None:
         nav[states.NAV_ACCEL : states.NAV_N] = begin.kept[0][states.NAV_ACCEL : states.NAV_N]
-    eskf.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ beliefs.lever_arm))
+    eskf.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ design.lever_arm))
     position_sigma, fix_velocity_sigma = np.split(np.where(np.isnan(begin.own), fix_sigma, begin.own), 2)
-    matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *beliefs.sensors.sigma], 3) ** 2)
+    matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *design.sensors.sigma], 3) ** 2)
     # since the fix the aircraft may have accelerated, and it turns about the antenna
-    gained = ACCELERATION * begin.age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(beliefs.lever_arm)
+    gained = ACCELERATION * begin.age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(design.lever_arm)
     derived = begin.derived
     velocity_sigma = 2.0 * fix_velocity_sigma
     unknown = derived > 0.0
@@ -106,13 +106,13 @@ def start_of(
     att = slice(states.ATT, states.ATT + 3)
     matrix[att, att] = alignment.covariance
     if begin.kept is not None:
-        inertial = slice(states.ATT, states.N)
+        inertial = slice(states.ATT, states.N_BASE)
         matrix[inertial, inertial] = begin.kept[1][inertial, inertial]
     # the start contains the time-correlated errors of its fix
-    moving, lasting = slice(states.POS, states.ATT), slice(states.N, states.N + begin.effect.shape[1])
+    moving, correlated = slice(states.POS, states.ATT), slice(states.N_BASE, states.N_BASE + begin.effect.shape[1])
     matrix[moving, moving] += begin.effect @ begin.effect.T
-    matrix[moving, lasting] = -begin.effect
-    matrix[lasting, moving] = -begin.effect.T
+    matrix[moving, correlated] = -begin.effect
+    matrix[correlated, moving] = -begin.effect.T
     return _with_clock(nav, matrix, begin, ranges, scales)
 
 
@@ -149,13 +149,13 @@ def _first_clock(begin: PartStart, ranges: Ranges, scales: tuple[int, ...]) -> n
     return np.array([*out, float(np.nanmedian(some[0])) if some.size else 0.0])
 
 
-def noise_of(flight: RecordedFlight, beliefs: Beliefs) -> np.ndarray:
+def noise_of(flight: RecordedFlight, design: FilterDesign) -> np.ndarray:
     """White densities of each IMU interval (n, 2), or one row where no samples are missing.
 
     In an interval without samples rate and specific force were anywhere within their scatter over the flight. As white
     noise that leads to the same variances of velocity and attitude in the end.
     """
-    sensors = beliefs.sensors.noise[None]
+    sensors = design.sensors.noise[None]
     if not flight.gaps:
         return sensors
     out = np.repeat(sensors, flight.dtheta.shape[0], axis=0)

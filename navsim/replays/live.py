@@ -120,7 +120,7 @@ class Session:
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
 
     def __post_init__(self) -> None:
-        world, case = self.case.world, self.case
+        shared, case = self.case.shared, self.case
         self.filter = LiveFilter(
             case.flight,
             case.trajectory,
@@ -142,11 +142,11 @@ class Session:
         self._moved = 0.0
         self.latency = case.scenario.receiver.latency_s
         if self.block == "receiver":
-            step = world.imu_time[1] - world.imu_time[0]
+            step = shared.imu_time[1] - shared.imu_time[0]
             dtheta, dv, _ = imu.simulate(
-                generator(self.seed, 0, "imu"), world.dtheta, world.dv, step, case.flight.gyro, case.flight.accel
+                generator(self.seed, 0, "imu"), shared.dtheta, shared.dv, step, case.flight.gyro, case.flight.accel
             )
-            for t, a, b in zip(world.imu_time[1:], dtheta, dv, strict=True):
+            for t, a, b in zip(shared.imu_time[1:], dtheta, dv, strict=True):
                 self.filter.increments.add(float(t), a, b)
         self.period = 1.0 / (case.scenario.receiver.rate_hz if self.block == "receiver" else case.scenario.imu.rate_hz)
 
@@ -234,7 +234,7 @@ class Session:
                 self._latest = self._latest + later
             if self.clock is not None:
                 self.clock = self.clock.dated(ahead, self.case.scenario.epoch.timestamp())
-                self._told()
+                self._report_clock()
         for row in rows:
             self._use(row[:7], "dated" if nmea.dated else "undated")
 
@@ -260,10 +260,10 @@ class Session:
         self.clock = source_clock.settle(
             float(row[0]), kind, scenario.epoch.timestamp(), scenario.duration_s, self.period, distance, self.start
         )
-        self._told()
+        self._report_clock()
         self._place(row)
 
-    def _told(self) -> None:
+    def _report_clock(self) -> None:
         assert self.clock is not None
         self.tell(self.clock.text)
         if self.clock.doubt:
@@ -286,7 +286,7 @@ class Session:
 
     def _nearest(self, time: np.ndarray) -> np.ndarray:
         """Numbers of the scenario's fixes nearest to times (n,)."""
-        return np.array([np.argmin(np.abs(self.case.world.signals.time - t)) for t in time], dtype=np.int64)
+        return np.array([np.argmin(np.abs(self.case.shared.signals.time - t)) for t in time], dtype=np.int64)
 
     def _place(self, row: np.ndarray) -> None:
         """A message at its time in the flight."""
@@ -334,7 +334,7 @@ class Session:
             clock.sleep(min(left, _SLICE))
 
     def _use_fix(self, t: float, row: np.ndarray) -> None:
-        index = int(np.argmin(np.abs(self.case.world.signals.time - t)))
+        index = int(np.argmin(np.abs(self.case.shared.signals.time - t)))
         used = self._weigh(t, _radians(row), row[4:7].astype(float), index)
         self.counts["used" if used else "early"] += 1
 
@@ -342,7 +342,7 @@ class Session:
         step = t - self.filter.known_until
         self.filter.increments.add(t, step * row[1:4], step * row[4:7])
         self.counts["used"] += 1
-        fixes = self.case.world.signals.time
+        fixes = self.case.shared.signals.time
         while self.next_fix < fixes.size and fixes[self.next_fix] + self.latency <= t + 1e-9:
             llh, velocity = self.own_fixes[0][self.next_fix], self.own_fixes[1][self.next_fix]
             self._weigh(float(fixes[self.next_fix]), llh, velocity, self.next_fix)
@@ -374,15 +374,15 @@ class Session:
         From the covariances of the scenario's fixes at these times (n,), or from runs if the receiver has unmodelled
         errors.
         """
-        world = self.case.world
+        shared = self.case.shared
         right, _ = _right(self.case.trajectory.motion(time).velocity_ned)
         noise = self.noise[self._nearest(time), :3, :3]
         claimed = np.sqrt([np.einsum("ni,nij,nj->n", right, noise, right).mean(), noise[:, 2, 2].mean()])
         means = []
         for run in range(_DRAWN):
-            llh = receiver_fixes(world, *measured(world, self.seed, run)).llh
+            llh = receiver_fixes(shared, *measured(shared, self.seed, run)).llh
             fixed = np.isfinite(llh[:, 0])
-            at = world.signals.time[fixed]
+            at = shared.signals.time[fixed]
             if at.size:
                 means.append(self._aside(at, self._off(at, llh[fixed]), np.nan))
         drawn = np.sqrt(np.mean(np.square(means), axis=0)) if means else np.zeros(2)
@@ -625,6 +625,6 @@ def _row(cells: list[str] | None, block: Block) -> np.ndarray | None:
 
 def _fixes(case: Case, seed: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Covariances of the fixes (e, 6, 6) NED, and the simulated fixes themselves: llh, velocity (e, 3)."""
-    llh, velocity, _, cov = receiver_fixes(case.world, *measured(case.world, seed, 0))
+    llh, velocity, _, cov = receiver_fixes(case.shared, *measured(case.shared, seed, 0))
     usual = np.diag([25.0, 25.0, 100.0, 0.1, 0.1, 0.4])  # where the scenario's own receiver would have no fix
     return np.where(np.isnan(cov), usual, cov), (llh, velocity)

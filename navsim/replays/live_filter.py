@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from navsim.filter.estimate import estimate, is_smoother
-from navsim.filter.evaluation import judge
+from navsim.filter.evaluation import evaluate
 from navsim.filter.measurement_models import FIX, Measurements
-from navsim.filter.records import TIME_TOLERANCE, History, ImuData, Judgement, State, Truth, schedule, start
-from navsim.filter.states import MOST
+from navsim.filter.records import TIME_TOLERANCE, History, ImuData, OutputErrors, State, Truth, schedule, start
+from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.simulation.landing import Flight
 from navsim.simulation.measurement_tables import table_of_all_fixes
 from navsim.trajectory.kinematics import Moving
@@ -63,14 +63,14 @@ class LiveFilter:
     navigation: np.ndarray
     increments: Increments
     state: State = field(init=False)
-    left: list[tuple[float, History, Judgement]] = field(default_factory=list)
+    left: list[tuple[float, History, OutputErrors]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        if is_smoother(self.flight.beliefs.kind):
+        if is_smoother(self.flight.design.kind):
             raise ValueError("a smoother cannot run live")
-        if self.flight.beliefs.tight:
+        if self.flight.design.tight:
             raise ValueError("live receivers give fixes, no ranges")
-        if self.flight.world.aids:
+        if self.flight.shared.aids:
             raise ValueError("aiding sensors cannot run live")
         self.state = start(self.navigation, self.flight.covariance, self.flight.model.components)
 
@@ -92,8 +92,8 @@ class LiveFilter:
 
         Returns False if that time is past, or increments up to the arrival are missing.
         """
-        beliefs = self.flight.beliefs
-        valid = max(arrival - beliefs.latency, 0.0)
+        design = self.flight.design
+        valid = max(arrival - design.latency, 0.0)
         if valid < self.time - TIME_TOLERANCE or arrival > self.known_until + TIME_TOLERANCE:
             return False
         arrival = min(arrival, self.known_until)
@@ -111,7 +111,7 @@ class LiveFilter:
         truth = self.trajectory.motion(np.array([arrival]))
         # the true errors of real sensors are unknown
         unknown = np.full((1, self.flight.model.declared.size), np.nan)
-        judged = judge(self.flight.model, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, unknown))
+        judged = evaluate(self.flight.model, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, unknown))
         self.increments.drop(valid)
         self.left.append((arrival, history, judged))
         return True
@@ -127,7 +127,7 @@ class LiveFilter:
             "error": np.array([judged.error[0] for _, _, judged in self.left]).reshape(count, n),
             "sigma": np.array([h.sigma()[0] for h in histories]).reshape(count, n),
             "navigation": np.array([h.navigation[0] for h in histories]).reshape(count, self.state.navigation.size),
-            "innovation": np.array([h.innovation[0] for h in histories]).reshape(count, MOST),
+            "innovation": np.array([h.innovation[0] for h in histories]).reshape(count, MAX_MEASUREMENT_SIZE),
             "innovation_squared": np.array([h.innovation_squared[0] for h in histories]),
             "degrees": np.array([h.degrees[0] for h in histories], dtype=np.int64),
             "status": np.array([h.status[0] for h in histories], dtype=np.int64),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.design import Beliefs
+from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS, is_smoother
 from navsim.filter.records import REJECTED, TFG
 from navsim.replays import flight as replay
@@ -68,7 +68,7 @@ def write_fixes(draft: ResultBuilder, flight: replay.RecordedFlight) -> None:
 def write_outages(
     draft: ResultBuilder, recording: Recording, flight: replay.RecordedFlight, settings: np.ndarray
 ) -> None:
-    beliefs = of_outages(recording.beliefs(settings, FILTER_KINDS[recording.scenario.filter.kind]))
+    design = of_outages(recording.design(settings, FILTER_KINDS[recording.scenario.filter.kind]))
     fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
     rows = []
     for first, last in sorted({span for outage in recording.scenario.outages for span in outage_spans(outage)}):
@@ -79,7 +79,7 @@ def write_outages(
             continue
         final = int(np.flatnonzero(solved)[-1])
         inside[final] = False  # the innovation of this one is the drift
-        flown = replay.fly(flight, beliefs, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
+        flown = replay.fly(flight, design, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
         north, east, down = flown.innovation[final, :3]
         rows.append((first, last, float(np.hypot(north, east)), float(abs(down))))
     table = np.array(rows).reshape(-1, 4)
@@ -88,9 +88,9 @@ def write_outages(
     draft["/outages/outage"] = np.arange(table.shape[0])
 
 
-def of_outages(beliefs: Beliefs) -> Beliefs:
+def of_outages(design: FilterDesign) -> FilterDesign:
     """The filter model for outages, in which the filter may not know what comes after an outage."""
-    return replace(beliefs, kind=TFG if is_smoother(beliefs.kind) else beliefs.kind)
+    return replace(design, kind=TFG if is_smoother(design.kind) else design.kind)
 
 
 def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:

@@ -352,7 +352,7 @@ def _always(hypothesis: AxesHypothesis, offset: float) -> bool:
     apart = hypothesis.accel @ hypothesis.gyro
     if abs(hypothesis.factor) != 1.0:
         return hypothesis.factor > 0.0 and hypothesis.accel_sign > 0.0 and not hypothesis.turn
-    return np.array_equal(apart, np.eye(3)) or _change_in_words("", apart)[1]
+    return np.array_equal(apart, np.eye(3)) or _describe_change("", apart)[1]
 
 
 def _changed_letters(explanation: _Explanation) -> tuple[bool, int]:
@@ -396,7 +396,7 @@ def _explained(
     out = []
     for (shift, shifted), turn in itertools.product(cures, _pointed(fit)):
         gyro, accel = turn @ hypothesis.gyro, turn @ hypothesis.accel
-        axes, said, more, usual = _axes_said(log, gyro, accel)
+        axes, said, more, usual = _describe_axes(log, gyro, accel)
         words = " and ".join([*shifted, *seems, *said])
         out.append(_Explanation({**remedy, **shift, **axes}, words, changes + more, usual, square, fit))
     return out
@@ -435,7 +435,7 @@ def _pointed(fit: HypothesisFit) -> list[np.ndarray]:
     return out
 
 
-def _axes_said(
+def _describe_axes(
     log: Log, gyro: np.ndarray, accel: np.ndarray
 ) -> tuple[dict[str, str], list[str], int, bool]:  # fmt: skip
     """Keys, words, number of changes, and whether it is a usual mistake, for corrections (3, 3) of the two triads."""
@@ -453,24 +453,24 @@ def _axes_said(
         if both != letters["accelerometer"]:
             keys = {f"imu.{name}_axes": value for name, value in letters.items()}
         mounted = float(np.linalg.det(gyro)) > 0.0  # no mounting mirrors a triad
-        return keys, [f"the axes of gyros and accelerometers seem to point {_in_words(both)}"], 1, mounted
+        return keys, [f"the axes of gyros and accelerometers seem to point {_spell_axes(both)}"], 1, mounted
     keys, said, usual = {}, [], True
     for name, change in (("gyro", gyro), ("accelerometer", accel)):
         if np.array_equal(change, same):
             continue
         keys[f"imu.{name}_axes"] = letters[name]
-        words, common = _change_in_words(name, change)
+        words, common = _describe_change(name, change)
         said.append(words)
         usual &= common
     return keys, said, len(keys), usual
 
 
-def _in_words(letters: str) -> str:
+def _spell_axes(letters: str) -> str:
     names = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
     return "-".join(names[letter] for letter in letters)
 
 
-def _change_in_words(name: str, change: np.ndarray) -> tuple[str, bool]:
+def _describe_change(name: str, change: np.ndarray) -> tuple[str, bool]:
     """Meaning of a correction (3, 3) of one triad, and whether it is a usual mistake."""
     axes = np.array(["x", "y", "z"])
     if np.array_equal(change, -np.eye(3)):

@@ -161,18 +161,18 @@ def _fixes(
     sigma, delay, visible = np.full((e, s), settings.sigma), np.zeros((e, s)), allowed
     budget = sigma
     los = np.full((e, s, 3), np.nan)
-    turned, believed = m.position, np.full((e, 3), np.nan)
+    turned, assumed = m.position, np.full((e, 3), np.nan)
     start = np.zeros(3)
     for round_ in range(_PASSES):
         turned, moving = turned_with_earth(m.position, travel), turned_with_earth(m.velocity, travel)
         if round_:
-            moving = apparent_velocity(turned, moving, believed, np.einsum("eji,ej->ei", ned_matrix(llh), speed))
+            moving = apparent_velocity(turned, moving, assumed, np.einsum("eji,ej->ei", ned_matrix(llh), speed))
         usable = np.isfinite(m.ranges - delay) & np.isfinite(turned[..., 0]) & visible
         position_fix.fixes(
             start, turned, moving, sigma, np.full((e, s), outliers.RATE_SIGMA), m.clock,
             np.where(usable, m.ranges - delay, np.nan), m.rates, llh, speed, clocks, covariance,
         )  # fmt: skip
-        believed = ecef_from_llh(llh)
+        assumed = ecef_from_llh(llh)
         distance, los, azimuth, elevation = _sights(llh, turned)
         travel = np.where(np.isfinite(distance), distance / SPEED_OF_LIGHT, travel)
         visible = allowed & (elevation >= settings.mask)
@@ -184,14 +184,14 @@ def _fixes(
         budget = _budget(m.accuracy, unknown, elevation)
         if settings.weights == "budget":
             sigma = _budget(m.accuracy, ionosphere, elevation)
-    usable = np.isfinite(m.ranges - delay) & visible & np.isfinite(believed[:, :1])
+    usable = np.isfinite(m.ranges - delay) & visible & np.isfinite(assumed[:, :1])
     los[~usable] = np.nan
-    residual = m.ranges - delay - np.linalg.norm(turned - believed[:, None], axis=2) - clocks[:, m.clock]
+    residual = m.ranges - delay - np.linalg.norm(turned - assumed[:, None], axis=2) - clocks[:, m.clock]
     dop = dops(los, m.clock)
-    received = np.where(np.isfinite(believed[:, :1]), usable, np.isfinite(m.ranges) & allowed)
+    received = np.where(np.isfinite(assumed[:, :1]), usable, np.isfinite(m.ranges) & allowed)
     scales = np.stack([received[:, m.clock == c].any(axis=1) for c in range(MAX_CLOCKS)], axis=1)
     fixes = outliers.TestedFixes(
-        llh, speed, clocks, covariance, believed, dop[:, 1], usable, np.where(usable, residual, np.nan), budget,
+        llh, speed, clocks, covariance, assumed, dop[:, 1], usable, np.where(usable, residual, np.nan), budget,
         3 + scales.sum(axis=1),
     )  # fmt: skip
     return fixes, travel, dop

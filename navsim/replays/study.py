@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.design import Beliefs
+from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_models import FIX
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
@@ -110,15 +110,15 @@ class Recording:
         """Names of the settings."""
         return _TUNED_TIGHT if self.tight else _TUNED
 
-    def beliefs(self, settings: np.ndarray, kind: int) -> Beliefs:
+    def design(self, settings: np.ndarray, kind: int) -> FilterDesign:
         """Model of a filter of `kind` for values of `tuned` (5,)."""
         _, _, gyro, accel, latency = settings
         section = self.scenario.filter
         gate = section.gate
         sensors = followed(replace(self.gyro, noise_density=gyro), replace(self.accel, noise_density=accel))
-        blocks = _lasting(self.scenario.gnss.errors, self.interval)
+        blocks = _correlated_blocks(self.scenario.gnss.errors, self.interval)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
-        return Beliefs(
+        return FilterDesign(
             kind=kind,
             sensors=sensors,
             velocity=True,
@@ -244,7 +244,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         free[LATENCY] = False  # observations are stamped with the time they are valid
     has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
     if not tight and gnss.velocity_sigma_m_s is None and not has_vertical:
-        free[1] = False  # the data do not show it; `beliefs` ties it to the horizontal one
+        free[1] = False  # the data do not show it; `design` ties it to the horizontal one
     search = _search(scenario, gyro, accel)
     known = None if scenario.alignment.known is None else _known_start(scenario.alignment.known)
     aligned = _align(search, samples, fixes.earlier(settings[LATENCY]), first) if known is None else known.alignment
@@ -283,13 +283,13 @@ def _search(scenario: Replay, gyro: Triad, accel: Triad) -> aligning.Search:
     )  # fmt: skip
 
 
-def _lasting(errors: Sequence[FixError], step: float) -> list[states.Block]:
+def _correlated_blocks(errors: Sequence[FixError], step: float) -> list[states.Block]:
     """States for time-correlated errors of fixes, in groups of three; step: of the filter, s."""
     out: list[states.Block] = []
     for error in errors:
         for _ in range(0, error.states or 3, 3):
             name, numbered = f"fix_error_{len(out) + 1}", error.states is not None
-            out.append(states.lasting(name, FIX, error.time_s, step, 3 * len(out), numbered))
+            out.append(states.correlated_triple(name, FIX, error.time_s, step, 3 * len(out), numbered))
     return out
 
 
@@ -315,7 +315,7 @@ def _known_start(section: KnownSection) -> replay.KnownStart:
     navigation[states.NAV_LLH : states.NAV_VEL] = section.lat_deg * DEG, section.lon_deg * DEG, section.height_m
     navigation[states.NAV_VEL : states.NAV_QUAT] = section.velocity_m_s
     attitude = dcm_from_rpy(np.array(section.attitude_deg) * DEG)
-    navigation[states.NAV_QUAT : states.NAV_HELD] = quaternion_from_dcm(attitude)
+    navigation[states.NAV_QUAT : states.NAV_BIAS_FRAME] = quaternion_from_dcm(attitude)
     navigation[states.NAV_GYRO : states.NAV_ACCEL] = np.array(section.gyro_bias_deg_h) * DEG_H
     navigation[states.NAV_ACCEL : states.NAV_N] = np.array(section.accelerometer_bias_mg) * MG
     attitude_sigma = np.array(section.attitude_sigma_deg) * DEG
@@ -404,7 +404,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     tuning = tune(recording, done)
     settings = tuning.settings
     kind = FILTER_KINDS[scenario.filter.kind]
-    flight, beliefs = recording.flight(settings[LATENCY]), recording.beliefs(settings, kind)
+    flight, design = recording.flight(settings[LATENCY]), recording.design(settings, kind)
     fix_sigma = recording.fix_sigma(settings)
     begin, end = flight.imu_time[0], flight.imu_time[-1]
     rate = scenario.filter.output_rate_hz
@@ -419,12 +419,12 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
                 withheld |= (flight.arrival >= first) & (flight.arrival <= last)
     try:
         flown = replay.fly(
-            flight, beliefs, fix_sigma, times, withheld=withheld, range_sigma=recording.range_sigma(settings)
+            flight, design, fix_sigma, times, withheld=withheld, range_sigma=recording.range_sigma(settings)
         )
     except ArithmeticError as error:
         raise ReplayError(str(error)) from None
     scales = [] if flight.ranges is None else [flight.ranges.scales[clock] for clock in flight.ranges.clocks]
-    blocks = beliefs.sensors.blocks
+    blocks = design.sensors.blocks
     names = states.names(blocks, scales), states.units(blocks, len(scales))
     draft = ResultBuilder(REPLAY, {"mixed": ", ".join(dict.fromkeys(names[1]))})
     write_filter(draft, flown, np.isin(flown.time, times), *names)

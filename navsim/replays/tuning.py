@@ -138,11 +138,11 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
 def _surprise(recording: Recording, values: np.ndarray, judged: bool = True) -> float:
     """Negative log-likelihood of the innovations in motion, by settings (5,); judged: with the gate."""
-    flight, beliefs = recording.flight(values[LATENCY]), recording.beliefs(values, TFG)
+    flight, design = recording.flight(values[LATENCY]), recording.design(values, TFG)
     if not judged:
-        beliefs = replace(beliefs, gate=gate_limits(0.0))
+        design = replace(design, gate=gate_limits(0.0))
     seen = replay.fly(
-        flight, beliefs, recording.fix_sigma(values), np.empty(0), range_sigma=recording.range_sigma(values)
+        flight, design, recording.fix_sigma(values), np.empty(0), range_sigma=recording.range_sigma(values)
     )
     return seen.surprise(flight.speed > recording.moving_speed, recording.of_rejected(recording.settings, flight))
 

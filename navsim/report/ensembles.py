@@ -167,7 +167,7 @@ def _scatter(result: Result) -> Figure:
             _required_line(ax, one, upright=one.of == x)
         unseen |= {f"box {name} {boxed[name][0]:g} to {boxed[name][1]:g} m" for name in (x, y)
                    if name in boxed and name not in in_sight}  # fmt: skip
-        unseen |= {_words(one) for one in required if one not in shown}
+        unseen |= {_limit_text(one) for one in required if one not in shown}
         ends = [abs(end) for name, size in in_sight.items() if name in (x, y) for end in size]
         wide = 1.15 * max([wide, *ends, *(one.size for one in shown)])
         ax.set_xlim(-wide, wide)
@@ -187,7 +187,7 @@ def _box_at_touchdown(result: Result) -> dict[str, tuple[float, float]]:
     return {name: ends for i, name in enumerate(AXES) if (ends := box_limits(result, i)) is not None}
 
 
-def _words(one: Limit) -> str:
+def _limit_text(one: Limit) -> str:
     return f"required: {one.of} ±{one.size:g} m in {100.0 * one.limit:g} %"
 
 
@@ -195,7 +195,7 @@ def _required_line(ax: Axes, one: Limit, upright: bool) -> None:
     """Draw the required size of one error to both sides of zero, upright or level."""
     for side in (-one.size, one.size):
         draw = ax.axvline if upright else ax.axhline
-        draw(side, color=REQUIRED, ls=DOTTED, lw=1.4, label=_words(one) if side > 0.0 else None)
+        draw(side, color=REQUIRED, ls=DOTTED, lw=1.4, label=_limit_text(one) if side > 0.0 else None)
 
 
 def _histogram(result: Result) -> Figure:

@@ -16,7 +16,7 @@ from navsim.filter.states import display_name
 from navsim.formats.export import choose_run, state_units
 from navsim.formats.export_maps import true_antenna
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
-from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
+from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unwrap_longitude
 from navsim.report.summary_tables import runs_of, setting
 from navsim.results.result import Result, ResultError, Stream
 from navsim.statistics import chi_square
@@ -91,7 +91,7 @@ def fix_errors(result: Result) -> np.ndarray:
     true = ecef_from_llh(result[own]) if own in result else true_antenna(result)
     difference = ecef_from_llh(result["/receiver/position_llh"]) - true
     here = np.stack([np.interp(result["/receiver/time"], result["/truth/time"], column)
-                     for column in unturned(result["/truth/position_llh"]).T], axis=1)  # fmt: skip
+                     for column in unwrap_longitude(result["/truth/position_llh"]).T], axis=1)  # fmt: skip
     return np.einsum("eij,rej->rei", ned_matrix(here), difference)
 
 

@@ -215,7 +215,7 @@ def sky(result: Result) -> Figure:
     for what, ground in keys.items():
         own, mark = (_ORANGE, "^") if ground else (_BLUE, "o")
         for words, share in (("used", 1.0), ("lost at times", 0.5), ("not used", 0.0)):
-            if any(each.ground == ground and _sort(each.share) == share for each in sources):
+            if any(each.ground == ground and _use_class(each.share) == share for each in sources):
                 handles[f"{what} {words}"] = Line2D([], [], marker=mark, ls="", **_sky_mark(share, own))
     handles[f"mask, {mask:g}°"] = Line2D([], [], color="black", lw=0.7, ls="--")
     if "/geometry/horizon" in result or any(part[1] - part[0] < 360.0 for part in masked(result, edge)):
@@ -229,7 +229,7 @@ def sky(result: Result) -> Figure:
     return fig
 
 
-def _sort(share: float) -> float:
+def _use_class(share: float) -> float:
     """Whether a source is used at all fixes, 1, at none, 0, or at some, 1/2."""
     return share if share in (0.0, 1.0) else 0.5
 
@@ -376,11 +376,11 @@ def budget(result: Result) -> Figure:
     for column, (title, states) in enumerate((("horizontal position", [0, 1]), ("vertical position", [2]))):
         upper, lower = axes[0, column], axes[1, column]
         true = np.sqrt((result["/covariance/rms"][:, states] ** 2).sum(axis=1))
-        believed = np.sqrt((result["/filter/sigma"][0][:, states] ** 2).sum(axis=1))
+        assumed = np.sqrt((result["/filter/sigma"][0][:, states] ** 2).sum(axis=1))
         upper.plot(t, true, color=_BLUE, label="true RMS")
-        upper.plot(t, believed, color=_ORANGE, ls="--", label="the filter's σ")
+        upper.plot(t, assumed, color=_ORANGE, ls="--", label="the filter's σ")
         most = rms_lines(upper, result, title.split()[0])
-        upper.set_ylim(0, 1.15 * max(true[after].max(), believed[after].max(), most))
+        upper.set_ylim(0, 1.15 * max(true[after].max(), assumed[after].max(), most))
         upper.set_title(title)
         share = shares(result, states)
         shown = np.flatnonzero(share[:, after].max(axis=1) > 1.0)

@@ -71,9 +71,9 @@ def _over_time(ax: Axes, result: Result, axis: str) -> None:
     top = 1.6 * rms_lines(ax, result, axis)
     if "/filter/time" in result:
         time = result["/filter/time"]
-        true, believed = _curves(result, states)
+        true, assumed = _curves(result, states)
         ax.plot(time, true, color=_ERROR, label="error" if single(result) else "RMS error")
-        ax.plot(time, believed, color=_BELIEVED, ls="--", label="σ of the filter")
+        ax.plot(time, assumed, color=_BELIEVED, ls="--", label="σ of the filter")
         late = settled(time) & ~(time > touchdown(result))
         top = max(top, 1.3 * float(np.max(true, where=late & np.isfinite(true), initial=0.0)))
     end, length = glide(result)[1], float(time[-1] - time[0])

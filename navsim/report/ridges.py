@@ -10,7 +10,7 @@ import numpy as np
 from navsim.formats.export_maps import true_antenna
 from navsim.formats.ridges import RidgeLine, ridges
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
-from navsim.geodesy.horizon import crossings, reach
+from navsim.geodesy.horizon import crossings, skyline_elevation
 from navsim.report.figure_data import about_threshold
 from navsim.report.summary_tables import setting
 from navsim.results.result import Result
@@ -115,4 +115,4 @@ def terrain_skyline(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
         return None
     eye = true_antenna(result)[-1]
     azimuth = np.linspace(0.0, 2.0 * np.pi, _AROUND)
-    return azimuth, reach(np.concatenate([_tops(each) for each in given]), eye, azimuth)
+    return azimuth, skyline_elevation(np.concatenate([_tops(each) for each in given]), eye, azimuth)

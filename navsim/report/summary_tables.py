@@ -47,13 +47,13 @@ def single(result: Result) -> bool:
 def _accuracy(values: np.ndarray, sigma: np.ndarray, scale: float = 1.0, sign: np.ndarray | None = None) -> Cell:
     """An error with the filter's sigma: of one run without an interval, with its `sign` if given."""
     value, low, high = (float(x) for x in np.asarray(values) * scale)
-    believed = float(sigma) * scale
+    assumed = float(sigma) * scale
     if sign is not None:
         shown = float(sign) * scale if np.isfinite(value) else value
-        return Cell("{:+.3f}  σ {:.3f}", (shown, believed), whole=True, names=("error", "σ"))
+        return Cell("{:+.3f}  σ {:.3f}", (shown, assumed), whole=True, names=("error", "σ"))
     if low == high:
-        return Cell("{:.3f}  σ {:.3f}", (value, believed), whole=True, names=("rms", "σ"))
-    return Cell("{:.3f}  [{:.3f}, {:.3f}]  σ {:.3f}", (value, low, high, believed), whole=True, ends=True,
+        return Cell("{:.3f}  σ {:.3f}", (value, assumed), whole=True, names=("rms", "σ"))
+    return Cell("{:.3f}  [{:.3f}, {:.3f}]  σ {:.3f}", (value, low, high, assumed), whole=True, ends=True,
                 names=("rms", "", "", "σ"))  # fmt: skip
 
 
@@ -133,8 +133,8 @@ def ranging_errors(result: Result) -> str:
     if receiver["one_clock"]:
         values += [signals["gps_offset_ns"], signals.get("system_offset_sigma_ns")]
         values += signals.get("system_offsets_ns", {}).values()
-    lasting = any(any(value) if isinstance(value, list) else value for value in values)
-    if not lasting and receiver["smoothing_s"] == 0.0:
+    correlated = any(any(value) if isinstance(value, list) else value for value in values)
+    if not correlated and receiver["smoothing_s"] == 0.0:
         return "white"
     return "some last" if signals["preset"] == "white" else f"some last ({signals['preset']})"
 

@@ -59,8 +59,8 @@ class ResultBuilder:
         dims, units, meaning = one.dims, one.units, one.meaning
         if words or self._words:
             every = {**self._words, **words}
-            dims = tuple(_said(path, dim, every) for dim in dims)
-            units, meaning = _said(path, units, every), _said(path, meaning, every)
+            dims = tuple(_fill_template(path, dim, every) for dim in dims)
+            units, meaning = _fill_template(path, units, every), _fill_template(path, meaning, every)
         elif fields("".join((*dims, units, meaning))):
             raise Defect(f"{path}: no word for {', '.join(fields(''.join((*dims, units, meaning))))}")
         if len(data.shape) != len(dims):
@@ -96,7 +96,7 @@ def missing(due: Mapping[str, Declared], there: Mapping[str, Any]) -> list[str]:
     return [path for path, one in due.items() if not one.when and path not in there]
 
 
-def _said(path: str, text: str, words: Mapping[str, str]) -> str:
+def _fill_template(path: str, text: str, words: Mapping[str, str]) -> str:
     try:
         return text.format_map(words) if "{" in text else text
     except KeyError as error:

@@ -72,7 +72,7 @@ class Tree:
             file.close()
             raise
         self._left = self._source.size
-        self._seen: dict[str, _PendingDataset] = {}
+        self._in_plane: dict[str, _PendingDataset] = {}
         try:
             with self._guarded():
                 self._file = h5py.File(self._source, "r")
@@ -116,7 +116,7 @@ class Tree:
         with self._guarded():
             paths: dict[int, str] = {}
             self._walk(h5g.open(self._file.id, b"/"), "", 0, paths)
-            return {path: self._dataset(path, seen, paths) for path, seen in self._seen.items()}
+            return {path: self._dataset(path, seen, paths) for path, seen in self._in_plane.items()}
 
     def length(self, name: str) -> int | None:
         """Rows of a dataset of the root group, found without looking at others; None if it is missing."""
@@ -145,7 +145,7 @@ class Tree:
                 self._walk(node, below, depth + 1, paths)
             elif kind == h5i.DATASET:
                 self._meet(node, below, paths)
-                self._seen[below] = self._judged(node, below)
+                self._in_plane[below] = self._judged(node, below)
             else:
                 raise CorruptFile(f"{below}: neither a group nor a dataset")
 
@@ -179,7 +179,7 @@ class Tree:
         """A checked dataset with the names of its axes, which are scales of the same lengths in the same file."""
         dims: list[str] = []
         for axis, scale in enumerate([path] if seen.scale else self._scales(path, seen, paths)):
-            found = self._seen.get(scale)
+            found = self._in_plane.get(scale)
             if len(seen.shape) <= axis or found is None or not found.scale or found.shape != (seen.shape[axis],):
                 raise CorruptFile(f"{path}: its shape is not that of its dimensions")
             dims.append(scale.rpartition("/")[2])
@@ -243,7 +243,7 @@ class Tree:
 
     def read(self, path: str, first: int = 0, last: int | None = None) -> np.ndarray:
         """Read a dataset, or its rows first ... last - 1."""
-        seen = self._seen[path]
+        seen = self._in_plane[path]
         with self._guarded():
             if seen.id.get_storage_size() < seen.needed:
                 raise CorruptFile(f"{path}: declares more data than it has")

@@ -133,7 +133,7 @@ _ALL = "with `--keep all`, which is the default for one run"
 _WAYS = "where runs deviate from the route"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
 _LOOSE = f"{_ALL}, of a loosely coupled filter"
-_LASTING = f"{_LOOSE} with states of lasting errors"
+_CORRELATED = f"{_LOOSE} with states of lasting errors"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
@@ -303,9 +303,9 @@ _FILTER = Chapter(
            "velocity, NED, of a fix in the filter model, without the errors that it estimates as states",
            LANDING, when=_LOOSE),
         _a("/filter/fix_error", "fix_error", "1", "states of the filter for time-correlated errors of fixes",
-           LANDING, TEXT, when=_LASTING),
+           LANDING, TEXT, when=_CORRELATED),
         _a("/filter/fix_effect", "epoch fix_number fix_error", "m, m/s", "effect of an error of 1 of each of these "
-           "states on a fix", LANDING, when=_LASTING),
+           "states on a fix", LANDING, when=_CORRELATED),
         _a("/filter/source", "source", "1", "names of the sources", LANDING, TEXT, when=_TIGHT),
         _a("/filter/range_status", "run epoch source", "1",
            "0 not received, 1 used, 2 rejected by the gate", LANDING, WHOLE, when=_TIGHT),

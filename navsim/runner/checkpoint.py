@@ -31,7 +31,7 @@ import numpy as np
 import navsim
 from navsim.compiler.jit import digest
 from navsim.results.atomic_write import discard, replacing, write_atomically
-from navsim.words import again, option, switch
+from navsim.words import option, resume_hint, switch
 
 _HASHED = {
     "scenario_sha256": "settings of the scenario",
@@ -96,7 +96,7 @@ class StoredArray:
                 return self.read_from(file)
         except (OSError, ValueError) as error:
             what = f"was damaged or removed while the study ran ({error})"
-            raise CheckpointError(f"{self.piece}: {what}; {again()} computes it again") from None
+            raise CheckpointError(f"{self.piece}: {what}; {resume_hint()} computes it again") from None
 
     def read_from(self, file: io.BufferedReader) -> np.ndarray:
         """The array, from the open file of the piece. Raises OSError, ValueError if it is damaged."""
@@ -193,7 +193,7 @@ class CheckpointStore:
                 return self._found(name, written)
         except _DAMAGED as error:
             raise CheckpointError(
-                f"{path}: was damaged or removed while the study ran ({error}); {again()} computes it again"
+                f"{path}: was damaged or removed while the study ran ({error}); {resume_hint()} computes it again"
             ) from None
 
     def holds_work(self) -> bool:

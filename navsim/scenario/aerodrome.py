@@ -140,16 +140,16 @@ def _write_slope(runway: dict[str, Any]) -> None:
 
 def between(first: tuple[float, float], end: tuple[float, float]) -> float:
     """Direction from a place to another, latitudes and longitudes, deg; clockwise from true north, 0 to 360 deg."""
-    north, east = _apart(first, end)
+    north, east = _north_east_offset(first, end)
     return math.degrees(math.atan2(east, north)) % 360.0
 
 
 def distance(first: tuple[float, float], end: tuple[float, float]) -> float:
     """From a place to another, latitudes and longitudes, deg, in the plane of the first, m."""
-    return math.hypot(*_apart(first, end))
+    return math.hypot(*_north_east_offset(first, end))
 
 
-def _apart(first: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
+def _north_east_offset(first: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
     """Position north and east of another, m."""
     from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 

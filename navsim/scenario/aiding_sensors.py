@@ -77,8 +77,8 @@ class AltimeterSection(AidingSection):
         """The sensor in SI units."""
         from navsim.sensors.altimeter import Altimeter
 
-        believed = self.sigma_m if self.believed_sigma_m is None else self.believed_sigma_m
-        return Altimeter(self.rate_hz, self.offset_m, self.sigma_m, believed)
+        assumed = self.sigma_m if self.believed_sigma_m is None else self.believed_sigma_m
+        return Altimeter(self.rate_hz, self.offset_m, self.sigma_m, assumed)
 
 
 Share = Annotated[float, Field(ge=0.0, le=0.5)]
@@ -140,11 +140,11 @@ class RadioAltimeterSection(AidingSection):
         """The sensor in SI units on a runway, and its filter model."""
         import numpy as np
 
-        from navsim.sensors.altimeter import RadioAltimeter, RadioBeliefs
+        from navsim.sensors.altimeter import RadioAltimeter, RadioAltimeterDesign
 
         runway, given = landing.runway, landing.filter.radio_altimeter
         ground = profile_of(self.ground or runway.surface)
-        believed = RadioBeliefs(
+        assumed = RadioAltimeterDesign(
             self.sigma_floor_m if given.sigma_floor_m is None else given.sigma_floor_m,
             self.sigma_share if given.sigma_share is None else given.sigma_share,
             ground if given.ground is None else profile_of(given.ground),
@@ -164,7 +164,7 @@ class RadioAltimeterSection(AidingSection):
             lever_arm=np.array(self.lever_arm_m),
             aim_point=runway.aim_point_m,
             height=runway.ellipsoidal_m,
-            believed=believed,
+            believed=assumed,
         )
 
 
@@ -225,7 +225,7 @@ class BarometricAltimeterSection(AidingSection):
             raise reject("there is no drift: give drift_m", "drift_time_s")
         return self
 
-    def lasting(self, given: FilterBarometricAltimeter) -> tuple[float, float, float]:
+    def correlated(self, given: FilterBarometricAltimeter) -> tuple[float, float, float]:
         """1 sigma of the setting error, hPa, including the known one, and of the drift, m, with its correlation time,
         s.
 
@@ -245,7 +245,7 @@ class BarometricAltimeterSection(AidingSection):
             text = "heights by pressure are above sea level: give the height of the geoid above the ellipsoid"
             raise reject(text, "runway", "geoid_undulation_m")
         if its.errors == "states":
-            setting, drift, _ = self.lasting(its)
+            setting, drift, _ = self.correlated(its)
             if setting == drift == 0.0:
                 text = "there are none: give barometric_altimeter.qnh_sigma_hpa or drift_m, or those of the filter"
                 raise reject(text, "filter", name, "errors")
@@ -265,12 +265,12 @@ class BarometricAltimeterSection(AidingSection):
 
     def model(self, landing: Landing) -> BarometricAltimeter:
         """The sensor in SI units at a runway, and its filter model."""
-        from navsim.sensors.barometer import SLOPE, AirColumn, BarometricAltimeter, PressureBeliefs
+        from navsim.sensors.barometer import SLOPE, AirColumn, BarometricAltimeter, PressureDesign
 
         runway, given = landing.runway, landing.filter.barometric_altimeter
         warmer = self.isa_deviation_k if given.isa_deviation_k is None else given.isa_deviation_k
-        setting, drift, drift_time = self.lasting(given)
-        believed = PressureBeliefs(
+        setting, drift, drift_time = self.correlated(given)
+        assumed = PressureDesign(
             self.sigma_m if given.sigma_m is None else given.sigma_m,
             self.lag_s if given.lag_s is None else given.lag_s,
             AirColumn(runway.elevation_m, warmer),
@@ -279,7 +279,7 @@ class BarometricAltimeterSection(AidingSection):
         )
         air = AirColumn(runway.elevation_m, self.isa_deviation_k)
         return BarometricAltimeter(
-            self.rate_hz, self.sigma_m, self.lag_s, air, runway.undulation_m, self.qnh_error_hpa, believed,
+            self.rate_hz, self.sigma_m, self.lag_s, air, runway.undulation_m, self.qnh_error_hpa, assumed,
             self.qnh_sigma_hpa, self.drift_m, self.drift_time_s,
         )  # fmt: skip
 
@@ -405,7 +405,7 @@ class MagnetometerSection(AidingSection):
         import numpy as np
 
         from navsim.geodesy.attitude import dcm_from_rpy
-        from navsim.sensors.magnetometer import MagneticBeliefs, MagneticErrors, Magnetometer
+        from navsim.sensors.magnetometer import MagneticDesign, MagneticErrors, Magnetometer
 
         its, field = landing.filter.magnetometer, self.field_ned(landing)
         given = {key: value for key, value in its if value is not None and key in MagnetometerSection.model_fields}
@@ -423,12 +423,12 @@ class MagnetometerSection(AidingSection):
         off = its.declination_error_deg * DEG
         turned = np.array([[math.cos(off), -math.sin(off), 0.0], [math.sin(off), math.cos(off), 0.0], [0.0, 0.0, 1.0]])
         followed = errors(other) if its.errors == "states" else MagneticErrors(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-        believed = MagneticBeliefs(
+        assumed = MagneticDesign(
             other.noise_ut, mounting(other), other.latency_s, turned @ field, other.disturbance_height_m, followed
         )
         return Magnetometer(
             self.rate_hz, self.latency_s, self.noise_ut, mounting(self), field, landing.runway.ellipsoidal_m,
-            self.disturbance_height_m, errors(self), believed,
+            self.disturbance_height_m, errors(self), assumed,
         )  # fmt: skip
 
 

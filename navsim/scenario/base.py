@@ -217,14 +217,14 @@ def validated(model: type[S], document: Document) -> S:
     try:
         return model.model_validate(document.data)
     except ValidationError as error:
-        found = _told_once(document, [dict(e) for e in error.errors(include_url=False)])
+        found = _without_repeats(document, [dict(e) for e in error.errors(include_url=False)])
         problems = [_problem(model, document, e) for e in found]
         unique = {str(p): p for p in problems}
         order = sorted(unique.values(), key=lambda p: (p.place.line, p.place.column))
         raise InputError(order) from None
 
 
-def _told_once(document: Document, errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _without_repeats(document: Document, errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Errors without repeated ones about a text as a number, or a number as one of some words, for keys that accept
     either."""
     words, numbers = {"literal_error"}, ("float", "int", "greater", "less", "finite", "multiple")

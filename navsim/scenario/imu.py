@@ -138,7 +138,7 @@ class TrueGyro(Gyro):
 
     @model_validator(mode="after")
     def _together(self) -> Self:
-        _whole_further(self, "sine_deg_h")
+        _check_complete(self, "sine_deg_h")
         return self
 
     def further(self) -> ImuErrorModel:
@@ -256,7 +256,7 @@ class TrueAccelerometer(Accelerometer):
 
     @model_validator(mode="after")
     def _together(self) -> Self:
-        _whole_further(self, "sine_mg")
+        _check_complete(self, "sine_mg")
         return self
 
     def further(self) -> ImuErrorModel:
@@ -378,7 +378,7 @@ def _with_flicker(triad: Triad, lowest: float | None, unit: float, time: float |
     return replace(triad, markov=sigma, markov_time=slowest, further=further)
 
 
-def _whole_further(sensor: TrueGyro | TrueAccelerometer, sine: str) -> None:
+def _check_complete(sensor: TrueGyro | TrueAccelerometer, sine: str) -> None:
     if (getattr(sensor, sine) is None) != (sensor.sine_hz is None):
         raise reject("a sine needs its amplitude and its frequency", "sine_hz" if sensor.sine_hz is None else sine)
     if sensor.damping is not None and sensor.bandwidth_hz is None:

@@ -156,7 +156,7 @@ class Landing(Section):
             if given is not None:
                 believed(getattr(self.imu, sensor), given).check(self.imu.rate_hz, "filter", "imu", sensor)
         self._checked_aiding()
-        self._checked_lasting()
+        self._check_correlated()
         if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.one_clock:
             text = "a receiver with a clock unknown for each system does not notice: for `receiver.one_clock: true`"
             raise reject(text, "signals", "system_offset_sigma_ns")
@@ -257,8 +257,8 @@ class Landing(Section):
         """Check that a filter that estimates gains of the inertial sensors (its key `name`) has their sigmas, from
         `key`."""
         sensors = ("gyro", "accelerometer")
-        beliefs = [(s, part) for s in sensors if (part := getattr(self.filter.imu, s)) is not None]
-        given = {s: value for s, part in beliefs if (value := getattr(part, key)) is not None}
+        design = [(s, part) for s in sensors if (part := getattr(self.filter.imu, s)) is not None]
+        given = {s: value for s, part in design if (value := getattr(part, key)) is not None}
         if getattr(self.filter, name):
             if not self._known_gains(key):
                 text = f"there are none: give imu.gyro.{key}, imu.accelerometer.{key}, or those of filter.imu"
@@ -279,7 +279,7 @@ class Landing(Section):
         scales = 0 if self.filter.scale_factors is False else 3 * self._known_gains("scale_ppm")
         return scales + (0 if self.filter.misalignments is False else 6 * self._known_gains("misalignment_mrad"))
 
-    def _checked_lasting(self) -> None:
+    def _check_correlated(self) -> None:
         """Check the filter's handling of time-correlated errors."""
         watched = self.watches_filter
         drawn = [key for key in ("survey_sigma_m", "clock_sigma_ns", "clock_noise") if getattr(self.pseudolites, key)]
@@ -299,10 +299,10 @@ class Landing(Section):
                 raise reject(text, "filter", "fix_errors")
             return
         excludes = self.integrity is not None and self.integrity.exclusion != "none"
-        if excludes and not self.filter.tight and self.about_lasting_errors() == "states":
+        if excludes and not self.filter.tight and self.about_correlated_errors() == "states":
             text = "after an exclusion fixes have other errors than those that the states follow; use inflate"
             raise reject(text, "filter", "fix_errors")
-        if watched and not (self.filter.tight and self.about_lasting_errors() == "inflate"):
+        if watched and not (self.filter.tight and self.about_correlated_errors() == "inflate"):
             text = "levels of the filter take errors of fixes for independent in time; use mhss"
             also = ", or `coupling: tight` with `fix_errors: inflate`"
             raise reject(text + also, "integrity", "method")
@@ -312,15 +312,15 @@ class Landing(Section):
         """Whether the monitor is one of the filter."""
         return self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
 
-    def about_lasting_errors(self) -> Literal["states", "inflate", "none"]:
+    def about_correlated_errors(self) -> Literal["states", "inflate", "none"]:
         """The filter's handling of time-correlated ranging errors, if there are any."""
         return self.filter.fix_errors or ("inflate" if self.filter.tight and self.watches_filter else "states")
 
-    def lasting_states(self, sources: int) -> int:
+    def correlated_states(self, sources: int) -> int:
         """Number of states for time-correlated errors of fixes, or of the ranges of so many sources."""
         from navsim.gnss.correlated_errors import SUMS
 
-        if self.about_lasting_errors() != "states":
+        if self.about_correlated_errors() != "states":
             return 0
         groups = len({kind.time >= self.duration_s for kind in self.signals.errors.models()})
         return groups * (sources if self.filter.tight else SUMS)
@@ -558,7 +558,7 @@ class Landing(Section):
             ionosphere=None if signals.ionosphere is None else signals.ionosphere.model(),
             troposphere=None if signals.troposphere is None else signals.troposphere.model(),
             space=None if space is None else space.model(),
-            lasting=signals.errors.models(),
+            correlated=signals.errors.models(),
             reference=None if station is None else station.model(pseudolites),
             loop=tracking.loop(),
             thermal=signals.range_law == "cn0",
@@ -683,7 +683,7 @@ class Landing(Section):
         air = self.air()
         return air is not None and air[0].follow is not None
 
-    def draws_of_way(self) -> int:
+    def trajectory_draws(self) -> int:
         """Random numbers at each IMU sample for the trajectory of a run."""
         found = self.air()
         return 0 if found is None else found[0].draws
@@ -764,7 +764,7 @@ class Landing(Section):
         """Surveyed positions (p, 3), rad, rad, m."""
         import numpy as np
 
-        from navsim.geodesy.earth import short_way
+        from navsim.geodesy.earth import wrap_angle
         from navsim.gnss.pseudolite import runway_position, table1_position
 
         out = np.empty((len(self.pseudolites.placed()), 3))
@@ -772,7 +772,7 @@ class Landing(Section):
             above = self.pseudolites.height_m if site.height_m is None else site.height_m
             height = self.runway.ellipsoidal_m + above
             if site.lat_deg is not None and site.lon_deg is not None:
-                row[:] = site.lat_deg * DEG, short_way(site.lon_deg * DEG), height
+                row[:] = site.lat_deg * DEG, wrap_angle(site.lon_deg * DEG), height
                 continue
             assert site.s_m is not None
             assert site.l1_m is not None

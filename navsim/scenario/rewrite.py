@@ -138,10 +138,10 @@ def _changes(of: _Text, node: yaml.Node, before: Any, after: Any) -> Iterator[_P
     elif isinstance(node, yaml.SequenceNode) and isinstance(after, list) and after:
         yield from _of_list(of, node, before, after)
     else:
-        yield _whole(of, node, after)
+        yield _replace_node(of, node, after)
 
 
-def _whole(of: _Text, node: yaml.Node, after: Any) -> _Piece:
+def _replace_node(of: _Text, node: yaml.Node, after: Any) -> _Piece:
     start, end = node.start_mark.index, _end(node)
     before = of.text[start - 1 : start]
     return _Piece(start, end, ("" if before in (" ", "\n", "", "[", "{") else " ") + inline(after))
@@ -167,7 +167,7 @@ def _of_mapping(of: _Text, node: yaml.MappingNode, before: Any, after: Any) -> I
 
 def _of_list(of: _Text, node: yaml.SequenceNode, before: list[Any], after: list[Any]) -> Iterator[_Piece]:
     if node.flow_style and len(before) != len(after):
-        yield _whole(of, node, after)
+        yield _replace_node(of, node, after)
         return
     if len(after) == len(before) - 1:
         gone, pieces = _least(of, node, before, after)

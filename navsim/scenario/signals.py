@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from navsim.gnss import signal_errors
     from navsim.gnss.antenna import AircraftAntenna, GroundPattern
-    from navsim.gnss.correlated_errors import LastingError, Mapping
+    from navsim.gnss.correlated_errors import CorrelatedError, Mapping
     from navsim.gnss.dll import CodeLoop, GroundReflection
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signals import ErrorLaw, Pseudolites
@@ -124,7 +124,7 @@ class Ephemeris(Section):
         return signal_errors.Space(np.array(self.orbit_sigma_m), self.clock_sigma_m)
 
 
-class LastingErrorSection(Section):
+class CorrelatedErrorSection(Section):
     """Time-correlated errors of one kind, drawn for each satellite and run: a Gauss-Markov process."""
 
     sigma_m: NonNegative
@@ -136,31 +136,31 @@ class LastingErrorSection(Section):
     omitted: by its name, orbits and clocks none"""
 
 
-class LastingErrorsSection(Section):
+class CorrelatedErrorsSection(Section):
     """Time-correlated errors of satellites in the pseudoranges that the receiver uses; omitted kinds are absent, except
     the preset's."""
 
-    orbit_clock: LastingErrorSection | None = None
+    orbit_clock: CorrelatedErrorSection | None = None
     """residual errors of broadcast orbits and clocks"""
-    ionosphere: LastingErrorSection | None = None
+    ionosphere: CorrelatedErrorSection | None = None
     """residual errors after the receiver's model of the ionosphere"""
-    troposphere: LastingErrorSection | None = None
+    troposphere: CorrelatedErrorSection | None = None
     """residual errors after the receiver's model of the troposphere"""
-    multipath: LastingErrorSection | None = None
+    multipath: CorrelatedErrorSection | None = None
     """reflections, of the aircraft itself and of the ground"""
 
-    def models(self) -> tuple[LastingError, ...]:
+    def models(self) -> tuple[CorrelatedError, ...]:
         """Kinds of errors that are present."""
-        from navsim.gnss.correlated_errors import LastingError
+        from navsim.gnss.correlated_errors import CorrelatedError
 
         own: dict[str, Mapping] = {
             "orbit_clock": "none", "ionosphere": "ionosphere", "troposphere": "troposphere", "multipath": "multipath",
         }  # fmt: skip
         out = []
         for name, mapping in own.items():
-            section: LastingErrorSection | None = getattr(self, name)
+            section: CorrelatedErrorSection | None = getattr(self, name)
             if section is not None and section.sigma_m > 0.0:
-                out.append(LastingError(name, section.sigma_m, section.time_s, section.mapping or mapping))
+                out.append(CorrelatedError(name, section.sigma_m, section.time_s, section.mapping or mapping))
         return tuple(out)
 
 
@@ -505,7 +505,7 @@ class SignalsSection(Section):
     """delay of the troposphere; left out: none"""
     ephemeris: Ephemeris | None = None
     """errors of orbits and clocks; left out: none"""
-    errors: LastingErrorsSection = LastingErrorsSection()
+    errors: CorrelatedErrorsSection = CorrelatedErrorsSection()
     """time-correlated errors from any cause, in place of the preset's"""
     gps_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """GPS time less GLONASS time, which a receiver with a clock unknown for each does not notice"""

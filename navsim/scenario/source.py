@@ -24,7 +24,7 @@ import yaml
 
 from navsim.formats.text import MINUS_SIGNS, as_ascii, decoded
 from navsim.results import files
-from navsim.words import seen, setting
+from navsim.words import setting, show_hint
 
 KeyPath = tuple[str | int, ...]
 MOST_BYTES = 1_000_000
@@ -330,7 +330,7 @@ def load(path: Path) -> Document:
     except OSError as error:
         raise InputError([Problem(Place(name), "", f"cannot be read: {error.strerror or error}")]) from None
     if raw.startswith(_HDF5):
-        message = "is a result, not a scenario: " + seen(path)
+        message = "is a result, not a scenario: " + show_hint(path)
         raise InputError([Problem(Place(name), "", message)])
     if len(raw) > MOST_BYTES:
         raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is not a scenario")])

@@ -107,7 +107,7 @@ class Centreline:
 
 
 @dataclass(frozen=True)
-class RadioBeliefs:
+class RadioAltimeterDesign:
     """Filter model of a `RadioAltimeter`, whose fields it shares."""
 
     floor: float
@@ -146,7 +146,7 @@ class RadioAltimeter(AidingSensor):
     aim_point: float
     """Aim point of the runway, see `Centreline.of`, also for `height`."""
     height: float
-    believed: RadioBeliefs
+    believed: RadioAltimeterDesign
     """Filter model."""
 
     def exact(self, frame: Frame, motion: Motion) -> np.ndarray:

@@ -78,7 +78,7 @@ class AirColumn:
 
 
 @dataclass(frozen=True)
-class PressureBeliefs:
+class PressureDesign:
     """Filter model of a `BarometricAltimeter`, whose fields it shares. The setting error and the drift have a state
     unless they are 0."""
 
@@ -114,7 +114,7 @@ class BarometricAltimeter(AidingSensor):
     """Geoid above the ellipsoid, m."""
     wrong_setting: float
     """Setting error, hPa, positive if set too high."""
-    believed: PressureBeliefs
+    believed: PressureDesign
     """Filter model."""
     setting_sigma: float = 0.0
     """1 sigma of the setting error drawn in each run, hPa."""
@@ -207,7 +207,9 @@ class BarometricAltimeter(AidingSensor):
         out = []
         for error in its.followed():
             sigma = sigmas[error] / its.air.stretch
-            block = states.alone(f"barometric_{names[error]}", "m", PRESSURE, error, sigma, times[error], step)
+            block = states.correlated_single(
+                f"barometric_{names[error]}", "m", PRESSURE, error, sigma, times[error], step
+            )
             out.append((block, sigma))
         return tuple(out)
 

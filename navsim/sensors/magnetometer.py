@@ -58,7 +58,7 @@ class MagneticErrors:
 
 
 @dataclass(frozen=True)
-class MagneticBeliefs:
+class MagneticDesign:
     """Filter model of a `Magnetometer`, whose fields it shares."""
 
     noise: float
@@ -92,7 +92,7 @@ class Magnetometer(AidingSensor):
     fades: float
     """Height in which the disturbance falls to 1 / e, m."""
     true_errors: MagneticErrors
-    believed: MagneticBeliefs
+    believed: MagneticDesign
     """Filter model."""
 
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:

@@ -18,10 +18,10 @@ import numpy as np
 
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
-from navsim.filter.design import LastingBelief
+from navsim.filter.design import CorrelatedErrorDesign
 from navsim.filter.measurement_models import FIX, RANGE
-from navsim.filter.states import MOST, Block
-from navsim.gnss.correlated_errors import SUMS, LastingError
+from navsim.filter.states import MAX_MEASUREMENT_SIZE, Block
+from navsim.gnss.correlated_errors import SUMS, CorrelatedError
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.fix_slopes import slopes
 from navsim.integrity.fixes import solved
@@ -33,7 +33,9 @@ _SPEEDS = "slow", "fast"
 """Names of the two groups of kinds: those that hardly change over the flight, and the others."""
 
 
-def followed_errors(how: str, kinds: Sequence[LastingError], duration: float, interval: float) -> LastingBelief:
+def followed_errors(
+    how: str, kinds: Sequence[CorrelatedError], duration: float, interval: float
+) -> CorrelatedErrorDesign:
     """Filter model of these kinds of errors.
 
     how: `STATES`, `INFLATED` or `IGNORED`. duration: of the flight, interval: between fixes, s.
@@ -48,17 +50,19 @@ def followed_errors(how: str, kinds: Sequence[LastingError], duration: float, in
     factor = np.ones(len(kinds))
     if how == INFLATED:
         factor = as_noise(np.array([kind.time for kind in kinds]), duration, interval)
-    return LastingBelief(how == STATES, tuple(members for _, members in groups), tuple(n for n, _ in groups), factor)
+    return CorrelatedErrorDesign(
+        how == STATES, tuple(members for _, members in groups), tuple(n for n, _ in groups), factor
+    )
 
 
-def fix_blocks(belief: LastingBelief, kinds: Sequence[LastingError], step: float) -> tuple[Block, ...]:
+def fix_blocks(belief: CorrelatedErrorDesign, kinds: Sequence[CorrelatedError], step: float) -> tuple[Block, ...]:
     """The states of a loosely coupled filter, `SUMS` for each group of kinds; step: of the filter, s."""
     blocks: list[Block] = []
     for name, members in zip(belief.names, belief.groups, strict=True):
         time = _common_time([kinds[k].time for k in members], [kinds[k].sigma ** 2 for k in members])
         for triad in range(SUMS // 3):
             own = f"fix_error_{name}_more" if triad else f"fix_error_{name}"
-            blocks.append(states.lasting(own, FIX, time, step, 3 * len(blocks), numbered=triad > 0))
+            blocks.append(states.correlated_triple(own, FIX, time, step, 3 * len(blocks), numbered=triad > 0))
     return tuple(blocks)
 
 
@@ -107,23 +111,23 @@ class FixErrors:
         """Covariance of fixes (e, MOST, MOST) by independent errors of ranges (e, s), m."""
         return _spread(self.by_range, sigma, self.signals.used)
 
-    def curvature(self, noise_sigma: np.ndarray, lasting_sigma: np.ndarray, numbers: int) -> Curvature:
+    def curvature(self, noise_sigma: np.ndarray, correlated_sigma: np.ndarray, numbers: int) -> Curvature:
         """Second-order errors of fixes due to white and to time-correlated ranging errors (e, s), m.
 
         numbers: components of a fix that are used, 3 for position, 6 with velocity.
         """
-        white, lasting = (self.of_ranges(sigma)[:, :3, :3] for sigma in (noise_sigma, lasting_sigma))
+        white, correlated = (self.of_ranges(sigma)[:, :3, :3] for sigma in (noise_sigma, correlated_sigma))
         noise = self.noise.copy()
         noise[:, numbers:] = noise[:, :, numbers:] = 0.0
         forms = fix_forms(self.signals, self.by_range, self.by_rate)
         forms[:, numbers:] = 0.0
-        return Curvature.of(forms, white, lasting, noise)
+        return Curvature.of(forms, white, correlated, noise)
 
     def of_kinds(self, factor: np.ndarray) -> np.ndarray:
         """Covariance of fixes due to all kinds of time-correlated errors (e, MOST, MOST), the variance of each times a
         factor (k,)."""
-        assert self.signals.lasting is not None
-        return self.of_ranges(np.sqrt(np.einsum("k,kes->es", factor, self.signals.lasting.sigma**2)))
+        assert self.signals.correlated is not None
+        return self.of_ranges(np.sqrt(np.einsum("k,kes->es", factor, self.signals.correlated.sigma**2)))
 
     def roots(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
         """Effect of errors of 1 sigma one, `SUMS` of each of g groups of kinds, on fixes (e, MOST, g SUMS); 0 without a
@@ -133,11 +137,11 @@ class FixErrors:
         time, whatever the geometry does.
         """
         out = [self._effect(members) @ self._shares(members) for members in groups]
-        return np.concatenate([np.empty((self.fixed.size, MOST, 0)), *out], axis=2)
+        return np.concatenate([np.empty((self.fixed.size, MAX_MEASUREMENT_SIZE, 0)), *out], axis=2)
 
     def beside(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
         """Covariance of fixes (e, MOST, MOST) due to the part of the sources' errors that `roots` does not contain."""
-        out = np.zeros((self.fixed.size, MOST, MOST))
+        out = np.zeros((self.fixed.size, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE))
         for members in groups:
             effect, shares = self._effect(members), self._shares(members)
             rest = effect - (effect @ shares) @ shares.T
@@ -146,9 +150,9 @@ class FixErrors:
 
     def projections(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
         """Effect of errors of each kind and source of variance one on the errors of `roots` (e, g SUMS, k, s)."""
-        lasting = self.signals.lasting
-        assert lasting is not None
-        k, e, s = lasting.sigma.shape
+        correlated = self.signals.correlated
+        assert correlated is not None
+        k, e, s = correlated.sigma.shape
         out = np.zeros((e, SUMS * len(groups), k, s))
         for g, members in enumerate(groups):
             shares = self._shares(members)
@@ -194,15 +198,15 @@ def _spread(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray) -> np.ndarra
 
 def _size(signals: Signals, members: Sequence[int]) -> np.ndarray:
     """1 sigma of the errors of a group of kinds (e, s), m, 0 for unused sources."""
-    assert signals.lasting is not None
-    total = np.sqrt(np.sum(signals.lasting.sigma[list(members)] ** 2, axis=0))
+    assert signals.correlated is not None
+    total = np.sqrt(np.sum(signals.correlated.sigma[list(members)] ** 2, axis=0))
     return np.where(signals.used, total, 0.0)
 
 
 def _parts(signals: Signals, members: Sequence[int]) -> np.ndarray:
     """Share of each kind in an error of its group of 1 sigma one (k, e, s); unused sources keep the nearest value in
     time."""
-    assert signals.lasting is not None
+    assert signals.correlated is not None
     size = _size(signals, members)
     there = size > 0.0
     at = np.where(there, np.arange(size.shape[0])[:, None], -1)
@@ -210,7 +214,7 @@ def _parts(signals: Signals, members: Sequence[int]) -> np.ndarray:
     last = np.where(last < 0, np.argmax(there, axis=0), last)
     source = np.arange(size.shape[1])
     total = size[last, source]
-    sigma = signals.lasting.sigma[list(members)][:, last, source]
+    sigma = signals.correlated.sigma[list(members)][:, last, source]
     return np.divide(sigma, total, out=np.zeros_like(sigma), where=total > 0.0)
 
 
@@ -224,7 +228,7 @@ class RangeErrors:
     """
 
     signals: Signals
-    belief: LastingBelief
+    belief: CorrelatedErrorDesign
 
     @cached_property
     def size(self) -> np.ndarray:
@@ -240,21 +244,21 @@ class RangeErrors:
 
     def blocks(self, step: float) -> tuple[Block, ...]:
         """The states, each a separate block; step: of the filter, s."""
-        lasting, names, speeds = self.signals.lasting, self.signals.names, self.belief.names
-        assert lasting is not None
+        correlated, names, speeds = self.signals.correlated, self.signals.names, self.belief.names
+        assert correlated is not None
         out = []
         for group, source in zip(*self.states, strict=True):
             members = list(self.belief.groups[group])
-            time = _common_time(lasting.time[members], np.sum(lasting.sigma[members][:, :, source] ** 2, axis=1))
+            time = _common_time(correlated.time[members], np.sum(correlated.sigma[members][:, :, source] ** 2, axis=1))
             name, number = f"range_error_{speeds[group]}_{names[source]}", len(self.belief.groups) * source + group
-            out.append(states.alone(name, "1", RANGE, int(number), 1.0, time, step))
+            out.append(states.correlated_single(name, "1", RANGE, int(number), 1.0, time, step))
         return tuple(out)
 
     @cached_property
     def _shares(self) -> np.ndarray:
         """By how much each kind is in the error of each state (k, e, n)."""
-        assert self.signals.lasting is not None
-        k, e, _ = self.signals.lasting.sigma.shape
+        assert self.signals.correlated is not None
+        k, e, _ = self.signals.correlated.sigma.shape
         group, source = self.states
         out = np.zeros((k, e, group.size))
         for g, members in enumerate(self.belief.groups):

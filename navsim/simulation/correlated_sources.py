@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from navsim.gnss.correlated_errors import LastingErrors
+from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.pseudolite_clock import WanderingClocks
 from navsim.simulation.shared_truth import CARRIER_SIGMA
 
@@ -32,7 +32,7 @@ class SourceErrors(ABC):
         out.cov = self.cov.copy()
         return out
 
-    def carry(self, phi: np.ndarray) -> None:
+    def propagate(self, phi: np.ndarray) -> None:
         """Propagate by a change of the state `phi` (S, S): an interval, or the update with another sensor."""
         self.cov[:, : self.size] = phi @ self.cov[:, : self.size]
         self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ phi.T
@@ -57,7 +57,7 @@ class SourceErrors(ABC):
         """
 
 
-class LastingSources(SourceErrors):
+class CorrelatedSources(SourceErrors):
     """Time-correlated measurement errors, of each kind those of sources of variance one.
 
     shown: returns their effect on the filter's states for such errors at an epoch (n, k, s). moving: whether they
@@ -65,7 +65,7 @@ class LastingSources(SourceErrors):
     """
 
     def __init__(
-        self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray,
+        self, size: int, errors: CorrelatedErrors, used: np.ndarray, time: np.ndarray,
         shown: Callable[[int], np.ndarray], moving: bool = False,
     ):  # fmt: skip
         """size: number S of propagated states; errors, used (e, s), time (e,) of `Signals`."""
@@ -114,7 +114,7 @@ class LastingSources(SourceErrors):
         return out
 
 
-class SensorErrorSources(LastingSources):
+class SensorErrorSources(CorrelatedSources):
     """Time-correlated errors of a sensor that aids the filter. slope (m, k, s): of each kind its own."""
 
     def slope_of(self, slope: np.ndarray, kind: int) -> np.ndarray:

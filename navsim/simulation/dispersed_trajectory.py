@@ -25,7 +25,7 @@ from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 
 
 @dataclass(frozen=True)
-class KeptRoute:
+class CachedRoute:
     """Route of all runs, with a cache, since every run needs the same times."""
 
     trajectory: Trajectory
@@ -40,10 +40,10 @@ class KeptRoute:
 
 
 @dataclass(frozen=True)
-class FlownWay:
+class RunTrajectory:
     """Trajectory of one run for sensors beside the receiver (`aiding`)."""
 
-    route: KeptRoute
+    route: CachedRoute
     departure: Departure
 
     @property
@@ -61,7 +61,7 @@ class FlownWay:
         return earth.llh_from_ecef(self.route.motion(t).position_ecef + off)
 
 
-class Flown(NamedTuple):
+class DispersedTrajectories(NamedTuple):
     """True motion of runs (lanes) that deviate from the route."""
 
     dtheta: np.ndarray
@@ -90,7 +90,7 @@ class Flown(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Ways:
+class Dispersion:
     """Common data of the trajectories of all runs."""
 
     trajectory: Trajectory
@@ -109,7 +109,7 @@ class Ways:
     sources: np.ndarray
     """(e, s, 3) true positions of the sources, ECEF."""
     lever_arm: np.ndarray
-    route: KeptRoute
+    route: CachedRoute
     """Route at other times."""
 
     @classmethod
@@ -123,13 +123,13 @@ class Ways:
         signals: Signals,
         sources: np.ndarray,
         lever_arm: np.ndarray,
-    ) -> Ways:
+    ) -> Dispersion:
         """Common data of trajectories in this air around a route."""
         half = trajectory.motion(np.linspace(imu_time[0], imu_time[-1], 2 * imu_time.size - 1))
         return cls(
             trajectory, Disturbance.of(air, trajectory, imu_time), half, np.ascontiguousarray(trajectory.frame.axes.T @
             half.c_eb), trajectory.increments(imu_time), at_filter, at_fixes, signals, sources, lever_arm,
-            KeptRoute(trajectory),
+            CachedRoute(trajectory),
         )  # fmt: skip
 
     @property
@@ -145,7 +145,7 @@ class Ways:
         turn = self.trajectory.frame.axes.T @ earth.ned_matrix(self.at_filter.llh).swapaxes(1, 2)
         return Held.of(since, np.einsum("oaj,ojw->oaw", turn, error))
 
-    def flown(self, seed: int, runs: Sequence[int], lanes: int, known: Held | None = None) -> Flown:
+    def flown(self, seed: int, runs: Sequence[int], lanes: int, known: Held | None = None) -> DispersedTrajectories:
         """Trajectories of the runs, in the first of so many lanes; further lanes repeat the last run.
 
         known: errors that guidance follows, None before they are known.
@@ -170,7 +170,7 @@ class Ways:
         at_fixes = deviated(self.at_fixes, frame, *departure.at(self.at_fixes.time))
         antenna, antenna_velocity = (_lanes(m, lanes) for m in antenna_motion(at_fixes, self.lever_arm))
         ranges, rates = self._ranges(antenna, antenna_velocity)
-        return Flown(
+        return DispersedTrajectories(
             dtheta,
             dv,
             llh=_lanes(there.llh, lanes),
@@ -185,11 +185,11 @@ class Ways:
             departure=departure,
         )
 
-    def of_run(self, flown: Flown, lane: int) -> FlownWay:
+    def of_run(self, flown: DispersedTrajectories, lane: int) -> RunTrajectory:
         """Trajectory of one run."""
         of_all, one = flown.departure, slice(lane, lane + 1)
         own = (part[..., one] for part in (of_all.way, of_all.turn, of_all.gust))
-        return FlownWay(self.route, Departure(of_all.time, *own))
+        return RunTrajectory(self.route, Departure(of_all.time, *own))
 
     def _ranges(self, antenna: np.ndarray, antenna_velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """True ranges and range rates (e, s, W): those of the route, and by how much the distances differ."""

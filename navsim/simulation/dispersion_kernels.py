@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 
-from navsim.compiler.jit import inlined, kernel
-from navsim.compiler.lanes import registers, small_vector
+from navsim.compiler.jit import kernel, kernel_inline
+from navsim.compiler.lanes import as_simd, small_vector
 
 
-@inlined
-def _felt(force, rate, axes, gradient, earth, way, turn, out):
+@kernel_inline
+def _force_and_rate_change(force, rate, axes, gradient, earth, way, turn, out):
     """Difference of specific force and angular rate between the deviating trajectory and the reference.
 
     Writes out (6,): rad/s, m/s2, in the body axes of the deviating trajectory and of the reference.
@@ -56,13 +56,13 @@ def deviate(dt, force, rate, axes, gradient, earth, way, turn, dtheta, dv, out_d
     """Increments (n, 3) of runs, or of lanes, over intervals of dt s, from those of the reference dtheta, dv (n, 3).
 
     force, rate: (2n + 1, 3), axes: (2n + 1, 3, 3) of the reference at samples and between; gradient: (n + 1, 3, 3);
-    earth: (3,), see `_felt`. way: (n + 1, 9), turn: (n + 1, 6) at samples. The contribution of the deviation is
-    integrated by Simpson's rule, exact for its own acceleration. Out: out_dtheta, out_dv (n, 3).
+    earth: (3,), see `_force_and_rate_change`. way: (n + 1, 9), turn: (n + 1, 6) at samples. The contribution of the
+    deviation is integrated by Simpson's rule, exact for its own acceleration. Out: out_dtheta, out_dv (n, 3).
     """
-    way, turn, out_dtheta, out_dv = registers(way), registers(turn), registers(out_dtheta), registers(out_dv)
+    way, turn, out_dtheta, out_dv = as_simd(way), as_simd(turn), as_simd(out_dtheta), as_simd(out_dv)
     before, between, after = small_vector(way, 6), small_vector(way, 6), small_vector(way, 6)
     place, turned = small_vector(way, 9), small_vector(way, 6)
-    _felt(force[0], rate[0], axes[0], gradient[0], earth, way[0], turn[0], before)
+    _force_and_rate_change(force[0], rate[0], axes[0], gradient[0], earth, way[0], turn[0], before)
     for k in range(dtheta.shape[0]):
         for i in range(3):
             p0, v0, a0 = way[k, i], way[k, 3 + i], way[k, 6 + i]
@@ -74,8 +74,8 @@ def deviate(dt, force, rate, axes, gradient, earth, way, turn, dtheta, dv, out_d
             turned[i] = 0.5 * (h0 + h1) + 0.125 * dt * (g0 - g1)
             turned[3 + i] = 1.5 * (h1 - h0) / dt - 0.25 * (g0 + g1)
         middle, end = 2 * k + 1, 2 * k + 2
-        _felt(force[middle], rate[middle], axes[middle], gradient[k], earth, place, turned, between)
-        _felt(force[end], rate[end], axes[end], gradient[k + 1], earth, way[k + 1], turn[k + 1], after)
+        _force_and_rate_change(force[middle], rate[middle], axes[middle], gradient[k], earth, place, turned, between)
+        _force_and_rate_change(force[end], rate[end], axes[end], gradient[k + 1], earth, way[k + 1], turn[k + 1], after)
         for i in range(3):
             out_dtheta[k, i] = dtheta[k, i] + dt / 6.0 * (before[i] + 4.0 * between[i] + after[i])
             out_dv[k, i] = dv[k, i] + dt / 6.0 * (before[3 + i] + 4.0 * between[3 + i] + after[3 + i])
@@ -89,8 +89,8 @@ def ranges_from(position, velocity, antenna, antenna_velocity, distance, rate):
 
     Of one run or of lanes; nan if a position is. Out: distance, rate (e, s).
     """
-    antenna, antenna_velocity = registers(antenna), registers(antenna_velocity)
-    distance, rate = registers(distance), registers(rate)
+    antenna, antenna_velocity = as_simd(antenna), as_simd(antenna_velocity)
+    distance, rate = as_simd(distance), as_simd(rate)
     for e in range(position.shape[0]):
         for s in range(position.shape[1]):
             square, product = 0.0 * antenna[e, 0], 0.0 * antenna[e, 0]

@@ -2,7 +2,7 @@
 
 The other filters use the same inertial sensors, so the differences depend only on gains and innovations. Covariances
 and gains are those along the truth, the same in all runs. A run propagates the differences
-(`filter.sensitivity_propagation.carry_differences`).
+(`filter.sensitivity_propagation.propagate_differences`).
 
 Source: `docs/theory/integrity.md`, section 10; Brenner, Integrated GPS/inertial fault detection availability,
 NAVIGATION 43(2) (1996); Young & McGraw, Fault detection and exclusion using normalized solution separation and residual
@@ -20,16 +20,16 @@ from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.defect import Defect
 from navsim.filter import states
 from navsim.filter.measurement_models import FIX
-from navsim.filter.sensitivity_propagation import Route, carry_differences
-from navsim.filter.states import MOST
+from navsim.filter.sensitivity_propagation import LinearisedHistory, propagate_differences
+from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.integrity import araim
-from navsim.integrity.araim import Allocation, Levels, SeparationWatch, SolutionSpread
+from navsim.integrity.araim import Allocation, Levels, SeparationDistances, SolutionSpread
 from navsim.integrity.fixes import ReceiverFixes, solved
 from navsim.integrity.monitoring import faults_of, fix_of
 from navsim.integrity.solution import turned
 from navsim.simulation.landing import Flight
-from navsim.simulation.landing_covariance import AlongTruth, along_belief, excess, responses, route_of_filter
+from navsim.simulation.landing_covariance import AlongTruth, along_design, excess, responses, route_of_filter
 
 _ROUNDING = 1e-5
 """A negative variance of a difference is rounding if it is above this fraction of that without some sources."""
@@ -57,7 +57,7 @@ class FilterSolution:
 
 
 @dataclass(frozen=True)
-class FilterBank(SeparationWatch):
+class FilterBank(SeparationDistances):
     """Monitor of a filter by other filters with fewer measurements; see `monitoring.Bank`."""
 
     flight: Flight
@@ -65,7 +65,7 @@ class FilterBank(SeparationWatch):
     """(e,) protection levels at its outputs except the first."""
     taken: np.ndarray
     """(f, s) bool, sources that each of the other filters does not use."""
-    route: Route
+    route: LinearisedHistory
     """State history of the filter."""
     gains: np.ndarray
     """(w, f, n, MOST) of the others."""
@@ -86,17 +86,17 @@ class FilterBank(SeparationWatch):
         watching = flight.watching
         if watching is None or not isinstance(watching.test, Allocation):
             raise ValueError("solution separation needs the shares of its levels")
-        signals = flight.world.signals
+        signals = flight.shared.signals
         expected = watching.expected(signals)
         faults = faults_of(signals.names, expected)
         taken = np.array([np.isin(signals.names, one.sources) for one in expected]).reshape(-1, len(signals.names))
-        whole = along_belief(flight, np.zeros(len(signals.names), bool))
+        whole = along_design(flight, np.zeros(len(signals.names), bool))
         nominal = np.array([watching.nominal[name] for name in signals.names])
         # only the data that levels and differences need, since all would be hundreds of megabytes
         route = route_of_filter(flight, whole)
         gains, solutions, both = [], [FilterSolution.of(flight, whole, nominal)], []
         for without in taken:
-            along = along_belief(flight, without)
+            along = along_design(flight, without)
             gains.append(along.lin.gain)
             solutions.append(FilterSolution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
@@ -108,14 +108,14 @@ class FilterBank(SeparationWatch):
         found = araim.allocated_risk(spread, ever, faults, watching.test, idle=idle)
         there = found.monitored[..., None] & (found.threshold > 0.0)
         inverse = 1.0 / np.where(there, found.threshold, np.inf)
-        scale = np.zeros((flight.world.filter_time.size, len(faults), 3))
+        scale = np.zeros((flight.shared.filter_time.size, len(faults), 3))
         scale[1:] = np.moveaxis(inverse, 0, 1)[..., _NED]
         events = flight.events
         shape = whole.lin.gain.shape[0], 0, *whole.lin.gain.shape[1:]
         return cls(
             flight, found, taken, route, np.stack(gains, axis=1) if gains else np.zeros(shape),
             np.where(events.kind == FIX, events.row, -1), scale, tuple(solutions),
-            np.asarray(signals.used.any(axis=1) if flight.beliefs.tight else fix_of(signals).solved), idle,
+            np.asarray(signals.used.any(axis=1) if flight.design.tight else fix_of(signals).solved), idle,
         )  # fmt: skip
 
     @property
@@ -141,7 +141,7 @@ class FilterBank(SeparationWatch):
             )
             for one in self.solutions
         ]
-        priors = np.array([fault.prior for fault in watching.expected(self.flight.world.signals)])
+        priors = np.array([fault.prior for fault in watching.expected(self.flight.shared.signals)])
         return araim.across(self.found, spreads, priors, watching.test, bearing)
 
     @property
@@ -158,29 +158,29 @@ class FilterBank(SeparationWatch):
         ranges, rates: (e, s, W) that they are of.
         """
         others, outputs, n = self.taken.shape[0], self.scale.shape[0], self.gains.shape[2]
-        apart = np.zeros((others, 0, MOST, WIDTH))
+        apart = np.zeros((others, 0, MAX_MEASUREMENT_SIZE, WIDTH))
         if (self.fix >= 0).any():
-            apart = self._apart(fixes, ranges, rates)
+            apart = self._separations(fixes, ranges, rates)
         out = np.zeros((outputs, WIDTH))
-        carry_differences(
+        propagate_differences(
             self.route, self.gains, in_lanes(innovation), self.fix, in_lanes(apart), self.scale,
             in_lanes(np.zeros((2, others, n, WIDTH))), in_lanes(out),
         )  # fmt: skip
         return out[1:]
 
-    def _apart(self, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    def _separations(self, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Fixes of the others minus those of the filter (f, e, MOST, W), m, m/s, north, east, down."""
-        world = self.flight.world
-        heard = np.asarray(world.signals.used.any(axis=0))
-        signals = world.signals.select(heard)
+        shared = self.flight.shared
+        heard = np.asarray(shared.signals.used.any(axis=0))
+        signals = shared.signals.select(heard)
         measured, rates = (np.ascontiguousarray(m[:, heard]) for m in (ranges, rates))
         here = _ecef(fixes.llh)
         # sources that are taken anyway are taken once
         taken, which = np.unique(self.taken[:, heard], axis=0, return_inverse=True)
-        out = np.empty((len(taken), ranges.shape[0], MOST, WIDTH))
-        axes = world.antenna_enu[:, _NED] * np.array([[1.0], [1.0], [-1.0]])
+        out = np.empty((len(taken), ranges.shape[0], MAX_MEASUREMENT_SIZE, WIDTH))
+        axes = shared.antenna_enu[:, _NED] * np.array([[1.0], [1.0], [-1.0]])
         for one, without in zip(out, taken, strict=True):
-            other = solved(world.start, signals, np.where(without[:, None], np.nan, measured), rates)
+            other = solved(shared.start, signals, np.where(without[:, None], np.nan, measured), rates)
             one[:, :3] = np.einsum("eij,ejw->eiw", axes, _ecef(other.llh) - here)
             one[:, 3:] = other.velocity - fixes.velocity
         return np.ascontiguousarray(out[which.reshape(-1)])

@@ -46,7 +46,7 @@ class Proposal:
 
     covariance: np.ndarray
     """(K, K) of the errors that a box bounds, to first order."""
-    pushes: np.ndarray
+    shifts: np.ndarray
     """(C, K) of the components: a push c shifts the means of the errors by covariance c."""
     shares: np.ndarray
     """(C,) of the components; the last does not shift."""
@@ -59,10 +59,10 @@ class Proposal:
     def most_weight_between(self, low: np.ndarray, high: np.ndarray) -> float:
         """No weight is above this where the errors to first order are from low to high (K,) off their means; where
         either is not finite nothing is known of that error."""
-        density = float(self.shares[~self.pushes.any(axis=1)].sum())
+        density = float(self.shares[~self.shifts.any(axis=1)].sum())
         for k in np.flatnonzero(np.isfinite(low) & np.isfinite(high)):
-            along = self.pushes[:, k] != 0.0  # a push is along one error
-            push = self.pushes[along, k, None]
+            along = self.shifts[:, k] != 0.0  # a push is along one error
+            push = self.shifts[along, k, None]
             exponents = push * np.linspace(low[k], high[k], _STEPS) - 0.5 * push**2 * self.covariance[k, k]
             # far faces have pushes beyond any number at their own side, where the least is not
             density += float((self.shares[along] @ np.exp(np.minimum(exponents, _MOST_EXPONENT))).min())
@@ -76,8 +76,8 @@ class Proposal:
     def log_weights(self, errors: np.ndarray) -> np.ndarray:
         """Logarithms (W,) of the density without pushes over that of the mixture, where the errors to first order are
         (K, W) off their means."""
-        square = np.einsum("ci,ij,cj->c", self.pushes, self.covariance, self.pushes)
-        exponents = self.pushes @ errors - 0.5 * square[:, None]
+        square = np.einsum("ci,ij,cj->c", self.shifts, self.covariance, self.shifts)
+        exponents = self.shifts @ errors - 0.5 * square[:, None]
         most = exponents.max(axis=0)
         return -(most + np.log(self.shares @ np.exp(exponents - most)))
 
@@ -110,7 +110,7 @@ def proposal(mean: np.ndarray, covariance: np.ndarray, lower: np.ndarray, upper:
 
 
 @dataclass(frozen=True)
-class Tilt:
+class ProposalShifts:
     """Shifts of the inputs of a flight towards the faces of a box."""
 
     slopes: Slopes
@@ -122,24 +122,28 @@ class Tilt:
     proposal: Proposal
 
 
-def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Tilt:
+def proposal_shifts(
+    flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> ProposalShifts:
     """The pushes for a box; slopes: of the K errors that it bounds; mean, lower, upper: see `proposal`, which raises
     ValueError."""
     shifts = carried(flight, slopes)
     pairs = zip(slopes.members(), shifts.members(), strict=True)
     parts = [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair)) for pair in pairs]
     covariance = np.sum(parts, axis=0)
-    return Tilt(slopes, shifts, mean, proposal(mean, 0.5 * (covariance + covariance.T), lower, upper))
+    return ProposalShifts(slopes, shifts, mean, proposal(mean, 0.5 * (covariance + covariance.T), lower, upper))
 
 
-def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) -> tuple[Inputs, np.ndarray]:
+def shift_inputs(
+    flight: Flight, tilt: ProposalShifts, inputs: Inputs, components: list[int]
+) -> tuple[Inputs, np.ndarray]:
     """Inputs of runs (lanes), each shifted by its component, and the shift (K, W) of their first-order errors.
 
     Lanes beyond the components are shifted like the last one. The true values of sensor states do not change.
     """
     lanes = inputs.initial.shape[-1]
     each = np.array([*components, *[components[-1]] * (lanes - len(components))])
-    pushes = tilt.proposal.pushes[each]
+    pushes = tilt.proposal.shifts[each]
 
     def moved(values: np.ndarray, shift: np.ndarray) -> np.ndarray:
         return values + np.ascontiguousarray(np.einsum("k...,wk->...w", shift, pushes))

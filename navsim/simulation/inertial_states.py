@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.design import SensorBeliefs
+from navsim.filter.design import SensorDesign
 from navsim.filter.states import Block
 from navsim.sensors.imu import SensorErrors, Triad
 
@@ -54,7 +54,7 @@ def gains_that_matter(gyro: Triad, accel: Triad, dtheta: np.ndarray, dv: np.ndar
     return tuple(out)
 
 
-def followed(gyro: Triad, accel: Triad, gains: Collection[Block] = ()) -> SensorBeliefs:
+def followed(gyro: Triad, accel: Triad, gains: Collection[Block] = ()) -> SensorDesign:
     """Filter model that equals these sensors. gains: blocks of `GAINS` that it estimates, of those that the sensors
     have.
 
@@ -65,7 +65,7 @@ def followed(gyro: Triad, accel: Triad, gains: Collection[Block] = ()) -> Sensor
     """
     triads = (gyro.merged(), accel.merged())
     there = [(block, sigma) for block in GAINS if block in gains and (sigma := _sigma(block, triads)) > 0.0]
-    return SensorBeliefs(
+    return SensorDesign(
         blocks=(*states.biases(*(_decay_and_drive(t) for t in triads)), *(block for block, _ in there)),
         sigma=(*(t.initial_sigma() for t in triads), *(sigma for _, sigma in there)),
         noise=np.array([t.white() for t in triads]),

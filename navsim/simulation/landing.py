@@ -3,8 +3,8 @@
     route -> signal simulator with pseudolites -> receiver -> fix ┐
     route -> inertial sensors -> SINS ────────────────────────────┴-> Kalman filter -> accuracy
 
-`shared_truth.World` contains what all runs of a scenario share: the route, and the signals. `fly` simulates one run.
-If the air moves each run off the route, `simulation.dispersed_trajectory` has its own trajectory.
+`shared_truth.SharedTruth` contains what all runs of a scenario share: the route, and the signals. `fly` simulates one
+run. If the air moves each run off the route, `simulation.dispersed_trajectory` has its own trajectory.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter import eskf, states
-from navsim.filter.design import Beliefs, clock_sigma
+from navsim.filter.design import FilterDesign, clock_sigma
 from navsim.filter.estimate import fly as fly_filter
 from navsim.filter.estimate import in_all_lanes, is_smoother
 from navsim.filter.measurement_models import FIX, RANGE, FixTable
@@ -31,11 +31,11 @@ from navsim.filter.records import (
     State,
     Truth,
     by_epoch,
-    empty_account,
+    empty_error_history,
     schedule,
     start,
 )
-from navsim.filter.states import MOST
+from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.gnss.dll import ReflectionErrors
 from navsim.integrity import monitoring
@@ -44,10 +44,10 @@ from navsim.integrity.fix_exclusion import Excluder
 from navsim.sensors import imu
 from navsim.simulation.aiding import Aid
 from navsim.simulation.correlated_errors import RangeErrors, as_noise
-from navsim.simulation.dispersed_trajectory import Flown
+from navsim.simulation.dispersed_trajectory import DispersedTrajectories
 from navsim.simulation.inertial_states import true_values
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
-from navsim.simulation.measurements import draw_measurements, generators, lasting_errors, receiver_fixes
+from navsim.simulation.measurements import correlated_errors, draw_measurements, generators, receiver_fixes
 from navsim.simulation.range_curvature import (
     NEGLIGIBLE,
     Curvature,
@@ -55,8 +55,8 @@ from navsim.simulation.range_curvature import (
     has_near_sources,
     near_passes,
 )
-from navsim.simulation.run import Run, Watched
-from navsim.simulation.shared_truth import Wander, World, smoothed
+from navsim.simulation.run import MonitorOutput, Run
+from navsim.simulation.shared_truth import ClockErrors, SharedTruth, smoothed
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.guidance import Held
 from navsim.trajectory.kinematics import Motion
@@ -87,13 +87,13 @@ def initial_clock_errors(flight: Flight, seed: int, run: int) -> np.ndarray:
     return generator(seed, run, "clock", 1).standard_normal(sigma.size) * sigma
 
 
-def initial_estimate(flight: Flight, errors: np.ndarray, flown: Flown | None = None) -> np.ndarray:
+def initial_estimate(flight: Flight, errors: np.ndarray, flown: DispersedTrajectories | None = None) -> np.ndarray:
     """Navigation states at time 0 (NAV_N, W) of runs with these `initial_errors` (9, W), on their trajectories."""
-    nav = in_all_lanes(exact_start(flight.world.at_filter))
+    nav = in_all_lanes(exact_start(flight.shared.at_filter))
     if flown is not None:
         nav[states.NAV_LLH : states.NAV_VEL] = flown.llh[0]
         nav[states.NAV_VEL : states.NAV_QUAT] = flown.velocity[0]
-        nav[states.NAV_QUAT : states.NAV_HELD] = flown.quaternion[0]
+        nav[states.NAV_QUAT : states.NAV_BIAS_FRAME] = flown.quaternion[0]
     eskf.displace(in_lanes(nav), in_lanes(-errors))
     return nav
 
@@ -109,10 +109,10 @@ def with_clock(flight: Flight, nav: np.ndarray, clock: np.ndarray) -> np.ndarray
 
 def exact_clock(flight: Flight) -> np.ndarray:
     """True clock states of the filter at its outputs, without noise (o, c)."""
-    now, scales = flight.world.clock_at_filter, list(flight.scales)
+    now, scales = flight.shared.clock_at_filter, list(flight.scales)
     if not scales:
         return np.empty((now.shape[0], 0))
-    return np.concatenate([now[:, :1] + flight.world.scale_offsets[scales], now[:, 1:]], axis=1)
+    return np.concatenate([now[:, :1] + flight.shared.scale_offsets[scales], now[:, 1:]], axis=1)
 
 
 def exact_start(truth: Motion) -> np.ndarray:
@@ -120,7 +120,7 @@ def exact_start(truth: Motion) -> np.ndarray:
     nav = np.zeros(states.NAV_N)
     nav[states.NAV_LLH : states.NAV_VEL] = truth.llh[0]
     nav[states.NAV_VEL : states.NAV_QUAT] = truth.velocity_ned[0]
-    nav[states.NAV_QUAT : states.NAV_HELD] = truth.quaternion[0]
+    nav[states.NAV_QUAT : states.NAV_BIAS_FRAME] = truth.quaternion[0]
     return nav
 
 
@@ -128,14 +128,14 @@ def exact_start(truth: Motion) -> np.ndarray:
 class Flight:
     """A landing that a filter can fly any number of times."""
 
-    world: World
+    shared: SharedTruth
     initial: InitialErrors
     """True initial errors."""
     gyro: imu.Triad
     """True gyros."""
     accel: imu.Triad
     """True accelerometers."""
-    beliefs: Beliefs
+    design: FilterDesign
     """Filter model."""
     covariance: np.ndarray
     """(n, n) initial covariance of the filter."""
@@ -144,7 +144,7 @@ class Flight:
     weighed: np.ndarray
     """(e, 1) event of each fix, or (e, s) of each range; -1 for a range that is not received."""
     model: FilterModel
-    """`beliefs` for the kernels."""
+    """`design` for the kernels."""
     start: InitialErrors
     """1 sigma of the initial errors in the filter model."""
     watching: monitoring.Monitoring | None = None
@@ -160,17 +160,17 @@ class Flight:
     @cached_property
     def snapshot(self) -> monitoring.Snapshot | None:
         """Monitor of the fixes, None without."""
-        return None if self.watching is None or self.watching.bank else self.watching.over(self.world.signals)
+        return None if self.watching is None or self.watching.bank else self.watching.over(self.shared.signals)
 
     @property
-    def monitor(self) -> monitoring.Watcher | None:
+    def monitor(self) -> monitoring.LandingMonitor | None:
         """Monitor of the landing, None without."""
         return self.snapshot or self.bank
 
     @property
     def expected(self) -> tuple[monitoring.ExpectedFault, ...]:
         """The faults that it expects."""
-        return () if self.watching is None else self.watching.expected(self.world.signals)
+        return () if self.watching is None else self.watching.expected(self.shared.signals)
 
     @property
     def limited(self) -> bool:
@@ -180,12 +180,12 @@ class Flight:
     @property
     def scales(self) -> tuple[int, ...]:
         """Numbers of the time scales that the filter has a bias of the clock for."""
-        return self.beliefs.followed(self.world.scales)
+        return self.design.followed(self.shared.scales)
 
     @property
     def candidates(self) -> tuple[monitoring.ExpectedFault, ...]:
         """Candidates for exclusion after an alarm."""
-        return () if self.watching is None else self.watching.candidates(self.world.signals)
+        return () if self.watching is None else self.watching.candidates(self.shared.signals)
 
     @property
     def drops(self) -> bool:
@@ -197,13 +197,13 @@ class Flight:
         """Excludes candidates, None without exclusion."""
         if self.watching is None or self.watching.exclusion == monitoring.NO_EXCLUSION:
             return None
-        return Excluder(self.watching, self.world.signals, self.world.start, self.world.antenna_enu)
+        return Excluder(self.watching, self.shared.signals, self.shared.start, self.shared.antenna_enu)
 
     @cached_property
     def range_errors(self) -> RangeErrors:
         """Time-correlated errors of ranges as states, where a tightly coupled filter follows them."""
-        assert self.beliefs.lasting is not None
-        return RangeErrors(self.world.signals, self.beliefs.lasting)
+        assert self.design.correlated is not None
+        return RangeErrors(self.shared.signals, self.design.correlated)
 
     @cached_property
     def reflection_sigma(self) -> np.ndarray | None:
@@ -212,7 +212,7 @@ class Flight:
 
         None without reflections, or if the filter model neglects them.
         """
-        reflections, time = self._reflections, self.world.signals.time
+        reflections, time = self._reflections, self.shared.signals.time
         if reflections is None or time.size < 2:
             return None
         duration, interval = float(time[-1] - time[0]), float(np.median(np.diff(time)))
@@ -221,7 +221,7 @@ class Flight:
     @property
     def _reflections(self) -> ReflectionErrors | None:
         """Reflection errors in the filter model."""
-        return self.world.signals.reflections if self.beliefs.reflections else None
+        return self.shared.signals.reflections if self.design.reflections else None
 
     @cached_property
     def fix_bias(self) -> np.ndarray | None:
@@ -229,8 +229,8 @@ class Flight:
         of errors by reflections over all phases; None of none."""
         out = None if self.curvature is None else self.curvature.mean
         if self._reflections is not None:
-            mean = np.where(self.world.signals.used, self._reflections.mean, 0.0)
-            by_reflections = np.einsum("ems,es->em", self.world.fix_errors.by_range, mean)
+            mean = np.where(self.shared.signals.used, self._reflections.mean, 0.0)
+            by_reflections = np.einsum("ems,es->em", self.shared.fix_errors.by_range, mean)
             out = by_reflections if out is None else out + by_reflections
         return out
 
@@ -238,51 +238,51 @@ class Flight:
     def range_bias(self) -> np.ndarray:
         """The errors of ranges (e, s), m, that a tightly coupled filter takes off: the mean of those by reflections."""
         reflections = self._reflections
-        return np.zeros_like(self.world.signals.range) if reflections is None else reflections.mean
+        return np.zeros_like(self.shared.signals.range) if reflections is None else reflections.mean
 
     @property
     def range_error_sigma(self) -> np.ndarray:
         """1 sigma of the errors of each group (e, s, g), m, that a tightly coupled filter follows; of no size where it
         follows none."""
-        lasting = self.beliefs.lasting
-        if lasting is None or not lasting.followed or self.world.signals.lasting is None:
-            return np.empty((*self.world.signals.used.shape, 0))
+        correlated = self.design.correlated
+        if correlated is None or not correlated.followed or self.shared.signals.correlated is None:
+            return np.empty((*self.shared.signals.used.shape, 0))
         return self.range_errors.size
 
     @cached_property
-    def lasting_roots(self) -> np.ndarray:
+    def correlated_roots(self) -> np.ndarray:
         """Effect of estimated time-correlated errors on fixes (e, MOST, k)."""
-        lasting = self.beliefs.lasting
-        if lasting is None or not lasting.followed:
-            return np.empty((0, MOST, 0))
-        return self.beliefs.sigma_scale * self.world.fix_errors.roots(lasting.groups)
+        correlated = self.design.correlated
+        if correlated is None or not correlated.followed:
+            return np.empty((0, MAX_MEASUREMENT_SIZE, 0))
+        return self.design.sigma_scale * self.shared.fix_errors.roots(correlated.groups)
 
     @cached_property
-    def lasting_projections(self) -> np.ndarray:
+    def correlated_projections(self) -> np.ndarray:
         """Effect of errors of each kind and source on those (e, k, kinds, s), if the filter estimates them."""
-        assert self.beliefs.lasting is not None
-        return self.world.fix_errors.projections(self.beliefs.lasting.groups) / self.beliefs.sigma_scale
+        assert self.design.correlated is not None
+        return self.shared.fix_errors.projections(self.design.correlated.groups) / self.design.sigma_scale
 
-    def lasting_of_states(self, epoch: int) -> np.ndarray:
+    def correlated_of_states(self, epoch: int) -> np.ndarray:
         """Effect (n, k, s) of time-correlated errors of variance one, of each kind and source, on the filter's states
         for them.
 
         Of an epoch; states in units of their sigma in the filter model. Empty if the filter estimates none.
         """
-        lasting, signals = self.beliefs.lasting, self.world.signals
-        assert signals.lasting is not None
-        if lasting is None or not lasting.followed:
-            return np.empty((0, *signals.lasting.sigma.shape[::2]))
-        if not self.beliefs.tight:
-            return np.asarray(self.lasting_projections[epoch])
-        return self.range_errors.projections(epoch) / self.beliefs.sigma_scale
+        correlated, signals = self.design.correlated, self.shared.signals
+        assert signals.correlated is not None
+        if correlated is None or not correlated.followed:
+            return np.empty((0, *signals.correlated.sigma.shape[::2]))
+        if not self.design.tight:
+            return np.asarray(self.correlated_projections[epoch])
+        return self.range_errors.projections(epoch) / self.design.sigma_scale
 
     @cached_property
-    def lasting_noise(self) -> np.ndarray:
+    def uncorrelated_noise(self) -> np.ndarray:
         """Covariance of the white part of each fix (e, MOST, MOST), m2, beside estimated time-correlated errors."""
-        assert self.beliefs.lasting is not None
-        errors = self.world.fix_errors
-        return errors.noise + errors.beside(self.beliefs.lasting.groups)
+        assert self.design.correlated is not None
+        errors = self.shared.fix_errors
+        return errors.noise + errors.beside(self.design.correlated.groups)
 
     @cached_property
     def noise_along_route(self) -> np.ndarray | None:
@@ -291,14 +291,14 @@ class Flight:
 
         The receiver computes its covariance at the fix, which near a source depends on the error of the fix.
         """
-        lasting, curvature = self.beliefs.lasting, self.curvature
-        if lasting is not None and lasting.followed:
-            noise = self.lasting_noise
+        correlated, curvature = self.design.correlated, self.curvature
+        if correlated is not None and correlated.followed:
+            noise = self.uncorrelated_noise
         elif curvature is None:
             return None
         else:
-            errors = self.world.fix_errors
-            noise = errors.noise + (0.0 if lasting is None else errors.of_kinds(lasting.factor))
+            errors = self.shared.fix_errors
+            noise = errors.noise + (0.0 if correlated is None else errors.of_kinds(correlated.factor))
         return noise if curvature is None else noise + curvature.noise
 
     @cached_property
@@ -307,16 +307,16 @@ class Flight:
 
         If the filter uses ranges, only those due to time-correlated errors; the others average out.
         """
-        signals = self.world.signals
+        signals = self.shared.signals
         if not has_near_sources(signals):
             return None
-        noise, lasting = signals.noise_sigma, np.zeros_like(signals.fix_sigma)
+        noise, correlated = signals.noise_sigma, np.zeros_like(signals.fix_sigma)
         if signals.smoothing is not None:
-            noise, lasting = lasting, signals.fix_sigma
-        elif signals.lasting is not None:
-            lasting = signals.lasting.total
-        noise = np.zeros_like(noise) if self.beliefs.tight else noise
-        found = self.world.fix_errors.curvature(noise, lasting, MOST if self.beliefs.velocity else 3)
+            noise, correlated = correlated, signals.fix_sigma
+        elif signals.correlated is not None:
+            correlated = signals.correlated.total
+        noise = np.zeros_like(noise) if self.design.tight else noise
+        found = self.shared.fix_errors.curvature(noise, correlated, MAX_MEASUREMENT_SIZE if self.design.velocity else 3)
         return found if found.squares > NEGLIGIBLE else None
 
     @property
@@ -327,13 +327,13 @@ class Flight:
         exclusion removes some.
         """
         watching = self.watching
-        other = watching is not None and (watching.bank or (self.excluder and not self.beliefs.tight))
+        other = watching is not None and (watching.bank or (self.excluder and not self.design.tight))
         return self.second_order and not other and self._second_order is not None
 
     @property
     def curvature(self) -> Curvature | None:
         """Second-order errors of fixes in a loosely coupled filter model; None if negligible."""
-        return self._second_order if self._has_second_order and not self.beliefs.tight else None
+        return self._second_order if self._has_second_order and not self.design.tight else None
 
     @cached_property
     def range_curvature(self) -> Curvature | None:
@@ -342,7 +342,7 @@ class Flight:
 
         They follow from the filter's own position errors, to first order.
         """
-        if not self._has_second_order or not self.beliefs.tight:
+        if not self._has_second_order or not self.design.tight:
             return None
         from navsim.simulation.landing_covariance import curvature_of_ranges
 
@@ -354,19 +354,21 @@ class Flight:
         of that part, because the third counts; to first order, where it does not."""
         if self._second_order is None:
             return ()
-        signals = self.world.signals
-        sigma = signals.lasting.total if self.beliefs.tight and signals.lasting is not None else signals.fix_sigma
+        signals = self.shared.signals
+        sigma = signals.correlated.total if self.design.tight and signals.correlated is not None else signals.fix_sigma
         order = 2 if self._has_second_order else 1
-        every = near_passes(signals, self.world.fix_errors.of_ranges(sigma), order)
+        every = near_passes(signals, self.shared.fix_errors.of_ranges(sigma), order)
         return tuple(one for one in every if one.counts)
 
     @property
     def range_sigma(self) -> np.ndarray:
         """1 sigma of pseudoranges (e, s), m, as noise in a tightly coupled filter model."""
-        signals, lasting = self.world.signals, self.beliefs.lasting
+        signals, correlated = self.shared.signals, self.design.correlated
         sigma = signals.fix_sigma
-        if lasting is not None and signals.lasting is not None:
-            of_kinds = 0.0 if lasting.followed else np.einsum("k,kes->es", lasting.factor, signals.lasting.sigma**2)
+        if correlated is not None and signals.correlated is not None:
+            of_kinds = (
+                0.0 if correlated.followed else np.einsum("k,kes->es", correlated.factor, signals.correlated.sigma**2)
+            )
             sigma = np.sqrt(signals.noise_sigma**2 + of_kinds)
         return sigma if self.reflection_sigma is None else np.hypot(sigma, self.reflection_sigma)
 
@@ -378,48 +380,52 @@ class Flight:
     def without(self, candidate: int) -> Flight:
         """The flight without the sources of one of `candidates`, for the filter model of fixes made without them."""
         if candidate not in self._without:
-            signals = self.world.signals
+            signals = self.shared.signals
             kept = ~np.isin(signals.names, self.candidates[candidate].sources)
-            world = replace(self.world, signals=replace(signals, used=signals.used & kept))
-            self._without[candidate] = replace(self, world=world)
+            shared = replace(self.shared, signals=replace(signals, used=signals.used & kept))
+            self._without[candidate] = replace(self, shared=shared)
         return self._without[candidate]
 
-    def over(self, world: World) -> Flight:
+    def over(self, shared: SharedTruth) -> Flight:
         """Copy of this flight with another world."""
-        return prepare(world, self.initial, self.gyro, self.accel, self.beliefs, self.start, self.watching)
+        return prepare(shared, self.initial, self.gyro, self.accel, self.design, self.start, self.watching)
 
 
 def prepare(
-    world: World,
+    shared: SharedTruth,
     initial: InitialErrors,
     gyro: imu.Triad,
     accel: imu.Triad,
-    beliefs: Beliefs,
+    design: FilterDesign,
     start: InitialErrors,
     watching: monitoring.Monitoring | None = None,
 ) -> Flight:
     """Create a flight; start: 1 sigma of the initial errors in the filter model."""
-    if beliefs.tight and beliefs.lasting is not None and beliefs.lasting.followed:
-        step = float(world.imu_time[1] - world.imu_time[0])
-        errors = () if world.signals.lasting is None else RangeErrors(world.signals, beliefs.lasting).blocks(step)
-        beliefs = beliefs.with_range_errors(errors)
-    covariance = beliefs.covariance(start.position, start.velocity, start.attitude, world.scales)
-    model = beliefs.model(scales=world.scales)
-    return Flight(world, initial, gyro, accel, beliefs, covariance, *_order(world, beliefs), model, start, watching)
+    if design.tight and design.correlated is not None and design.correlated.followed:
+        step = float(shared.imu_time[1] - shared.imu_time[0])
+        errors = (
+            () if shared.signals.correlated is None else RangeErrors(shared.signals, design.correlated).blocks(step)
+        )
+        design = design.with_range_errors(errors)
+    covariance = design.covariance(start.position, start.velocity, start.attitude, shared.scales)
+    model = design.model(scales=shared.scales)
+    return Flight(
+        shared, initial, gyro, accel, design, covariance, *_schedule_events(shared, design), model, start, watching
+    )
 
 
-def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
+def _schedule_events(shared: SharedTruth, design: FilterDesign) -> tuple[Events, np.ndarray]:
     """The events of a flight, and those of its fixes or ranges, see `Flight`."""
     # the filter knows the arrival of a fix and its age in the filter model
-    arrival = world.filter_time[1:]
-    valid = np.maximum(arrival - beliefs.latency, 0.0)
-    smooths = is_smoother(beliefs.kind)
+    arrival = shared.filter_time[1:]
+    valid = np.maximum(arrival - design.latency, 0.0)
+    smooths = is_smoother(design.kind)
     known = valid if smooths else arrival
-    heard = world.signals.used if beliefs.tight else np.ones((arrival.size, 1), bool)
-    epoch, kind = np.nonzero(heard)[0], RANGE if beliefs.tight else FIX
+    heard = shared.signals.used if design.tight else np.ones((arrival.size, 1), bool)
+    epoch, kind = np.nonzero(heard)[0], RANGE if design.tight else FIX
     events = schedule(
-        world.filter_time, (kind, valid[epoch], known[epoch]),
-        *((aid.sensor.kind, aid.valid, aid.valid if smooths else aid.arrival) for aid in world.aids),
+        shared.filter_time, (kind, valid[epoch], known[epoch]),
+        *((aid.sensor.kind, aid.valid, aid.valid if smooths else aid.arrival) for aid in shared.aids),
     )  # fmt: skip
     weighed = np.full(heard.shape, -1)
     weighed[heard] = events.rows(kind)
@@ -452,42 +458,42 @@ class Inputs:
     """(o, k, W) true values of the filter's sensor states and clock states, for its errors."""
     clipped: np.ndarray
     """(2, W) samples of gyros and of accelerometers beyond their range."""
-    flown: Flown | None = None
+    flown: DispersedTrajectories | None = None
     """Trajectories of the runs; None if all fly the route."""
 
 
 def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = None) -> Inputs:
     """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.
 
-    known: see `Ways.flown`. Raises ValueError for more.
+    known: see `Dispersion.flown`. Raises ValueError for more.
     """
     if not 0 < len(runs) <= WIDTH:
         raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
-    world, beliefs = flight.world, flight.beliefs
-    flown = None if world.ways is None else world.ways.flown(seed, runs, WIDTH, known)
+    shared, design = flight.shared, flight.design
+    flown = None if shared.ways is None else shared.ways.flown(seed, runs, WIDTH, known)
     initial = np.empty((states.SENSORS, WIDTH))
-    aided, aided_exact = (tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids) for _ in range(2))
+    aided, aided_exact = (tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in shared.aids) for _ in range(2))
     for lane, run in enumerate(runs):
         initial[:, lane] = initial_errors(flight, seed, run)
-        way = None if world.ways is None or flown is None or not aided else world.ways.of_run(flown, lane)
-        for aid, of_aid, exact_of_aid in zip(world.aids, aided, aided_exact, strict=True):
+        way = None if shared.ways is None or flown is None or not aided else shared.ways.of_run(flown, lane)
+        for aid, of_aid, exact_of_aid in zip(shared.aids, aided, aided_exact, strict=True):
             exact_of_aid[..., lane] = aid.exact_on(way)
             of_aid[..., lane] = aid.measured(seed, run, way, exact_of_aid[..., lane])
-    dt = world.imu_time[1] - world.imu_time[0]
-    exact = (world.dtheta, world.dv) if flown is None else (flown.dtheta, flown.dv)
+    dt = shared.imu_time[1] - shared.imu_time[0]
+    exact = (shared.dtheta, shared.dv) if flown is None else (flown.dtheta, flown.dv)
     dtheta, dv, errors = imu.simulate_lanes(
-        generators(seed, runs, "imu", WIDTH), len(runs), *exact, dt, flight.gyro, flight.accel, world.filter_index
+        generators(seed, runs, "imu", WIDTH), len(runs), *exact, dt, flight.gyro, flight.accel, shared.filter_index
     )
-    true = {states.GYROS: true_values(beliefs.sensors.blocks, errors)}
-    wandered = Wander.of(world, seed, runs, WIDTH)
-    lasting = lasting_errors(world, seed, runs)
-    ranges, rates, phases = draw_measurements(world, seed, runs, WIDTH, wandered, lasting, flown)
-    if lasting is not None:
-        true[RANGE if beliefs.tight else FIX] = _lasting_of(flight, lasting)
-    true.update({aid.sensor.kind: _states_of_aid(aid, world, seed, runs) for aid in world.aids})
-    kinds = dict.fromkeys(block.triad for block in beliefs.sensors.blocks if block.triad > states.ACCELEROMETERS)
+    true = {states.GYROS: true_values(design.sensors.blocks, errors)}
+    wandered = ClockErrors.of(shared, seed, runs, WIDTH)
+    correlated = correlated_errors(shared, seed, runs)
+    ranges, rates, phases = draw_measurements(shared, seed, runs, WIDTH, wandered, correlated, flown)
+    if correlated is not None:
+        true[RANGE if design.tight else FIX] = _correlated_states(flight, correlated)
+    true.update({aid.sensor.kind: _states_of_aid(aid, shared, seed, runs) for aid in shared.aids})
+    kinds = dict.fromkeys(block.triad for block in design.sensors.blocks if block.triad > states.ACCELEROMETERS)
     sensors = np.concatenate([true[kind] for kind in (states.GYROS, *kinds)], axis=1)
-    clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
+    clock, sensors = _clock_states(flight, seed, runs, wandered, sensors)
     for lanes in (
         initial,
         dtheta,
@@ -504,24 +510,24 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = No
     return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown)
 
 
-def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
+def _correlated_states(flight: Flight, errors: np.ndarray) -> np.ndarray:
     """True values (o, k, W) of the time-correlated errors that the filter estimates at its outputs, from
-    `lasting_errors`.
+    `correlated_errors`.
 
     They are those of the last fix, and before it those of the first one.
     """
-    believed = flight.beliefs.lasting
-    outputs = flight.world.filter_time.size
-    if believed is None or not believed.followed:
+    assumed = flight.design.correlated
+    outputs = flight.shared.filter_time.size
+    if assumed is None or not assumed.followed:
         return np.empty((outputs, 0, WIDTH))
     epoch = np.maximum(np.arange(outputs) - 1, 0)
-    if flight.beliefs.tight:
+    if flight.design.tight:
         mine = flight.range_errors
         out = np.empty((outputs, mine.states[0].size, WIDTH))
         for lane in range(errors.shape[-1]):
-            out[..., lane] = mine.true_values(errors[..., lane])[epoch] / flight.beliefs.sigma_scale
+            out[..., lane] = mine.true_values(errors[..., lane])[epoch] / flight.design.sigma_scale
         return out
-    effect = flight.lasting_projections
+    effect = flight.correlated_projections
     out = np.empty((outputs, effect.shape[1], WIDTH))
     for lane in range(errors.shape[-1]):
         # one run at a time: sums over its numbers have one order
@@ -530,16 +536,16 @@ def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
     return out
 
 
-def _states_of_aid(aid: Aid, world: World, seed: int, runs: Sequence[int]) -> np.ndarray:
+def _states_of_aid(aid: Aid, shared: SharedTruth, seed: int, runs: Sequence[int]) -> np.ndarray:
     """True values (o, k, W) of the filter's states for the errors of a sensor, at its outputs."""
-    out = np.empty((world.filter_time.size, len(aid.sensor.followed) * aid.sensor.components, WIDTH))
+    out = np.empty((shared.filter_time.size, len(aid.sensor.followed) * aid.sensor.components, WIDTH))
     for lane, run in enumerate(runs):
-        out[..., lane] = aid.true_states(seed, run, world.filter_time)
+        out[..., lane] = aid.true_states(seed, run, shared.filter_time)
     return out
 
 
-def _clock_of(
-    flight: Flight, seed: int, runs: Sequence[int], wandered: Wander | None, sensors: np.ndarray
+def _clock_states(
+    flight: Flight, seed: int, runs: Sequence[int], wandered: ClockErrors | None, sensors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Estimates of the clock's states at time 0 (c, W), and its true values behind those of the sensors (o, k + c,
     W)."""
@@ -569,7 +575,7 @@ def fly(
     first_order: computes their first-order errors, None if they are not requested.
     Where aircraft are steered by their estimates they fly twice: first without that, to know their errors. Raises
     ValueError for more."""
-    inputs, ways = draw(flight, seed, runs), flight.world.ways
+    inputs, ways = draw(flight, seed, runs), flight.shared.ways
     if ways is not None and ways.follows:
         before = fly_inputs(flight, inputs, len(runs)).error[..., states.SLICES["position"]]
         of_lanes = before[np.minimum(np.arange(WIDTH), len(runs) - 1)].transpose(1, 2, 0)
@@ -577,14 +583,19 @@ def fly(
     return fly_inputs(flight, inputs, len(runs), measured, first_order)
 
 
-NO_FIXES = FixTable(np.empty((0, 3, WIDTH)), np.empty((0, 3, WIDTH)), np.empty((0, MOST, MOST, WIDTH)), np.zeros(3))
+NO_FIXES = FixTable(
+    np.empty((0, 3, WIDTH)),
+    np.empty((0, 3, WIDTH)),
+    np.empty((0, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE, WIDTH)),
+    np.zeros(3),
+)
 """A table of fixes of lanes without any."""
 _ROWS = 64
 """Numbers of a run that are taken out of its lane before those of the next: 4 kB of eight lanes."""
 
 
 @kernel
-def _take_apart(lanes: np.ndarray, runs: np.ndarray) -> None:
+def _runs_of_lanes(lanes: np.ndarray, runs: np.ndarray) -> None:
     """Runs (r, m) out of the first lanes of (m, W)."""
     count, numbers = runs.shape
     for first in range(0, numbers, _ROWS):
@@ -598,15 +609,17 @@ def fly_inputs(
 ) -> Run:
     """Run the filter on these inputs; returns the first `count` landings, with their measurements and first-order
     errors if requested."""
-    world, beliefs = flight.world, flight.beliefs
+    shared, design = flight.shared, flight.design
     n = flight.covariance.shape[0]
     nav = with_clock(flight, initial_estimate(flight, inputs.initial, inputs.flown), inputs.clock)
-    ranges, rates = smoothed(world, inputs.ranges, inputs.phases), inputs.rates
-    fixes = receiver_fixes(world, ranges, rates)
-    antenna = in_all_lanes(world.signals.antenna) if inputs.flown is None else inputs.flown.antenna
-    watched = Watched.of_fixes(flight, antenna, ranges, fixes).settled(flight, antenna, ranges, rates, fixes)
+    ranges, rates = smoothed(shared, inputs.ranges, inputs.phases), inputs.rates
+    fixes = receiver_fixes(shared, ranges, rates)
+    antenna = in_all_lanes(shared.signals.antenna) if inputs.flown is None else inputs.flown.antenna
+    watched = MonitorOutput.of_fixes(flight, antenna, ranges, fixes).after_exclusion(
+        flight, antenna, ranges, rates, fixes
+    )
     llh, velocity, clocks, cov = fixes
-    if beliefs.tight:
+    if design.tight:
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
     else:
         given = np.where((watched.status == monitoring.ALARM)[:, None], np.nan, llh) if flight.drops else llh
@@ -619,24 +632,24 @@ def fly_inputs(
         tables = measurements(flight, table, inputs.aided)
 
     linear = None if first_order is None else first_order.errors(flight, inputs, ranges)
-    account = empty_account(
-        _truth(world, inputs), n, flight.events.time.size, WIDTH,
-        single=n - 3 * len(states.slices(beliefs.sensors.blocks)), innovations=flight.bank is not None,
+    account = empty_error_history(
+        _truth(shared, inputs), n, flight.events.time.size, WIDTH,
+        single=n - 3 * len(states.slices(design.sensors.blocks)), innovations=flight.bank is not None,
     )  # fmt: skip
-    start_ = begun(flight, nav, in_all_lanes(flight.covariance))
-    fly_filter(ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, account)
+    start_ = initial_state(flight, nav, in_all_lanes(flight.covariance))
+    fly_filter(ImuData(shared.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, account)
     if flight.bank is not None:
-        watched = Watched.of_filter(flight, account, fixes, ranges, rates)
+        watched = MonitorOutput.of_filter(flight, account, fixes, ranges, rates)
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
         runs = np.empty((count, *lanes.shape[:-1]))
-        _take_apart(lanes.reshape(-1, WIDTH), runs.reshape(count, -1))
+        _runs_of_lanes(lanes.reshape(-1, WIDTH), runs.reshape(count, -1))
         return runs
 
     def of_signals(lanes: np.ndarray) -> np.ndarray:
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
 
-    of_filter = tables.fixes if measured and not beliefs.tight else NO_FIXES
+    of_filter = tables.fixes if measured and not design.tight else NO_FIXES
     none = np.empty((0, 3, WIDTH))
     own = {"deviation": none, "attitude": none, "antenna": none, "gust": none}
     if inputs.flown is not None:
@@ -649,13 +662,13 @@ def fly_inputs(
     status, ratio = of_runs(watched.status).astype(np.int64), np.empty((count, 0))
     if flight.watching is not None and flight.watching.innovations is not None:
         squared, degrees = of_events["innovation_squared"], of_events["degrees"]
-        ratio = flight.watching.innovations.ratio(world.signals.time, squared, degrees)
+        ratio = flight.watching.innovations.ratio(shared.signals.time, squared, degrees)
         status = np.where((ratio > 1.0) & (status != monitoring.NO_FIX), monitoring.ALARM, status)
     return Run(
         of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
-        of_runs(account.judgement.error), of_runs(account.sigma), of_runs(account.cross),
-        of_runs(account.judgement.nees), of_runs(account.judgement.nees_position_velocity),
-        of_runs(account.judgement.nees_group),
+        of_runs(account.errors.error), of_runs(account.sigma), of_runs(account.cross),
+        of_runs(account.errors.nees), of_runs(account.errors.nees_position_velocity),
+        of_runs(account.errors.nees_group),
         **of_events,
         monitor_statistic=of_runs(watched.statistic), monitor_status=status, innovation_ratio=ratio,
         watched_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
@@ -664,7 +677,7 @@ def fly_inputs(
         delta_angle=of_signals(inputs.dtheta), delta_velocity=of_signals(inputs.dv),
         start_llh=of_runs(nav[states.NAV_LLH : states.NAV_VEL]),
         start_velocity=of_runs(nav[states.NAV_VEL : states.NAV_QUAT]),
-        start_rpy=roll_pitch_yaw(dcm_from_quaternion(of_runs(nav[states.NAV_QUAT : states.NAV_HELD]))),
+        start_rpy=roll_pitch_yaw(dcm_from_quaternion(of_runs(nav[states.NAV_QUAT : states.NAV_BIAS_FRAME]))),
         filter_fix_llh=of_runs(of_filter.llh), filter_fix_velocity=of_runs(of_filter.velocity),
         filter_fix_covariance=of_runs(of_filter.covariance),
         clipped=of_runs(inputs.clipped).astype(np.int64) if flight.limited else np.empty((count, 0), np.int64),
@@ -672,18 +685,18 @@ def fly_inputs(
     )  # fmt: skip
 
 
-def _truth(world: World, inputs: Inputs) -> Truth:
+def _truth(shared: SharedTruth, inputs: Inputs) -> Truth:
     """True values for the errors of runs."""
-    route, flown = world.at_filter, inputs.flown
+    route, flown = shared.at_filter, inputs.flown
     if flown is not None:
         return Truth(flown.llh, flown.velocity, flown.quaternion, inputs.sensors)
     llh, velocity, quaternion = (in_all_lanes(m) for m in (route.llh, route.velocity_ned, route.quaternion))
     return Truth(llh, velocity, quaternion, inputs.sensors)
 
 
-def begun(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
+def initial_state(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
     """Initial state of a flight's filter; nav (NAV,), covariance (n, n), of one run or of lanes."""
-    sources = len(flight.world.signals.names) if flight.beliefs.tight else 0
+    sources = len(flight.shared.signals.names) if flight.design.tight else 0
     return start(nav, covariance, flight.model.components, sources)
 
 
@@ -694,8 +707,8 @@ def _of_events(
 
     aided: (r, m, k) of each; squared, degrees, status (r, k): of all events.
     """
-    aids = np.concatenate([np.empty(0, np.int64), *(flight.events.rows(a.sensor.kind) for a in flight.world.aids)])
-    measured = np.full((squared.shape[0], aids.size, MOST), np.nan)
+    aids = np.concatenate([np.empty(0, np.int64), *(flight.events.rows(a.sensor.kind) for a in flight.shared.aids)])
+    measured = np.full((squared.shape[0], aids.size, MAX_MEASUREMENT_SIZE), np.nan)
     first = 0
     for numbers in aided:
         measured[:, first : first + numbers.shape[1], : numbers.shape[2]] = numbers
@@ -715,7 +728,7 @@ def _of_epochs(flight: Flight, of_events: dict[str, np.ndarray]) -> dict[str, np
     """Innovations squared, degrees and status of each epoch (r, e), from those of all events (r, k), and range_status
     (r, e, s), see `records.by_epoch`."""
     weighed = flight.weighed
-    if not flight.beliefs.tight:
+    if not flight.design.tight:
         of_fixes = {name: values[:, weighed[:, 0]] for name, values in of_events.items()}
         return {**of_fixes, "range_status": np.empty((*of_fixes["status"].shape, 0), np.int64)}
     names = ("squared", "degrees", "status", "range_status")

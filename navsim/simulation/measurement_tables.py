@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.design import Beliefs
+from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import in_all_lanes
 from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.geodesy.earth import llh_from_ecef
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from navsim.simulation.landing import Flight
 
 
-def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
+def table_of_fixes(design: FilterDesign, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
     """Fixes (m, 3), (m, 3), (m, 6, 6) as the filter takes them."""
-    used = velocity if beliefs.velocity else np.full_like(velocity, np.nan)
-    believed = covariance if beliefs.sigma_scale == 1.0 else beliefs.sigma_scale**2 * covariance
-    return FixTable(llh, used, believed, beliefs.lever_arm)
+    used = velocity if design.velocity else np.full_like(velocity, np.nan)
+    assumed = covariance if design.sigma_scale == 1.0 else design.sigma_scale**2 * covariance
+    return FixTable(llh, used, assumed, design.lever_arm)
 
 
 def table_of_all_fixes(
@@ -37,29 +37,29 @@ def table_of_all_fixes(
 
     epochs: their epochs.
     """
-    lasting, bias, lanes = flight.beliefs.lasting, flight.fix_bias, covariance.ndim == 4
+    correlated, bias, lanes = flight.design.correlated, flight.fix_bias, covariance.ndim == 4
     noise = flight.noise_along_route
     if noise is not None:
         # a fix of another receiver may come where the scenario's has none
-        known = flight.world.fix_errors.fixed[epochs, None, None]
+        known = flight.shared.fix_errors.fixed[epochs, None, None]
         covariance = in_all_lanes(noise[epochs]) if lanes else np.where(known, noise[epochs], covariance)
-    elif lasting is not None:
-        more = flight.world.fix_errors.of_kinds(lasting.factor - 1.0)[epochs]
+    elif correlated is not None:
+        more = flight.shared.fix_errors.of_kinds(correlated.factor - 1.0)[epochs]
         covariance = covariance + (more[..., None] if lanes else more)
     if flight.reflection_sigma is not None:
-        more = flight.world.fix_errors.of_ranges(flight.reflection_sigma)[epochs]
+        more = flight.shared.fix_errors.of_ranges(flight.reflection_sigma)[epochs]
         covariance = covariance + (more[..., None] if lanes else more)
     if bias is not None:
-        mean, route = bias[epochs], llh_from_ecef(flight.world.signals.antenna[epochs])
+        mean, route = bias[epochs], llh_from_ecef(flight.shared.signals.antenna[epochs])
         llh = shifted(llh, -mean[:, : states.VEL], route)
         velocity = velocity - mean[:, states.VEL :].reshape(-1, 3, *(1,) * (velocity.ndim - 2))
-    table = table_of_fixes(flight.beliefs, llh, velocity, covariance)
-    return table if lasting is None else table._replace(lasting=flight.lasting_roots[epochs])
+    table = table_of_fixes(flight.design, llh, velocity, covariance)
+    return table if correlated is None else table._replace(correlated=flight.correlated_roots[epochs])
 
 
 def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> RangeTable:
     """Table of the pseudoranges and range rates (e, s) of one run, or of lanes, for a tightly coupled filter."""
-    signals, beliefs, heard = flight.world.signals, flight.beliefs, flight.world.signals.used
+    signals, design, heard = flight.shared.signals, flight.design, flight.shared.signals.used
     bias = np.full(MAX_CLOCKS, -1)
     bias[list(flight.scales)] = np.arange(len(flight.scales))
     source, curvature = np.nonzero(heard)[1], flight.range_curvature
@@ -69,12 +69,12 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
     if curvature is not None:
         sigma = np.sqrt(sigma**2 + diagonal_bound(curvature.noise))
         given = given - curvature.mean.reshape(*curvature.mean.shape, *(1,) * (given.ndim - 2))
-    sigma = beliefs.sigma_scale * sigma
+    sigma = design.sigma_scale * sigma
     return RangeTable(
         signals.position[heard], signals.velocity[heard], signals.range[heard], sigma[:, 0].copy(), sigma[:, 1].copy(),
         source, bias[signals.clock[source]], given[:, 0].copy(),
-        given[:, 1].copy() if beliefs.velocity else np.full_like(given[:, 1], np.nan), beliefs.lever_arm,
-        beliefs.sigma_scale * flight.range_error_sigma[heard],
+        given[:, 1].copy() if design.velocity else np.full_like(given[:, 1], np.nan), design.lever_arm,
+        design.sigma_scale * flight.range_error_sigma[heard],
     )  # fmt: skip
 
 
@@ -83,7 +83,7 @@ def measurements(flight: Flight, own: FixTable | RangeTable, aided: Sequence[np.
 
     Of one run, or of lanes.
     """
-    of_aids = zip(flight.world.aids, aided, strict=True)
+    of_aids = zip(flight.shared.aids, aided, strict=True)
     kind, shape = (FIX, own.llh.shape[2:]) if isinstance(own, FixTable) else (RANGE, own.pseudorange.shape[1:])
     tables = {kind: own, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}}
     return Measurements.of(tables, *shape)

@@ -8,41 +8,41 @@ import numpy as np
 
 from navsim.filter.estimate import in_all_lanes
 from navsim.integrity.fixes import ReceiverFixes, solved
-from navsim.simulation.dispersed_trajectory import Flown
-from navsim.simulation.shared_truth import CARRIER_SIGMA, Wander, World, carrier, smoothed
+from navsim.simulation.dispersed_trajectory import DispersedTrajectories
+from navsim.simulation.shared_truth import CARRIER_SIGMA, ClockErrors, SharedTruth, carrier, smoothed
 from navsim.statistics import noise
 from navsim.statistics.random_streams import generator
 
 
-def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
+def measured(shared: SharedTruth, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges (m) and range rates (m/s) of a run on the route (e, s), nan if missing."""
     ranges, rates, phases = draw_measurements(
-        world, seed, (run,), 1, Wander.of(world, seed, (run,), 1), lasting_errors(world, seed, (run,)), None
+        shared, seed, (run,), 1, ClockErrors.of(shared, seed, (run,), 1), correlated_errors(shared, seed, (run,)), None
     )
-    return smoothed(world, ranges, phases)[..., 0], rates[..., 0]
+    return smoothed(shared, ranges, phases)[..., 0], rates[..., 0]
 
 
-def lasting_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray | None:
+def correlated_errors(shared: SharedTruth, seed: int, runs: Sequence[int]) -> np.ndarray | None:
     """Time-correlated ranging errors of so many runs, in the sigma of their kinds (k, e, s, W); None without."""
-    if world.signals.lasting is None:
+    if shared.signals.correlated is None:
         return None
-    return world.signals.lasting.drawn(world.signals.time, [generator(seed, run, "lasting") for run in runs])
+    return shared.signals.correlated.drawn(shared.signals.time, [generator(seed, run, "lasting") for run in runs])
 
 
 def draw_measurements(
-    world: World,
+    shared: SharedTruth,
     seed: int,
     runs: Sequence[int],
     lanes: int,
-    wandered: Wander | None,
-    lasting: np.ndarray | None,
-    flown: Flown | None,
+    wandered: ClockErrors | None,
+    correlated: np.ndarray | None,
+    flown: DispersedTrajectories | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`.
 
-    lasting: from `lasting_errors`.
+    correlated: from `correlated_errors`.
     """
-    signals = world.signals
+    signals = shared.signals
     e, s = signals.range.shape
     # the additions below also reach idle lanes, the noise does not
     ranges, rates = np.zeros((e, s, lanes)), np.zeros((e, s, lanes))
@@ -55,9 +55,9 @@ def draw_measurements(
         scales = signals.offset.shape[1]
         apart = [signals.offset @ generator(seed, run, "space", 1).standard_normal(scales) for run in runs]
         delay = delay + np.stack(apart, axis=-1)[None]
-    if lasting is not None and signals.lasting is not None:
+    if correlated is not None and signals.correlated is not None:
         # errors after smoothing: in code and carrier alike
-        late = [np.sum(signals.lasting.sigma * lasting[..., lane], axis=0) for lane in range(len(runs))]
+        late = [np.sum(signals.correlated.sigma * correlated[..., lane], axis=0) for lane in range(len(runs))]
         delay = delay + np.stack(late, axis=-1)
     faster = None
     if signals.wandering is not None:
@@ -65,14 +65,14 @@ def draw_measurements(
         late, faster = signals.wandering.drawn(signals.time, rngs)
         delay = delay + late
     sigma = signals.sigma[..., None]
-    if world.heavier is not None:
+    if shared.heavier is not None:
         # of a branch: the stream itself is that of Gaussian noise
         of_runs = (generator(seed, run, "measurements", 1) for run in runs)
-        sigma = sigma * np.stack([world.heavier.scales(rng, (e, s)) for rng in of_runs], axis=-1)
+        sigma = sigma * np.stack([shared.heavier.scales(rng, (e, s)) for rng in of_runs], axis=-1)
     true = (signals.range[..., None], signals.range_rate[..., None]) if flown is None else (flown.ranges, flown.rates)
     noise.measure(
         generators(seed, runs, "measurements", lanes), len(runs), true[0], delay, sigma, true[1], signals.rate_sigma,
-        signals.used, world.clock, ranges, rates,
+        signals.used, shared.clock, ranges, rates,
     )  # fmt: skip
     if faster is not None:
         rates[..., : len(runs)] += faster
@@ -87,7 +87,7 @@ def draw_measurements(
         longer = delay[..., min(lane, delay.shape[2] - 1)]
         if flown is not None:
             longer = longer + (flown.ranges[..., lane] - signals.range)
-        phases[..., lane] = carrier(world, longer) + CARRIER_SIGMA * drawn
+        phases[..., lane] = carrier(shared, longer) + CARRIER_SIGMA * drawn
     if wandered is not None:
         phases += wandered.at_fixes[:, None, 0]
     return ranges, rates, phases
@@ -99,8 +99,8 @@ def generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple
     return (*own, *(own[-1] for _ in range(lanes - len(own))))
 
 
-def receiver_fixes(world: World, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
+def receiver_fixes(shared: SharedTruth, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
     """The receiver's fixes from measurements (e, s), or of lanes (e, s, W)."""
     lanes = (m if m.ndim == 3 else in_all_lanes(m) for m in (ranges, rates))
-    out = solved(world.start, world.signals, *lanes)
+    out = solved(shared.start, shared.signals, *lanes)
     return out if ranges.ndim == 3 else ReceiverFixes(*(m[..., 0].copy() for m in out))

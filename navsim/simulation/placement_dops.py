@@ -18,8 +18,8 @@ import math
 
 import numpy as np
 
-from navsim.compiler.jit import inlined, kernel
-from navsim.compiler.lanes import fma, registers, select, small_matrix
+from navsim.compiler.jit import kernel, kernel_inline
+from navsim.compiler.lanes import as_simd, fma, small_matrix, where
 from navsim.gnss.dop import SINGULAR
 
 PDOP, HDOP, VDOP = 0, 1, 2
@@ -109,7 +109,7 @@ def _common(receiver, up, reach, spare, satellites, weight, count, out):
     return solvable
 
 
-@inlined
+@kernel_inline
 def _eliminated(row, sites, places, c):
     """c (6,) <- C of placements at an epoch, xx, yx, yy, zx, zy, zz, with the first `sites` pseudolites."""
     x, y, z = row[_AT], row[_AT + 1], row[_AT + 2]
@@ -141,19 +141,19 @@ def _eliminated(row, sites, places, c):
     c[5] = fma(pz, bz, zz)
 
 
-@inlined
+@kernel_inline
 def _along(x, y, z, row, of):
     """The product of a vector and one of a row, from column `of` on."""
     return fma(x, row[of], fma(y, row[of + 1], z * row[of + 2]))
 
 
-@inlined
-def _seen(row, ridges, x, y, z, reach):
+@kernel_inline
+def _in_sight(row, ridges, x, y, z, reach):
     """1 where places (x, y, z), ECEF, m, whose own horizon is at a distance `reach`, are seen from a receiver, 0 where
     the Earth or a ridge is before them."""
     dx, dy, dz = x - row[_AT], y - row[_AT + 1], z - row[_AT + 2]
     farthest = row[_REACH] + reach
-    seen = select(fma(dz, dz, fma(dy, dy, dx * dx)) > farthest * farthest, 0.0, 1.0)
+    seen = where(fma(dz, dz, fma(dy, dy, dx * dx)) > farthest * farthest, 0.0, 1.0)
     for w in range(ridges.shape[0]):
         edge = ridges[w]
         # from the beginning of its top
@@ -168,19 +168,19 @@ def _seen(row, ridges, x, y, z, reach):
         beside = fma(share, _along(rx, ry, rz, edge, EDGE_ALONG) - begin, begin)
         height = fma(share, _along(rx, ry, rz, edge, EDGE_UP) - low, low)
         hidden = (there * here < 0.0) & (beside >= 0.0) & (beside <= 1.0) & (beside * edge[EDGE_RISE] > height)
-        seen = select(hidden, 0.0, seen)
+        seen = where(hidden, 0.0, seen)
     return seen
 
 
-@inlined
-def _eliminated_where_seen(row, sites, places, ridges, c):
+@kernel_inline
+def _eliminated_in_sight(row, sites, places, ridges, c):
     """`_eliminated` for pseudolites that neither the Earth nor a ridge hides; returns whether there are enough
     sources."""
     xx, yx, yy, zx, zy, zz = row[_A], row[_A + 1], row[_A + 2], row[_A + 3], row[_A + 4], row[_A + 5]
     bx, by, bz = row[_B], row[_B + 1], row[_B + 2]
     heard = 0.0
     for k in range(sites):
-        seen = _seen(row, ridges, places[k, 0], places[k, 1], places[k, 2], places[k, 3])
+        seen = _in_sight(row, ridges, places[k, 0], places[k, 1], places[k, 2], places[k, 3])
         ux = places[k, 0] - row[_AT]
         uy = places[k, 1] - row[_AT + 1]
         uz = places[k, 2] - row[_AT + 2]
@@ -199,7 +199,7 @@ def _eliminated_where_seen(row, sites, places, ridges, c):
         bz += uz
         heard += seen
     total = row[_KEPT] + heard
-    shared = select(total > 0.0, -1.0 / total, 0.0)
+    shared = where(total > 0.0, -1.0 / total, 0.0)
     px, py, pz = shared * bx, shared * by, shared * bz
     c[0] = fma(px, bx, xx)
     c[1] = fma(py, bx, yx)
@@ -209,10 +209,10 @@ def _eliminated_where_seen(row, sites, places, ridges, c):
     c[5] = fma(pz, bz, zz)
     # a clock that pseudolites alone keep is one unknown more
     own = 1.0 if row[_KEPT] == 0.0 else 0.0
-    return row[_SPARE] + heard >= select(heard > 0.0, own, 0.0)
+    return row[_SPARE] + heard >= where(heard > 0.0, own, 0.0)
 
 
-@inlined
+@kernel_inline
 def _squares(row, c):
     """Squares of PDOP and VDOP, and whether there is a solution; nan without one."""
     c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
@@ -226,7 +226,7 @@ def _squares(row, c):
     # as in `dop.well_posed`, from the sources minus their clock unknowns
     squares = k0 + k2 + k5
     solved = (SINGULAR * determinant > (c0 + c2 + c5) * squares) & (squares > 0.0)
-    inverse = select(solved, row[_VARIANCE] / determinant, math.nan)
+    inverse = where(solved, row[_VARIANCE] / determinant, math.nan)
     vertical = fma(row[_UP + 1], k1, fma(row[_UP + 2], k2, row[_UP] * k0))
     vertical = fma(row[_UP + 3], k3, fma(row[_UP + 4], k4, fma(row[_UP + 5], k5, vertical)))
     return squares * inverse, vertical * inverse, solved
@@ -252,7 +252,7 @@ def placement_dops(
 
     Lane l of register g is placement W g + l. Lanes after the last placement repeat it.
     """
-    places, out, lost = registers(places), registers(out), registers(lost)
+    places, out, lost = as_simd(places), as_simd(out), as_simd(lost)
     count, width = sites.shape[1], room.shape[2]
     epochs = receiver.shape[0]
     common = np.empty((epochs, _N))
@@ -276,28 +276,28 @@ def placement_dops(
                 if ridges.shape[0] == 0 and far.shape[0] == 0:
                     _eliminated(rows[e], heard, places, c[e])
                     continue
-                enough = _eliminated_where_seen(rows[e], heard, places, ridges, c[e])
+                enough = _eliminated_in_sight(rows[e], heard, places, ridges, c[e])
                 for i in range(6):
-                    c[e, i] = select(enough, c[e, i], math.nan)
+                    c[e, i] = where(enough, c[e, i], math.nan)
             for e in range(rows.shape[0]):
                 p_square, v_square, solved = _squares(rows[e], c[e])
                 p, h, v = math.sqrt(p_square), math.sqrt(p_square - v_square), math.sqrt(v_square)
-                solutions = select(solved, solutions + 1.0, solutions)
-                p_sum = select(solved, p_sum + p, p_sum)
-                h_sum = select(solved, h_sum + h, h_sum)
-                v_sum = select(solved, v_sum + v, v_sum)
+                solutions = where(solved, solutions + 1.0, solutions)
+                p_sum = where(solved, p_sum + p, p_sum)
+                h_sum = where(solved, h_sum + h, h_sum)
+                v_sum = where(solved, v_sum + v, v_sum)
                 # comparisons with nan are false: a lost epoch does not change the bounds
-                p_low = select(p < p_low, p, p_low)
-                h_low = select(h < h_low, h, h_low)
-                v_low = select(v < v_low, v, v_low)
-                p_high = select(p > p_high, p, p_high)
-                h_high = select(h > h_high, h, h_high)
-                v_high = select(v > v_high, v, v_high)
+                p_low = where(p < p_low, p, p_low)
+                h_low = where(h < h_low, h, h_low)
+                v_low = where(v < v_low, v, v_low)
+                p_high = where(p > p_high, p, p_high)
+                h_high = where(h > h_high, h, h_high)
+                v_high = where(v > v_high, v, v_high)
         lost[g] = epochs - solutions
         some = solutions > 0.0
         for d, total, low, high in (
             (PDOP, p_sum, p_low, p_high), (HDOP, h_sum, h_low, h_high), (VDOP, v_sum, v_low, v_high)
         ):  # fmt: skip
-            out[d, MEAN, g] = select(some, total / solutions, math.nan)
-            out[d, SMALLEST, g] = select(some, low, math.nan)
-            out[d, LARGEST, g] = select(some, high, math.nan)
+            out[d, MEAN, g] = where(some, total / solutions, math.nan)
+            out[d, SMALLEST, g] = where(some, low, math.nan)
+            out[d, LARGEST, g] = where(some, high, math.nan)

@@ -36,12 +36,12 @@ class Curvature:
     """(m, k)."""
     white: np.ndarray
     """(m, k, k) covariance of the part that is independent at each time."""
-    lasting: np.ndarray
+    correlated: np.ndarray
     """(m, k, 6) effect of each of six uncorrelated variables of variance one that stay the same during a pass."""
     squares: float
     """Sum of the squared errors, each in its measurement's covariance."""
     bound: np.ndarray
-    """(m, k, k) covariance of white noise that replaces `lasting` in the filter model; never too small."""
+    """(m, k, k) covariance of white noise that replaces `correlated` in the filter model; never too small."""
 
     @property
     def noise(self) -> np.ndarray:
@@ -49,18 +49,18 @@ class Curvature:
         return self.white + self.bound
 
     @classmethod
-    def of(cls, forms: np.ndarray, white: np.ndarray, lasting: np.ndarray, noise: np.ndarray) -> Curvature:
+    def of(cls, forms: np.ndarray, white: np.ndarray, correlated: np.ndarray, noise: np.ndarray) -> Curvature:
         """Second-order errors from their quadratic forms.
 
-        - `forms` (m, k, 3, 3); `white`, `lasting` (m, 3, 3): covariances of the two parts of position errors.
+        - `forms` (m, k, 3, 3); `white`, `correlated` (m, 3, 3): covariances of the two parts of position errors.
         - `noise` (m, k, k): covariance of the measurements' first-order noise, zero if there is none.
 
         A lasting error g_t q, q of variance one, is bounded by white noise of covariance g_t g_t' (sum of all c) / c_t.
         Here c_t is the size of g_t relative to the noise. The difference of the two covariances is diagonally dominant,
         so no estimate is worse than the filter believes, for any use of the measurements.
         """
-        mean, every = _products(forms, white + lasting)
-        _, gamma = _products(forms, lasting)
+        mean, every = _products(forms, white + correlated)
+        _, gamma = _products(forms, correlated)
         alone = every @ np.swapaxes(every, 1, 2) - gamma @ np.swapaxes(gamma, 1, 2)
         inverse = np.linalg.pinv(noise, hermitian=True)
         squares = np.einsum("mak,mab,mbk->mk", gamma, inverse, gamma)

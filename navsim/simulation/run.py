@@ -10,11 +10,11 @@ import numpy as np
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.records import (
-    Account,
+    ErrorHistory,
 )
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
-from navsim.integrity.fix_exclusion import SettledFixes
+from navsim.integrity.fix_exclusion import FixesAfterExclusion
 from navsim.integrity.fixes import ReceiverFixes, range_residuals
 
 if TYPE_CHECKING:
@@ -61,7 +61,8 @@ class Run:
     range_status: np.ndarray
     """(e, s) status of each range; empty unless the filter is tightly coupled."""
     aided: np.ndarray
-    """(a, MOST) measurements of sensors beside the receiver, in the order of `World.aids`; nan after their numbers."""
+    """(a, MOST) measurements of sensors beside the receiver, in the order of `SharedTruth.aids`; nan after their
+    numbers."""
     aided_squared: np.ndarray
     """(a,) as of the fixes."""
     aided_degrees: np.ndarray
@@ -69,7 +70,7 @@ class Run:
     aided_status: np.ndarray
     """(a,) as of the fixes."""
     monitor_statistic: np.ndarray
-    """(e,) test statistic of the monitor, see `Watched`."""
+    """(e,) test statistic of the monitor, see `MonitorOutput`."""
     monitor_status: np.ndarray
     """(e,) result of the test."""
     watched_error: np.ndarray
@@ -116,7 +117,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Watched:
+class MonitorOutput:
     """Output of a monitor of fixes, or of filters, in lanes; empty without a monitor."""
 
     statistic: np.ndarray
@@ -132,8 +133,8 @@ class Watched:
 
     @classmethod
     def of_filter(
-        cls, flight: Flight, account: Account, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
-    ) -> Watched:
+        cls, flight: Flight, account: ErrorHistory, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
+    ) -> MonitorOutput:
         """Monitor output for a filter, from its history and its fixes from ranges and rates (e, s, W)."""
         bank, none = flight.bank, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         assert bank is not None
@@ -144,42 +145,42 @@ class Watched:
         sigma = account.sigma[1:, states.POS : states.POS + 3]
         lost = np.isnan(statistic) | (sigma > monitoring.DOUBTED * bank.sigma[..., None]).any(axis=1)
         said = np.where(lost & aided, monitoring.ALARM, said)
-        error = np.abs(account.judgement.error[1:, states.POS : states.POS + 3])
+        error = np.abs(account.errors.error[1:, states.POS : states.POS + 3])
         off = np.stack([np.hypot(error[:, 0], error[:, 1]), error[:, 2]], axis=1)
         return cls(statistic, said.astype(float), off, *none)
 
     @classmethod
-    def of_fixes(cls, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, fixes: ReceiverFixes) -> Watched:
+    def of_fixes(cls, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, fixes: ReceiverFixes) -> MonitorOutput:
         """Monitor output for fixes from ranges (e, s, W); antenna: (e, 3, W) true position, ECEF, m."""
         monitor, none = flight.snapshot, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         if monitor is None:
             return cls(none[0], *none, *none)
-        signals, axes = flight.world.signals, flight.world.antenna_enu
+        signals, axes = flight.shared.signals, flight.shared.antenna_enu
         left, error = range_residuals(signals, antenna, axes, ranges, fixes.llh, fixes.clocks)
         fixed = ~np.isnan(fixes.llh[:, 0])
         statistic = np.where(fixed, monitor.statistic(left), np.nan)
         said = monitoring.status(monitor.tested, monitor.threshold, statistic, fixed)
         return cls(statistic, said.astype(float), error, *none)
 
-    def settled(
+    def after_exclusion(
         self, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, rates: np.ndarray, fixes: ReceiverFixes
-    ) -> Watched:
+    ) -> MonitorOutput:
         """After exclusions, which change the fixes."""
         excluder, monitor = flight.excluder, flight.snapshot
         if excluder is None or monitor is None:
             return self
         levels = np.repeat(monitoring.tested_levels(monitor)[..., None], WIDTH, axis=2)
-        now = SettledFixes(fixes, self.error.copy(), levels, np.full(self.status.shape, float(NOTHING)))
-        excluder.settle(self.status == monitoring.ALARM, ranges, rates, antenna, now)
+        now = FixesAfterExclusion(fixes, self.error.copy(), levels, np.full(self.status.shape, float(NOTHING)))
+        excluder.exclude(self.status == monitoring.ALARM, ranges, rates, antenna, now)
         status = np.where(now.excluded == NOTHING, self.status, monitoring.EXCLUDED)
-        return Watched(self.statistic, status, now.error, now.excluded, now.level)
+        return MonitorOutput(self.statistic, status, now.error, now.excluded, now.level)
 
     def trusted(self, flight: Flight, ranges: np.ndarray) -> np.ndarray:
         """Ranges (e, s, W) with nan for excluded ones, and for epochs with an alarm if the filter ignores them."""
         out = ranges
         if self.excluded.size:
             for number, candidate in enumerate(flight.candidates):
-                taken = np.isin(flight.world.signals.names, candidate.sources)
+                taken = np.isin(flight.shared.signals.names, candidate.sources)
                 out = np.where((self.excluded == number)[:, None] & taken[:, None], np.nan, out)
         if flight.drops:
             out = np.where((self.status == monitoring.ALARM)[:, None], np.nan, out)

@@ -19,7 +19,7 @@ from navsim.filter import states
 from navsim.filter.measurement_models import FIX
 from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.gnss import dll
-from navsim.gnss.correlated_errors import LastingErrors
+from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.pseudorange import Signals
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import Aid
@@ -70,16 +70,16 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
 
     Between events the slopes by velocity are taken as linear in time, those by attitude as a parabola.
     """
-    world, events, steps, lin = flight.world, flight.events, along.steps, along.lin
+    shared, events, steps, lin = flight.shared, flight.events, along.steps, along.lin
     count, n = weights.shape[0], lin.believed.shape[1]
-    e, s = world.signals.range.shape
-    c_nb = 0.5 * (world.truth.c_nb[:-1] + world.truth.c_nb[1:])
-    force = np.einsum("tij,tj->ti", c_nb, world.dv / np.diff(world.imu_time)[:, None])
-    felt = np.zeros((count, world.dtheta.shape[0], 6))  # by theta and v, NED, at each sample
+    e, s = shared.signals.range.shape
+    c_nb = 0.5 * (shared.truth.c_nb[:-1] + shared.truth.c_nb[1:])
+    force = np.einsum("tij,tj->ti", c_nb, shared.dv / np.diff(shared.imu_time)[:, None])
+    felt = np.zeros((count, shared.dtheta.shape[0], 6))  # by theta and v, NED, at each sample
     ranges, rates = np.zeros((count, e, s)), np.zeros((count, e, s))
-    turned = np.zeros((count, world.dtheta.shape[0], 3))  # by the angular rate that a lever arm turns with
-    aided = {aid.sensor.kind: np.zeros((count, *aid.exact.shape)) for aid in world.aids}
-    slope = {aid.sensor.kind: aid.sensor.slope for aid in world.aids}
+    turned = np.zeros((count, shared.dtheta.shape[0], 3))  # by the angular rate that a lever arm turns with
+    aided = {aid.sensor.kind: np.zeros((count, *aid.exact.shape)) for aid in shared.aids}
+    slope = {aid.sensor.kind: aid.sensor.slope for aid in shared.aids}
     own, copied = np.zeros((count, n)), np.zeros((count, n))
     for i in range(events.time.size - 1, -1, -1):
         ahead, kind, row, w = bool(events.ahead[i]), int(events.kind[i]), events.row[i], steps.measurement[i]
@@ -92,7 +92,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
             if kind == FIX:
                 ranges[:, row] -= by_innovation @ along.by_range[row, there]
                 rates[:, row] -= by_innovation @ along.by_rate[row, there]
-                sample = max(int(np.searchsorted(world.imu_time, events.time[i] - TIME_TOLERANCE)) - 1, 0)
+                sample = max(int(np.searchsorted(shared.imu_time, events.time[i] - TIME_TOLERANCE)) - 1, 0)
                 turned[:, sample] -= by_innovation @ lin.h[w, there, states.GYRO : states.GYRO + 3]
             else:
                 aided[kind][:, row] -= by_innovation @ slope[kind][there]
@@ -100,17 +100,17 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
         if steps.interval[i] >= 0:
             after = here.copy()
             here[...] = after @ lin.transition[steps.interval[i]]
-            begin = max(float(events.time[i]), float(world.imu_time[0])) - steps.length[i]
-            _spread_over_samples(world.imu_time, begin, begin + steps.length[i], here, after, force, felt)
+            begin = max(float(events.time[i]), float(shared.imu_time[0])) - steps.length[i]
+            _spread_over_samples(shared.imu_time, begin, begin + steps.length[i], here, after, force, felt)
         if ahead and (i == 0 or not events.ahead[i - 1]):
             own += copied
             copied[...] = 0.0
     # errors of the increments act on theta and v through -C
     dtheta, dv = (-np.einsum("kti,tij->ktj", felt[..., part], c_nb) for part in (slice(3, 6), slice(0, 3)))
-    dtheta += turned / (world.imu_time[1] - world.imu_time[0])
+    dtheta += turned / (shared.imu_time[1] - shared.imu_time[0])
     phases = None
-    if world.signals.smoothing is not None:
-        ranges, phases = dll.smoothing_slopes(ranges, world.signals.smoothing)
+    if shared.signals.smoothing is not None:
+        ranges, phases = dll.smoothing_slopes(ranges, shared.signals.smoothing)
     return Slopes(own[:, : states.SENSORS], dtheta, dv, ranges, rates, phases, tuple(aided.values()))
 
 
@@ -139,10 +139,10 @@ def _spread_over_samples(
 def carried(flight: Flight, slopes: Slopes) -> Slopes:
     """The covariance of the inputs times `slopes`: where the inputs most likely are when sums of them with these slopes
     are off by their variances."""
-    world, errors, signals = flight.world, flight.initial, flight.world.signals
+    shared, errors, signals = flight.shared, flight.initial, flight.shared.signals
     variance = np.repeat([errors.position**2, errors.velocity**2, errors.attitude**2], 3)
     initial = slopes.initial * (variance if errors.fixed is None else 0.0)
-    dt = world.imu_time[1] - world.imu_time[0]
+    dt = shared.imu_time[1] - shared.imu_time[0]
     ranges = slopes.ranges * np.where(signals.used, signals.sigma, 0.0) ** 2
     rates = slopes.rates * np.where(signals.used, signals.rate_sigma, 0.0) ** 2
     phases = None if slopes.phases is None else np.where(signals.used, CARRIER_SIGMA**2 * slopes.phases, 0.0)
@@ -158,10 +158,10 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         delay = np.where(signals.used, delay[:, None], 0.0)
         ranges = ranges + delay
         phases = None if phases is None else phases + delay
-    if signals.lasting is not None:
+    if signals.correlated is not None:
         both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
-        heard = replace(signals.lasting, sigma=np.where(signals.used, signals.lasting.sigma, 0.0))
-        delay = _of_lasting(heard, signals.time, both)
+        heard = replace(signals.correlated, sigma=np.where(signals.used, signals.correlated.sigma, 0.0))
+        delay = _of_correlated(heard, signals.time, both)
         ranges = ranges + delay
         phases = None if phases is None else phases + delay
     if signals.wandering is not None:
@@ -171,30 +171,30 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         phases = None if phases is None else phases + delay
     return Slopes(
         initial,
-        _of_triad(flight.gyro, slopes.dtheta, world.dtheta, dt),
-        _of_triad(flight.accel, slopes.dv, world.dv, dt),
+        _of_triad(flight.gyro, slopes.dtheta, shared.dtheta, dt),
+        _of_triad(flight.accel, slopes.dv, shared.dv, dt),
         ranges,
         rates,
         phases,
-        tuple(_of_aid(aid, a) for a, aid in zip(slopes.aided, world.aids, strict=True)),
+        tuple(_of_aid(aid, a) for a, aid in zip(slopes.aided, shared.aids, strict=True)),
     )
 
 
 def _of_aid(aid: Aid, slopes: np.ndarray) -> np.ndarray:
     """Covariance of a sensor's errors times their slopes (K, m, k)."""
-    lasting = np.zeros_like(slopes)
+    correlated = np.zeros_like(slopes)
     for error, effect in zip(aid.sensor.errors, aid.effects, strict=True):
-        own = LastingErrors((error.name,), np.array([error.time]), np.full((1, aid.time.size, 1), error.sigma))
-        of_error = _of_lasting(own, aid.time, np.einsum("Kmk,mkc->Kmc", slopes, effect))
-        lasting += np.einsum("mkc,Kmc->Kmk", effect, of_error)
-    return np.asarray(slopes * aid.sigma**2 + lasting)
+        own = CorrelatedErrors((error.name,), np.array([error.time]), np.full((1, aid.time.size, 1), error.sigma))
+        of_error = _of_correlated(own, aid.time, np.einsum("Kmk,mkc->Kmc", slopes, effect))
+        correlated += np.einsum("mkc,Kmc->Kmk", effect, of_error)
+    return np.asarray(slopes * aid.sigma**2 + correlated)
 
 
-def _of_lasting(lasting: LastingErrors, time: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+def _of_correlated(correlated: CorrelatedErrors, time: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """Covariance of time-correlated errors, at epochs (e,), s, times their slopes (K, e, s)."""
-    kept, _ = lasting.steps(time)
+    kept, _ = correlated.steps(time)
     out = np.zeros_like(slopes)
-    for k, sigma in enumerate(lasting.sigma):
+    for k, sigma in enumerate(correlated.sigma):
         # the covariance of unit errors at epochs i and j is the product of the decays between them
         own = slopes * sigma
         before, after = own.copy(), own.copy()
@@ -251,15 +251,15 @@ def _of_markov(sigma: float, time: float, slopes: np.ndarray, dt: float) -> np.n
 
 def deviations(flight: Flight, inputs: Inputs) -> list[np.ndarray]:
     """Deviation of drawn inputs from those without random errors, in the order of `Slopes.members`, lanes last."""
-    world, dt = flight.world, flight.world.imu_time[1] - flight.world.imu_time[0]
+    shared, dt = flight.shared, flight.shared.imu_time[1] - flight.shared.imu_time[0]
     fixed = np.zeros(states.SENSORS) if flight.initial.fixed is None else flight.initial.fixed
-    ranges, rates, phases = expected_measurements(world)
-    used = world.signals.used[..., None]
+    ranges, rates, phases = expected_measurements(shared)
+    used = shared.signals.used[..., None]
     increments = [
         lanes - (exact + dt * np.array(triad.fixed_bias or (0.0, 0.0, 0.0)))[..., None]
         for lanes, exact, triad in (
-            (inputs.dtheta, world.dtheta, flight.gyro),
-            (inputs.dv, world.dv, flight.accel),
+            (inputs.dtheta, shared.dtheta, flight.gyro),
+            (inputs.dv, shared.dv, flight.accel),
         )
     ]
     of_phases = [] if phases is None or inputs.phases is None else [inputs.phases - phases[..., None]]
@@ -270,6 +270,6 @@ def deviations(flight: Flight, inputs: Inputs) -> list[np.ndarray]:
         *(np.where(used, lanes, 0.0) for lanes in signals),
         *(
             np.where(np.isnan(aid.exact)[..., None], 0.0, lanes - aid.exact[..., None])
-            for lanes, aid in zip(inputs.aided, world.aids, strict=True)
+            for lanes, aid in zip(inputs.aided, shared.aids, strict=True)
         ),
     ]

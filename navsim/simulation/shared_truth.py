@@ -19,7 +19,7 @@ from navsim.gnss.signals import Environment, build_signals, true_positions
 from navsim.gnss.sky import enu_matrix
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.correlated_errors import FixErrors
-from navsim.simulation.dispersed_trajectory import Ways
+from navsim.simulation.dispersed_trajectory import Dispersion
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.air import Air
 from navsim.trajectory.kinematics import Motion, Moving, Trajectory
@@ -29,7 +29,7 @@ CARRIER_SIGMA = 3e-3
 
 
 @dataclass(frozen=True)
-class World:
+class SharedTruth:
     """Simulation inputs that all runs of a scenario share."""
 
     imu_time: np.ndarray
@@ -58,7 +58,7 @@ class World:
     """Sensors beside the receiver."""
     heavier: HeavyTailedNoise | None
     """Distribution of the ranging noise if it is not Gaussian."""
-    ways: Ways | None = None
+    ways: Dispersion | None = None
     """Common data of the trajectories of runs that deviate from the route; None if all runs fly the route."""
 
     @property
@@ -79,7 +79,7 @@ class World:
     @cached_property
     def fix_errors(self) -> FixErrors:
         """Effect of ranging errors on fixes."""
-        return FixErrors.of(self.start, self.signals, *believed_measurements(self))
+        return FixErrors.of(self.start, self.signals, *assumed_measurements(self))
 
     @cached_property
     def antenna_enu(self) -> np.ndarray:
@@ -93,7 +93,7 @@ class World:
         return geometry_covariance(self.signals.los, self.signals.clock, weight)[0][:, :3, :3]
 
 
-def build_world(
+def build_shared_truth(
     trajectory: Moving,
     environment: Environment,
     receiver: Receiver,
@@ -103,7 +103,7 @@ def build_world(
     imu_rate: float,
     aiding: Sequence[Any] = (),
     air: Air | None = None,
-) -> World:
+) -> SharedTruth:
     """Route and geometry of the signals.
 
     utc: of time 0, s from 1970-01-01. duration: s. imu_rate: Hz. Fixes after the end are omitted. aiding: models of
@@ -118,8 +118,8 @@ def build_world(
     if air is not None:
         assert isinstance(trajectory, Trajectory)
         sources = true_positions(environment, signals.position)
-        ways = Ways.of(air, trajectory, imu_time, at_filter, at_fixes, signals, sources, environment.lever_arm)
-    return World(
+        ways = Dispersion.of(air, trajectory, imu_time, at_filter, at_fixes, signals, sources, environment.lever_arm)
+    return SharedTruth(
         imu_time=imu_time,
         dtheta=dtheta,
         dv=dv,
@@ -139,7 +139,7 @@ def build_world(
 
 
 @dataclass(frozen=True)
-class Wander:
+class ClockErrors:
     """The noise of the receiver's clock in runs: offset, m, and drift, m/s, at the fixes (e, 2, W) and at the filter's
     outputs (e + 1, 2, W)."""
 
@@ -147,52 +147,52 @@ class Wander:
     at_filter: np.ndarray
 
     @classmethod
-    def of(cls, world: World, seed: int, runs: Sequence[int], lanes: int) -> Wander | None:
+    def of(cls, shared: SharedTruth, seed: int, runs: Sequence[int], lanes: int) -> ClockErrors | None:
         """Receiver clocks of runs, in the first of so many lanes; None without clock noise."""
-        if not any(world.clock_density):
+        if not any(shared.clock_density):
             return None
-        fixed, answered = world.signals.time, world.filter_time
+        fixed, answered = shared.signals.time, shared.filter_time
         time, where = np.unique(np.concatenate([fixed, answered]), return_inverse=True)
         wandered = np.empty((fixed.size + answered.size, 2, lanes))
         for lane, run in enumerate(runs):
-            wandered[..., lane] = wander(world.clock_density, time, generator(seed, run, "clock"))[where]
+            wandered[..., lane] = wander(shared.clock_density, time, generator(seed, run, "clock"))[where]
         wandered[..., len(runs) :] = wandered[..., len(runs) - 1 : len(runs)]
         return cls(wandered[: fixed.size], wandered[fixed.size :])
 
 
-def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.ndarray:
+def smoothed(shared: SharedTruth, ranges: np.ndarray, phases: np.ndarray | None) -> np.ndarray:
     """Pseudoranges (e, s, W) as the receiver uses them: smoothed by the carrier where it does that."""
-    if phases is None or world.signals.smoothing is None:
+    if phases is None or shared.signals.smoothing is None:
         return ranges
     each = range(ranges.shape[-1])
-    return np.stack([dll.smooth(ranges[..., k], phases[..., k], world.signals.smoothing) for k in each], axis=-1)
+    return np.stack([dll.smooth(ranges[..., k], phases[..., k], shared.signals.smoothing) for k in each], axis=-1)
 
 
-def carrier(world: World, delay: np.ndarray) -> np.ndarray:
+def carrier(shared: SharedTruth, delay: np.ndarray) -> np.ndarray:
     """Carrier phases without noise (e, s), m, where the code is late by delay (e, s), m; ambiguities are left out."""
-    return world.signals.range + delay - world.signals.divergence + world.clock[:, :1]
+    return shared.signals.range + delay - shared.signals.divergence + shared.clock[:, :1]
 
 
-def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
+def without_noise(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray]:
     """`measured` without random errors: systematic errors only."""
-    ranges, rates, phases = expected_measurements(world)
-    return smoothed(world, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
+    ranges, rates, phases = expected_measurements(shared)
+    return smoothed(shared, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
 
 
-def believed_measurements(world: World) -> tuple[np.ndarray, np.ndarray]:
+def assumed_measurements(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges and range rates (e, s) without any error: they agree with the receiver's own positions of the
     sources."""
-    signals = world.signals
+    signals = shared.signals
     offset = signals.position - signals.antenna[:, None]
     distance = np.linalg.norm(offset, axis=2)
     rate = np.sum(offset * (signals.velocity - signals.antenna_velocity[:, None]), axis=2) / distance
-    ranges = np.where(signals.used, distance + world.clock[:, :1], np.nan)
-    return ranges, np.where(signals.used, rate + world.clock[:, 1:], np.nan)
+    ranges = np.where(signals.used, distance + shared.clock[:, :1], np.nan)
+    return ranges, np.where(signals.used, rate + shared.clock[:, 1:], np.nan)
 
 
-def expected_measurements(world: World) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+def expected_measurements(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Pseudoranges, range rates and carrier phases (e, s) as of `Inputs` where nothing is drawn."""
-    signals = world.signals
-    ranges = np.where(signals.used, signals.range + signals.delay + world.clock[:, :1], np.nan)
-    rates = np.where(signals.used, signals.range_rate + world.clock[:, 1:], np.nan)
-    return ranges, rates, None if signals.smoothing is None else carrier(world, signals.delay)
+    signals = shared.signals
+    ranges = np.where(signals.used, signals.range + signals.delay + shared.clock[:, :1], np.nan)
+    rates = np.where(signals.used, signals.range_rate + shared.clock[:, 1:], np.nan)
+    return ranges, rates, None if signals.smoothing is None else carrier(shared, signals.delay)

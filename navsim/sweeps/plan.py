@@ -267,7 +267,7 @@ class Plan:
         if self.study.method == "dop":  # geometry alone does not give values that are undefined without a touchdown
             mine = [*case.sky_warnings, *implausible(scenario, flown)]
         # a lone pseudolite is a separate finding
-        told = {*self.warnings, *case.foreseen.lone_pseudolite, *one_direction(scenario, flown)}
+        told = {*self.warnings, *case.preflight.lone_pseudolite, *one_direction(scenario, flown)}
         return [text for text in mine if text not in told]
 
     @cached_property

@@ -152,9 +152,9 @@ class SweepStudy:
             if checksum != self.plan.files[name]:
                 raise CheckpointError(f"{name} was changed while the study ran")
         site = ecef_from_llh(case.pseudolites.llh)
-        warned, alone = bool(self.plan.warnings_of(case)), bool(case.foreseen.lone_pseudolite)
-        glide = on_glide(case.scenario, case.trajectory, case.world.signals.time)
-        lost = int(np.isnan(case.world.dop[glide, 1]).sum())
+        warned, alone = bool(self.plan.warnings_of(case)), bool(case.preflight.lone_pseudolite)
+        glide = on_glide(case.scenario, case.trajectory, case.shared.signals.time)
+        lost = int(np.isnan(case.shared.dop[glide, 1]).sum())
         out = landing_outputs(geometry_summary(case), lost)
         check_watched(self.plan.study, scenario, document)
         if set(self.plan.study.wanted()) & set(LEVEL_OUTPUTS):

@@ -157,7 +157,7 @@ def legs(points: Sequence[Waypoint], bank: float, roll: float, final: bool) -> t
     for i, (a, b) in enumerate(itertools.pairwise(points)):
         length = lengths[i] - leads[i] - leads[i + 1]
         if length < 0.0:
-            told = " and ".join(_told(n, turns[n], leads[n]) for n in (i, i + 1) if turns[n] is not None)
+            told = " and ".join(_turn_text(n, turns[n], leads[n]) for n in (i, i + 1) if turns[n] is not None)
             text = f"the leg from waypoint {i + 1} to {i + 2} is {lengths[i]:.1f} m long, too short for {told}"
             raise NoSuchPath(text, i + 1)
         if length > 0.0:
@@ -175,7 +175,7 @@ def legs(points: Sequence[Waypoint], bank: float, roll: float, final: bool) -> t
     return segments, now
 
 
-def _told(number: int, bend: Turn | None, lead: float) -> str:
+def _turn_text(number: int, bend: Turn | None, lead: float) -> str:
     assert bend is not None
     degrees = abs(math.degrees(bend.angle))
     return f"the turn of {degrees:.0f} deg at waypoint {number + 1}, which takes {lead:.1f} m of it"

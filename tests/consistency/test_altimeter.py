@@ -42,7 +42,7 @@ def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     analysis = covariance_analysis(flown)
     assert analysis.sources[-1] == "altimeter"
     predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
-    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 61, 10)]
+    at = [int(np.argmin(np.abs(flown.shared.filter_time - t))) for t in range(10, 61, 10)]
     ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[at, : states.ATT] / predicted[at, : states.ATT]
     assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
     without = covariance_analysis(case(*GENTLE, *settings[1:]))
@@ -84,9 +84,9 @@ def test_heights_alone_are_a_straight_line_fit() -> None:
     """Perfect sensors and nothing but heights: the filter's sigmas of height and climb are those of least squares
     (but for gravity, which falls with height: 3e-4)."""
     flown = case("imu.preset=perfect", "duration_s=20")
-    world = flown.world
+    world = flown.shared
     time = np.arange(1.0, 11.0)
-    n, declared = states.N, states.declared(states.biases())
+    n, declared = states.N_BASE, states.declared(states.biases())
     p = np.diag(np.repeat([10.0, 1.0, 1e-9, 1e-12, 1e-12], 3) ** 2)
     table = AltitudeTable(world.truth.llh[[round(t * 100) for t in time], 2], np.full(time.size, 0.25))
     history = estimate(

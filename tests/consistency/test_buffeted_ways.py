@@ -66,7 +66,7 @@ def predicted(world: Any, height: np.ndarray, airspeed: np.ndarray) -> np.ndarra
                        "the sum of its corrections for coning and sculling", sigmas="5")  # fmt: skip
 def test_everything_on_is_mechanised_and_felt_as_predicted(within: Within) -> None:
     """Over 120 s at 100 Hz, in wind, gusts and turbulence, off the route besides; specific force within 5 sigma."""
-    world = case(FTE, *WIND, STRONG, GUSTS, name="landing_smooth").world
+    world = case(FTE, *WIND, STRONG, GUSTS, name="landing_smooth").shared
     ways = ways_of(world)
     assert world.filter_time[-1] == pytest.approx(world.imu_time[-1])
     flown = ways.flown(1, range(WIDTH), WIDTH)

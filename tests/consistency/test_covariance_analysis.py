@@ -28,7 +28,7 @@ MISTUNED = (
 def ratios(flown: Case, flights: Ensemble) -> np.ndarray:
     """RMS over runs divided by the predicted one, at every 10 s, of position and velocity."""
     error = flights["error"]
-    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
+    at = [int(np.argmin(np.abs(flown.shared.filter_time - t))) for t in range(10, 121, 10)]
     analysis = covariance_analysis(flown)
     predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
     measured = np.sqrt(np.mean(error**2, axis=0))
@@ -148,8 +148,8 @@ def test_a_satellite_without_message_is_as_if_it_were_not_there(settings: tuple[
     )
     environment = replace(silent.environment, satellites=groups)
     scenario = silent.scenario
-    motion = silent.trajectory.motion(silent.world.signals.time)
-    world = replace(silent.world, signals=build_signals(motion, scenario.epoch.timestamp(), environment))
+    motion = silent.trajectory.motion(silent.shared.signals.time)
+    world = replace(silent.shared, signals=build_signals(motion, scenario.epoch.timestamp(), environment))
     silent = replace(silent, environment=environment).over(world)
     assert not world.signals.used[:, [0, 1]].any()
     expected, found = covariance_analysis(without), covariance_analysis(silent)

@@ -30,9 +30,9 @@ HALF = np.pi
 @pytest.mark.parametrize("turns", [-2, -1, 0, 1])
 def test_the_short_way_round(turns: int) -> None:
     angles = np.array([0.0, 1e-9, -3.0, 3.0, np.nan])
-    np.testing.assert_allclose(earth.short_way(angles + 2.0 * HALF * turns), angles, atol=1e-14)
-    assert point.short_way(angles[1]) == angles[1]
-    assert np.isnan(point.short_way(np.nan))
+    np.testing.assert_allclose(earth.wrap_angle(angles + 2.0 * HALF * turns), angles, atol=1e-14)
+    assert point.wrap_angle(angles[1]) == angles[1]
+    assert np.isnan(point.wrap_angle(np.nan))
 
 
 EAST = ("runway.heading_deg=90", "duration_s=40", "imu.rate_hz=20", "receiver.rate_hz=2")

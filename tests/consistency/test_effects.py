@@ -26,13 +26,13 @@ def fix_errors(c: landing.Case, run: int = 0) -> np.ndarray:
     from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 
     flown = c.fly(1, run)
-    truth = c.world.signals.antenna
+    truth = c.shared.signals.antenna
     llh = flown.fix_llh
     return np.einsum("nij,nj->ni", ned_matrix(llh), ecef_from_llh(llh) - truth)
 
 
 def test_the_ideal_world_is_untouched() -> None:
-    plain = case(*BASE).world.signals
+    plain = case(*BASE).shared.signals
     assert not plain.delay.any()
     assert plain.space is None
     assert plain.smoothing is None
@@ -43,8 +43,8 @@ def test_the_ideal_world_is_untouched() -> None:
 def test_ionosphere_leaves_its_share() -> None:
     """Half of Klobuchar's delay is left of 1.5 times it; GLONASS sees it by the square of the frequencies."""
     iono = "signals.ionosphere={truth_scale: 1.5}"
-    s = case(*BASE, iono).world.signals
-    raw = case(*BASE, "signals.ionosphere={truth_scale: 1.5, corrected: false}").world.signals
+    s = case(*BASE, iono).shared.signals
+    raw = case(*BASE, "signals.ionosphere={truth_scale: 1.5, corrected: false}").shared.signals
     seen = s.used & (np.array([n[0] for n in s.names]) != "P")
     np.testing.assert_allclose(raw.delay[seen], 3.0 * s.delay[seen], rtol=1e-9)
     assert np.all(s.delay[seen] > 0.5)
@@ -52,7 +52,7 @@ def test_ionosphere_leaves_its_share() -> None:
     section = scenario(*BASE, iono).signals.ionosphere
     assert section is not None
     first = np.flatnonzero(seen[0])[0]
-    llh = case(*BASE).world.at_filter.llh[1]
+    llh = case(*BASE).shared.at_filter.llh[1]
     model = atmosphere.klobuchar(
         np.array(section.alpha), np.array(section.beta), float(timescales.gps_from_utc(1536840001.0)), llh,
         s.azimuth[0, first], s.elevation[0, first],
@@ -63,9 +63,9 @@ def test_ionosphere_leaves_its_share() -> None:
 
 
 def test_troposphere_is_taken_off() -> None:
-    used = case(*BASE).world.signals.used
+    used = case(*BASE).shared.signals.used
     none, saastamoinen, mops = (
-        case(*BASE, f"signals.troposphere={{truth_scale: 1.0, correction: {c}}}").world.signals.delay[used]
+        case(*BASE, f"signals.troposphere={{truth_scale: 1.0, correction: {c}}}").shared.signals.delay[used]
         for c in ("none", "saastamoinen", "mops")
     )
     assert none.max() > 8.0
@@ -77,10 +77,10 @@ def test_messages_are_drawn_a_run_and_stay() -> None:
     """The scatter over runs of each satellite's ranges is that of orbit and clock; within a run it hardly moves."""
     messages = "signals.ephemeris={orbit_sigma_m: [1.0, 2.0, 1.5], clock_sigma_m: 1.0}"
     c = case(*BASE, *QUIET, messages, "imu.rate_hz=20", "filter.kind=eskf")
-    s = c.world.signals
+    s = c.shared.signals
     assert s.space is not None
     flown = [simulation.fly(c.flight, 1, range(first, first + WIDTH)) for first in range(0, 200, WIDTH)]
-    drawn = np.concatenate([run.pseudorange for run in flown]) - s.range - c.world.clock[:, 0, None]
+    drawn = np.concatenate([run.pseudorange for run in flown]) - s.range - c.shared.clock[:, 0, None]
     seen = s.used[0] & s.used[-1]
     ground = np.array([n.startswith("PL") for n in s.names])
     assert np.abs(drawn[:, :, ground]).max() < 1e-3
@@ -102,8 +102,8 @@ def test_differential_corrections_remove_what_is_common() -> None:
     size = [np.sqrt(np.mean(np.sum(e**2, axis=1))) for e in (alone, corrected, late)]
     assert size[1] < 0.1 * size[0]
     assert size[1] < size[2] < size[0]
-    noisy = case(*BASE, "pseudolites.differential={sigma_m: 1.0}").world.signals
-    plain = case(*BASE).world.signals
+    noisy = case(*BASE, "pseudolites.differential={sigma_m: 1.0}").shared.signals
+    plain = case(*BASE).shared.signals
     sky = np.array([not n.startswith("PL") for n in plain.names])
     np.testing.assert_allclose(noisy.sigma[:, sky] ** 2, plain.sigma[:, sky] ** 2 + 1.0)
     np.testing.assert_array_equal(noisy.sigma[:, ~sky], plain.sigma[:, ~sky])
@@ -115,10 +115,10 @@ def test_a_satellite_below_the_stations_horizon_is_not_used() -> None:
     effects = c.environment.effects
     assert effects.reference is not None
     far = replace(effects.reference, llh=effects.reference.llh + np.radians([0.0, 120.0, 0.0]))
-    motion, utc = c.trajectory.motion(c.world.signals.time), c.scenario.epoch.timestamp()
+    motion, utc = c.trajectory.motion(c.shared.signals.time), c.scenario.epoch.timestamp()
     s = build_signals(motion, utc, replace(c.environment, effects=replace(effects, reference=far)))
-    lost = c.world.signals.used & ~s.used
-    assert 0.1 < lost.sum() / c.world.signals.used.sum() < 0.9
+    lost = c.shared.signals.used & ~s.used
+    assert 0.1 < lost.sum() / c.shared.signals.used.sum() < 0.9
     assert np.all(np.isnan(s.los[lost]))
     assert not s.unfinished()
 
@@ -145,17 +145,17 @@ def test_a_satellite_that_the_station_knows_nothing_of_is_not_used(more: tuple[s
 
     glonass, gps = c.environment.satellites
     late = replace(c.environment, satellites=(replace(glonass, constellation=Late(glonass.constellation)), gps))
-    s = build_signals(c.trajectory.motion(c.world.signals.time), utc, late)
+    s = build_signals(c.trajectory.motion(c.shared.signals.time), utc, late)
     is_glonass = np.array([n.startswith("R") for n in s.names])
-    assert c.world.signals.used[:, is_glonass].any()
+    assert c.shared.signals.used[:, is_glonass].any()
     assert not s.used[:, is_glonass].any()
-    np.testing.assert_array_equal(s.used[:, ~is_glonass], c.world.signals.used[:, ~is_glonass])
+    np.testing.assert_array_equal(s.used[:, ~is_glonass], c.shared.signals.used[:, ~is_glonass])
 
 
 def test_signals_without_epochs_are_whole() -> None:
     """A flight shorter than a fix interval: warned of, not refused."""
     c = case(*BASE, "duration_s=0.5")
-    assert c.world.signals.used.shape[0] == 0
+    assert c.shared.signals.used.shape[0] == 0
     said = landing.findings(c, landing.fly_all(c, 1, 0, 1, threads(1)))[-1].text
     assert "duration_s, 0.5 s, is shorter than one fix interval, 1 s" in said
 
@@ -176,8 +176,8 @@ def test_corrections_of_listed_directions() -> None:
         + "}"
     )
     air = ("signals.troposphere={correction: none}", "signals.ionosphere={corrected: false}", "signals.ephemeris={}")
-    alone = case(sky, "pseudolites.count=1", *air).world.signals
-    corrected = case(sky, "pseudolites.count=1", *air, "pseudolites.differential={latency_s: 0}").world.signals
+    alone = case(sky, "pseudolites.count=1", *air).shared.signals
+    corrected = case(sky, "pseudolites.count=1", *air, "pseudolites.differential={latency_s: 0}").shared.signals
     seen = alone.used & np.array([n.startswith("X") for n in alone.names])
     assert alone.delay[seen].min() > 3.0
     assert np.abs(corrected.delay[seen]).max() < 0.3
@@ -191,12 +191,12 @@ def test_time_scales() -> None:
     assert np.abs(fix_errors(case(*BASE, *QUIET, offset))).max() < 1e-3
     both = case(*BASE, *QUIET, offset, "receiver.one_clock=true")
     assert np.abs(fix_errors(both)).max() > 1.0
-    assert np.all(both.world.dop[:, 0] < case(*BASE).world.dop[:, 0])
+    assert np.all(both.shared.dop[:, 0] < case(*BASE).shared.dop[:, 0])
     assert np.abs(fix_errors(case(*BASE, *QUIET, "receiver.one_clock=true"))).max() < 1e-3
 
 
 def test_noise_from_signal_strength() -> None:
-    s = case(*BASE, "signals.range_law=cn0").world.signals
+    s = case(*BASE, "signals.range_law=cn0").shared.signals
     sky = s.used & np.array([not n.startswith("PL") for n in s.names])
     low, high = (
         np.nanargmin(np.where(sky[0], s.elevation[0], np.nan)),
@@ -205,12 +205,12 @@ def test_noise_from_signal_strength() -> None:
     assert s.cn0[0, low] < s.cn0[0, high] <= 45.0
     glonass, gps = (np.array([n[0] == letter for n in s.names]) & sky[0] for letter in "RG")
     assert np.median(s.sigma[0, glonass]) > 1.5 * np.median(s.sigma[0, gps])  # chips twice as long
-    near = case(*BASE, "pseudolites.cn0_reference_m=1000").world.signals
+    near = case(*BASE, "pseudolites.cn0_reference_m=1000").shared.signals
     assert near.cn0[0, -1] == pytest.approx(45.0 - 20 * np.log10(near.range[0, -1] / 1000.0), abs=0.01)
 
 
 def test_ground_multipath_of_pseudolites() -> None:
-    s = case(*BASE, *QUIET, "pseudolites.height_m=5", "pseudolites.multipath={}").world.signals
+    s = case(*BASE, *QUIET, "pseudolites.height_m=5", "pseudolites.multipath={}").shared.signals
     error = s.delay[:, -1]
     assert np.abs(error).max() > 0.02
     assert np.abs(error).max() < 5.0
@@ -245,7 +245,7 @@ def test_smoothed_code() -> None:
     rms = [np.sqrt(np.mean([fix_errors(c, run)[late] ** 2 for run in range(20)])) for c in (bare, smoothed)]
     assert rms[1] < 0.3 * rms[0]
     predicted = [
-        np.sqrt(np.mean(np.trace(c.world.fix_covariance[late], axis1=1, axis2=2)) / 3.0) for c in (bare, smoothed)
+        np.sqrt(np.mean(np.trace(c.shared.fix_covariance[late], axis1=1, axis2=2)) / 3.0) for c in (bare, smoothed)
     ]
     assert rms[1] / rms[0] == pytest.approx(predicted[1] / predicted[0], rel=0.3)
 

@@ -21,9 +21,9 @@ from navsim.filter.records import (
     ImuData,
     State,
     Truth,
-    empty_account,
+    empty_error_history,
 )
-from navsim.filter.states import A_D
+from navsim.filter.states import PHI_D
 from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.landing.case import Case
 from navsim.landing.study import fly_all
@@ -47,20 +47,20 @@ class Batch:
     @property
     def tables(self) -> Measurements:
         flight, inputs = self.flight, self.inputs
-        if flight.beliefs.tight:
+        if flight.design.tight:
             return measurements(flight, table_of_ranges(flight, inputs.ranges, inputs.rates), ())
-        llh, velocity, _, covariance = receiver_fixes(flight.world, inputs.ranges, inputs.rates)
+        llh, velocity, _, covariance = receiver_fixes(flight.shared, inputs.ranges, inputs.rates)
         return measurements(flight, table_of_all_fixes(flight, llh, velocity, covariance), ())
 
     @property
     def state(self) -> State:
         flight, inputs = self.flight, self.inputs
         nav = landing.with_clock(flight, landing.initial_estimate(flight, inputs.initial), inputs.clock)
-        return landing.begun(flight, nav, estimate.in_all_lanes(flight.covariance))
+        return landing.initial_state(flight, nav, estimate.in_all_lanes(flight.covariance))
 
     @property
     def imu(self) -> ImuData:
-        return ImuData(self.flight.world.imu_time, self.inputs.dtheta, self.inputs.dv)
+        return ImuData(self.flight.shared.imu_time, self.inputs.dtheta, self.inputs.dv)
 
     def pieces(self, state: State, model: FilterModel) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Navigation and covariance at each output; the filter may be changed between them."""
@@ -131,7 +131,7 @@ def shaken(kind: str, steady: bool, gusts: float, runs: int) -> tuple[float, flo
     found = []
     for first in range(0, runs, WIDTH):
         batch = Batch(flown, first)
-        flight, inputs, world = batch.flight, batch.inputs, flown.world
+        flight, inputs, world = batch.flight, batch.inputs, flown.shared
         moved, faster = gusty(world.imu_time, gusts, first)
         to_level = dcm_from_quaternion(world.truth.quaternion[:-1])
         inputs.dv[...] += np.einsum("kji,kjw->kiw", to_level, np.diff(faster, axis=0))
@@ -144,9 +144,9 @@ def shaken(kind: str, steady: bool, gusts: float, runs: int) -> tuple[float, flo
             estimate.in_all_lanes(m) for m in (route.llh, route.velocity_ned, route.quaternion)
         )
         truth = Truth(llh + metre * moved[at_output], velocity + faster[at_output], quaternion, inputs.sensors)
-        account = empty_account(truth, flight.model.states, flight.events.time.size, WIDTH)
+        account = empty_error_history(truth, flight.model.states, flight.events.time.size, WIDTH)
         estimate.fly(batch.imu, tables, flight.events, batch.state, flight.model, account)
-        found.append([account.judgement.error[-1, A_D], account.sigma[-1, A_D]])
+        found.append([account.errors.error[-1, PHI_D], account.sigma[-1, PHI_D]])
     error, sigma = np.concatenate(found, axis=1)
     return float(np.degrees(np.sqrt(np.mean(error**2)))), float(np.sqrt(np.mean((error / sigma) ** 2)))
 
@@ -182,13 +182,13 @@ class Hole:
     def __init__(self, kind: str, coupling: str, length: float, runs: int, steady: bool = True) -> None:
         settings = ("approach.start_height_m=340", "duration_s=120", f"filter.kind={kind}",
                     f"filter.coupling={coupling}", f"filter.steady_force={str(steady).lower()}")  # fmt: skip
-        names = case(*settings).world.signals.names
+        names = case(*settings).shared.signals.names
         silence = {"what": "silence", "sources": list(names), "at_s": 40.0, "until_s": 40.0 + length}
         flown = case(*settings, f"events={json.dumps([silence])}")
         ensemble = fly_all(flown, SEED, 0, runs, threads(), keep="errors")
         times = 40.0 + np.array([-0.1, 0.5 * length, length - 0.1, length + 1.0, length + 10.0, length + 19.0])
-        at = np.searchsorted(flown.world.filter_time, times - 1e-6)
-        error, sigma = (np.asarray(ensemble[name])[:, at, A_D] for name in ("error", "sigma"))
+        at = np.searchsorted(flown.shared.filter_time, times - 1e-6)
+        error, sigma = (np.asarray(ensemble[name])[:, at, PHI_D] for name in ("error", "sigma"))
         self.z = np.sqrt(((error / sigma) ** 2).mean(axis=0))
         self.band = 0.07 + 2.5 * np.sqrt(0.5 / runs)
 

@@ -31,11 +31,11 @@ def after(*events: dict[str, Any], settings: tuple[str, ...] = ()) -> Case:
 def fixes(c: Case, when: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Errors of fixes without noise, position in the NED of epoch `when` and velocity (e, 3), and the receiver's clock
     (e,), m."""
-    ranges, rates = shared_truth.without_noise(c.world)
-    llh, velocity, clocks, _ = measurements.receiver_fixes(c.world, ranges, rates)
-    axes = ned_matrix(llh_from_ecef(c.world.signals.antenna))
-    off = (ecef_from_llh(llh) - c.world.signals.antenna) @ axes[when].T
-    return off, velocity - c.world.at_filter.velocity_ned[1:], clocks[:, 0]
+    ranges, rates = shared_truth.without_noise(c.shared)
+    llh, velocity, clocks, _ = measurements.receiver_fixes(c.shared, ranges, rates)
+    axes = ned_matrix(llh_from_ecef(c.shared.signals.antenna))
+    off = (ecef_from_llh(llh) - c.shared.signals.antenna) @ axes[when].T
+    return off, velocity - c.shared.at_filter.velocity_ned[1:], clocks[:, 0]
 
 
 def test_a_spoofer_of_everything_puts_the_fix_where_he_wants() -> None:
@@ -44,7 +44,7 @@ def test_a_spoofer_of_everything_puts_the_fix_where_he_wants() -> None:
              "clock_m": 40.0, "at_s": 10}  # fmt: skip
     watched = ("integrity={method: chi2, p_fa: 1.0e-2}",)
     plain, spoofed = after(settings=watched), after(spoof, settings=watched)
-    time = plain.world.signals.time
+    time = plain.shared.signals.time
     on = time >= 10.0
     (true, v_true, clock), (off, v_off, moved) = (fixes(c, int(np.argmax(on))) for c in (plain, spoofed))
     np.testing.assert_allclose(true, 0.0, atol=1e-6)
@@ -74,15 +74,15 @@ def test_a_meacon_puts_every_fix_where_it_stands() -> None:
     place = {"lat_deg": 56.02, "lon_deg": 37.01}
     c = after({"what": "meacon", "sources": ["glonass"], "place": place, "height_m": 60, "delay_m": 700, "at_s": 5},
               settings=("pseudolites.count=0",))  # fmt: skip
-    ranges, rates = shared_truth.without_noise(c.world)
-    llh, velocity, clocks, _ = measurements.receiver_fixes(c.world, ranges, rates)
-    on = c.world.signals.time >= 5.0
+    ranges, rates = shared_truth.without_noise(c.shared)
+    llh, velocity, clocks, _ = measurements.receiver_fixes(c.shared, ranges, rates)
+    on = c.shared.signals.time >= 5.0
     there = ecef_from_llh(np.array([np.radians(56.02), np.radians(37.01), 60.0]))
     assert np.linalg.norm(ecef_from_llh(llh[on]) - there, axis=1).max() < 0.5
     assert np.linalg.norm(velocity[on], axis=1).max() < 0.02
-    onward = np.linalg.norm(c.world.signals.antenna[on] - there, axis=1)
-    assert np.abs(clocks[on, 0] - c.world.clock[on, 0] - onward - 700.0).max() < 0.5
-    assert np.linalg.norm(ecef_from_llh(llh[~on]) - c.world.signals.antenna[~on], axis=1).max() < 1e-5
+    onward = np.linalg.norm(c.shared.signals.antenna[on] - there, axis=1)
+    assert np.abs(clocks[on, 0] - c.shared.clock[on, 0] - onward - 700.0).max() < 0.5
+    assert np.linalg.norm(ecef_from_llh(llh[~on]) - c.shared.signals.antenna[~on], axis=1).max() < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -99,11 +99,11 @@ def test_range_rates_are_changes_of_ranges(event: dict[str, Any]) -> None:
     """By differences over 20 ms either side, of what the event adds: the times of ranges are rounded."""
     brief = ("duration_s=4", "receiver.rate_hz=50", "filter.kind=eskf")
     c = case(*brief, f"events={json.dumps([event])}")
-    of_event, plain = (shared_truth.without_noise(world) for world in (c.world, case(*brief).world))
+    of_event, plain = (shared_truth.without_noise(world) for world in (c.shared, case(*brief).shared))
     ranges, rates = (told - true for told, true in zip(of_event, plain, strict=True))
-    time = c.world.signals.time
+    time = c.shared.signals.time
     change = (ranges[2:] - ranges[:-2]) / (time[2:] - time[:-2])[:, None]
-    used = c.world.signals.used.all(axis=0)
+    used = c.shared.signals.used.all(axis=0)
     assert np.abs(rates[:, used]).max() > 0.05
     np.testing.assert_allclose(change[:, used], rates[1:-1][:, used], atol=2e-4)
 
@@ -113,7 +113,7 @@ def test_a_survey_error_is_that_of_the_section() -> None:
     told = after({"what": "survey", "sources": ["pseudolites"], "ned_m": [0.5, -0.4, 0.3]})
     given = after(settings=("pseudolites.survey_error_m=[0.5, -0.4, 0.3]",))
     # there north is that of each pseudolite, here of the aircraft: 5 km away 1e-3 rad
-    for a, b in zip(shared_truth.without_noise(told.world), shared_truth.without_noise(given.world), strict=True):
+    for a, b in zip(shared_truth.without_noise(told.shared), shared_truth.without_noise(given.shared), strict=True):
         np.testing.assert_allclose(a, b, atol=2e-3)
 
 
@@ -121,16 +121,16 @@ def test_silence_is_no_source() -> None:
     """A silenced satellite is left out of fixes and levels like an excluded one, and comes back."""
     silent = after({"what": "silence", "sources": ["R24", "PL2"], "at_s": 10, "until_s": 20})
     plain = after()
-    s, time = silent.world.signals, silent.world.signals.time
+    s, time = silent.shared.signals, silent.shared.signals.time
     gone = np.isin(s.names, ["R24", "PL2"])
     on = (time >= 10.0) & (time < 20.0)
-    assert plain.world.signals.used[:, gone].all()
+    assert plain.shared.signals.used[:, gone].all()
     assert not s.used[np.ix_(on, gone)].any()
-    np.testing.assert_array_equal(s.used[~on], plain.world.signals.used[~on])
-    ranges, _ = measurements.measured(silent.world, 1, 0)
+    np.testing.assert_array_equal(s.used[~on], plain.shared.signals.used[~on])
+    ranges, _ = measurements.measured(silent.shared, 1, 0)
     assert np.isnan(ranges[np.ix_(on, gone)]).all()
     # noise of the others is what it was
-    np.testing.assert_array_equal(ranges[:, ~gone], measurements.measured(plain.world, 1, 0)[0][:, ~gone])
+    np.testing.assert_array_equal(ranges[:, ~gone], measurements.measured(plain.shared, 1, 0)[0][:, ~gone])
 
 
 def test_the_covariance_analysis_has_the_mean_of_runs() -> None:
@@ -171,15 +171,15 @@ def test_of_the_code_only(event: dict[str, Any]) -> None:
     both = {code_only: after(event | {"sources": ["R01"], "at_s": 10, "code_only": code_only},
                              settings=("receiver.smoothing_s=5",)) for code_only in (False, True)}  # fmt: skip
     plain = after(settings=("receiver.smoothing_s=5",))
-    i, time = plain.world.signals.names.index("R01"), plain.world.signals.time
+    i, time = plain.shared.signals.names.index("R01"), plain.shared.signals.time
     wrong = {"ramp": 2.0 * np.maximum(time - 10.0, 0.0), "step": np.where(time >= 10.0, 30.0, 0.0)}[event["what"]]
-    told, truth = both[True].world.signals, plain.world.signals
+    told, truth = both[True].shared.signals, plain.shared.signals
     np.testing.assert_array_equal(told.range_rate, truth.range_rate)
     np.testing.assert_allclose(told.delay[:, i] - truth.delay[:, i], wrong, atol=1e-9)
-    np.testing.assert_allclose(both[False].world.signals.delay, told.delay, atol=1e-9)
+    np.testing.assert_allclose(both[False].shared.signals.delay, told.delay, atol=1e-9)
     smoothed, expected = np.empty((3, time.size)), np.zeros(time.size)
     for row, c in zip(smoothed, (plain, both[False], both[True]), strict=True):
-        row[:] = shared_truth.without_noise(c.world)[0][:, i]
+        row[:] = shared_truth.without_noise(c.shared)[0][:, i]
     np.testing.assert_allclose(smoothed[1] - smoothed[0], wrong, atol=1e-6)
     for e in range(1, time.size):
         n = min(e + 1, 10)  # 5 s of two epochs a second

@@ -137,13 +137,13 @@ def test_fixes_without_the_faulty_source(rule: str) -> None:
     run = simulation.fly(c.flight, 5, [3]).one(0)
     names = [one.name for one in c.flight.candidates]
     excluded = run.monitor_excluded == names.index("R01")
-    time = c.world.signals.time
+    time = c.shared.signals.time
     assert not excluded[(time < 8) | (time >= 14)].any()
     assert excluded[(time >= 8) & (time < 14)].mean() > 0.9
     np.testing.assert_array_equal(run.monitor_status == EXCLUDED, run.monitor_excluded != NOTHING)
     for e in np.flatnonzero(excluded)[::3]:
         place, _, _ = anew(c, run.pseudorange, e, ("R01",))
-        off = ned_matrix(c.world.at_filter.llh[e + 1]) @ (place - c.world.signals.antenna[e])
+        off = ned_matrix(c.shared.at_filter.llh[e + 1]) @ (place - c.shared.signals.antenna[e])
         np.testing.assert_allclose(run.watched_error[e], [np.hypot(off[0], off[1]), abs(off[2])], rtol=1e-3, atol=1e-4)
     assert c.flight.watching is not None
     deaf = faulty(rule, [{"what": "silence", "sources": ["R01"]}])
@@ -256,7 +256,7 @@ def test_a_fix_without_a_pseudolite_has_none_of_its_reflections() -> None:
     assert without.sum() > 20
     np.testing.assert_array_equal(shifted, ~without)
     _, _, _, cov = measurements.receiver_fixes(
-        watched.world, np.where(np.array(watched.world.signals.names) == "PL1", np.nan, run.pseudorange[0]),
+        watched.shared, np.where(np.array(watched.shared.signals.names) == "PL1", np.nan, run.pseudorange[0]),
         run.range_rate[0],
     )  # fmt: skip
     np.testing.assert_allclose(run.filter_fix_covariance[0][without[0]], cov[without[0]], rtol=1e-9)

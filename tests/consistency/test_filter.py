@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from navsim.filter.states import A_D, GYRO
+from navsim.filter.states import GYRO, PHI_D
 from navsim.landing.study import Case, fly_all
 from navsim.runner.executor import threads
 from tests.conftest import LANDINGS
@@ -34,7 +34,7 @@ def consistency(seed: int, kind: str, velocity: str, runs: int) -> tuple[np.ndar
     """NEES/15 and NEES/6 at 10, 20, ... 120 s, and NIS, in the small-angle world."""
     flown = case(*GENTLE, f"filter.velocity={velocity}", f"filter.kind={kind}")
     ensemble = fly_all(flown, seed, 0, runs, threads())
-    time = flown.world.filter_time
+    time = flown.shared.filter_time
     at = [int(np.argmin(np.abs(time - t))) for t in range(10, 121, 10)]
     np.testing.assert_allclose(time[at], range(10, 121, 10))
     full = ensemble["nees"].mean(axis=0)[at] / 15
@@ -78,7 +78,7 @@ FIXES = {
 def at_tens(flown: Case, runs: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean NEES/15 (own coordinates) and NEES/6 at 10, 20, ... 120 s."""
     ensemble = fly_all(flown, 1, 0, runs, threads())
-    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
+    at = [int(np.argmin(np.abs(flown.shared.filter_time - t))) for t in range(10, 121, 10)]
     return ensemble["nees"].mean(axis=0)[at] / 15, ensemble["nees_position_velocity"].mean(axis=0)[at] / 6
 
 
@@ -133,9 +133,9 @@ def honest(settings: tuple[str, ...], name: str, runs: int) -> tuple[np.ndarray,
     flown = case(*settings, name=name)
     assert flown.scenario.filter.kind == "gaussian-sum"
     ensemble = fly_all(flown, 1, 0, runs, threads())
-    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
+    at = [int(np.argmin(np.abs(flown.shared.filter_time - t))) for t in range(10, 121, 10)]
     full, part = ensemble["nees"].mean(axis=0)[at] / 15, ensemble["nees_position_velocity"].mean(axis=0)[at] / 6
-    return full, part, float(np.abs(ensemble["error"][..., A_D] / ensemble["sigma"][..., A_D]).max())
+    return full, part, float(np.abs(ensemble["error"][..., PHI_D] / ensemble["sigma"][..., PHI_D]).max())
 
 
 @pytest.mark.parametrize(("settings", "name"), [pytest.param(s, n, id=i) for i, s, n in TRUE])
@@ -163,7 +163,7 @@ def test_a_turn_takes_nothing_from_what_is_known_of_biases(name: str, before: fl
     """The body leaves the glide, or begins it, with heading unknown to 12 or 8 deg. The gyro about the axis of that
     turn has a constant bias, known to 2.5 deg/h: a turn cannot make it worse."""
     flown = case(name=name)
-    time = flown.world.filter_time
+    time = flown.shared.filter_time
     sigma = fly_all(flown, 2, 0, 8, threads(), keep="errors")["sigma"][..., GYRO + 1]
     at, later = int(np.argmin(np.abs(time - before))), (time > before) & (time < after)
     assert np.all(sigma[:, later].max(axis=1) < 1.02 * sigma[:, at])
@@ -176,7 +176,7 @@ def test_late_fixes_with_a_lever_arm_are_used_as_well() -> None:
     settled = ensemble["nees"][:, 10:].mean() / 15
     assert 0.93 < settled < 1.07
     assert 0.98 < ensemble["innovation_squared"].sum() / ensemble["degrees"].sum() < 1.02
-    np.testing.assert_allclose(flown.world.filter_time[1:], np.arange(1, 120) + 0.353)
+    np.testing.assert_allclose(flown.shared.filter_time[1:], np.arange(1, 120) + 0.353)
 
 
 def test_latency_ignored_is_noticed() -> None:

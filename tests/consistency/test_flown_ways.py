@@ -20,9 +20,9 @@ from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
-from navsim.simulation.dispersed_trajectory import Flown, Ways
+from navsim.simulation.dispersed_trajectory import DispersedTrajectories, Dispersion
 from navsim.simulation.landing import fly
-from navsim.simulation.shared_truth import World
+from navsim.simulation.shared_truth import SharedTruth
 from navsim.trajectory.dispersion import Departure
 from navsim.trajectory.guidance import Held, steered
 from navsim.trajectory.kinematics import integrate
@@ -41,12 +41,12 @@ GRAVITY = 9.84
 """Nowhere on the ground is it more, m/s2."""
 
 
-def ways_of(world: World) -> Ways:
+def ways_of(world: SharedTruth) -> Dispersion:
     assert world.ways is not None
     return world.ways
 
 
-def mechanised(world: World, flown: Flown, lane: int) -> tuple[float, float]:
+def mechanised(world: SharedTruth, flown: DispersedTrajectories, lane: int) -> tuple[float, float]:
     """How far an error-free mechanisation of a run ends from its truth, m, and how much it is turned, rad."""
     nav = np.zeros(states.NAV_N)
     nav[:3], nav[3:6], nav[6:10] = (m[0, :, lane] for m in (flown.llh, flown.velocity, flown.quaternion))
@@ -60,7 +60,7 @@ def mechanised(world: World, flown: Flown, lane: int) -> tuple[float, float]:
     return float(np.linalg.norm(off)), float(np.linalg.norm(turn))
 
 
-def most_off(world: World, flown: Flown, lane: int) -> tuple[float, float]:
+def most_off(world: SharedTruth, flown: DispersedTrajectories, lane: int) -> tuple[float, float]:
     """What `mechanised` may find where nothing is wrong, from the order of the integration.
 
     Two samples correct for coning and sculling exactly where rates change linearly. A jerk that jumps at samples makes
@@ -80,7 +80,7 @@ def most_off(world: World, flown: Flown, lane: int) -> tuple[float, float]:
 )
 def test_the_mechanised_way_is_the_flown_one(name: str, seconds: float) -> None:
     """At 100 Hz, in wind; where the approach ends in a bend, which no two samples follow, up to it."""
-    world = case(FTE, *WIND, f"duration_s={seconds}", name=name).world
+    world = case(FTE, *WIND, f"duration_s={seconds}", name=name).shared
     assert world.filter_time[-1] == pytest.approx(world.imu_time[-1])
     flown = ways_of(world).flown(1, range(WIDTH), WIDTH)
     assert np.abs(flown.deviation).max() > 3.0
@@ -90,7 +90,7 @@ def test_the_mechanised_way_is_the_flown_one(name: str, seconds: float) -> None:
 
 def test_increments_are_integrals_of_the_motion() -> None:
     """The kernel's against Gauss' rule over the motion that numpy makes of the same departure."""
-    world = case(FTE, *WIND, "duration_s=20").world
+    world = case(FTE, *WIND, "duration_s=20").shared
     ways = ways_of(world)
     flown = ways.flown(3, [5], WIDTH)
     way = ways.of_run(flown, 0)
@@ -101,7 +101,7 @@ def test_increments_are_integrals_of_the_motion() -> None:
 
 def test_what_is_felt_is_the_derivative_of_the_way() -> None:
     """Velocity, specific force and angular rate by differences of positions and attitudes, between samples too."""
-    world = case(FTE, *WIND, "duration_s=20").world
+    world = case(FTE, *WIND, "duration_s=20").shared
     ways = ways_of(world)
     way = ways.of_run(ways.flown(3, [5], WIDTH), 0)
     t, step = 0.5033 + 0.5 * np.arange(38), 1e-4  # a jerk jumps at samples
@@ -121,7 +121,7 @@ def test_what_is_felt_is_the_derivative_of_the_way() -> None:
 def test_ranges_are_those_of_the_antenna() -> None:
     """Against the signals that are built anew along the flown way: satellites move while light travels, 1 mm."""
     flown_case = case(FTE, "duration_s=20", "receiver.lever_arm_m=[2, 0.5, -1]", "pseudolites.height_m=20")
-    world = flown_case.world
+    world = flown_case.shared
     ways = ways_of(world)
     flown = ways.flown(3, [5], WIDTH)
     motion = ways.of_run(flown, 0).motion(world.signals.time)
@@ -136,7 +136,7 @@ def test_ranges_are_those_of_the_antenna() -> None:
 
 def test_sigmas_of_deviations() -> None:
     """Of place, velocity and acceleration: those of the process, by height where it shrinks; it ends on the ground."""
-    world = case(FTE, "imu.rate_hz=20", "receiver.rate_hz=1").world
+    world = case(FTE, "imu.rate_hz=20", "receiver.rate_hz=1").shared
     ways = ways_of(world)
     time = ways.disturbance.time
     some = np.searchsorted(time, [0.0, 20.0, 40.0])
@@ -160,26 +160,26 @@ def test_the_truth_goes_where_the_estimate_is_off(within: Within) -> None:
     """Behind three lags, and twice differentiably: the errors of the flight before, held between outputs; the errors of
     this flight are nearly the same."""
     guided, before = (case(*more, *GENTLE, "runway.heading_deg=75") for more in ((STEERED,), ()))
-    ways, runs, time = ways_of(guided.world), range(WIDTH), guided.world.imu_time
+    ways, runs, time = ways_of(guided.shared), range(WIDTH), guided.shared.imu_time
     flown, blind = (fly(one.flight, 1, runs, measured=False) for one in (guided, before))
     error = blind.error[..., states.SLICES["position"]]
     # the earth's curve turns verticals by 0.7 mrad on the way
     start = earth.llh_from_ecef(ways.trajectory.frame.origin)
     axes = earth.heading_axes(start, np.radians(75.0))[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
-    off = np.einsum("roj,ojk->rok", error, earth.ned_matrix(guided.world.at_filter.llh) @ axes)
-    held = off[:, np.searchsorted(guided.world.filter_time, time + 1e-6, side="right") - 1]
+    off = np.einsum("roj,ojk->rok", error, earth.ned_matrix(guided.shared.at_filter.llh) @ axes)
+    held = off[:, np.searchsorted(guided.shared.filter_time, time + 1e-6, side="right") - 1]
     loop = ([1.0], np.polymul([5.0, 1.0], np.polymul([0.3, 1.0], [0.3, 1.0])))
     sampled = cont2discrete(tf2ss(*loop), time[1] - time[0], method="zoh")
     for axis in range(3):
         for lane in runs:
             (way,) = dlsim(sampled, held[lane, :, axis])[1].T
-            at = np.interp(guided.world.filter_time, time, way)[:60]  # the ground ends it
+            at = np.interp(guided.shared.filter_time, time, way)[:60]  # the ground ends it
             np.testing.assert_allclose(flown.deviation[lane, :60, axis], at, atol=within["value"])
     change = (flown.error - blind.error)[..., states.SLICES["position"]]
     assert np.sqrt(np.mean(change**2)) < 0.02 * np.sqrt(np.mean(error**2))
     assert np.abs(flown.deviation).max() > 0.3
     known = ways.known(blind.error[..., states.SLICES["position"]].transpose(1, 2, 0))
-    position, turn = mechanised(guided.world, ways.flown(1, runs, WIDTH, known), 0)
+    position, turn = mechanised(guided.shared, ways.flown(1, runs, WIDTH, known), 0)
     assert position < 0.01
     assert turn < 1e-6
 
@@ -192,7 +192,7 @@ def test_errors_of_steered_runs() -> None:
     as_declared(judged)
     at = LandingStudy(guided, 1, "all").crossings
     for axis, name in enumerate(("lateral", "along", "vertical")):
-        off = [np.interp(at, guided.world.filter_time, one) for one in judged[f"/filter/deviation_{name}"]]
+        off = [np.interp(at, guided.shared.filter_time, one) for one in judged[f"/filter/deviation_{name}"]]
         np.testing.assert_allclose(judged[f"/summary/at/{name}_tse_run"], off, atol=1e-9)
         np.testing.assert_allclose(judged["/summary/box/error_run"][:, axis], np.array(off)[:, 0], atol=1e-9)
         parts = judged[f"/summary/at/{name}_fte_run"] + judged[f"/summary/at/{name}_run"]
@@ -215,7 +215,7 @@ def test_an_estimate_that_is_lost_is_held() -> None:
 
 def test_a_run_is_its_own() -> None:
     """Its way depends on its number alone, not on those that fly beside it; lanes left over repeat the last."""
-    ways = ways_of(case(FTE, "duration_s=10").world)
+    ways = ways_of(case(FTE, "duration_s=10").shared)
     alone, beside = ways.flown(1, [2], WIDTH), ways.flown(1, range(WIDTH), WIDTH)
     np.testing.assert_array_equal(alone.dv[..., 0], beside.dv[..., 2])
     np.testing.assert_array_equal(alone.dv[..., 0], alone.dv[..., WIDTH - 1])
@@ -263,10 +263,10 @@ def test_sensors_beside_the_receiver_are_on_the_way() -> None:
     radio = "radio_altimeter={sigma_floor_m: 0.001}"
     flown_case = case(FTE, *GENTLE, radio)
     run = flown_case.fly(1, 0)
-    (aid,) = flown_case.world.aids
+    (aid,) = flown_case.shared.aids
     seen = np.isfinite(run.aided[:, 0]) & np.isfinite(aid.exact[:, 0])
     off = (run.aided[:, 0] - aid.exact[:, 0])[seen]
-    way = np.interp(aid.time[seen], flown_case.world.filter_time, run.deviation[:, 2])
+    way = np.interp(aid.time[seen], flown_case.shared.filter_time, run.deviation[:, 2])
     assert np.abs(way).max() > 0.5
     assert np.abs(off - way)[aid.time[seen] < 59.0].max() < 0.2  # the ground is level, the nose turns the arm
 

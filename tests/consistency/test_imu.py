@@ -233,7 +233,7 @@ def test_what_is_beyond_the_range_is_counted() -> None:
     ensemble = fly_all(flown, 1, 0, 10, threads(), keep="none")
     count = ensemble.per_run("clipped")
     assert count.shape == (10, 2)
-    rates = np.abs(flown.world.dtheta / np.diff(flown.world.imu_time)[:, None]).max(axis=1)
+    rates = np.abs(flown.shared.dtheta / np.diff(flown.shared.imu_time)[:, None]).max(axis=1)
     assert count[:, 0] == pytest.approx(np.full(10, np.sum(rates > np.radians(2.0))), rel=0.1)
     assert not count[:, 1].any()
     found = [f for f in findings(flown, ensemble) if f.name == "clipped_samples"]

@@ -39,7 +39,7 @@ def at_every_sample(events: Events, samples: np.ndarray) -> Events:
 def test_an_interval_is_its_samples(kind: str, settings: tuple[str, ...]) -> None:
     """Sigma of every state at every output, two runs."""
     made = case(f"filter.kind={kind}", "duration_s=25", "approach.start_height_m=50", *settings)
-    flight, samples = made.flight, made.world.imu_time[1:-1]
+    flight, samples = made.flight, made.shared.imu_time[1:-1]
     by_interval = fly(flight, 3811, (0, 1)).sigma
     by_samples = fly(replace(flight, events=at_every_sample(flight.events, samples)), 3811, (0, 1)).sigma
     assert not np.array_equal(by_interval, by_samples)

@@ -41,13 +41,13 @@ NEVER_LOST = {"lose_db_hz": 0.0, "regain_db_hz": 0.0}
 def test_one_link_by_hand() -> None:
     """A satellite and an epoch: power, way, antenna, share of the band that the signal takes in, noise of the loops."""
     c = jammed(NOISE, lock=NEVER_LOST)
-    plain = case(*BRIEF).world.signals
-    s, name, e = c.world.signals, "R01", 120
+    plain = case(*BRIEF).shared.signals
+    s, name, e = c.shared.signals, "R01", 120
     i = s.names.index(name)
     assert s.used[e, i]
     away = ecef_from_llh(np.array([math.radians(56.03), math.radians(37.02), 10.0])) - s.antenna[e]
     distance = float(np.linalg.norm(away))
-    elevation = math.asin(float(c.world.antenna_enu[e, 2] @ away) / distance)
+    elevation = math.asin(float(c.shared.antenna_enu[e, 2] @ away) / distance)
     gain = -10.0 * (1.0 - math.sin(elevation))
     loss = 20.0 * math.log10(4.0 * math.pi * distance * 1602e6 / LIGHT)
     noise_density = 10.0 * math.log10(1.380649e-23 * 290.0)
@@ -76,16 +76,16 @@ def test_one_link_by_hand() -> None:
 def test_signals_are_lost_and_come_back() -> None:
     """After half a second below, and two seconds above; before the jammer begins nothing is different."""
     c, plain = jammed(NOISE | {"eirp_dbw": 20}), case(*BRIEF)
-    s, time = c.world.signals, c.world.signals.time
-    of_sky = np.array([name.startswith("R") for name in s.names]) & plain.world.signals.used.all(axis=0)
+    s, time = c.shared.signals, c.shared.signals.time
+    of_sky = np.array([name.startswith("R") for name in s.names]) & plain.shared.signals.used.all(axis=0)
     before = time < 8.0
     for name in ("used", "sigma", "rate_sigma", "los", "cn0", "delay"):
-        np.testing.assert_array_equal(getattr(s, name)[before], getattr(plain.world.signals, name)[before])
+        np.testing.assert_array_equal(getattr(s, name)[before], getattr(plain.shared.signals, name)[before])
     lost = ~s.used[:, of_sky]
     expected = (time >= 8.5 - 1e-9) & (time < 20.0 - 1e-9)
     np.testing.assert_array_equal(lost, np.broadcast_to(expected[:, None], lost.shape))
     # the others' noise is drawn as ever
-    drawn = [measurements.measured(world, 1, 0)[0] for world in (c.world, plain.world)]
+    drawn = [measurements.measured(world, 1, 0)[0] for world in (c.shared, plain.shared)]
     np.testing.assert_array_equal(drawn[0][before], drawn[1][before])
     assert np.isnan(drawn[0][~s.used]).all()
 
@@ -94,8 +94,8 @@ def test_a_narrow_jammer_takes_the_channel_it_is_on() -> None:
     """A tone on the carrier of channel 1: satellites of that channel are lost, others hear its side lobes."""
     tone = {"name": "J1", "place": PLACE, "eirp_dbw": 5, "waveform": "tone", "centre_mhz": 1602.5625}
     c = jammed(tone)
-    s = c.world.signals
-    used = case(*BRIEF).world.signals.used.all(axis=0)
+    s = c.shared.signals
+    used = case(*BRIEF).shared.signals.used.all(axis=0)
     lost = {name for name, u, kept in zip(s.names, used, s.used[50], strict=True) if u and not kept}
     (group,) = c.environment.satellites
     channel = dict(zip(group.names, np.round((carriers(group.constellation) - 1602e6) / 562500.0), strict=True))
@@ -108,11 +108,11 @@ def test_two_jammers_and_one_beyond_the_horizon() -> None:
     far = NOISE | {"name": "far", "place": {"lat_deg": 56.75, "lon_deg": 37.02}, "eirp_dbw": 90, "on_s": []}
     one, both, with_far = (jammed(*jammers, lock=NEVER_LOST) for jammers in (
         [NOISE], [NOISE, NOISE | {"name": "J2"}], [NOISE, far]))  # fmt: skip
-    i, e = one.world.signals.names.index("R01"), 120
-    density = [10.0 ** (-c.world.signals.cn0[e, i] / 10.0) - 10.0**-4.5 for c in (one, both)]
+    i, e = one.shared.signals.names.index("R01"), 120
+    density = [10.0 ** (-c.shared.signals.cn0[e, i] / 10.0) - 10.0**-4.5 for c in (one, both)]
     assert density[1] == pytest.approx(2.0 * density[0], rel=1e-9)
-    assert with_far.world.signals.js[1, e, i] == -np.inf
-    np.testing.assert_array_equal(with_far.world.signals.cn0, one.world.signals.cn0)
+    assert with_far.shared.signals.js[1, e, i] == -np.inf
+    np.testing.assert_array_equal(with_far.shared.signals.cn0, one.shared.signals.cn0)
 
 
 def test_the_filter_stays_honest_while_it_is_jammed() -> None:
@@ -124,8 +124,8 @@ def test_the_filter_stays_honest_while_it_is_jammed() -> None:
     nees = np.concatenate([r.nees_position_velocity for r in runs])[:, 100:].mean() / 6.0
     assert 0.85 < nees < 1.15
     still = case(*BRIEF)
-    assert (c.world.signals.fix_sigma[:, c.world.signals.used.all(axis=0)].mean()
-            > 1.3 * still.world.signals.fix_sigma[:, still.world.signals.used.all(axis=0)].mean())  # fmt: skip
+    assert (c.shared.signals.fix_sigma[:, c.shared.signals.used.all(axis=0)].mean()
+            > 1.3 * still.shared.signals.fix_sigma[:, still.shared.signals.used.all(axis=0)].mean())  # fmt: skip
 
 
 def test_the_result_names_jammers(tmp_path: Path) -> None:
@@ -172,7 +172,7 @@ def test_a_jammer_by_the_runway_is_heard_on_the_ground() -> None:
     near = NOISE | {"place": {"lat_deg": 56.0178, "lon_deg": 37.0005}, "height_m": 0, "on_s": []}
     section = {"jammers": [near, near | {"name": "late", "on_s": [[200, 300]]}]}
     c = case("duration_s=65", "receiver.rate_hz=5", "filter.kind=eskf", f"interference={json.dumps(section)}")
-    i = c.world.signals.names.index("PL1")
-    assert np.isfinite(c.world.signals.js[0, :, i]).all()
+    i = c.shared.signals.names.index("PL1")
+    assert np.isfinite(c.shared.signals.js[0, :, i]).all()
     (text,) = [warning for warning in c.warnings if "jammers" in warning]
     assert "interference.jammers[1]: late is never received" in text

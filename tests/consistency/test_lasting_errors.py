@@ -12,7 +12,7 @@ from navsim.filter.estimate import estimate
 from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.filter.receiver_clock import ReceiverClock
 from navsim.geodesy.earth import ecef_from_llh, ned_matrix
-from navsim.gnss.correlated_errors import LastingErrors, mapped
+from navsim.gnss.correlated_errors import CorrelatedErrors, mapped
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
@@ -34,7 +34,7 @@ PV = slice(0, 6)
 def test_errors_are_gauss_markov_processes_of_each_satellite() -> None:
     """Variance 1, correlation exp(-d / tau) over unequal steps, and none between kinds and sources: 4.5 sigma."""
     time = np.array([0.0, 0.3, 5.0, 40.0])
-    errors = LastingErrors(("a", "b"), np.array([4.0, 60.0]), np.ones((2, 4, 3)))
+    errors = CorrelatedErrors(("a", "b"), np.array([4.0, 60.0]), np.ones((2, 4, 3)))
     runs = 4000
     drawn = errors.drawn(time, [generator(5, run, "lasting") for run in range(runs)])
     assert drawn.shape == (2, 4, 3, runs)
@@ -189,16 +189,16 @@ def test_states_of_ranges_are_those_of_the_satellites_that_are_received() -> Non
     """One a satellite for each group of kinds, none for pseudolites; true values of unit variance, those of a
     satellite by itself: what it adds to its range in the sigmas of its group."""
     flown = case(*TIGHT, "duration_s=120")
-    signals, errors = flown.world.signals, flown.flight.range_errors
+    signals, errors = flown.shared.signals, flown.flight.range_errors
     received = [n for n, used in zip(signals.names, signals.used.any(axis=0), strict=True) if used and n[0] != "P"]
     followed = [f"range_error_{speed}_{name}" for speed in ("slow", "fast") for name in received]
     assert [name for name in flown.states if name.startswith("range_error")] == followed
     assert len(flown.groups) == 5
-    assert signals.lasting is not None
-    drawn = signals.lasting.drawn(signals.time, [generator(5, run, "lasting") for run in range(300)])
+    assert signals.correlated is not None
+    drawn = signals.correlated.drawn(signals.time, [generator(5, run, "lasting") for run in range(300)])
     true = np.stack([errors.true_values(drawn[..., run]) for run in range(300)], axis=-1)
     assert np.abs(np.mean(true[-1] ** 2, axis=-1) - 1.0).max() < 4.5 * np.sqrt(2.0 / 300)
-    added = np.einsum("kes,kesw->esw", signals.lasting.sigma, drawn)
+    added = np.einsum("kes,kesw->esw", signals.correlated.sigma, drawn)
     group, source = errors.states
     mine = np.zeros_like(added)
     for state, (g, s) in enumerate(zip(group, source, strict=True)):
@@ -217,7 +217,7 @@ def test_runs_are_as_analysed(settings: tuple[str, ...]) -> None:
     flown = case(*GENTLE, OPEN, *settings)
     flights = fly_all(flown, 3, 0, 300, threads())
     analysis = covariance_analysis(flown)
-    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
+    at = [int(np.argmin(np.abs(flown.shared.filter_time - t))) for t in range(10, 121, 10)]
     predicted = np.sqrt(np.diagonal(analysis.covariance, axis1=1, axis2=2))[at, PV]
     measured = np.sqrt(np.mean(flights["error"][:, at, PV] ** 2, axis=0))
     assert np.abs(measured / predicted - 1.0).max() < 0.17
@@ -235,14 +235,14 @@ def test_a_run_is_the_same_beside_others() -> None:
     assert flown.states[-12:] == tuple(
         f"fix_error_{s}{also}_{a}" for s in ("slow", "fast") for also, axes in more.items() for a in axes
     )
-    assert case(OPEN, "pseudolites.count=0").scenario.lasting_states(8) == 12
+    assert case(OPEN, "pseudolites.count=0").scenario.correlated_states(8) == 12
 
 
 def test_states_are_sums_of_errors_of_sources() -> None:
     """Of orthogonal shares: of variance one and independent; at the first fix the first three are what it is off by,
     the square root of its covariance; what they leave of fixes is small, and with them is all that there is."""
     flown = case(OPEN, "receiver.rate_hz=1", name="landing_open_sky")
-    errors, believed = flown.world.fix_errors, flown.flight.beliefs.lasting
+    errors, believed = flown.shared.fix_errors, flown.flight.design.correlated
     assert believed is not None
     owed = errors.projections(believed.groups)
     e, count, k, s = owed.shape
@@ -278,7 +278,7 @@ def words(text: str) -> str:
 def test_every_kind_follows_them_as_a_dense_filter_does(kind: int) -> None:
     """Perfect sensors, position unknown, fixes with an error that lasts through a matrix that changes: estimate and
     covariance at the end are those of a Kalman filter of six states, to a hundredth of a sigma."""
-    world = case("imu.preset=perfect", "duration_s=20").world
+    world = case("imu.preset=perfect", "duration_s=20").shared
     time, step, tau = np.arange(1.0, 16.0), 0.01, 7.0
     random = np.random.default_rng(8)
     turn = np.array([np.eye(3) + 0.02 * t * cross(np.array([0.3, -0.5, 0.8])) for t in time])
@@ -289,7 +289,7 @@ def test_every_kind_follows_them_as_a_dense_filter_does(kind: int) -> None:
     # metres north, east, down off the truth
     at = [round(100 * t) for t in time]
     llh = world.truth.llh[at] + off * np.array([1 / 6.37e6, 1 / (6.37e6 * np.cos(world.truth.llh[0, 0])), -1.0])
-    blocks = (*states.biases(), states.lasting("fix_error", FIX, tau, step))
+    blocks = (*states.biases(), states.correlated_triple("fix_error", FIX, tau, step))
     p = np.diag(np.repeat([10.0, 1e-5, 1e-9, 1e-12, 1e-12, 1.0], 3) ** 2)
     state = records.start(exact_start(world.at_filter), p, components=3 if kind == records.GAUSSIAN_SUM else 0)
     cov = np.tile(np.diag([noise**2] * 3 + [1.0] * 3), (time.size, 1, 1))
@@ -324,7 +324,7 @@ def test_every_kind_follows_them_as_a_dense_filter_does(kind: int) -> None:
 def test_every_kind_follows_those_of_ranges_as_a_dense_filter_does(kind: int) -> None:
     """Perfect sensors, position and clock unknown, six sources far away of which one rises and another sets: estimate
     and covariance at the end are those of a Kalman filter of 3 + 2 + 12 states, to a hundredth of a sigma."""
-    world = case("imu.preset=perfect", "duration_s=20").world
+    world = case("imu.preset=perfect", "duration_s=20").shared
     time, step, taus, density = np.arange(1.0, 16.0), 0.01, (40.0, 3.0), (0.02, 0.01)
     random = np.random.default_rng(8)
     unit = np.array([[0.6, 0.3, -0.7], [-0.5, 0.6, -0.6], [0.1, -0.8, -0.6], [-0.7, -0.5, -0.5], [0.9, -0.1, -0.4],
@@ -348,7 +348,7 @@ def test_every_kind_follows_those_of_ranges_as_a_dense_filter_does(kind: int) ->
     states_ = [(s, g) for g in range(2) for s in range(6)]
     blocks = (
         *states.biases(),
-        *(states.alone(f"{s}{g}", "1", RANGE, 2 * s + g, 1.0, taus[g], step) for s, g in states_),
+        *(states.correlated_single(f"{s}{g}", "1", RANGE, 2 * s + g, 1.0, taus[g], step) for s, g in states_),
     )  # fmt: skip
     sigma = [10.0] * 3 + [1e-5] * 3 + [1e-9] * 3 + [1e-12] * 6 + [1.0] * 12 + [30.0, 3.0]
     state = records.start(

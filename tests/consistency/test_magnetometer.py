@@ -12,7 +12,7 @@ from tests.helpers import case
 
 FIELD = "declination_deg: 11, dip_deg: 71, intensity_ut: 52.5"
 ALIGNED = ("duration_s=40", "receiver.rate_hz=1", "initial_errors.attitude_deg=1")
-HEADING = states.A_D
+HEADING = states.PHI_D
 
 
 def magnetometer(*keys: str) -> str:

@@ -44,7 +44,7 @@ def test_what_the_states_are_judged_by() -> None:
     errors = SensorErrors(
         np.zeros((1, 6, 1)), np.zeros((6, 1)), cross, force=np.zeros((3, 3, 1)), clipped=np.zeros((2, 1))
     )
-    values = true_values(flown.beliefs.sensors.blocks, errors)[0, :, 0]
+    values = true_values(flown.design.sensors.blocks, errors)[0, :, 0]
     for value, name in zip(values[6:], flown.states[15:], strict=True):
         to, felt = ("xyz".index(axis) for axis in name[-2:])
         assert value == cross[int(name.startswith("acc")), to, felt, 0]

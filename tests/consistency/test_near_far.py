@@ -45,9 +45,9 @@ def with_interference(*settings: str, **section: Any) -> Case:
 def alone(c: Case) -> tuple[np.ndarray, np.ndarray]:
     """Carrier to noise density ratios of pseudolites without anybody else, 45 dB-Hz at 1 km, dB-Hz (e, 2), and which of
     the sources are satellites that are always used (s,)."""
-    s = c.world.signals
+    s = c.shared.signals
     strength = 45.0 + 20.0 * np.log10(1000.0 / np.linalg.norm(s.position[:, -2:] - s.antenna[:, None], axis=2))
-    always = case(*BRIEF).world.signals.used.all(axis=0)
+    always = case(*BRIEF).shared.signals.used.all(axis=0)
     always[-2:] = False
     return strength, always
 
@@ -59,7 +59,7 @@ def ratio(decibels: np.ndarray | float) -> np.ndarray:
 def test_continuous_pseudolites_are_noise_to_all_others() -> None:
     """Satellites of GPS have both, each pseudolite the other; matched spectra take in 2 / (3 R)."""
     c = with_interference(pseudolites={"lines": False}, lock=NEVER_LOST)
-    s, (strength, sky) = c.world.signals, alone(c)
+    s, (strength, sky) = c.shared.signals, alone(c)
     expected = 1.0 / (ratio(-45.0) + ratio(strength - 45.0).sum(axis=1) * MATCHED)
     np.testing.assert_allclose(ratio(s.cn0[:, sky]), np.broadcast_to(expected[:, None], s.cn0[:, sky].shape), rtol=1e-9)
     for own, other in ((0, 1), (1, 0)):
@@ -69,7 +69,7 @@ def test_continuous_pseudolites_are_noise_to_all_others() -> None:
         np.testing.assert_allclose(s.js[own, :, -2 + other], strength[:, own] - strength[:, other], atol=1e-9)
     # the loops' noise is that of what is left
     chip = LIGHT / RATE
-    plain = case(*BRIEF, *STRENGTH).world.signals
+    plain = case(*BRIEF, *STRENGTH).shared.signals
 
     def code(cn0: np.ndarray) -> np.ndarray:
         c_n0 = ratio(cn0)
@@ -87,8 +87,8 @@ def test_a_pseudolite_in_the_band_of_glonass() -> None:
     for carrier in (1602.0, 1575.42):
         c = with_interference("sky.source=nominal-glonass", f"pseudolites.carrier_mhz={carrier}", lock=NEVER_LOST,
                               pseudolites={"lines": False})  # fmt: skip
-        left[carrier] = c.world.signals.cn0
-    s, (strength, _) = c.world.signals, alone(c)
+        left[carrier] = c.shared.signals.cn0
+    s, (strength, _) = c.shared.signals, alone(c)
     (group,) = c.environment.satellites
     i = s.names.index("R01")
     offset = float(carriers(group.constellation)[i]) - 1602e6
@@ -112,7 +112,7 @@ def test_pulses_cost_their_share(correlation: str, blanking: bool) -> None:
     oracle = json.loads((DATA / "integrity.json").read_text())["pulsed_pseudolite"]
     section = {"pulses": {"blanking": blanking, "correlation": correlation}}
     c = with_interference(pseudolites=section, lock=NEVER_LOST)
-    s, (strength, sky) = c.world.signals, alone(c)
+    s, (strength, sky) = c.shared.signals, alone(c)
     duty = oracle["duty"]
     if blanking:
         wanted = np.full(s.time.size, 45.0 + 10.0 * math.log10(1.0 - 2.0 * duty))
@@ -130,9 +130,9 @@ def test_one_that_is_silent_neither_jams_nor_blanks() -> None:
         c, both = (
             with_interference(*more, pseudolites=section, lock=NEVER_LOST) for more in ((f"events={silent}",), ())
         )
-        s, (strength, sky) = c.world.signals, alone(c)
+        s, (strength, sky) = c.shared.signals, alone(c)
         on = (s.time >= 10.0) & (s.time < 20.0)
-        np.testing.assert_array_equal(s.cn0[np.ix_(~on, sky)], both.world.signals.cn0[np.ix_(~on, sky)])
+        np.testing.assert_array_equal(s.cn0[np.ix_(~on, sky)], both.shared.signals.cn0[np.ix_(~on, sky)])
         noise = ratio(-45.0) + ratio(strength[:, 1] - 45.0) * MATCHED
         wanted = (
             -10.0 * np.log10(noise) if "lines" in section else np.full(s.time.size, 45.0 + 10.0 * math.log10(10 / 11))
@@ -147,18 +147,18 @@ def test_lines_take_what_is_weaker_by_24_db() -> None:
     c, noise = (
         with_interference(*near, "duration_s=60", "sky.source=nominal", pseudolites=p) for p in ({}, {"lines": False})
     )
-    s = c.world.signals
+    s = c.shared.signals
     strength = 50.0 + 20.0 * np.log10(1000.0 / np.linalg.norm(s.position[:, -1] - s.antenna, axis=1))
     above = strength - 45.0 > 23.93924554139
     first, last = np.flatnonzero(above)[[0, -1]]
     assert above[first : last + 1].all()
     assert 10 < first < last < s.time.size - 30
-    gps = np.array([name.startswith("G") for name in s.names]) & noise.world.signals.used.all(axis=0)
-    assert noise.world.signals.cn0[:, gps].min() > 31.0
+    gps = np.array([name.startswith("G") for name in s.names]) & noise.shared.signals.used.all(axis=0)
+    assert noise.shared.signals.cn0[:, gps].min() > 31.0
     lost = np.zeros(s.time.size, bool)
     lost[first + 5 : last + 1 + 20] = True  # half a second, and two after the end
     np.testing.assert_array_equal(~s.used[:, gps], np.broadcast_to(lost[:, None], (lost.size, gps.sum())))
-    np.testing.assert_array_equal(s.used[:, ~gps], noise.world.signals.used[:, ~gps])
+    np.testing.assert_array_equal(s.used[:, ~gps], noise.shared.signals.used[:, ~gps])
 
 
 def test_a_ridge_hides_a_jammer_while_it_is_between() -> None:
@@ -167,13 +167,13 @@ def test_a_ridge_hides_a_jammer_while_it_is_between() -> None:
     start = np.array([math.radians(56.03), math.radians(37.02), 10.0])
     origin, ned = ecef_from_llh(start), ned_matrix(start)
     plain = with_interference(jammers=[TONE], lock=NEVER_LOST)
-    place = (plain.world.signals.antenna - origin) @ ned.T  # north, east, down of the jammer
+    place = (plain.shared.signals.antenna - origin) @ ned.T  # north, east, down of the jammer
     # the wall runs from west to east, 300 m south of it; what looks over it sees its top at 40 m
     north, wide, high = -300.0, 330.0, 40.0
     points = [start + np.array([north / 6.38e6, e / (6.38e6 * math.cos(start[0])), 0.0]) for e in (-wide, 0.0)]
     ends = [{"lat_deg": math.degrees(p[0]), "lon_deg": math.degrees(p[1])} for p in points]
     c = with_interference(jammers=[TONE], horizon=[{"ends": ends, "height_m": high}], lock=NEVER_LOST)
-    loss = (plain.world.signals.js - c.world.signals.js)[0][:, plain.world.signals.used.all(axis=0)]
+    loss = (plain.shared.signals.js - c.shared.signals.js)[0][:, plain.shared.signals.used.all(axis=0)]
     assert np.ptp(loss, axis=1).max() < 1e-9
     share = north / place[:, 0]
     behind = (share * place[:, 1] > -wide + 3.0) & (share * place[:, 1] < -3.0)
@@ -198,7 +198,7 @@ def test_a_skyline_all_around_hides_from_low_aircraft_alone() -> None:
     outcomes = []
     for horizon in ([], around):
         c = with_interference("duration_s=60", jammers=[TONE, inside], horizon=horizon, lock=NEVER_LOST)
-        outcomes.append(c.world.signals.js[:, :, alone(c)[1]][..., 0])
+        outcomes.append(c.shared.signals.js[:, :, alone(c)[1]][..., 0])
     loss = outcomes[0] - outcomes[1]
     assert loss[0, -20:].min() > 15.0  # on the last metres before touchdown, 1.9 km from the jammer
     assert not loss[1, -20:].any()
@@ -213,10 +213,10 @@ def test_the_front_end_passes_its_bands() -> None:
     free = with_interference(jammers=[between | strong], lock=NEVER_LOST)
     c = with_interference(jammers=[between | strong], front_end_mhz=bands, lock=NEVER_LOST)
     used = alone(c)[1]
-    np.testing.assert_allclose(c.world.signals.cn0[:, used], 45.0, atol=1e-12)
-    assert free.world.signals.cn0[:, used].max() < 44.9
+    np.testing.assert_allclose(c.shared.signals.cn0[:, used], 45.0, atol=1e-12)
+    assert free.shared.signals.cn0[:, used].max() < 44.9
     c = with_interference(jammers=[edge | strong], front_end_mhz=bands, lock=NEVER_LOST)
-    s, i = c.world.signals, int(np.flatnonzero(used)[0])
+    s, i = c.shared.signals, int(np.flatnonzero(used)[0])
     inside = (
         quad(lambda f: np.sinc((f - 1575.42e6) / RATE) ** 2 / RATE, 1584e6, 1586e6, epsrel=1e-10, limit=200)[0] / 4e6
     )
@@ -224,7 +224,7 @@ def test_the_front_end_passes_its_bands() -> None:
     np.testing.assert_allclose(ratio(s.cn0[:, i]), expected, rtol=1e-6)
     assert not [text for text in c.warnings if "front_end" in text]
     lone = with_interference("sky.source=nominal", jammers=[edge], front_end_mhz=bands[1:])
-    s = lone.world.signals
+    s = lone.shared.signals
     glonass = np.array([name.startswith("R") for name in s.names])
     assert s.used[:, glonass].any()
     assert not s.used[:, ~glonass].any()
@@ -241,11 +241,11 @@ def test_a_slow_sweep_comes_and_goes() -> None:
         with_interference(jammers=[sweep | more], lock=NEVER_LOST)
         for more in ({"sweep_s": 10.0}, {"sweep_s": 1e-3}, {})
     )
-    used = mean.world.signals.used.all(axis=0)
-    noise = [1.0 / ratio(c.world.signals.cn0[:, used][:, 0]) - ratio(-45.0) for c in (slow, quick, mean)]
+    used = mean.shared.signals.used.all(axis=0)
+    noise = [1.0 / ratio(c.shared.signals.cn0[:, used][:, 0]) - ratio(-45.0) for c in (slow, quick, mean)]
     np.testing.assert_allclose(noise[1], noise[2], rtol=5e-3)
-    js = ratio(slow.world.signals.js[0][:, used][:, 0])
-    kappa, time = noise[0] / js, slow.world.signals.time
+    js = ratio(slow.shared.signals.js[0][:, used][:, 0])
+    kappa, time = noise[0] / js, slow.shared.signals.time
     at = 1565e6 + 2e6 * (time[:, None] - np.linspace(0.5, 0.0, 2001)[None, :-1] + 0.000125)
     at = 1565e6 + (at - 1565e6) % 20e6
     tones = np.mean(np.sinc((at - 1575.42e6) / RATE) ** 2 / RATE, axis=1)

@@ -32,7 +32,7 @@ from navsim.scenario.source import InputError
 from navsim.simulation.landing_covariance import AnalysisError
 from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.placement_geometry import Geometry
-from navsim.simulation.shared_truth import World
+from navsim.simulation.shared_truth import SharedTruth
 from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.sweeps.study import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs
@@ -360,7 +360,7 @@ def judged(geometry: Geometry, sites: np.ndarray) -> np.ndarray:
     return out
 
 
-def of_world(world: World, glide: np.ndarray) -> np.ndarray:
+def of_world(world: SharedTruth, glide: np.ndarray) -> np.ndarray:
     """The same of a landing."""
     variance = np.diagonal(world.fix_covariance, axis1=1, axis2=2)
     sums = np.stack([variance.sum(axis=1), variance[:, :2].sum(axis=1), variance[:, 2]], axis=1)
@@ -406,7 +406,7 @@ def test_placement_path_equals_the_landing(
     except InputError as error:
         event(f"refused: {str(error)[:60]}")
         reject()
-    world, sites = flown.world, ecef_from_llh(flown.pseudolites.llh)
+    world, sites = flown.shared, ecef_from_llh(flown.pseudolites.llh)
     glide = on_glide(flown.scenario, flown.trajectory, world.signals.time)
     expected = of_world(world, glide)
     outputs = of_result(base(flown, COVARIANCE), int(np.isnan(expected[:, 0]).sum()))
@@ -503,7 +503,7 @@ def of_result(result: ResultBuilder, lost: int) -> np.ndarray:
     return np.array([*(d[0] for d in dops), *(d[2] for d in dops), *sigmas, float(lost)])
 
 
-def check_fixes(world: World, glide: np.ndarray, expected: np.ndarray) -> None:
+def check_fixes(world: SharedTruth, glide: np.ndarray, expected: np.ndarray) -> None:
     """Fixes from ranges without error: none without a DOP, and where they find the place, their covariance is that of
     the SKO; the iteration, whose last step is below 1 cm, may miss it beside pseudolites."""
     signals = world.signals
@@ -570,7 +570,7 @@ def test_a_glide_without_epochs_is_the_same_by_both_ways(tmp_path: Path) -> None
 @pytest.mark.parametrize("smoothing", [0.15, 0.25, 0.35, 1.25, 2.05])
 def test_memory_of_smoothing_does_not_depend_on_the_epochs_told(duration: float, smoothing: float) -> None:
     """Half an epoch more than a whole number of them goes up, for times of any rounding."""
-    world = case(f"receiver.smoothing_s={smoothing}", f"duration_s={duration}", "imu.rate_hz=10").world
+    world = case(f"receiver.smoothing_s={smoothing}", f"duration_s={duration}", "imu.rate_hz=10").shared
     assert world.signals.smoothing is not None
     assert world.signals.smoothing.max() == np.ceil(10.0 * smoothing)
 

@@ -28,7 +28,7 @@ def test_noise_by_the_link() -> None:
     s = case(
         *BRIEF, "pseudolites.eirp_dbm=-25", "pseudolites.range_law=cn0", "receiver.noise_figure_db=3",
         "pseudolites.pattern={elevation_deg: [-90, 90], gain_db: [[-4, -4]]}",
-    ).world.signals  # fmt: skip
+    ).shared.signals  # fmt: skip
     distance = np.linalg.norm(s.position[:, -2:] - s.antenna[:, None], axis=2)
     gain = -10.0 * (1.0 - np.sin(s.elevation[:, -2:]))
     noise = 10.0 * np.log10(1.380649e-23 * 290.0)
@@ -43,8 +43,8 @@ def test_noise_by_the_link() -> None:
 def test_shadowed_pseudolites_are_counted_by_name() -> None:
     settings = (*BRIEF, "pseudolites.s_m=3000", "pseudolites.l1_m=1000", "wind.speed_m_s=0")
     plain, flown = case(*settings), case(*settings, "receiver.antenna={mask_deg: 5}")
-    hidden = (~flown.world.signals.used[:, -2:]).sum(axis=0)
-    assert plain.world.signals.used[:, -2:].all()
+    hidden = (~flown.shared.signals.used[:, -2:]).sum(axis=0)
+    assert plain.shared.signals.used[:, -2:].all()
     assert (hidden > 0).all()
     for name, times in zip(("PL1", "PL2"), hidden, strict=True):
         text = f"receiver.antenna: the aircraft shadows {name} at {times} of 60 fixes"
@@ -64,8 +64,8 @@ def test_satellites_in_the_shadow_are_counted_by_name() -> None:
     """Those that the mask lets pass and that are not excluded: a belly antenna loses what is above it."""
     settings = (*BRIEF, "method=covariance", "sky.exclude=[G14]")
     plain, flown = case(*settings), case(*settings, "receiver.antenna={mount: belly, mask_deg: -20}")
-    seen, left = (c.world.signals.used.sum(axis=0) for c in (plain, flown))
-    lost = {n: int(k) for n, k in zip(plain.world.signals.names, seen - left, strict=True) if k}
+    seen, left = (c.shared.signals.used.sum(axis=0) for c in (plain, flown))
+    lost = {n: int(k) for n, k in zip(plain.shared.signals.names, seen - left, strict=True) if k}
     assert len(lost) > 2
     told = ", ".join(f"{name} at {times}" for name, times in lost.items())
     assert f"receiver.antenna: the aircraft shadows {told} of 60 fixes" in flown.warnings
@@ -77,8 +77,8 @@ def test_satellites_that_pseudolites_jam_are_counted_by_name() -> None:
     silent = "events=[{what: silence, sources: [G07], at_s: 0}]"
     settings = (*BRIEF, "method=covariance", "pseudolites.eirp_dbm=-7", "pseudolites.l1_m=500", silent)
     plain, flown = case(*settings), case(*settings, "interference={pseudolites: {isolation_db: 21.1}}")
-    seen, left = (c.world.signals.used.sum(axis=0) for c in (plain, flown))
-    lost = {n: int(k) for n, k in zip(plain.world.signals.names, seen - left, strict=True) if k}
+    seen, left = (c.shared.signals.used.sum(axis=0) for c in (plain, flown))
+    lost = {n: int(k) for n, k in zip(plain.shared.signals.names, seen - left, strict=True) if k}
     assert lost
     assert "G07" not in lost
     told = ", ".join(f"{name} at {times}" for name, times in lost.items())
@@ -154,8 +154,8 @@ def test_whether_ranging_errors_are_white(settings: tuple[str, ...], said: str) 
 def test_signals_fade_by_the_ground() -> None:
     """By the sum of both rays, at most twice the field, and the noise of ranges is by what is left."""
     settings = (*BRIEF, "pseudolites.height_m=4", "pseudolites.eirp_dbm=-25", "pseudolites.range_law=cn0")
-    plain, flown = case(*settings).world.signals, case(*settings, "pseudolites.multipath={polarisation: vertical}")
-    faded, ground = flown.world.signals, flown.environment.effects.reflection
+    plain, flown = case(*settings).shared.signals, case(*settings, "pseudolites.multipath={polarisation: vertical}")
+    faded, ground = flown.shared.signals, flown.environment.effects.reflection
     assert ground is not None
     assert ground.polarisation == "vertical"
     above = flown.trajectory.motion(faded.time).llh[:, 2] - ground.height
@@ -175,7 +175,7 @@ def test_places_and_clocks_are_drawn_for_each_run() -> None:
     flown = case(
         *BRIEF, "duration_s=2", "pseudolites.survey_sigma_m=0.8", "pseudolites.clock_sigma_ns=4",
         "pseudolites.range_sigma_m=1e-6",
-    ).world  # fmt: skip
+    ).shared  # fmt: skip
     clean = flown.signals.range + flown.signals.delay + flown.clock[:, :1]
     off = np.array([(measured(flown, 5, run)[0] - clean)[:, -2:] for run in range(300)])
     assert np.ptp(off, axis=1).max() < 0.05
@@ -227,5 +227,5 @@ def rows_of_nees() -> list[tuple[tuple[str, ...], list[float]]]:
 def test_how_much_too_sure_the_filter_is(settings: tuple[str, ...], told: list[float]) -> None:
     flown = case(*settings, "method=covariance", name="landing_smooth")
     nees = covariance_analysis(flown).expected_square(slice(0, 6))
-    late = nees[flown.world.filter_time >= 10.0]
+    late = nees[flown.shared.filter_time >= 10.0]
     assert [nees.min(), nees.max(), late.min(), late.max()] == pytest.approx(told, abs=0.006)

@@ -29,7 +29,7 @@ def test_rising_ground_reads_3_m_off() -> None:
     """Ground that rises by 1 % up to the threshold: 3 m too high 300 m before it, right over the runway."""
     flown = case("runway.aim_point_m=200", *GENTLE, RADIO % SLOPE)
     level = case("runway.aim_point_m=200", *GENTLE, RADIO % "ground: []")
-    (over_slope,), (over_level,) = flown.world.aids, level.world.aids
+    (over_slope,), (over_level,) = flown.shared.aids, level.shared.aids
     jet = flown.trajectory.path.jet(over_slope.time)[:, 0]
     beyond = jet[:, 0] + 200.0
     off = (over_slope.exact - over_level.exact)[:, 0]
@@ -43,7 +43,7 @@ def test_rising_ground_reads_3_m_off() -> None:
 def test_it_measures_the_height_of_its_antenna() -> None:
     """The arm turns with the aircraft: with the nose 12 degrees below the path's level, what is ahead is lower."""
     arm = case(*GENTLE, "radio_altimeter={sigma_floor_m: 0.3, lever_arm_m: [4, 0, 1.5]}")
-    (with_arm,), (without,) = arm.world.aids, case(*GENTLE, "radio_altimeter.sigma_floor_m=0.3").world.aids
+    (with_arm,), (without,) = arm.shared.aids, case(*GENTLE, "radio_altimeter.sigma_floor_m=0.3").shared.aids
     c_nb = arm.trajectory.motion(with_arm.time).c_nb
     off = (with_arm.exact - without.exact)[:, 0]
     seen = np.isfinite(off)
@@ -53,14 +53,14 @@ def test_it_measures_the_height_of_its_antenna() -> None:
 def test_where_it_measures_nothing() -> None:
     """Beyond its heights, and while the aircraft leans more than it can: no numbers, counted, and not used."""
     settings = (*GENTLE, "radio_altimeter={sigma_floor_m: 0.3, highest_m: 100, lowest_m: 5}")
-    (aid,) = case(*settings).world.aids
+    (aid,) = case(*settings).shared.aids
     height = case(*settings).trajectory.motion(aid.time).llh[:, 2]
     there = (height <= 100.0) & (height >= 5.0)
     np.testing.assert_array_equal(np.isfinite(aid.exact[:, 0]), there)
     assert aid.missing == np.sum(~there)
     leaning = ("approach={profile: s-turn, start: {lat_deg: 56, lon_deg: 37}}", "duration_s=40")
     turning = case(*leaning, "pseudolites.count=0", "radio_altimeter={sigma_floor_m: 0.3, attitude_limit_deg: 10}")
-    (aid,) = turning.world.aids
+    (aid,) = turning.shared.aids
     tilt = np.degrees(np.arccos(turning.trajectory.motion(aid.time).c_nb[:, 2, 2]))
     np.testing.assert_array_equal(np.isnan(aid.exact[:, 0]), tilt > 10.0)
     assert 0 < aid.missing < aid.time.size
@@ -69,11 +69,11 @@ def test_where_it_measures_nothing() -> None:
 def test_it_comes_late_and_is_used_for_its_time() -> None:
     """What arrives after the end is left out; the filter dates a height back by the latency that it believes in."""
     late = "radio_altimeter={sigma_floor_m: 0.3, latency_s: 0.35, rate_hz: 4}"
-    (aid,) = case(*GENTLE, late).world.aids
+    (aid,) = case(*GENTLE, late).shared.aids
     assert aid.arrival[-1] <= 61.0
     assert aid.time[-1] == 60.5
     np.testing.assert_allclose(aid.valid, aid.time, atol=1e-12)
-    (aid,) = case(*GENTLE, late, "filter.radio_altimeter.latency_s=0.1").world.aids
+    (aid,) = case(*GENTLE, late, "filter.radio_altimeter.latency_s=0.1").shared.aids
     np.testing.assert_allclose(aid.valid, aid.time + 0.25, atol=1e-12)
     assert not aid.sensor.as_believed
 
@@ -92,7 +92,7 @@ def test_runs_agree_with_the_analysis_near_the_ground(settings: tuple[str, ...],
     """The vertical error below 30 m, over the runs: within 5 % of the analysis, and as large as the filter believes
     where it knows what is true."""
     flown = case(*GENTLE, *settings)
-    height = np.interp(flown.world.filter_time, flown.world.truth.time, flown.world.truth.llh[:, 2])
+    height = np.interp(flown.shared.filter_time, flown.shared.truth.time, flown.shared.truth.llh[:, 2])
     low = (height < 30.0) & (height > 0.1)
     runs = fly_all(flown, 5, 0, 1600, threads())
     analysis = covariance_analysis(flown)
@@ -114,7 +114,7 @@ def test_its_matrix_is_the_slope_of_what_it_expects() -> None:
     from navsim.filter.states import NAV_LLH, NAV_N, NAV_QUAT, NAV_VEL
 
     flown = case(*GENTLE, RADIO % SLOPE, "runway.heading_deg=70")
-    (aid,) = flown.world.aids
+    (aid,) = flown.shared.aids
     row = 480
     motion = flown.trajectory.motion(aid.time[row : row + 1])
     nav = np.zeros(NAV_N)
@@ -124,7 +124,7 @@ def test_its_matrix_is_the_slope_of_what_it_expects() -> None:
     declared = flown.flight.model.declared
 
     def seen(at: np.ndarray) -> tuple[float, np.ndarray, float]:
-        have, z, h, r = np.zeros(6), np.zeros(6), np.zeros((6, states.N)), np.zeros((6, 6))
+        have, z, h, r = np.zeros(6), np.zeros(6), np.zeros((6, states.N_BASE)), np.zeros((6, 6))
         assert observe(ABOVE_GROUND, row, tables, at, np.zeros(6), 0.01, declared, np.zeros((3, 3)), have, z, h, r) == 1
         return z[0], h[0], r[0, 0]
 
@@ -134,7 +134,7 @@ def test_its_matrix_is_the_slope_of_what_it_expects() -> None:
     for state in range(states.SENSORS):
         step = 1e-4
         off = nav.copy()
-        error = np.zeros(states.N)
+        error = np.zeros(states.N_BASE)
         error[state] = step
         displace(off, -error)
         assert (seen(off)[0] - z) / step == pytest.approx(h[state], abs=1e-4), state

@@ -18,7 +18,7 @@ from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.simulation import measurements, shared_truth
-from navsim.simulation.run import Watched
+from navsim.simulation.run import MonitorOutput
 from navsim.statistics.random_streams import generator
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
@@ -29,22 +29,22 @@ BRIEF = ("duration_s=20", "receiver.rate_hz=2", "filter.kind=eskf")
 
 def ranges_of(c: Case, seed: int, runs: int) -> np.ndarray:
     """Pseudoranges of runs (run, e, s), m."""
-    return np.stack([measurements.measured(c.world, seed, run)[0] for run in range(runs)])
+    return np.stack([measurements.measured(c.shared, seed, run)[0] for run in range(runs)])
 
 
 def range_errors(c: Case, seed: int, runs: int) -> np.ndarray:
     """What is drawn of them by its believed sigma (run, e, s), of sources that are received throughout."""
-    used = c.world.signals.used.all(axis=0)
-    errors = (ranges_of(c, seed, runs) - shared_truth.without_noise(c.world)[0]) / c.world.signals.fix_sigma
+    used = c.shared.signals.used.all(axis=0)
+    errors = (ranges_of(c, seed, runs) - shared_truth.without_noise(c.shared)[0]) / c.shared.signals.fix_sigma
     return np.asarray(errors[..., used])
 
 
-def watched(c: Case, ranges: np.ndarray) -> Watched:
+def watched(c: Case, ranges: np.ndarray) -> MonitorOutput:
     """What the monitor says of the fixes from ranges (run, e, s), as many runs as there are lanes."""
     lanes = np.ascontiguousarray(np.moveaxis(ranges, 0, -1))
-    rates = in_all_lanes(shared_truth.without_noise(c.world)[1])
-    fixes = measurements.receiver_fixes(c.world, lanes, rates)
-    return Watched.of_fixes(c.flight, in_all_lanes(c.world.signals.antenna), lanes, fixes)
+    rates = in_all_lanes(shared_truth.without_noise(c.shared)[1])
+    fixes = measurements.receiver_fixes(c.shared, lanes, rates)
+    return MonitorOutput.of_fixes(c.flight, in_all_lanes(c.shared.signals.antenna), lanes, fixes)
 
 
 def alarms(c: Case, seed: int, runs: int) -> tuple[int, int]:
@@ -73,7 +73,7 @@ def test_corrected_ranges_err_independently() -> None:
     c = case(*BRIEF, *CORRECTED)
     errors = range_errors(c, 20261, 400)
     flat = errors.reshape(-1, errors.shape[2])
-    sigma = c.world.signals.fix_sigma[0, c.world.signals.used.all(axis=0)]
+    sigma = c.shared.signals.fix_sigma[0, c.shared.signals.used.all(axis=0)]
     assert set(np.round(sigma, 9)) == {round(np.hypot(0.3, 0.5), 9), 0.3}
     low, high = stats.chi2.ppf([0.005 / flat.shape[1], 1 - 0.005 / flat.shape[1]], len(flat))
     assert (((flat**2).sum(axis=0) > low) & ((flat**2).sum(axis=0) < high)).all()
@@ -87,7 +87,7 @@ def test_corrected_ranges_raise_no_more_alarms(method: str) -> None:
     """With R diagonal: as often as allowed by the residuals' square, no more often by separations."""
     c = case(*BRIEF, *CORRECTED, f"integrity={method}")
     count, tested = alarms(c, 20262, 400)
-    assert tested == 400 * c.world.signals.time.size
+    assert tested == 400 * c.shared.signals.time.size
     if "chi2" in method:
         assert within_99(count, tested, 1e-2)
     else:
@@ -106,23 +106,23 @@ def beyond(size: float, core: np.ndarray | float = CORE, tail: np.ndarray | floa
 def test_believed_noise_is_what_it_was() -> None:
     """To the bit: the stream's normal numbers times sigma, where no other noise is asked for."""
     c = case(*BRIEF, "integrity={method: chi2, p_fa: 1.0e-2, error_model: gaussian}")
-    s, run = c.world.signals, 3
+    s, run = c.shared.signals, 3
     drawn = generator(20263, run, "measurements").standard_normal((*s.range.shape, 2))
-    ranges, rates = measurements.measured(c.world, 20263, run)
-    expected = s.range + s.delay + c.world.clock[:, :1] + s.sigma * drawn[..., 0]
+    ranges, rates = measurements.measured(c.shared, 20263, run)
+    expected = s.range + s.delay + c.shared.clock[:, :1] + s.sigma * drawn[..., 0]
     np.testing.assert_array_equal(ranges, np.where(s.used, expected, np.nan))
-    expected = s.range_rate + c.world.clock[:, 1:] + s.rate_sigma * drawn[..., 1]
+    expected = s.range_rate + c.shared.clock[:, 1:] + s.rate_sigma * drawn[..., 1]
     np.testing.assert_array_equal(rates, np.where(s.used, expected, np.nan))
 
 
 def test_heavier_noise_is_the_believed_one_wider_here_and_there() -> None:
     """The same normal numbers, times core or tail; range rates to the bit the same, runs independent of neighbours."""
     believed, heavier = case(*BRIEF), case(*BRIEF, HEAVIER)
-    exact = shared_truth.without_noise(believed.world)[0]
-    used = believed.world.signals.used
+    exact = shared_truth.without_noise(believed.shared)[0]
+    used = believed.shared.signals.used
     wide = 0
     for run in range(20):
-        (plain, rates), (wider, same) = (measurements.measured(c.world, 20264, run) for c in (believed, heavier))
+        (plain, rates), (wider, same) = (measurements.measured(c.shared, 20264, run) for c in (believed, heavier))
         np.testing.assert_array_equal(rates, same)
         ratio = ((wider - exact) / (plain - exact))[used]
         is_tail = ratio > 2.0
@@ -131,7 +131,7 @@ def test_heavier_noise_is_the_believed_one_wider_here_and_there() -> None:
         wide += int(is_tail.sum())
     assert within_99(wide, 20 * int(used.sum()), SHARE)
     together = simulation.draw(heavier.flight, 20264, [0, 1, 2]).ranges
-    np.testing.assert_array_equal(together[..., 2], measurements.measured(heavier.world, 20264, 2)[0])
+    np.testing.assert_array_equal(together[..., 2], measurements.measured(heavier.shared, 20264, 2)[0])
 
 
 def test_heavier_noise_exceeds_sizes_as_often_as_the_mixture() -> None:
@@ -145,7 +145,7 @@ def test_heavier_noise_exceeds_sizes_as_often_as_the_mixture() -> None:
 
 def of_an_epoch(c: Case, e: int) -> tuple[np.ndarray, np.ndarray]:
     """Of a fix, by plain matrices: what whitened ranges do to the height (n,), and to the whitened residuals (n, n)."""
-    s = c.world.signals
+    s = c.shared.signals
     use = s.used[e]
     clocks = s.clock[use][:, None] == np.unique(s.clock[use])
     rows = np.concatenate([-s.los[e, use], clocks], axis=1) / s.fix_sigma[e, use][:, None]

@@ -11,11 +11,11 @@ from scipy.special import ndtri
 
 from navsim.compiler.lanes import WIDTH
 from navsim.landing import rare_events
-from navsim.landing.rare_events import Edge
+from navsim.landing.rare_events import LimitState
 from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all
 from navsim.runner.executor import threads
 from navsim.runner.statistics import share_interval, weighted_share
-from navsim.simulation.importance_sampling import proposal, pushed
+from navsim.simulation.importance_sampling import proposal, shift_inputs
 from navsim.simulation.landing import draw
 from tests.helpers import case
 
@@ -26,7 +26,7 @@ LINEAR = (
 """Small errors of attitude and sensors: the filter of every run is the one along the truth."""
 
 
-def boxed(name: str, box: str, *settings: str) -> tuple[Case, Edge]:
+def boxed(name: str, box: str, *settings: str) -> tuple[Case, LimitState]:
     flown = case(f"box={box}", *settings, name=name)
     return flown, rare_events.prepare(flown)
 
@@ -95,17 +95,17 @@ def test_weights_belong_to_the_pushes() -> None:
     rng = np.random.default_rng(8)
     drawn = rng.choice(mix.shares.size, 200_000, p=mix.shares)
     root = np.linalg.cholesky(mix.covariance)
-    off = root @ rng.standard_normal((3, drawn.size)) + mix.covariance @ mix.pushes[drawn].T
+    off = root @ rng.standard_normal((3, drawn.size)) + mix.covariance @ mix.shifts[drawn].T
     weights = np.exp(mix.log_weights(off))
     assert weights.max() <= mix.most_weight * (1.0 + 1e-12)
     assert abs(weights.mean() - 1.0) < 4.5 * weights.std() / math.sqrt(drawn.size)
 
     inputs = draw(flown.flight, 1, range(WIDTH))
-    still = pushed(flown.flight, tilt, inputs, [mix.shares.size - 1] * WIDTH)[1]
+    still = shift_inputs(flown.flight, tilt, inputs, [mix.shares.size - 1] * WIDTH)[1]
     each = [k % mix.shares.size for k in range(WIDTH)]
-    moved = pushed(flown.flight, tilt, inputs, each)[1]
-    np.testing.assert_allclose(moved - still, mix.covariance @ mix.pushes[each].T, atol=1e-9)
-    to_lateral = mix.covariance @ mix.pushes[0]
+    moved = shift_inputs(flown.flight, tilt, inputs, each)[1]
+    np.testing.assert_allclose(moved - still, mix.covariance @ mix.shifts[each].T, atol=1e-9)
+    to_lateral = mix.covariance @ mix.shifts[0]
     assert to_lateral[0] + tilt.mean[0] == pytest.approx(3.0)
 
 

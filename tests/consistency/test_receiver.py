@@ -13,7 +13,7 @@ from navsim.gnss.position_fix import fixes
 from navsim.scenario.source import InputError
 from navsim.simulation.landing_covariance import Analysis, analyse
 from navsim.simulation.measurements import measured
-from navsim.simulation.shared_truth import World
+from navsim.simulation.shared_truth import SharedTruth
 from navsim.statistics.noise import measure
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.kinematics import Motion
@@ -35,7 +35,7 @@ def wishart_statistic(errors: np.ndarray, covariance: np.ndarray) -> float:
 
 def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.ndarray]:
     """Position errors (n, 3), ENU, of fixes at one epoch's fixed geometry, and their predicted covariance."""
-    world = case(*settings).world
+    world = case(*settings).shared
     s = world.signals
 
     def held(a: np.ndarray) -> np.ndarray:
@@ -91,18 +91,18 @@ def test_velocity_of_fixes() -> None:
     """Velocity errors of a whole run, normalised by their own covariance: mean square one per axis."""
     flown = case("receiver.rate_hz=10", "receiver.lever_arm_m=[2, 1, -1]")
     run = flown.fly(3, 0)
-    s = flown.world.signals
+    s = flown.shared.signals
     at = flown.trajectory.motion(s.time)
     c_ne = earth.ned_matrix(at.llh)
     omega_ie_b = np.einsum("nji,njk,k->ni", at.c_nb, c_ne, [0, 0, earth.RATE])
     swing = np.einsum("nij,nj->ni", at.c_nb, np.cross(at.angular_rate - omega_ie_b, [2, 1, -1]))
     error = run.fix_velocity - at.velocity_ned - swing
-    total = sum(x @ np.linalg.solve(p, x) for x, p in zip(error, noise_only(flown.world, at, c_ne), strict=True))
+    total = sum(x @ np.linalg.solve(p, x) for x, p in zip(error, noise_only(flown.shared, at, c_ne), strict=True))
     freedom = 3 * s.time.size
     assert chi2.ppf(0.005, freedom) < total < chi2.ppf(0.995, freedom)
 
 
-def noise_only(world: World, at: Motion, c_ne: np.ndarray) -> np.ndarray:
+def noise_only(world: SharedTruth, at: Motion, c_ne: np.ndarray) -> np.ndarray:
     """Covariance (e, 3, 3), NED, that the noise of the range rates alone gives the velocity, densely."""
     s = world.signals
     los = np.einsum("nij,nsj->nsi", c_ne, s.position - at.position_ecef[:, None])
@@ -117,7 +117,7 @@ def noise_only(world: World, at: Motion, c_ne: np.ndarray) -> np.ndarray:
 def test_position_and_velocity_beside_a_near_pseudolite() -> None:
     """Passing 220 m from a pseudolite, position errors turn the unit vectors: the joint covariance knows."""
     flown = case("pseudolites.l1_m=1000", "receiver.rate_hz=5", name="landing_smooth")
-    world = flown.world
+    world = flown.shared
     at = flown.trajectory.motion(world.signals.time)
     near = np.linalg.norm(world.signals.position[:, -1] - at.position_ecef, axis=1) < 260.0
     assert near.sum() > 10
@@ -150,7 +150,7 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
 def test_receiver_clocks_come_back() -> None:
     flown = case("pseudolites.clock=own", "pseudolites.clock_offset_ns=100", "receiver.clock_offset_us=3")
     run = flown.fly(1, 0)
-    offset = 299792458.0 * (3e-6 + 50e-9 * flown.world.signals.time)
+    offset = 299792458.0 * (3e-6 + 50e-9 * flown.shared.signals.time)
     assert np.all(np.isnan(run.fix_clock[:, 1]))
     assert np.nanmean(run.fix_clock[:, 0] - offset) == pytest.approx(0.0, abs=1.0)
     # pseudolites ahead of their scale by 100 ns are heard 30 m too near
@@ -160,7 +160,7 @@ def test_receiver_clocks_come_back() -> None:
 def test_every_system_has_a_clock_of_its_own() -> None:
     """Three systems, six unknowns; clocks of systems that are not in the sky are not solved for."""
     flown = case("sky.source=nominal", "sky.systems=[gps, galileo, beidou]", "duration_s=20", "pseudolites.count=0")
-    s = flown.world.signals
+    s = flown.shared.signals
     assert {CLOCKS[c] for c in s.clock} == {"gps", "galileo", "beidou"}
     run = flown.fly(1, 0)
     known = [CLOCKS.index(name) for name in ("gps", "galileo", "beidou")]
@@ -178,7 +178,7 @@ BRIEFLY = ("duration_s=20", "receiver.rate_hz=2")
 
 def analysis_of(*assignments: str) -> Analysis:
     flown = case(*SHARED_CLOCK, *BRIEFLY, *assignments)
-    return analyse(flown.flight, np.zeros(len(flown.world.signals.names), dtype=bool))
+    return analyse(flown.flight, np.zeros(len(flown.shared.signals.names), dtype=bool))
 
 
 @pytest.mark.parametrize("coupling", ["loose", "tight"])
@@ -198,11 +198,11 @@ def test_offsets_between_systems_are_drawn_for_each_run() -> None:
     flown, plain = (case(*SHARED_CLOCK, *BRIEFLY, *more) for more in (("signals.system_offset_sigma_ns=10",), ()))
     of_galileo = np.array([CLOCKS[c] == "galileo" for c in plain.environment.satellites[1].clock])
     assert of_galileo.all()
-    names = flown.world.signals.names
+    names = flown.shared.signals.names
     second = np.isin(names, plain.environment.satellites[1].names)
     drawn = []
     for run in range(400):
-        apart = measured(flown.world, 1, run)[0] - measured(plain.world, 1, run)[0]
+        apart = measured(flown.shared, 1, run)[0] - measured(plain.shared, 1, run)[0]
         assert np.nanmax(np.abs(apart[:, ~second])) == 0.0
         assert np.ptp(apart[:, second][np.isfinite(apart[:, second])]) < 1e-7
         drawn.append(np.nanmean(apart[:, second]))

@@ -56,7 +56,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
     ready = case(*FLIGHT, name="s_turn")
     flown = landing.result(ready, landing.fly_all(ready, SEED, 0, 1, threads(1), keep="all"), SEED, keep="all")
     export(flown, folder / "flight.h5", ["rinex"])
-    inputs, world = draw(ready.flight, SEED, [0]), ready.world
+    inputs, world = draw(ready.flight, SEED, [0]), ready.shared
     rates = np.concatenate([inputs.dtheta[..., 0], inputs.dv[..., 0]], axis=1) / np.diff(world.imu_time)[:, None]
     table = np.column_stack([world.imu_time[1:], rates])
     header = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"
@@ -398,14 +398,14 @@ def test_a_recorded_flight_with_simulated_ranges(shared: Path, tmp_path: Path) -
         "approach: {profile: recorded, file: flight.h5, start_s: 300}\nreceiver: {rate_hz: 2}\n"
         "sky: {source: nominal}\npseudolites: {count: 1, s_m: 300, l1_m: 500}\nimu: {preset: paper}\n"
     )
-    names = landing.prepare(*read(tmp_path / "landing.yaml")).world.signals.names
+    names = landing.prepare(*read(tmp_path / "landing.yaml")).shared.signals.names
     silent = [name for name in names if name not in ("G03", "G04", "PL1")]
     events = json.dumps([{"what": "silence", "sources": silent, "at_s": 50, "until_s": 80}])
     sizes, runs = [], 64
     for coupling in ("loose", "tight"):
         ready = landing.prepare(*read(tmp_path / "landing.yaml", (f"filter.coupling={coupling}", f"events={events}")))
         flown = list(ready.fly_runs(77, 0, runs, False))
-        last = int(np.searchsorted(ready.world.filter_time, 80.0 - 1e-6)) - 1
+        last = int(np.searchsorted(ready.shared.filter_time, 80.0 - 1e-6)) - 1
         errors = np.concatenate([one.error[:, last, :2] for one in flown])
         sizes.append(float(np.sqrt(np.mean(np.sum(errors**2, axis=1)))))
         nees = np.concatenate([one.nees_position_velocity[:, last] for one in flown]).mean() / 6

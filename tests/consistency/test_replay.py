@@ -514,7 +514,7 @@ def test_a_rejected_fix_counts_by_its_own_noise(tmp_path: Path) -> None:
     np.testing.assert_allclose(counts[~has_own], 0.5 * limit + usual)
     assert np.sum(np.log(own)) > usual + 10.0
     # the same flight, one of whose fixes of its own noise is rejected
-    seen = simulated.fly(flight, recording.beliefs(settings, TFG), recording.fix_sigma(settings), np.empty(0))
+    seen = simulated.fly(flight, recording.design(settings, TFG), recording.fix_sigma(settings), np.empty(0))
     one = int(np.flatnonzero(has_own & (seen.degrees == 6))[10])
     status, rejected = seen.status.copy(), seen.rejected.copy()
     status[one], rejected[one] = REJECTED, 1

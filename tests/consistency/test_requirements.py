@@ -55,12 +55,14 @@ def test_more_runs_of_a_share_decide(count: int, runs: int, limit: float, least:
 
 def test_more_runs_of_a_root_mean_square() -> None:
     squares = np.array([0.05, 0.04])
-    found = Fulfilment("", rms_interval_of_means(squares, 30), 0.31, again=lambda n: rms_interval_of_means(squares, n))
+    found = Fulfilment(
+        "", rms_interval_of_means(squares, 30), 0.31, with_runs=lambda n: rms_interval_of_means(squares, n)
+    )
     more = found.more(30)
     assert rms_interval_of_means(squares, 30 + round(more))[2] <= 0.31 < rms_interval_of_means(squares, 30)[2]
     # exactly what is asked for is never decided
     at_the_edge = Fulfilment(
-        "", np.array([0.3, 0.2, 0.4]), 0.3, again=lambda n: np.array([0.3, 0.3 - 1 / n, 0.3 + 1 / n])
+        "", np.array([0.3, 0.2, 0.4]), 0.3, with_runs=lambda n: np.array([0.3, 0.3 - 1 / n, 0.3 + 1 / n])
     )
     assert np.isnan(at_the_edge.more(10))
 
@@ -294,7 +296,7 @@ def test_levels_without_a_test_are_not_within_anything(tmp_path: Path) -> None:
 def test_the_climb_after_a_go_around_is_no_glide() -> None:
     flown = case("approach.go_around={height_m: 60}", "duration_s=90", "filter.kind=eskf", WATCHED)
     begin = flown.trajectory.path.events[GO_AROUND]
-    time = flown.world.signals.time
+    time = flown.shared.signals.time
     assert 30.0 < begin < 60.0
     np.testing.assert_array_equal(glide_of(flown), time <= begin)
 

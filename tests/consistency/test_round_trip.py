@@ -119,7 +119,7 @@ def test_no_flight_is_steady_without_velocities(velocity: str, tmp_path: Path) -
     run = flown("landing", "duration_s=20", "receiver.rate_hz=2", f"filter.velocity={velocity}")
     export(run, tmp_path / "r.h5", ["imu"])
     recording = replay.prepare(*read_replay(tmp_path / "r_replay.yaml", ()))
-    model = recording.beliefs(recording.settings, FILTER_KINDS["tfg"]).model()
+    model = recording.design(recording.settings, FILTER_KINDS["tfg"]).model()
     assert model.steady_force == (velocity == "true")
 
 

@@ -58,7 +58,7 @@ def test_risks_of_residuals_are_the_closed_form(tmp_path: Path) -> None:
     assert level == pytest.approx(float(monitor.levels[at, 1]), rel=1e-12)
     for k, name in enumerate(result[f"{BRANCH}/fault"][1:], 1):
         bias = float(result[f"{BRANCH}/bias"][0, 0, k])
-        exact = silent(monitor, at, c.world.signals.names.index(str(name)), bias, level)
+        exact = silent(monitor, at, c.shared.signals.names.index(str(name)), bias, level)
         value, low, high = result[f"{BRANCH}/risk"][0, 0, k]
         assert low - 1.5 * (value - low) <= exact <= high + 1.5 * (high - value)  # some two of ten are outside 95 %
         assert result[f"{BRANCH}/effective"][0, 0, k] > 1000

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from navsim.filter.states import A_D
+from navsim.filter.states import PHI_D
 from navsim.landing.case import Case
 from navsim.landing.consistency import evaluate_states, ratios_of_runs
 from navsim.landing.result import result
@@ -64,7 +64,7 @@ def test_a_true_filter_passes(seed: int) -> None:
 def test_one_false_belief_is_found_by_name_and_time() -> None:
     """Heading of 0.85 of its sigma: 18 % small from the start. NEES over all states is 3 % too large, as it is by
     chance in many a run of fewer."""
-    found = flown(believing_too_little(0.85, A_D), 1200)
+    found = flown(believing_too_little(0.85, PHI_D), 1200)
     words = str(found["/summary/consistency/verdict"])
     worst, state = found["/summary/consistency/worst_z"], list(found["/summary/consistency/state"])
     z = found["/consistency/z"][:, state.index("attitude_down")]
@@ -90,7 +90,7 @@ def test_one_false_belief_is_found_by_name_and_time() -> None:
 
 
 def test_the_tolerance_is_the_scenarios() -> None:
-    found = flown(believing_too_little(0.85, A_D, "filter.sigma_tolerance=0.3"), 1200)
+    found = flown(believing_too_little(0.85, PHI_D, "filter.sigma_tolerance=0.3"), 1200)
     words = str(found["/summary/consistency/verdict"])
     assert " % above sigma (significant, within the 30 % tolerance): heading at " in words
     assert found.variables["/summary/consistency/verdict"].attributes["tolerance"] == 0.3
@@ -99,7 +99,7 @@ def test_the_tolerance_is_the_scenarios() -> None:
 
 
 def test_a_sigma_that_is_too_large_is_reported_and_no_finding() -> None:
-    found = flown(believing_too_little(1.5, A_D), 300)
+    found = flown(believing_too_little(1.5, PHI_D), 300)
     assert str(found["/summary/consistency/verdict"]).startswith("sigma too large, errors 3")
     assert " % below it: heading at " in str(found["/summary/consistency/verdict"])
     assert unmet_requirements(found, ExitRequirements(consistent=True)) == []
@@ -170,7 +170,7 @@ def test_a_run_that_is_not_finite_leaves_the_others_judged(monkeypatch: pytest.M
 
 def test_results_beside_each_other_and_of_an_earlier_version() -> None:
     """Differences of z have numbers; a file without z says why there is no verdict."""
-    right, wrong = flown(case(*BRIEF), 40, 2), flown(believing_too_little(0.6, A_D), 40)
+    right, wrong = flown(case(*BRIEF), 40, 2), flown(believing_too_little(0.6, PHI_D), 40)
     named = [("right", right), ("wrong", wrong)]
     (table,) = compared(named, [summary_tables.summary_table(named)], [])
     assert isinstance(table, Table)

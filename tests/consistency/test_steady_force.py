@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from navsim.filter import records, steady_force
-from navsim.filter.states import A_D, ATT, POS, VEL, N
+from navsim.filter.states import ATT, N_BASE, PHI_D, POS, VEL
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads
 from tests.helpers import case, cross
@@ -28,11 +28,11 @@ class Heading:
         drawn_by = (f"initial_errors.attitude_deg={attitude}", f"imu.gyro.drift_deg_h={drift}")
         flown = case("duration_s=59.5", *drawn_by, *assignments)
         ensemble = fly_all(flown, UNSEEN, 0, runs, threads(), keep="errors")
-        at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in times]
+        at = [int(np.argmin(np.abs(flown.shared.filter_time - t))) for t in times]
         every, elapsed = np.asarray(ensemble["error"]), np.asarray(times)
-        error, sigma = every[:, at, A_D], np.asarray(ensemble["sigma"])[:, at, A_D]
+        error, sigma = every[:, at, PHI_D], np.asarray(ensemble["sigma"])[:, at, PHI_D]
         # a gyro that measures too much turns the estimate with it; level, its z axis points down
-        drawn = every[:, :1, A_D] - elapsed * every[:, :1, A_D + 3]
+        drawn = every[:, :1, PHI_D] - elapsed * every[:, :1, PHI_D + 3]
         self.prior = np.hypot(attitude * DEG, drift / 3600.0 * DEG * elapsed)
         self.moved = ((error - drawn) ** 2).mean(axis=0)
         self.ratio = np.sqrt((error**2).mean(axis=0) / (drawn**2).mean(axis=0))
@@ -102,9 +102,9 @@ def test_whatever_the_fixes(settings: tuple[str, ...]) -> None:
 @pytest.mark.parametrize(("block", "tilts"), [(VEL, 1.0), (POS, 1.0), (VEL, 0.0)])
 def test_coupling(block: int, tilts: float) -> None:
     """T P T' with T of the definition."""
-    root = np.random.default_rng(3).standard_normal((N, N))
+    root = np.random.default_rng(3).standard_normal((N_BASE, N_BASE))
     p, m = root @ root.T, np.array([0.3, -0.2, 0.5])
-    t = np.eye(N)
+    t = np.eye(N_BASE)
     t[block : block + 3, ATT : ATT + 3] = -cross(m) @ np.diag([tilts, tilts, 1.0])
     expected = t @ p @ t.T
     steady_force.couple(p, block, m, tilts)

@@ -12,7 +12,7 @@ import pytest
 
 from navsim.formats.export import export
 from navsim.geodesy.earth import llh_from_ecef
-from navsim.geodesy.horizon import crossings, reach
+from navsim.geodesy.horizon import crossings, skyline_elevation
 from navsim.gnss.interference import horizon
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.landing.preflight import through_ridges
@@ -77,7 +77,7 @@ def hidden_by_hand(wall: dict[str, Any], source: np.ndarray, antenna: np.ndarray
 
 def test_what_a_wall_hides_is_by_hand(hilly: Case) -> None:
     """Of each source at each fix; both kinds of it, and neither, are there."""
-    open_field, s = field([]).world.signals, hilly.world.signals
+    open_field, s = field([]).shared.signals, hilly.shared.signals
     assert s.used.shape == open_field.used.shape
     close = 0
     for e, i in np.ndindex(*s.used.shape):
@@ -121,7 +121,7 @@ def test_what_ridges_hide_of_the_sky_ends_where_they_begin_to_hide() -> None:
         ends = rng.uniform([55.97, 36.95], [56.03, 37.05], (6, 2, 2))
         tops = np.array([[cartesian(*end, height) for end in pair]
                          for pair, height in zip(ends, rng.uniform(0.0, 150.0, 6), strict=True)])  # fmt: skip
-        edge = reach(tops, eye, azimuth)
+        edge = skyline_elevation(tops, eye, azimuth)
         sides = np.degrees(np.abs(np.diff(edge, prepend=edge[-2]))) > 1.0  # where a ridge ends, its side is upright
         for off, wanted in ((-1e-5, edge > -0.5 * np.pi), (1e-5, np.zeros(azimuth.size, bool))):
             at = np.where(edge > -0.5 * np.pi, edge + off, off)
@@ -139,10 +139,10 @@ def result(hilly: Case) -> Result:
 
 def test_what_is_hidden_is_counted_by_name(hilly: Case, result: Result) -> None:
     """Satellites as pseudolites; in the table those satellites alone that are hidden at some time."""
-    lost = (field([]).world.signals.used & ~hilly.world.signals.used).sum(axis=0)
+    lost = (field([]).shared.signals.used & ~hilly.shared.signals.used).sum(axis=0)
     np.testing.assert_array_equal(result["/geometry/behind_terrain"], lost)
     rows = {row.texts()[0].strip(): row.texts()[1] for row in summary_table([("", result)]).rows}
-    for name, times in zip(hilly.world.signals.names, lost, strict=True):
+    for name, times in zip(hilly.shared.signals.names, lost, strict=True):
         assert rows.get(name) == (f"{times} of 72" if times else None), name
     assert 2 < (lost > 0).sum() < len(lost)
     assert not [said for said in hilly.warnings if said.startswith("terrain")]
@@ -158,7 +158,7 @@ def test_terrain_hides_jammers_as_their_own_horizon_does() -> None:
            "bandwidth_mhz": 20}  # fmt: skip
     js = []
     for ridges, terrain in (([], []), ([WALL], []), ([], [WALL])):
-        js.append(field(terrain, interference={"jammers": [van], "horizon": ridges}).world.signals.js)
+        js.append(field(terrain, interference={"jammers": [van], "horizon": ridges}).shared.signals.js)
     both = np.isfinite(js[1]) & np.isfinite(js[2])
     np.testing.assert_array_equal(js[1][both], js[2][both])
     assert (js[0] - js[2])[both].max() > 10.0
@@ -245,7 +245,7 @@ def test_what_is_drawn_is_what_is_hidden(hilly: Case, result: Result) -> None:
     azimuth, skyline = seen
     rng = np.random.default_rng(5)
     some = np.column_stack([rng.uniform(0.0, 2.0 * np.pi, 3000), rng.uniform(-0.02, 0.6, 3000)])
-    eye = hilly.world.signals.antenna[-1]
+    eye = hilly.shared.signals.antenna[-1]
     away = 1e6 * unit_vector(some[:, 0], some[:, 1]) @ enu_matrix(llh_from_ecef(eye))
     hidden = horizon.behind(hilly.environment.terrain, (eye + away)[None], eye[None])[0]
     over = np.interp(some[:, 0], azimuth, skyline) - some[:, 1]

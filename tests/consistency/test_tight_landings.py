@@ -43,12 +43,12 @@ def one_fix() -> FixTable:
 def ranges() -> RangeTable:
     """The ranges of a landing."""
     flight = case(*SHORT).flight
-    signals = flight.world.signals
+    signals = flight.shared.signals
     return table_of_ranges(flight, signals.range, np.zeros(signals.range.shape))
 
 
 def silence(*kept: str, begin: float, end: float) -> str:
-    names = case("duration_s=5").world.signals.names
+    names = case("duration_s=5").shared.signals.names
     event = {"what": "silence", "sources": [n for n in names if n not in kept], "at_s": begin, "until_s": end}
     return f"events={json.dumps([event])}"
 
@@ -149,7 +149,7 @@ def test_a_faulty_source_is_gated_alone() -> None:
     runs = 8
     ready = case(*SHORT, f"events={event}", "filter.gate.max_rejected=100", "filter.kind=eskf")
     one = flown(ready, runs)
-    names = ready.world.signals.names
+    names = ready.shared.signals.names
     at = slice(20, 38)
     which = names.index("R07")
     np.testing.assert_array_equal(one.range_status[:, at, which], REJECTED)
@@ -184,7 +184,7 @@ def test_what_is_excluded_is_not_weighed() -> None:
     watched = ("integrity={method: chi2, exclusion: residual, alarmed_fixes: drop}", "filter.gate.probability=0")
     settings = (*SHORT, "filter.kind=eskf", f"events={event}", "signals.range_sigma_m=1")
     excluded, taken = flown(case(*settings, *watched), 8), flown(case(*settings, watched[1]), 8)
-    which = case(*SHORT).world.signals.names.index("R07")
+    which = case(*SHORT).shared.signals.names.index("R07")
     at = slice(42, 68)
     assert (excluded.range_status[:, at, which] == NOT_USED).mean() > 0.95
     assert (taken.range_status[:, at, which] == USED).all()
@@ -236,7 +236,7 @@ def test_findings_and_results_of_ranges() -> None:
     ready = case(*SHORT, silence(begin=20, end=25))
     ensemble = fly_all(ready, SEED, 0, 2, threads(), keep="all")
     made = result(ready, ensemble, SEED, keep="all")
-    assert made["/filter/range_status"].shape == (2, ready.world.signals.time.size, len(ready.world.signals.names))
+    assert made["/filter/range_status"].shape == (2, ready.shared.signals.time.size, len(ready.shared.signals.names))
     assert list(made["/filter/state"])[15:] == ["clock_bias_glonass", "clock_drift"]
     assert "epochs_without_range" in list(made["/findings/finding"])
     assert "epochs_without_fix" not in list(made["/findings/finding"])
@@ -286,7 +286,7 @@ def test_a_near_range_that_some_runs_reject(kind: str) -> None:
         'events=[{what: step, sources: [PL1], at_s: 0, until_s: 2, error_m: 60}]', "filter.gate.max_rejected=100",
     )  # fmt: skip
     found = flown(ready, runs)
-    first = found.range_status[:, 0, list(ready.world.signals.names).index("PL1")]
+    first = found.range_status[:, 0, list(ready.shared.signals.names).index("PL1")]
     assert set(first) == {USED, REJECTED}
     same_alone(ready, found, (0, 3, 11))
     spared = first == REJECTED

@@ -49,10 +49,10 @@ def test_what_is_drawn_of_ranges_and_rates() -> None:
     """Of each pseudolite its own, another in each run: variances and correlations against integrals, to 4.5 sigma of
     300 runs of two clocks; nothing of satellites."""
     quiet = ("pseudolites.range_sigma_m=1e-6", "pseudolites.range_rate_sigma_m_s=1e-6", "duration_s=12")
-    world = case(*BRIEF, *WANDER, *quiet).world
+    world = case(*BRIEF, *WANDER, *quiet).shared
     s = world.signals
     clean = (s.range + s.delay + world.clock[:, :1], s.range_rate + world.clock[:, 1:])
-    still = case(*BRIEF, *quiet).world
+    still = case(*BRIEF, *quiet).shared
     off = []
     for run in range(300):
         drawn = measured(world, 5, run)
@@ -75,7 +75,7 @@ def test_what_is_drawn_of_ranges_and_rates() -> None:
 
 
 def test_the_receiver_weighs_by_how_far_they_have_wandered() -> None:
-    plain, s = case(*BRIEF).world.signals, case(*BRIEF, *WANDER, "pseudolites.clock_sigma_ns=2").world.signals
+    plain, s = case(*BRIEF).shared.signals, case(*BRIEF, *WANDER, "pseudolites.clock_sigma_ns=2").shared.signals
     offsets, _, rates = (np.diag(m) for m in closed_form(s.time))
     ranges = np.sqrt(plain.fix_sigma[:, -2:] ** 2 + (LIGHT * 2e-9) ** 2 + offsets[:, None])
     np.testing.assert_allclose(s.fix_sigma[:, -2:], ranges, rtol=1e-12)
@@ -90,13 +90,13 @@ def test_the_analyses_carry_them(more: tuple[str, ...]) -> None:
     """The variance of the last position, and what pushed runs are pushed by: slopes by ranges and range rates, told by
     the adjoint filter, about the dense covariance of integrals."""
     flown = case(*BRIEF, *WANDER, *more)
-    along, outputs = along_truth(flown.flight), flown.world.filter_time.size
+    along, outputs = along_truth(flown.flight), flown.shared.filter_time.size
     weights = np.zeros((3, outputs, 3))
     weights[:, -1] = np.eye(3)
     slopes = sensitivity(flown.flight, along, weights)
     ranges = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
     both = np.concatenate([ranges, slopes.rates], axis=1)[..., -2:]
-    offsets, mixed, rates = closed_form(flown.world.signals.time)
+    offsets, mixed, rates = closed_form(flown.shared.signals.time)
     dense = np.block([[offsets, mixed], [mixed.T, rates]])
     moved = np.einsum("ij,kjp->kip", dense, both)
     variance = np.einsum("kip,kip->k", both, moved)
@@ -106,8 +106,8 @@ def test_the_analyses_carry_them(more: tuple[str, ...]) -> None:
     np.testing.assert_allclose(found, variance, rtol=1e-6)
     # what clocks alone push is the difference to the same filter of ranges without them
     pushed = carried(flown.flight, slopes)
-    world = replace(flown.world, signals=replace(flown.world.signals, wandering=None))
-    without = carried(replace(flown.flight, world=world), slopes)
+    world = replace(flown.shared, signals=replace(flown.shared.signals, wandering=None))
+    without = carried(replace(flown.flight, shared=world), slopes)
     e = offsets.shape[0]
     np.testing.assert_allclose((pushed.ranges - without.ranges)[..., -2:], moved[:, :e], rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose((pushed.rates - without.rates)[..., -2:], moved[:, e:], rtol=1e-6, atol=1e-12)

@@ -59,7 +59,7 @@ def weighed(c: Case, seed: int, runs: range, patch: pytest.MonkeyPatch) -> tuple
         here.setattr(
             FilterBank,
             "statistic",
-            lambda _, *given: (asked.append(given), np.zeros((c.world.signals.time.size, WIDTH)))[1],
+            lambda _, *given: (asked.append(given), np.zeros((c.shared.signals.time.size, WIDTH)))[1],
         )
         fly_inputs(c.flight, draw(c.flight, seed, runs), len(runs))
     return asked[0]
@@ -68,9 +68,9 @@ def weighed(c: Case, seed: int, runs: range, patch: pytest.MonkeyPatch) -> tuple
 def differences(bank: FilterBank, given: tuple[Any, ...], k: int, patch: pytest.MonkeyPatch) -> np.ndarray:
     """Sizes of the differences (3, e, W) of filter k, north, east, down: of a bank of that filter alone."""
     alone = replace(bank, taken=bank.taken[[k]], gains=np.ascontiguousarray(bank.gains[:, [k]]))
-    fixes = alone._apart(*given[1:]) if (bank.fix >= 0).any() else None
+    fixes = alone._separations(*given[1:]) if (bank.fix >= 0).any() else None
     with patch.context() as here:
-        here.setattr(FilterBank, "_apart", lambda *_: fixes)
+        here.setattr(FilterBank, "_separations", lambda *_: fixes)
         scales = np.eye(3)[:, None, None] * (np.arange(bank.scale.shape[0]) > 0)[:, None, None]
         return np.array([replace(alone, scale=np.ascontiguousarray(scale)).statistic(*given) for scale in scales])
 
@@ -93,7 +93,7 @@ def test_differences_are_those_of_filters_that_are_given_less(
             less = replace(inputs, ranges=np.where(bank.taken[k][None, :, None], np.nan, inputs.ranges))
             apart = np.abs(whole.error - fly_inputs(bare, less, WIDTH).error)[:, 1:, :3]
             for axis, size in enumerate(differences(bank, given, k, monkeypatch)):
-                sigma = bank.found.spread.apart[k][:, AXES[axis]]
+                sigma = bank.found.spread.separation_sigma[k][:, AXES[axis]]
                 ours = size.T / sigma
                 off.append(np.sqrt(np.mean((ours - apart[..., axis] / sigma) ** 2)))
                 same.append(np.mean((ours > 2.0) == (apart[..., axis] / sigma > 2.0)))
@@ -109,18 +109,20 @@ def test_differences_are_as_large_as_their_sigma_says(
     all together within 5 % of sigma."""
     c = case(*SHORT, FILTER, *settings)
     bank = bank_of(c)
-    scale = c.beliefs.sigma_scale
-    epochs = np.arange(9, c.world.signals.time.size, 10)
+    scale = c.design.sigma_scale
+    epochs = np.arange(9, c.shared.signals.time.size, 10)
     monitored = np.flatnonzero(bank.found.monitored.all(axis=1))
     runs = 160
     squares = np.zeros((monitored.size, 3, epochs.size))
     spread = bank.found.spread
-    counted = (spread.apart > 1.01 * LEAST * spread.separate_sigma)[monitored][:, epochs][..., AXES].swapaxes(1, 2)
+    counted = (spread.separation_sigma > 1.01 * LEAST * spread.separate_sigma)[monitored][:, epochs][
+        ..., AXES
+    ].swapaxes(1, 2)
     for first in range(0, runs, WIDTH):
         given = weighed(c, 85, range(first, first + WIDTH), monkeypatch)
         for i, k in enumerate(monitored):
             for axis, size in enumerate(differences(bank, given, k, monkeypatch)):
-                sigma = bank.found.spread.apart[k][epochs, AXES[axis]] / scale
+                sigma = bank.found.spread.separation_sigma[k][epochs, AXES[axis]] / scale
                 squares[i, axis] += np.sum((size[epochs] / sigma[:, None]) ** 2, axis=1)
     low, high = (chi_square.quantile(p, runs) / runs for p in (1e-5, 1.0 - 1e-5))
     if scale == 1.0:
@@ -148,9 +150,11 @@ def test_tight_filters_differ_by_the_difference_of_their_covariances() -> None:
     """The excess of one variance in the other is of fixes alone, whose velocities come after their positions."""
     spread = bank_of(case(*SHORT, FILTER, "filter.coupling=tight")).found.spread
     plain = spread.separate_sigma**2 - spread.sigma**2
-    np.testing.assert_allclose(spread.apart**2, np.maximum(plain, (LEAST * spread.separate_sigma) ** 2), rtol=1e-9)
+    np.testing.assert_allclose(
+        spread.separation_sigma**2, np.maximum(plain, (LEAST * spread.separate_sigma) ** 2), rtol=1e-9
+    )
     spread = bank_of(case(*SHORT, FILTER)).found.spread
-    gap = np.abs(spread.apart**2 - (spread.separate_sigma**2 - spread.sigma**2)) / spread.separate_sigma**2
+    gap = np.abs(spread.separation_sigma**2 - (spread.separate_sigma**2 - spread.sigma**2)) / spread.separate_sigma**2
     assert 0.003 < gap.max() < 0.1
 
 
@@ -230,7 +234,7 @@ def test_who_loses_everything_says_so(coupling: str) -> None:
         f"integrity={{method: filter, p_constellation: 1.0e-8, {limits}}}",
     )  # fmt: skip
     run = flown(c, 64)
-    lost = c.world.signals.time >= 40.0
+    lost = c.shared.signals.time >= 40.0
     assert np.all(run.monitor_status[:, lost] == NO_FIX)
     assert np.all(run.monitor_status[:, ~lost] == QUIET)
     counts = integrity.tally(c, run)
@@ -310,7 +314,7 @@ def test_two_pseudolites_that_are_no_fix_are_nothing_to_a_loose_filter() -> None
     said = []
     for coupling in ("loose", "tight"):
         c = case(*SHORT, FILTER, f"filter.coupling={coupling}", silence("PL1", "PL2", begin=10, end=90))
-        status = flown(c, 8).monitor_status[:, c.world.signals.time >= 10.0]
+        status = flown(c, 8).monitor_status[:, c.shared.signals.time >= 10.0]
         said.append(np.unique(status).tolist())
     assert said == [[NO_FIX], [QUIET]]
 
@@ -333,7 +337,7 @@ def test_a_filter_that_coasts_behind_its_gate_is_no_silence() -> None:
     event = {"what": "spoof", "sources": ["glonass"], "offset_ned_m": [0, 0, -300], "at_s": 8}
     c = case(*SHORT, FILTER, f"events={json.dumps([event])}", "filter.gate.max_rejected=1000")
     run = flown(c, 16)
-    rejected = (run.status == 2) & (c.world.signals.time > 12.0)
+    rejected = (run.status == 2) & (c.shared.signals.time > 12.0)
     assert rejected[:, -20:].mean() > 0.9
     assert np.mean(run.monitor_status[:, -10:] == ALARM) > 0.9
 
@@ -388,7 +392,7 @@ def test_a_system_that_is_lost_makes_levels_grow_and_not_jump() -> None:
     quiet = json.dumps([{"what": "silence", "sources": ["gps"], "at_s": 20}])
     c = case(*SHORT, "sky.source=nominal", "integrity={method: filter}", f"events={quiet}")
     bank = bank_of(c)
-    levels = dict(zip(c.world.signals.time.tolist(), bank.levels[:, 0].tolist(), strict=True))
+    levels = dict(zip(c.shared.signals.time.tolist(), bank.levels[:, 0].tolist(), strict=True))
     assert levels[20.0] < 1.1 * levels[19.5]
     assert levels[22.0] < 2.0 * levels[19.5]
     assert levels[24.5] > levels[22.0]

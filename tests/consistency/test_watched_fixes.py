@@ -28,7 +28,7 @@ from navsim.results.result import read
 from navsim.runner.statistics import share_interval
 from navsim.simulation import landing as simulation
 from navsim.simulation import measurements, shared_truth
-from navsim.simulation.run import Watched
+from navsim.simulation.run import MonitorOutput
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
@@ -60,7 +60,7 @@ def fixed_by(position: np.ndarray, clock: np.ndarray, sigma: np.ndarray, ranges:
 
 def anew(c: Case, ranges: np.ndarray, e: int, without: tuple[str, ...] = ()) -> tuple[Any, Any, Any]:
     """The fix of an epoch from measured ranges (e, s), some sources left out."""
-    s = c.world.signals
+    s = c.shared.signals
     use = s.used[e] & ~np.isin(s.names, without)
     return fixed_by(s.position[e, use], s.clock[use], s.fix_sigma[e, use], ranges[e, use])
 
@@ -71,12 +71,12 @@ def test_residuals_are_those_of_the_fix() -> None:
     run = simulation.fly(c.flight, 5, [3]).one(0)
     monitor = c.flight.monitor
     assert monitor is not None
-    for e in range(0, c.world.signals.time.size, 7):
+    for e in range(0, c.shared.signals.time.size, 7):
         place, left, _ = anew(c, run.pseudorange, e)
         assert run.monitor_statistic[e] == pytest.approx(left @ left, rel=1e-5)
         alarm = bool(left @ left > monitor.threshold[e])
         assert run.monitor_status[e] == (ALARM if alarm else QUIET)
-        off = ned_matrix(c.world.at_filter.llh[e + 1]) @ (place - c.world.signals.antenna[e])
+        off = ned_matrix(c.shared.at_filter.llh[e + 1]) @ (place - c.shared.signals.antenna[e])
         np.testing.assert_allclose(run.watched_error[e], [np.hypot(off[0], off[1]), abs(off[2])], rtol=1e-3, atol=1e-4)
 
 
@@ -84,17 +84,17 @@ def test_separations_are_those_of_fixes_without_the_fault() -> None:
     """The largest difference of fixes by its threshold, each fault's sources really left out. Ranges are not linearised
     there, so errors are made small: ten metres beside a pseudolite 1 km away turn its direction by a hundredth."""
     c = brief(MHSS)
-    exact, rates = shared_truth.without_noise(c.world)
-    measured = exact + 0.01 * (measurements.measured(c.world, 5, 3)[0] - exact)
+    exact, rates = shared_truth.without_noise(c.shared)
+    measured = exact + 0.01 * (measurements.measured(c.shared, 5, 3)[0] - exact)
     lanes = in_all_lanes(measured)
-    fixes = measurements.receiver_fixes(c.world, lanes, in_all_lanes(rates))
-    said = Watched.of_fixes(c.flight, in_all_lanes(c.world.signals.antenna), lanes, fixes)
+    fixes = measurements.receiver_fixes(c.shared, lanes, in_all_lanes(rates))
+    said = MonitorOutput.of_fixes(c.flight, in_all_lanes(c.shared.signals.antenna), lanes, fixes)
     monitor = c.flight.monitor
     assert isinstance(monitor, SeparationMonitor)
     names = [fault.name for fault in c.flight.expected]
     assert {"PL1", "PL2", "PL1+PL2"} < set(names)
-    axes = c.world.antenna_enu
-    for e in range(0, c.world.signals.time.size, 13):
+    axes = c.shared.antenna_enu
+    for e in range(0, c.shared.signals.time.size, 13):
         whole, _, _ = anew(c, measured, e)
         largest = 0.0
         for k, fault in enumerate(c.flight.expected):
@@ -107,13 +107,13 @@ def test_separations_are_those_of_fixes_without_the_fault() -> None:
 def test_levels_of_a_landing_by_plain_matrices() -> None:
     """Slopes by inverted normal matrices at the true antenna: the horizontal and the vertical level of an approach."""
     c = brief(CHI2)
-    monitor, s = c.flight.monitor, c.world.signals
+    monitor, s = c.flight.monitor, c.shared.signals
     assert monitor is not None
-    exact, _ = shared_truth.without_noise(c.world)
+    exact, _ = shared_truth.without_noise(c.shared)
     for e in (0, 20, s.time.size - 1):
         _, _, rows = anew(c, exact, e)
         sigma = s.fix_sigma[e, s.used[e]]
-        turned = np.concatenate([rows[:, :3] @ c.world.antenna_enu[e].T, rows[:, 3:]], axis=1)
+        turned = np.concatenate([rows[:, :3] @ c.shared.antenna_enu[e].T, rows[:, 3:]], axis=1)
         gain = np.linalg.inv(turned.T @ turned) @ turned.T
         redundancy = 1.0 - np.sum(turned * gain.T, axis=1)
         slope = np.stack([np.hypot(gain[0], gain[1]), np.abs(gain[2])]) / np.sqrt(redundancy)
@@ -354,7 +354,7 @@ def test_levels_of_other_forms(tmp_path: Path) -> None:
         assert np.all(biased[f"/integrity/gbas_{name}"] > 1.05 * noisy[f"/integrity/gbas_{name}"])
         # one receiver of two faulty: by normal equations of one epoch, K_md of 2.5e-3 x 2 / 3
         c = case("integrity={comparison: {}}")
-        signals = c.world.signals.at(np.array([7]))
+        signals = c.shared.signals.at(np.array([7]))
         heard = signals.used[0]
         enu = ned_matrix(llh_from_ecef(signals.antenna[0]))[[1, 0, 2]] * np.array([[1.0], [1.0], [-1.0]])
         away = (signals.position[0, heard] - signals.antenna[0]) @ enu.T
@@ -388,8 +388,8 @@ def test_a_satellite_alone_on_its_clock_is_harmless() -> None:
     silent = ["G07", "G11", "G12", "G14", "G17"]
     events = [{"what": "silence", "sources": silent}]
     both = brief("sky.source=nominal", CHI2, f"events={json.dumps(events)}")
-    used = both.world.signals.used[20]
-    assert sum(name.startswith("G") for name, use in zip(both.world.signals.names, used, strict=True) if use) == 1
+    used = both.shared.signals.used[20]
+    assert sum(name.startswith("G") for name, use in zip(both.shared.signals.names, used, strict=True) if use) == 1
     alone = brief("sky.source=nominal-glonass", CHI2)
     assert both.flight.monitor is not None
     assert alone.flight.monitor is not None
@@ -435,7 +435,7 @@ def level_by_bisection(budget: float, bias: float, sigma: float, faults: list[tu
 def test_levels_in_axes_of_the_runway(heading: float) -> None:
     """By plain matrices: along north and east those of the axes, else under the tests east and north together."""
     c = brief(MHSS, f"runway.heading_deg={heading}", "pseudolites.count=2", "pseudolites.l1_m=1500")
-    monitor, watching, s = c.flight.monitor, c.flight.watching, c.world.signals
+    monitor, watching, s = c.flight.monitor, c.flight.watching, c.shared.signals
     assert isinstance(monitor, SeparationMonitor)
     assert watching is not None
     levels_ = monitoring.runway_levels(watching, monitor, s, np.radians(heading))
@@ -481,7 +481,7 @@ def test_levels_without_any_fault_to_expect() -> None:
     """All priors 0: the level is what noise and nominal biases leave, 2 Q((x - b)/sigma) = p_hmi, along every axis."""
     section = "{p_satellite: 0, p_constellation: 0, p_pseudolite: 0, ground_groups: []}"
     c = brief(f"integrity={section}", "runway.heading_deg=37")
-    monitor, watching, s = c.flight.monitor, c.flight.watching, c.world.signals
+    monitor, watching, s = c.flight.monitor, c.flight.watching, c.shared.signals
     assert isinstance(monitor, SeparationMonitor)
     assert watching is not None
     assert not monitor.tested.any()
@@ -502,7 +502,7 @@ def test_levels_without_any_fault_to_expect() -> None:
 def test_slopes_in_axes_of_the_runway() -> None:
     """Of the residuals' test: the fix of a biased range, across and along a runway at 37 degrees."""
     c = brief(CHI2, "runway.heading_deg=37")
-    monitor, watching, s = c.flight.monitor, c.flight.watching, c.world.signals
+    monitor, watching, s = c.flight.monitor, c.flight.watching, c.shared.signals
     assert isinstance(monitor, Monitor)
     assert watching is not None
     found = monitoring.runway_levels(watching, monitor, s, np.radians(37))

@@ -13,7 +13,7 @@ from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
 from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.range_curvature import Curvature, fix_forms, shifted
-from navsim.simulation.shared_truth import believed_measurements
+from navsim.simulation.shared_truth import assumed_measurements
 from tests.conftest import SCENARIOS
 
 SITE = ("receiver.rate_hz=2", "imu.rate_hz=10", "receiver.lever_arm_m=[0, 0, 0]", "pseudolites.count=1",
@@ -39,10 +39,10 @@ class Drawn:
 
 def drawn(case: Case, runs: int) -> Drawn:
     """At the epoch when the pseudolite is nearest."""
-    world, rng = case.world, np.random.default_rng(7)
+    world, rng = case.shared, np.random.default_rng(7)
     s, fix_errors = world.signals, world.fix_errors
     near = int(np.argmin(s.range[:, -1]))
-    ranges, rates = believed_measurements(world)
+    ranges, rates = assumed_measurements(world)
     axes = ned_matrix(llh_from_ecef(s.antenna))[near]
     errors, first = [], []
     for _ in range(runs // WIDTH):
@@ -88,7 +88,7 @@ def test_products_have_the_moments_of_the_forms() -> None:
     by = forms @ covariance[:, None]
     np.testing.assert_allclose(found.mean, np.trace(by, axis1=2, axis2=3), rtol=1e-12)
     moments = 2.0 * np.einsum("makl,mblk->mab", by, by)
-    np.testing.assert_allclose(found.lasting @ np.swapaxes(found.lasting, 1, 2), moments, rtol=1e-9)
+    np.testing.assert_allclose(found.correlated @ np.swapaxes(found.correlated, 1, 2), moments, rtol=1e-9)
     np.testing.assert_allclose(found.white, np.zeros((2, 4, 4)), atol=1e-9)
 
 
@@ -97,7 +97,7 @@ def test_noise_that_stands_for_lasting_errors_is_never_too_small() -> None:
     rng = np.random.default_rng(4)
     forms, lasting = draw_forms(rng, 5, 3)
     found = Curvature.of(forms, np.zeros_like(lasting), lasting, np.broadcast_to(np.eye(3), (5, 3, 3)))
-    together = found.lasting.reshape(15, -1)
+    together = found.correlated.reshape(15, -1)
     white = np.zeros((15, 15))
     for t in range(5):
         white[3 * t : 3 * t + 3, 3 * t : 3 * t + 3] = found.bound[t]

@@ -170,8 +170,8 @@ def test_published_figure_at_56n_37e(shared: Path, within: Within) -> None:
         "receiver.rate_hz=10",
         "duration_s=0.2",
     )
-    assert flown.world.signals.used[0].sum() == 9
-    np.testing.assert_allclose(flown.world.dop[0], [1.69, 1.51, 0.97, 1.16, 0.75], rtol=0.0, atol=within["DOPs"])
+    assert flown.shared.signals.used[0].sum() == 9
+    np.testing.assert_allclose(flown.shared.dop[0], [1.69, 1.51, 0.97, 1.16, 0.75], rtol=0.0, atol=within["DOPs"])
 
 
 @pytest.mark.validates("row 1 of Table 2 from a real jammed sky", "the landing paper", DOPs="0.005")
@@ -186,9 +186,9 @@ def test_sky_of_row_one(shared: Path, within: Within) -> None:
         "approach.start=~", "runway.threshold={lat_deg: 56.0157, lon_deg: 37}", "approach.start_height_m=1",
         "duration_s=0.1",
     )  # fmt: skip
-    below = case(*common, "sky.mask_upper_deg=45.8").world
+    below = case(*common, "sky.mask_upper_deg=45.8").shared
     np.testing.assert_allclose(below.dop[0, 1:4], [3.67, 1.33, 3.42], rtol=0.0, atol=within["DOPs"])
-    exact = case(*common, "sky.mask_upper_deg=46").world
+    exact = case(*common, "sky.mask_upper_deg=46").shared
     r19 = exact.signals.names.index("R19")
     assert exact.signals.used[0, r19]
     assert np.degrees(exact.signals.elevation[0, r19]) == pytest.approx(45.87, abs=0.01)

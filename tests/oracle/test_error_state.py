@@ -60,7 +60,7 @@ class Evaluated:
         made = case(*words, *flight.assignments, name=flight.scenario)
         ensemble = fly_all(made, SEED, 0, RUNS, threads(), keep="all")
         self.kept = {name: np.asarray(ensemble[name]) for name in HISTORIES}
-        self.signals, self.truth = made.world.signals, made.world.at_filter
+        self.signals, self.truth = made.shared.signals, made.shared.at_filter
         self.tight, self.sensors = coupling == "tight", flight.sensors()
         sigma, error = self._fly(steady)
         self.ratio = self.kept["sigma"][:, 1:, :15] / sigma

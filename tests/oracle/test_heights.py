@@ -62,16 +62,16 @@ def test_a_lag_reads_high_on_the_way_down() -> None:
 def test_what_it_shows() -> None:
     """Height above sea level, with the lag, a setting 1 hPa too high, and the filter's corrections undoing it."""
     plain = case(*GENTLE, UNDULATION, "barometric_altimeter.sigma_m=0.5")
-    (aid,) = plain.world.aids
+    (aid,) = plain.shared.aids
     height = plain.trajectory.motion(aid.time).llh[:, 2]
     np.testing.assert_allclose(aid.exact[:, 0], height - 15.5, atol=1e-6)
-    (late,) = case(*GENTLE, UNDULATION, BARO % "lag_s: 0.5").world.aids
+    (late,) = case(*GENTLE, UNDULATION, BARO % "lag_s: 0.5").shared.aids
     sink = plain.trajectory.motion(aid.time).velocity_ned[:, 2]
     gliding = aid.time < 50.0
     np.testing.assert_allclose((late.exact - aid.exact)[gliding, 0], 0.5 * sink[gliding], atol=0.08)
-    (wrong,) = case(*GENTLE, UNDULATION, BARO % "qnh_error_hpa: 1").world.aids
+    (wrong,) = case(*GENTLE, UNDULATION, BARO % "qnh_error_hpa: 1").shared.aids
     np.testing.assert_allclose(wrong.exact - aid.exact, 8.32, atol=0.01)
-    (warm,) = case(*GENTLE, UNDULATION, "runway.height_m=515.5", BARO % "isa_deviation_k: 20").world.aids
+    (warm,) = case(*GENTLE, UNDULATION, "runway.height_m=515.5", BARO % "isa_deviation_k: 20").shared.aids
     table = warm.table(warm.exact)
     np.testing.assert_allclose(table.height, plain.trajectory.motion(aid.time).llh[:, 2] + 515.5, atol=0.01)
     assert warm.sensor.as_believed
@@ -80,12 +80,12 @@ def test_what_it_shows() -> None:
 
 def test_errors_of_a_run_that_last() -> None:
     """A setting and a drift drawn for each run, beside the same white noise; their sizes and how they last."""
-    (plain,) = case(*GENTLE, UNDULATION, BARO % "rate_hz: 1").world.aids
+    (plain,) = case(*GENTLE, UNDULATION, BARO % "rate_hz: 1").shared.aids
     runs = range(2000)
 
     def added(*settings: str) -> np.ndarray:
         flown = case(*GENTLE, UNDULATION, BARO % ", ".join(("rate_hz: 1", *settings)))
-        (aid,) = flown.world.aids
+        (aid,) = flown.shared.aids
         assert not aid.sensor.as_believed
         return np.array([(aid.measured(1, run) - plain.measured(1, run))[:, 0] for run in runs])
 
@@ -101,7 +101,7 @@ def test_errors_of_a_run_that_last() -> None:
 
 def test_a_drift_goes_on_between_measurements() -> None:
     """As the process does: covariances of its values at all times, sampled or in between."""
-    (aid,) = case(*GENTLE, UNDULATION, BARO % "rate_hz: 1, drift_m: 2, drift_time_s: 12").world.aids
+    (aid,) = case(*GENTLE, UNDULATION, BARO % "rate_hz: 1, drift_m: 2, drift_time_s: 12").shared.aids
     time, at = np.array([0.0, 10.0, 20.0]), np.array([0.0, 4.0, 7.0, 10.0, 13.0, 26.0])
     rng = np.random.default_rng(5)
     every = []
@@ -152,8 +152,8 @@ def test_both_altimeters_fly_together() -> None:
     both = ("radio_altimeter.sigma_floor_m=0.3", UNDULATION, BARO % "lag_s: 0.4, isa_deviation_k: -15, rate_hz: 5")
     flown = case(*GENTLE, "duration_s=61", "filter.kind=eskf", *both)
     runs = fly_all(flown, 8, 0, 400, threads())
-    assert [aid.sensor.name for aid in flown.world.aids] == ["radio_altimeter", "barometric_altimeter"]
-    height = np.interp(flown.world.filter_time, flown.world.truth.time, flown.world.truth.llh[:, 2])
+    assert [aid.sensor.name for aid in flown.shared.aids] == ["radio_altimeter", "barometric_altimeter"]
+    height = np.interp(flown.shared.filter_time, flown.shared.truth.time, flown.shared.truth.llh[:, 2])
     low = (height < 30.0) & (height > 0.1)
     nees = runs["nees_position_velocity"].mean(axis=0)[low] / 6
     assert 0.9 < nees.mean() < 1.15, nees
@@ -170,7 +170,7 @@ def test_runways_above_sea_level() -> None:
     """The same runway, by its height above the ellipsoid and above the geoid."""
     ellipsoid = case(*GENTLE, "runway.height_m=200.5")
     sea = case(*GENTLE, "runway={height_m: 185, height_above: geoid, geoid_undulation_m: 15.5, heading_deg: 0}")
-    np.testing.assert_allclose(sea.world.truth.llh, ellipsoid.world.truth.llh, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(sea.shared.truth.llh, ellipsoid.shared.truth.llh, rtol=0, atol=1e-9)
     threshold = llh_from_ecef(sea.trajectory.frame.origin)
     assert threshold[2] == pytest.approx(200.5, abs=1e-6)
     assert sea.scenario.runway.elevation_m == 185.0

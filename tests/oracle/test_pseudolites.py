@@ -180,8 +180,8 @@ def test_code_error_of_a_short_excess(within: Within) -> None:
 
 def test_one_pseudolite_with_its_own_clock_changes_no_dop() -> None:
     settings = ("sky.source=nominal", "pseudolites.frame=runway", "receiver.rate_hz=1")
-    alone = case(*settings, "pseudolites.count=0").world.dop
-    beside = case(*settings, "pseudolites.count=1", "pseudolites.clock=own").world
+    alone = case(*settings, "pseudolites.count=0").shared.dop
+    beside = case(*settings, "pseudolites.count=1", "pseudolites.clock=own").shared
     assert beside.signals.used[:, -1].all()
     np.testing.assert_allclose(beside.dop[:, 1:4], alone[:, 1:4], rtol=0, atol=1e-12)
 
@@ -192,7 +192,7 @@ def test_sites_of_the_main_job_are_far_enough(frame: str, nearest: float, strong
     s = case(
         "sky.source=nominal-gps", f"pseudolites.frame={frame}", "pseudolites.eirp_dbm=-13.6",
         "signals.tracking.gain_horizon_db=0", "interference={pseudolites: {isolation_db: 21.1}}",
-    ).world.signals  # fmt: skip
+    ).shared.signals  # fmt: skip
     distance = np.linalg.norm(s.position[:, -2:] - s.antenna[:, None], axis=2)
     assert distance.min() == pytest.approx(nearest, abs=0.1)
     assert np.nanmax(s.js[:, :, :-2]) == pytest.approx(strongest, abs=0.01)

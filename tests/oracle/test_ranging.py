@@ -19,7 +19,7 @@ from navsim.ranging.estimate import (
     tangents,
     tune,
 )
-from navsim.ranging.evaluation import correlated_states, dilution, states_not_seen
+from navsim.ranging.evaluation import correlated_states, dilution, unobserved_states
 from navsim.ranging.model import SETTINGS, RangeModel, build_model
 from navsim.ranging.recording import RangeLog, Sources
 from navsim.ranging.scenario import RecordedRanges
@@ -297,7 +297,7 @@ def test_states_that_the_ranges_do_not_show() -> None:
     assert np.isnan(values["x"])
     p = np.array([[1.0, 0.995, 0.0], [0.995, 1.0, -0.5], [0.0, -0.5, 1.0]])
     assert correlated_states(p, np.arange(3)) == [(0, 1, pytest.approx(0.995))]
-    assert states_not_seen(np.array([1.0, 1.0]), np.array([0.9, 0.5])).tolist() == [True, False]
+    assert unobserved_states(np.array([1.0, 1.0]), np.array([0.9, 0.5])).tolist() == [True, False]
 
 
 def test_lines_of_a_wide_distribution() -> None:

@@ -63,13 +63,13 @@ def test_a_replay_feeds_the_simulator(tmp_path: Path) -> None:
     write(tmp_path / "flight.h5", result)
     (tmp_path / "again.yaml").write_text(REPLAYED.format(file=tmp_path / "flight.h5"))
     flown = landing.prepare(*read(tmp_path / "again.yaml"))
-    truth = flown.world.truth
+    truth = flown.shared.truth
     recorded = np.stack(
         [np.interp(truth.time + 20.0, result["/filter/time"], result["/filter/position_llh"][:, i]) for i in range(3)],
         axis=1,
     )
     assert np.linalg.norm(truth.position_ecef - ecef_from_llh(recorded), axis=1).max() < 1.0
-    assert "PL2" in flown.world.signals.names
+    assert "PL2" in flown.shared.signals.names
     run = flown.fly(1, 0)
     assert np.sqrt(np.mean(run.error[-40:, :2] ** 2)) < 5.0
     out = landing.result(flown, landing.fly_all(flown, 1, 0, 1, threads(1), keep="all"), 1, keep="all")

@@ -196,7 +196,7 @@ def test_a_landing_flies_galileo_by_the_message_it_names(shared: Path) -> None:
     a, b = (c.clock(time)[0][0, [c.names.index(name) for name in common]] for c in (one, other))
     apart = SPEED_OF_LIGHT * (a - b)
     assert 0.01 < np.sqrt(np.nanmean(apart**2)) < 0.4
-    assert inav.world.signals.used.any()
+    assert inav.shared.signals.used.any()
 
 
 def statistics(constellation: Any, mask: float) -> tuple[np.ndarray, dict[str, list[float]]]:

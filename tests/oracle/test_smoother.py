@@ -37,7 +37,7 @@ def injected(start: np.ndarray, x: np.ndarray) -> np.ndarray:
 def test_map_is_the_least_squares_solution(within: Within) -> None:
     """Perfect sensors but for constant biases, 5 degrees and 700 deg/h: fifteen unknowns, 60 positions and a prior."""
     flown = case("receiver.rate_hz=1", f"duration_s={EPOCHS}", "imu.gyro.noise_deg_h=0", "imu.accelerometer.noise_mg=0")
-    world = flown.world
+    world = flown.shared
     rng = np.random.default_rng(5)
     truth = world.at_filter
     start = np.zeros(states.NAV_N)
@@ -95,7 +95,7 @@ def test_map_is_the_least_squares_solution(within: Within) -> None:
 @pytest.mark.parametrize("kind", [records.RTS, records.MAP])
 def test_each_output_has_its_row_however_near(kind: int) -> None:
     """Two outputs within what is one time, as an offset of clocks makes them, are both answered, alike."""
-    world = case("duration_s=3", "imu.preset=perfect").world
+    world = case("duration_s=3", "imu.preset=perfect").shared
     fix_time = np.array([1.0, 2.0])
     llh = world.truth.llh[[100, 200]]
     history = estimate(

@@ -186,7 +186,7 @@ def test_noise_free_run_has_no_error_but_rounding(lever_arm: list[float], attitu
     flown = quiet.fly(1, 0)
     # fixes carry the rounding of ranges of 2e7 m (4e-9 m) times the DOP
     fix = earth.ecef_from_llh(flown.fix_llh)
-    at_fix = quiet.trajectory.motion(quiet.world.signals.time)
+    at_fix = quiet.trajectory.motion(quiet.shared.signals.time)
     arm = np.einsum("nij,j->ni", at_fix.c_nb, lever_arm)
     antenna = at_fix.position_ecef + np.einsum("nji,nj->ni", earth.ned_matrix(at_fix.llh), arm)
     assert np.abs(fix - antenna).max() < 1e-6

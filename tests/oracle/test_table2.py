@@ -140,8 +140,8 @@ def test_directions_are_those_of_the_almanac(
     dops, _, _ = computed(BY_LETTER[letter])
     for i, row in enumerate(ROWS):
         flown = case("pseudolites.frame=table1", "receiver.rate_hz=5", *sky, *settings, *row.assignments())
-        glide = flown.world.signals.time <= 60.19
-        means = flown.world.dop[glide][:, 1:4].mean(axis=0)
+        glide = flown.shared.signals.time <= 60.19
+        means = flown.shared.dop[glide][:, 1:4].mean(axis=0)
         np.testing.assert_allclose(means, dops[i], rtol=0, atol=within["DOPs"])
         if i == 0:
             assert np.all(np.abs(means - PUBLISHED_DOPS[0]) < within["published"]), means

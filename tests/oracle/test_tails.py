@@ -54,7 +54,7 @@ def test_sampled_risk(cases: dict[str, Any], within: Within, limit: float, bias:
 def test_worst_bias(cases: dict[str, Any], within: Within) -> None:
     worst = cases["integrity_risk_exact"]["expected"]["at_vpl_we"]
     case = under_squares(raim(cases, 1e-5), 0, UP)
-    direction = case.least_seen(np.arange(SOURCES) == 0)
+    direction = case.least_visible_bias(np.arange(SOURCES) == 0)
     found = worst_size(case, direction, np.zeros(SOURCES), worst["vpl"])
     assert found * case.unwhitened[0] == pytest.approx(worst["worst_bias_m"], abs=within["bias"])
 
@@ -76,7 +76,7 @@ def test_sampled_risk_of_one_separation(cases: dict[str, Any], within: Within) -
             assert abs(draws.probability - row[name]) < within["errors"] * draws.error, (limit, name)
             assert draws.effective > 1000
             assert draws.probability < row["mhss_bound"]
-        direction = case.least_seen(np.arange(SOURCES) == source)
+        direction = case.least_visible_bias(np.arange(SOURCES) == source)
         worst = worst_size(case, direction, np.zeros(SOURCES), limit)
         assert worst * case.unwhitened[0] == pytest.approx(row["worst_bias_m"], abs=0.2)
 
@@ -126,7 +126,7 @@ def worst_of(
         faulty = np.isin(np.arange(SOURCES), group)
         apart = found.separator[k, 0, axis] + fix.estimator[0, axis]
         beside = case.biases(np.where(faulty, 0.0, np.sign(apart) * nominal))
-        direction = case.least_seen(faulty)
+        direction = case.least_visible_bias(faulty)
         yield case, beside, worst_size(case, direction, beside, float(found.level[0, axis])) * direction
 
 
@@ -174,7 +174,7 @@ def test_tails_of_a_range_that_nothing_checks(cases: dict[str, Any]) -> None:
     rows = rows_towards(cases[CASE]["inputs"]["azimuth_elevation_deg"])
     alone = Monitor(solve(rows, few, monitor.solution.noise), ChiSquareTest(1e-3, 1e-3))
     case = under_squares(alone, 0, UP)
-    direction = case.least_seen(np.arange(SOURCES) == 7)
+    direction = case.least_visible_bias(np.arange(SOURCES) == 7)
     assert not direction.any()
     assert worst_size(case, direction, np.zeros(5), 10.0) == 0.0
     draws = sampled(case, case.biases(one(0, 30.0)), 60.0, 20_000, generator(6, 0, "integrity"))

@@ -16,7 +16,7 @@ from navsim.filter import states
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.estimate import estimate
 from navsim.filter.measurement_models import FIX, RANGE, Measurements, RangeTable
-from navsim.filter.receiver_clock import ReceiverClock, carry_clock_covariance
+from navsim.filter.receiver_clock import ReceiverClock, propagate_clock_covariance
 from navsim.filter.records import ESKF, FILTERS, FilterModel, History, ImuData, schedule, start
 from navsim.geodesy.earth import RATE, ecef_from_llh, ned_matrix
 from navsim.gnss.clock_noise import densities, step_covariance
@@ -31,7 +31,7 @@ from tests.conftest import DATA, Within
 from tests.helpers import case
 
 DECLARED = states.declared(states.biases())
-NO_GATE = np.full(states.MOST + 1, np.inf)
+NO_GATE = np.full(states.MAX_MEASUREMENT_SIZE + 1, np.inf)
 ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """From NED."""
 SIGMA = np.repeat([3.0, 0.5, 0.02, 3e-3, 1e-2], 3)
@@ -52,7 +52,7 @@ def test_outage(cases: dict[str, Any], within: Within) -> None:
         for steps in (1, 100):
             p = np.zeros((3, 3))
             for _ in range(steps):
-                carry_clock_covariance(0, 2, *density, float(seconds) / steps, p)
+                propagate_clock_covariance(0, 2, *density, float(seconds) / steps, p)
             np.testing.assert_allclose(p[:2, :2], np.full((2, 2), variance), rtol=within["variance"])
 
 
@@ -141,7 +141,7 @@ def one_epoch(
     start: as far off as `moved` (m, m/s, 0.1 rad), nothing known of the clock; order: of the ranges; own: whether
     the fix is the receiver's own."""
     ready = case("filter.coupling=tight", "duration_s=31", "receiver.rate_hz=1", *assignments)
-    flight, world = ready.flight, ready.world
+    flight, world = ready.flight, ready.shared
     epoch = 29
     k = int(np.searchsorted(world.imu_time, world.signals.time[epoch] - 1e-9))
     n = flight.covariance.shape[0]
@@ -168,9 +168,9 @@ def one_epoch(
     tight = start(nav, p, 1, len(world.signals.names))
     flown(table, imu, model, tight)
     llh, velocity, _, cov = receiver_fixes(world, ranges, rates)
-    if flight.beliefs.velocity and not own:
+    if flight.design.velocity and not own:
         velocity[epoch], cov[epoch] = of_all_unknowns(ready, epoch, k)
-    fixes = table_of_fixes(flight.beliefs, *(m[epoch : epoch + 1] for m in (llh, velocity, cov)))
+    fixes = table_of_fixes(flight.design, *(m[epoch : epoch + 1] for m in (llh, velocity, cov)))
     loose = start(nav[: states.NAV_SENSORS + first - states.SENSORS], p[:first, :first], 1)
     flown(fixes, imu, model._replace(clock=ReceiverClock(np.empty(0, np.int64), np.zeros(2))), loose)
     return tight, loose
@@ -180,7 +180,7 @@ def of_all_unknowns(ready: Case, epoch: int, k: int) -> tuple[np.ndarray, np.nda
     """Velocity of the antenna (3,), along the axes at the IMU, and covariance of position and velocity (6, 6), NED,
     solved from ranges and range rates at once: beside a near source a range rate knows of the place too. k: the sample
     of the IMU."""
-    world, arm = ready.world, ready.environment.lever_arm
+    world, arm = ready.shared, ready.environment.lever_arm
     s, truth = world.signals.at(np.array([epoch])), world.truth
     heard = s.used[0]
     c_ne = ned_matrix(truth.llh[k])
@@ -234,7 +234,7 @@ def test_the_order_of_sources_does_not_matter(sky: str, kind: int, moved: float)
     """However far the estimate moves, and its axes with it, an epoch is one measurement: as the fix it makes."""
     forwards, loose = one_epoch(kind, moved, None, *SKIES[sky])
     count = int(
-        case("filter.coupling=tight", "duration_s=31", "receiver.rate_hz=1", *SKIES[sky]).world.signals.used[29].sum()
+        case("filter.coupling=tight", "duration_s=31", "receiver.rate_hz=1", *SKIES[sky]).shared.signals.used[29].sum()
     )
     backwards, _ = one_epoch(kind, moved, range(count - 1, -1, -1), *SKIES[sky])
     size = np.sqrt(np.diagonal(forwards.covariance))
@@ -253,7 +253,7 @@ def test_the_order_of_sources_does_not_matter(sky: str, kind: int, moved: float)
 def test_a_component_that_dies_within_an_epoch_leaves_the_others_alone() -> None:
     """Of two, the first is half a kilometre off: ranges of one epoch end it, and the other ends as if by itself."""
     ready = case("filter.coupling=tight", "duration_s=1", "receiver.rate_hz=1", "filter.kind=gaussian-sum")
-    flight, world = ready.flight, ready.world
+    flight, world = ready.flight, ready.shared
     ranges, rates = without_noise(world)
     rows = np.flatnonzero(np.nonzero(world.signals.used)[0] == 0)
     whole = table_of_ranges(flight, ranges, rates)
@@ -322,7 +322,7 @@ def test_an_unreceived_system_has_no_clock() -> None:
     """The states are those of the time scales that are there."""
     ready = case("filter.coupling=tight", "duration_s=20", "sky.source=nominal-gps", "pseudolites.count=0")
     assert ready.states[15:] == ("clock_bias_gps", "clock_drift")
-    both = replace(ready.flight.beliefs, clock=None)
+    both = replace(ready.flight.design, clock=None)
     assert both.followed((0, 1)) == ()
 
 
@@ -361,10 +361,13 @@ def test_filters_with_fewer_measurements(cases: dict[str, Any], within: Within) 
 def weighed(p: np.ndarray, h: np.ndarray, r: float) -> np.ndarray:
     """P (n, n) after a scalar measurement, in place, by navsim's kernels; returns its gain (n, 1)."""
     n = p.shape[0]
-    rows, noise = np.zeros((states.MOST, n)), np.full((states.MOST, states.MOST), r)
+    rows, noise = (
+        np.zeros((states.MAX_MEASUREMENT_SIZE, n)),
+        np.full((states.MAX_MEASUREMENT_SIZE, states.MAX_MEASUREMENT_SIZE), r),
+    )
     rows[:1] = h
-    pht, k, work = (np.zeros((n, states.MOST)) for _ in range(3))
-    assert gain(p, rows, noise, 1, pht, np.zeros((states.MOST, states.MOST)), k)
+    pht, k, work = (np.zeros((n, states.MAX_MEASUREMENT_SIZE)) for _ in range(3))
+    assert gain(p, rows, noise, 1, pht, np.zeros((states.MAX_MEASUREMENT_SIZE, states.MAX_MEASUREMENT_SIZE)), k)
     joseph(p, rows, noise, 1, pht, k, work)
     return k[:, :1]
 

@@ -199,7 +199,7 @@ def test_a_touchdown_in_the_air(tmp_path: Path) -> None:
     when = early.trajectory.path.events["touchdown"]
     high = -float(early.trajectory.path.jet(np.array([when]))[0, 0, 2])
     assert f"is {high:.1f} m above" in warned
-    passed = early.foreseen.times_at_heights([0.0, 0.5 * high, high + 5.0])
+    passed = early.preflight.times_at_heights([0.0, 0.5 * high, high + 5.0])
     assert passed[0] == when
     assert np.isnan(passed[1])
     assert passed[2] < passed[0]

@@ -12,8 +12,8 @@ import pytest
 from navsim.kinds import KINDS, named
 from navsim.landing import study as landing
 from navsim.landing.covariance import budget
+from navsim.landing.estimate import estimate_landing as estimated
 from navsim.landing.estimate import further
-from navsim.landing.estimate import landing as estimated
 from navsim.landing.integrity_table_job import IntegrityTableJob
 from navsim.landing.table2_job import Table2Job
 from navsim.results.result import write

@@ -55,7 +55,7 @@ def found_in(c: landing.Case, runs: int = 1) -> dict[str, Finding]:
 
 def test_all_fixes_lost() -> None:
     c = case(LOST, "duration_s=20")
-    assert np.isfinite(c.world.dop).all()  # by its geometry all is well
+    assert np.isfinite(c.shared.dop).all()  # by its geometry all is well
     one = found_in(c)["lost_fixes"]
     assert (one.against, one.count, one.of, one.runs, one.first) == ((FIX,), 200, 200, 1, 0.1)
     assert one.text.startswith("no fix at all: 200 of 200 epochs without a fix: sources enough")

@@ -86,12 +86,12 @@ def test_the_same_as_plain_data(made: tuple[Path, str]) -> None:
 
 def heard(*names: str, more: tuple[str, ...]) -> Snapshot:
     """What watches a landing in which nothing else is received, on the glide."""
-    every = case(SPARSE, *more).world.signals.names
+    every = case(SPARSE, *more).shared.signals.names
     silent = [name for name in every if name not in names]
     quiet = case(SPARSE, *more, f"events=[{{what: silence, sources: [{', '.join(silent)}]}}]")
     watching = quiet.flight.watching
     assert watching is not None
-    return watching.over(quiet.world.signals.at(np.flatnonzero(glide_of(quiet))))
+    return watching.over(quiet.shared.signals.at(np.flatnonzero(glide_of(quiet))))
 
 
 @pytest.mark.parametrize("method", [CHI2, MHSS], ids=["chi2", "mhss"])

@@ -92,7 +92,7 @@ def test_errors_that_last_are_followed_as_in_a_landing(how: str, tmp_path: Path)
     np.testing.assert_allclose(ours["sigma"], result["/filter/sigma"][0, 1:], rtol=1e-2)
     flight, one = session.filter.flight, np.zeros((1, 3))
     if how == "states":
-        bare = Measurements.of({FIX: table_of_fixes(flight.beliefs, one, one, np.eye(6)[None])})
+        bare = Measurements.of({FIX: table_of_fixes(flight.design, one, one, np.eye(6)[None])})
         at = schedule(np.array([0.1]), (FIX, np.array([0.1]), np.array([0.1])))
         still = ImuData(np.array([0.0, 0.1]), one, one)
         with pytest.raises(ValueError, match="does not say what the errors do"):
@@ -160,7 +160,7 @@ def test_nmea_in_place_of_the_receiver(flown) -> None:  # type: ignore[no-untype
 
 def imu_rows(c: landing.Case, seed: int | None = None) -> list[str]:
     """Samples of the flight as rows: true ones, or those of the first run of a seed."""
-    world = c.world
+    world = c.shared
     step = np.diff(world.imu_time)[:, None]
     dtheta, dv = world.dtheta, world.dv
     if seed is not None:
@@ -178,7 +178,7 @@ def test_an_imu_in_the_loop() -> None:
     session.pump(lines_of("t_s,gx,gy,gz,ax,ay,az\n" + "\n".join(rows) + "\n"), 1.0)
     assert session.counts["used"] == len(rows)
     error = session.filter.estimates()["error"]
-    assert error.shape[0] == c.world.signals.time.size
+    assert error.shape[0] == c.shared.signals.time.size
     assert np.sqrt(np.mean(error[-20:, :3] ** 2)) < 1.0
     broken = [*rows[:100], "nonsense", *rows[103:200], rows[150], rows[200][:20], *rows[201:]]
     session = Session(c, "imu", 1)
@@ -478,9 +478,9 @@ def test_the_shift_is_as_sure_as_it_says() -> None:
     for rate in ("receiver.rate_hz=10", "receiver.rate_hz=1"):
         c = case("duration_s=60", rate)
         session = Session(c, "receiver", 1)
-        time = c.world.signals.time
+        time = c.shared.signals.time
         velocity = c.trajectory.motion(time).velocity_ned
-        fixes = [receiver_fixes(c.world, *measured(c.world, seed, 0))[0] for seed in range(30)]
+        fixes = [receiver_fixes(c.shared, *measured(c.shared, seed, 0))[0] for seed in range(30)]
         shift, sigma = np.array([flying._shift(time, session._off(time, llh), velocity) for llh in fixes]).T
         assert abs(shift.mean()) < 4.0 * shift.std() / np.sqrt(shift.size)
         assert 0.6 < np.sqrt(np.mean(sigma**2)) / shift.std() < 1.6

@@ -147,10 +147,10 @@ def test_each_combination_is_the_scenario_by_itself(grid: Path) -> None:
             "pseudolites.frame=runway", "receiver.rate_hz=2", f"pseudolites.count={index[0] + 1}",
             f"pseudolites.s_m={s}", f"pseudolites.l1_m={l1}", name="landing_gnss_only",
         )  # fmt: skip
-        glide = one.world.signals.time <= 60.19
-        assert result["/sweep/pdop"][index] == pytest.approx(one.world.dop[glide, 1].mean(), rel=1e-12)
-        assert result["/sweep/vdop_max"][index] == pytest.approx(one.world.dop[glide, 3].max(), rel=1e-12)
-        up = np.sqrt(one.world.fix_covariance[glide, 2, 2]).mean()
+        glide = one.shared.signals.time <= 60.19
+        assert result["/sweep/pdop"][index] == pytest.approx(one.shared.dop[glide, 1].mean(), rel=1e-12)
+        assert result["/sweep/vdop_max"][index] == pytest.approx(one.shared.dop[glide, 3].max(), rel=1e-12)
+        up = np.sqrt(one.shared.fix_covariance[glide, 2, 2]).mean()
         assert result["/sweep/fix_vertical"][index] == pytest.approx(up, rel=1e-12)
 
 

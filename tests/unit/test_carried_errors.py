@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from navsim.compiler.lanes import WIDTH, in_lanes
-from navsim.filter.sensitivity_propagation import Route, carry_columns, carry_covariances
-from navsim.filter.states import MOST, SENSORS
+from navsim.filter.sensitivity_propagation import LinearisedHistory, propagate_columns, propagate_covariances
+from navsim.filter.states import MAX_MEASUREMENT_SIZE, SENSORS
 from navsim.gnss.clock_noise import step_covariance
 from navsim.simulation.landing_covariance import along_truth
 from navsim.simulation.measurements import receiver_fixes
@@ -22,23 +22,23 @@ INTERVAL = np.array([-1, 0, 1, -1, 2, 3, 4])
 WEIGHED = np.array([-1, 0, 1, -1, 2, -1, -1])
 
 
-def a_route(rng: np.random.Generator, scales: int) -> Route:
+def a_route(rng: np.random.Generator, scales: int) -> LinearisedHistory:
     """Seven events, three of them on copies that run ahead; a sensor state of the truth for each of the filter, but for
     the last ones, which are those of a clock against so many time scales."""
-    h = np.zeros((3, MOST, SIZE))
-    h[:, :, :N] = rng.standard_normal((3, MOST, N)) * (rng.random((3, MOST, N)) < 0.3)
+    h = np.zeros((3, MAX_MEASUREMENT_SIZE, SIZE))
+    h[:, :, :N] = rng.standard_normal((3, MAX_MEASUREMENT_SIZE, N)) * (rng.random((3, MAX_MEASUREMENT_SIZE, N)) < 0.3)
     same = np.hstack([np.eye(N), np.vstack([np.zeros((SENSORS, SIZE - N)), np.eye(SIZE - N)])])
     phi = np.eye(SENSORS, SIZE) + 0.3 * rng.standard_normal((5, SENSORS, SIZE))
     rest = 0.5 + 0.5 * rng.random((5, SIZE - SENSORS))
-    gain = 0.2 * rng.standard_normal((3, N, MOST))
+    gain = 0.2 * rng.standard_normal((3, N, MAX_MEASUREMENT_SIZE))
     clock = N - scales - 1, scales
     if scales:
         rest[:, clock[0] - SENSORS : N - SENSORS] = 1.0
     length = 0.1 + rng.random(5)
-    return Route(AHEAD, OUTPUT, INTERVAL, WEIGHED, phi, rest, length, h[:, :, :N] @ same, gain, same, clock)
+    return LinearisedHistory(AHEAD, OUTPUT, INTERVAL, WEIGHED, phi, rest, length, h[:, :, :N] @ same, gain, same, clock)
 
 
-def dense(route: Route, at: int) -> tuple[np.ndarray, np.ndarray]:
+def dense(route: LinearisedHistory, at: int) -> tuple[np.ndarray, np.ndarray]:
     """Phi of an interval and I - K H of a measurement (S, S)."""
     phi, keep = np.eye(SIZE), np.eye(SIZE)
     if at < route.phi.shape[0]:
@@ -55,10 +55,14 @@ def dense(route: Route, at: int) -> tuple[np.ndarray, np.ndarray]:
 def test_columns(scales: int) -> None:
     rng = np.random.default_rng(4)
     route = a_route(rng, scales)
-    start, off = rng.standard_normal((SIZE, WIDTH)), rng.standard_normal((3, MOST, WIDTH))
-    x, seen, error = np.zeros((2, 1, SIZE, WIDTH)), np.empty((3, 1, MOST, WIDTH)), np.empty((4, 1, N, WIDTH))
+    start, off = rng.standard_normal((SIZE, WIDTH)), rng.standard_normal((3, MAX_MEASUREMENT_SIZE, WIDTH))
+    x, seen, error = (
+        np.zeros((2, 1, SIZE, WIDTH)),
+        np.empty((3, 1, MAX_MEASUREMENT_SIZE, WIDTH)),
+        np.empty((4, 1, N, WIDTH)),
+    )
     x[0, 0] = start
-    carry_columns(route, in_lanes(x), in_lanes(off[:, None].copy()), in_lanes(seen), in_lanes(error))
+    propagate_columns(route, in_lanes(x), in_lanes(off[:, None].copy()), in_lanes(seen), in_lanes(error))
     own = copy = start
     for i in range(AHEAD.size):
         copy = own if AHEAD[i] and not AHEAD[i - 1] else copy
@@ -85,14 +89,14 @@ def test_covariances(scales: int) -> None:
         return root @ np.swapaxes(root, -1, -2)
 
     start = np.stack([positive(SIZE, SIZE) for _ in range(WIDTH)], axis=-1)
-    noise = np.stack([positive(3, MOST, MOST) for _ in range(WIDTH)], axis=-1)
+    noise = np.stack([positive(3, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE) for _ in range(WIDTH)], axis=-1)
     added, density = positive(5, 4, 15, 15), np.zeros((6, WIDTH))
     density[1, 0], density[3, 2], density[4, 1], density[5, 1:3] = 0.7, 0.4, 0.2, 0.9
     place = np.append(np.arange(SENSORS), np.arange(N, SIZE))
     p, variance = np.zeros((2, SIZE, SIZE, WIDTH)), np.empty((4, N, WIDTH))
     p[0] = start
-    second, sums = np.zeros((3, MOST, MOST)), np.zeros((4, N, N))
-    carry_covariances(
+    second, sums = np.zeros((3, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)), np.zeros((4, N, N))
+    propagate_covariances(
         route, added, place, in_lanes(density), in_lanes(p), in_lanes(noise), in_lanes(variance), second, sums
     )
     own = copy = np.moveaxis(start, -1, 0)
@@ -116,7 +120,7 @@ def test_covariances(scales: int) -> None:
             np.testing.assert_allclose(variance[o].T, np.diagonal(error, axis1=1, axis2=2), rtol=1e-12)
             np.testing.assert_allclose(sums[o], error.sum(axis=0), atol=1e-12 * np.abs(sums[o]).max())
         if (w := WEIGHED[i]) >= 0:
-            h, gain, keep = route.h[w], np.zeros((SIZE, MOST)), dense(route, w)[1]
+            h, gain, keep = route.h[w], np.zeros((SIZE, MAX_MEASUREMENT_SIZE)), dense(route, w)[1]
             gain[:N] = route.gain[w]
             expected = (h @ one @ h.T + r[:, w]).sum(axis=0)
             np.testing.assert_allclose(second[w], expected, atol=1e-12 * np.abs(expected).max())
@@ -137,7 +141,7 @@ def test_covariances(scales: int) -> None:
 def test_slopes_of_fixes(settings: tuple[str, ...]) -> None:
     """Within 1e-6 of the largest, where a difference of fixes 0.1 m apart is rounded to 1e-7."""
     flight = case("duration_s=62", "receiver.rate_hz=1", *settings).flight
-    world, along = flight.world, along_truth(flight)
+    world, along = flight.shared, along_truth(flight)
     step = 0.05
     for part, slopes in enumerate((along.by_range, along.by_rate)):
         within = 1e-6 * np.abs(slopes).max()

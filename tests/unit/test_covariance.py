@@ -21,7 +21,7 @@ BIASES = states.biases((1 / 300.0, 1e-9), (1 / 100.0, 1e-6))
 BLOCKS = {"biases": BIASES, "scale factors too": (*BIASES, *states.SCALE_FACTORS)}
 BLOCKS["misalignments too"] = (*BLOCKS["scale factors too"], *states.MISALIGNMENTS)
 """What filters follow: fifteen states, twenty-one, and thirty-three."""
-N = states.N
+N = states.N_BASE
 SIZES = {"m": 20.0, "m/s": 1.0, "rad": 1e-4, "rad/s": 1e-4, "m/s2": 1e-2, "1": 1e-3}
 """Errors that are small enough to be linear and large enough to be seen, by the unit of the state."""
 SPREAD = {"m": 5.0, "m/s": 0.5, "rad": 0.05, "rad/s": 1e-3, "m/s2": 1e-2, "1": 1e-3}
@@ -44,7 +44,7 @@ def some_state(blocks: Sequence[states.Block] = BIASES) -> tuple[np.ndarray, np.
     nav = np.zeros(states.NAV_SENSORS + 3 * len(blocks))
     nav[states.NAV_LLH : states.NAV_VEL] = 0.98, 0.64, 2500.0
     nav[states.NAV_VEL : states.NAV_QUAT] = 180.0, -140.0, 25.0
-    nav[states.NAV_QUAT : states.NAV_HELD] = Rotation.from_euler("ZYX", [2.0, 0.2, -0.4]).as_quat()[[3, 0, 1, 2]]
+    nav[states.NAV_QUAT : states.NAV_BIAS_FRAME] = Rotation.from_euler("ZYX", [2.0, 0.2, -0.4]).as_quat()[[3, 0, 1, 2]]
     sensors = [1e-3, -2e-3, 5e-4, 0.02, -0.01, 0.03, 2e-3, -1e-3, 3e-3, 1e-3, 2e-3, -1e-3]
     sensors += [1e-4, -1e-4, 5e-5, 1e-4, 5e-5, -5e-5, -5e-5, 1e-4, 5e-5, 5e-5, -1e-4, 1e-4]
     nav[states.NAV_SENSORS :] = sensors[: 3 * len(blocks)]
@@ -99,21 +99,21 @@ def dense_transition(mid: np.ndarray, dt: float, increments: np.ndarray, blocks:
     interval.transition(sums, mid, phi)
     out = np.eye(n)
     out[:9] += phi
-    out[9:, 9:] = np.diag(sums.left)
+    out[9:, 9:] = np.diag(sums.decay)
     return out
 
 
 def some_sums(declared: np.ndarray) -> interval.StepSums:
     """Sums of no step yet."""
     sums = interval.StepSums(declared, *(np.empty(size) for size in (9 + 12 * declared.size, 2, *[declared.size] * 3)))
-    interval.begin_sums(sums)
+    interval.reset_sums(sums)
     return sums
 
 
 def add(sums: interval.StepSums, mid: np.ndarray, dt: float, increments: np.ndarray) -> None:
     """A step, as `filter_loop.mechanise` adds it."""
-    interval.add_step(sums.total, sums.left, mid, dt, increments, sums.declared)
-    interval.age_sums(sums, dt)
+    interval.add_step(sums.total, sums.decay, mid, dt, increments, sums.declared)
+    interval.accumulate_markov(sums, dt)
     sums.length[...] += dt, 1.0
 
 

@@ -54,7 +54,7 @@ def test_satellites_under_the_horizon_are_not_received(height: float) -> None:
     """However low the mask: those are received whose straight line misses the ellipsoid at the runway's height."""
     settings = (*BRIEF, "sky.source=nominal", "sky.mask_deg=-90", f"runway.height_m={height}", "pseudolites.count=0")
     flown = case(*settings)
-    s = flown.world.signals
+    s = flown.shared.signals
     hidden = through_the_earth(s.antenna, s.position, height)
     np.testing.assert_array_equal(s.used, ~hidden)
     assert hidden.sum() > 20 * len(s.time)
@@ -69,7 +69,7 @@ def test_a_mask_within_the_dip_is_used() -> None:
     directions = ", ".join(f"{{azimuth_deg: {70 * i}, elevation_deg: {e}}}" for i, e in enumerate(elevations))
     sky = f"sky={{source: directions, mask_deg: -0.385, directions: [{directions}]}}"
     flown = case(*BRIEF, sky, "pseudolites.count=0")
-    s = flown.world.signals
+    s = flown.shared.signals
     height = flown.trajectory.motion(s.time).llh[:, 2]
     below = np.degrees(np.arccos(6371e3 / (6371e3 + np.maximum(height, 0.0))))
     np.testing.assert_array_equal(s.used[:, 0], below >= 0.38)
@@ -84,7 +84,7 @@ def test_directions_below_the_horizon_are_not_received() -> None:
         + ", ".join(f"{{azimuth_deg: {60 * i}, elevation_deg: {e}}}" for i, e in enumerate((-10, -1, 0, 20, 50, 70)))
         + "]}"
     )
-    used = case(*BRIEF, sky, "pseudolites.count=0").world.signals.used
+    used = case(*BRIEF, sky, "pseudolites.count=0").shared.signals.used
     assert not used[:, :2].any()
     assert used[:, 2:].all()
 
@@ -92,7 +92,7 @@ def test_directions_below_the_horizon_are_not_received() -> None:
 def test_a_pseudolite_beyond_the_horizon_is_not_received() -> None:
     """By the radio horizon, as jammers: 4.12 km (sqrt(h1/m) + sqrt(h2/m))."""
     flown = case(*BRIEF, *FAR)
-    s = flown.world.signals
+    s = flown.shared.signals
     away = np.linalg.norm(s.position[:, -1] - s.antenna, axis=1)
     height = np.maximum(flown.trajectory.motion(s.time).llh[:, 2], 1.0)
     seen = away <= 4120.0 * (np.sqrt(height) + 1.0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.filter.states import A_D, N
+from navsim.filter.states import N_BASE, PHI_D
 from tests.helpers import load_script
 
 consistency: Any = load_script("filter_consistency")
@@ -20,12 +20,12 @@ LABELS, KINDS = ["landing", "s_turn"], ["gaussian-sum", "eskf"]
 def drawn(runs: int, seed: int, scale: float = 1.0) -> Any:
     """What runs with Gaussian errors come to, heading by `scale` larger than its sigma of 0.1 rad."""
     random = np.random.default_rng(seed)
-    ratio = random.standard_normal((runs, TIME.size, N))
-    ratio[..., A_D] *= scale
-    heading = np.array([(ratio[..., A_D] ** 2).sum(axis=0), np.full(TIME.size, runs), np.full(TIME.size, runs)])
+    ratio = random.standard_normal((runs, TIME.size, N_BASE))
+    ratio[..., PHI_D] *= scale
+    heading = np.array([(ratio[..., PHI_D] ** 2).sum(axis=0), np.full(TIME.size, runs), np.full(TIME.size, runs)])
     return consistency.Found(
         TIME, (ratio**2).sum(axis=0), (ratio**4).sum(axis=0), 0.01 * heading, CLOCK, np.full(CLOCK.size, float(runs)),
-        random.chisquare(N, runs) / N, np.zeros(runs), np.abs(ratio[..., A_D]).max(axis=1),
+        random.chisquare(N_BASE, runs) / N_BASE, np.zeros(runs), np.abs(ratio[..., PHI_D]).max(axis=1),
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from navsim.filter.estimate import FILTER_KINDS, estimate
 from navsim.filter.first_estimates import note_shift, start_transition
 from navsim.filter.measurement_models import FIX, FixTable, Measurements
 from navsim.filter.records import OUTPUT, Events, FilterModel, History, ImuData, start
-from navsim.filter.states import A_D, ATT, POS, VEL, N
+from navsim.filter.states import ATT, N_BASE, PHI_D, POS, VEL
 from tests.helpers import case, cross
 from tests.unit.test_covariance import some_covariance
 
@@ -47,7 +47,7 @@ def flown(kind: int, fixes: tuple[float, ...] = FIXES) -> History:
     ]
     time, kinds, row = (np.array(x) for x in zip(*moments, (END, OUTPUT, 2 * rows), strict=True))
     events = Events(time.astype(float), kinds, row, np.zeros(time.size, np.bool_))
-    no_gate = np.full(states.MOST + 1, np.inf)
+    no_gate = np.full(states.MAX_MEASUREMENT_SIZE + 1, np.inf)
     model = FilterModel(kind, np.zeros((1, NOISE_N)), states.declared(states.biases()), no_gate, 0)
     return estimate(imu, Measurements.of({FIX: table}), events, start(beginning(), np.diag(SIGMA**2)), model)
 
@@ -70,7 +70,7 @@ def transition(origin: np.ndarray, corrected: np.ndarray, end: np.ndarray, dt: f
     by_velocity = end[3:6] - origin[3:6] - g * dt
     by_position = metres(end[:3], origin[:3]) - origin[3:6] * dt - 0.5 * g * dt**2
     force, attitude = (end[3:6] - corrected[3:6]) / dt - g, dcm(corrected)
-    phi, eye = np.eye(N), np.eye(3)
+    phi, eye = np.eye(N_BASE), np.eye(3)
     blocks = {
         (POS, VEL): eye * dt,
         (POS, ATT): -cross(by_position),
@@ -87,7 +87,7 @@ def transition(origin: np.ndarray, corrected: np.ndarray, end: np.ndarray, dt: f
 
 
 def dcm(nav: np.ndarray) -> np.ndarray:
-    w, x, y, z = nav[states.NAV_QUAT : states.NAV_HELD]
+    w, x, y, z = nav[states.NAV_QUAT : states.NAV_BIAS_FRAME]
     axis = cross(np.array([x, y, z]))
     return np.eye(3) + 2.0 * w * axis + 2.0 * axis @ axis
 
@@ -102,7 +102,7 @@ def test_the_transition_is_between_predicted_states(kind: int) -> None:
         predicted, corrected, last = (history.navigation[2 * k + i] for i in range(3))
         dt = (*FIXES, END)[k + 1] - FIXES[k]
         own, first = (transition(origin, corrected, last, dt) for origin in (corrected, predicted))
-        u = np.eye(N)[A_D]
+        u = np.eye(N_BASE)[PHI_D]
         constrained = own - np.outer((own - first) @ u, u)
         chosen = first if kind == FILTER_KINDS["first-estimates"] else constrained
         p, found = history.covariance[2 * k + 1 : 2 * k + 3]
@@ -116,11 +116,11 @@ def test_the_transition_is_between_predicted_states(kind: int) -> None:
 def test_a_rotation_that_nothing_shows_stays_one(kind: int) -> None:
     """The rotation of a flight about an axis, (e x r, e x v, e): before the correction and after it."""
     move = np.concatenate([[3.0, -2.0, 1.0, 0.8, -0.5, 0.3, 0.02, -0.03, 0.1], np.zeros(6)])
-    predicted, corrected, work = beginning(), beginning(), np.empty(N)
+    predicted, corrected, work = beginning(), beginning(), np.empty(N_BASE)
     inject(corrected, move)
     r, v = np.array([100.0, -50.0, 20.0]), predicted[3:6]
     for axis, e in enumerate(np.eye(3)):
-        before, after = np.zeros(N), np.zeros(N)
+        before, after = np.zeros(N_BASE), np.zeros(N_BASE)
         for vector, shift, speed in ((before, 0.0, 0.0), (after, move[:3], move[3:6])):
             vector[:9] = np.concatenate([np.cross(e, r + shift), np.cross(e, v + speed), e])
         if kind != FILTER_KINDS["first-estimates"] and axis < 2:

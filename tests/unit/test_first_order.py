@@ -40,7 +40,7 @@ def errors(flown: Case, seed: int, runs: range) -> np.ndarray:
     assert first_order is not None
     for first in range(runs.start, runs.stop, WIDTH):
         inputs = draw(flown.flight, seed, range(first, first + WIDTH))
-        found = first_order.errors(flown.flight, inputs, smoothed(flown.world, inputs.ranges, inputs.phases))
+        found = first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))
         out.append(np.moveaxis(found, -1, 0))
     return np.concatenate(out)
 
@@ -51,7 +51,7 @@ def test_they_are_the_slopes_times_all_that_is_drawn(name: str) -> None:
     flown, _, slopes, at = ready(name)
     inputs = draw(flown.flight, 5, range(WIDTH))
     first_order = FirstOrder.of(flown.flight)
-    found = first_order.errors(flown.flight, inputs, smoothed(flown.world, inputs.ranges, inputs.phases))[at]
+    found = first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))[at]
     expected = first_order.mean[at][:, None] + slopes.times(deviations(flown.flight, inputs))
     scale = np.sqrt(np.mean((expected - first_order.mean[at][:, None]) ** 2))
     assert np.abs(found - expected).max() < 2e-3 * scale
@@ -80,7 +80,7 @@ def test_the_filter_makes_these_errors(name: str) -> None:
 def test_the_mean_is_that_of_the_analysis() -> None:
     flown = case(*ANY["fixed values"])
     along = along_truth(flown.flight)
-    of_pseudolites = np.isin(flown.world.signals.names, flown.pseudolites.names)
+    of_pseudolites = np.isin(flown.shared.signals.names, flown.pseudolites.names)
     analysis = analyse(flown.flight, of_pseudolites, along, second_order=False)
     assert flown.first_order is not None
     np.testing.assert_allclose(flown.first_order.mean, analysis.mean[:, :3], rtol=1e-12)
@@ -108,7 +108,7 @@ def test_an_error_of_one_draw_is_not_lost() -> None:
     flown = case(*ANY["gusts"])
     assert flown.first_order is not None
     inputs = draw(flown.flight, 1, range(WIDTH))
-    ranges = smoothed(flown.world, inputs.ranges, inputs.phases)
+    ranges = smoothed(flown.shared, inputs.ranges, inputs.phases)
     off = replace(inputs, aided=tuple(a + 1.0 for a in inputs.aided))
     moved = flown.first_order.errors(flown.flight, off, ranges) - flown.first_order.errors(flown.flight, inputs, ranges)
     assert np.ptp(moved, axis=2).max() < 1e-9

@@ -11,7 +11,7 @@ from navsim.filter import estimate, gaussian_sum, states, tfg
 from navsim.filter.eskf import inject
 from navsim.filter.measurement_models import FIX, FixTable, Measurements
 from navsim.filter.records import ImuData, Mixture, schedule, start
-from navsim.filter.states import A_D, A_E, A_N, NAV_HELD, NAV_N, NAV_SENSORS, N
+from navsim.filter.states import N_BASE, NAV_BIAS_FRAME, NAV_N, NAV_SENSORS, PHI_D, PHI_E, PHI_N
 from navsim.simulation.landing import exact_start
 from tests.helpers import case
 from tests.unit.test_covariance import error, some_covariance
@@ -25,34 +25,36 @@ ROOM = 12
 def centre() -> np.ndarray:
     """A navigation state whose bias axes are not held."""
     nav = some_state()
-    nav[NAV_HELD:NAV_SENSORS] = 1.0, 0.0, 0.0, 0.0
+    nav[NAV_BIAS_FRAME:NAV_SENSORS] = 1.0, 0.0, 0.0, 0.0
     return nav
 
 
 def covariance(heading: float) -> np.ndarray:
     """A covariance with this 1 sigma of heading, rad, to which all other states owe something."""
     p = some_covariance(3)
-    scale = np.ones(N)
-    scale[A_D] = heading / np.sqrt(p[A_D, A_D])
+    scale = np.ones(N_BASE)
+    scale[PHI_D] = heading / np.sqrt(p[PHI_D, PHI_D])
     out: np.ndarray = p * scale * scale[:, None]
     return out
 
 
 def sum_of(*parts: tuple[np.ndarray, np.ndarray, float], room: int = ROOM) -> Mixture:
     """A sum of components: navigation state, covariance, weight."""
-    mixture = Mixture(np.zeros((room, NAV_N)), np.zeros((room, N, N)), np.zeros((room, 6)), np.zeros(room))
+    mixture = Mixture(np.zeros((room, NAV_N)), np.zeros((room, N_BASE, N_BASE)), np.zeros((room, 6)), np.zeros(room))
     for j, (nav, p, weight) in enumerate(parts):
         mixture.navigation[j], mixture.covariance[j], mixture.weight[j] = nav, p, weight
     return mixture
 
 
-def bench() -> gaussian_sum.Bench:
-    vectors = (np.empty(size) for size in (N, N, N, NAV_N, NAV_N))
-    return gaussian_sum.Bench(*vectors, np.empty((N, N)), np.empty((N, N)), np.empty(6), sum_of(room=2), np.empty(ROOM))
+def bench() -> gaussian_sum.MixtureBuffers:
+    vectors = (np.empty(size) for size in (N_BASE, N_BASE, N_BASE, NAV_N, NAV_N))
+    return gaussian_sum.MixtureBuffers(
+        *vectors, np.empty((N_BASE, N_BASE)), np.empty((N_BASE, N_BASE)), np.empty(6), sum_of(room=2), np.empty(ROOM)
+    )
 
 
 def moments(mixture: Mixture, flat: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    nav, p = np.empty(NAV_N), np.empty((N, N))
+    nav, p = np.empty(NAV_N), np.empty((N_BASE, N_BASE))
     gaussian_sum.moments(mixture, nav, p, flat, workshop(), bench())
     return nav, p
 
@@ -67,14 +69,14 @@ def same(one: tuple[np.ndarray, np.ndarray], two: tuple[np.ndarray, np.ndarray],
 
 def own(nav: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """The coordinates (n,) of a state in the chart at a centre."""
-    out = np.empty(N)
-    tfg.own_error(centre, error(nav, centre), out, 0, 0)
+    out = np.empty(N_BASE)
+    tfg.error_in_filter_coordinates(centre, error(nav, centre), out, 0, 0)
     return out
 
 
 def divided(heading: float) -> Mixture:
     mixture = sum_of((centre(), covariance(heading), 1.0))
-    gaussian_sum.divide(mixture, True, 0.0, workshop(), bench())
+    gaussian_sum.split(mixture, True, 0.0, workshop(), bench())
     return mixture
 
 
@@ -84,9 +86,9 @@ def test_a_divided_component_has_the_moments_of_the_whole(heading: float) -> Non
     mixture = divided(heading)
     np.testing.assert_allclose(mixture.weight[:4], [4 / 6, 1 / 6, 1 / 6, 0.0])
     same(moments(mixture), (centre(), covariance(heading)), 1e-7)
-    offset = np.array([own(nav, centre())[A_D] for nav in mixture.navigation[:3]]) / heading
+    offset = np.array([own(nav, centre())[PHI_D] for nav in mixture.navigation[:3]]) / heading
     narrowed = 0.65
-    np.testing.assert_allclose(np.sqrt(mixture.covariance[0, A_D, A_D]) / heading, narrowed)
+    np.testing.assert_allclose(np.sqrt(mixture.covariance[0, PHI_D, PHI_D]) / heading, narrowed)
     fourth = mixture.weight[:3] @ (offset**4 + 6.0 * offset**2 * narrowed**2 + 3.0 * narrowed**4)
     np.testing.assert_allclose(fourth, 3.0, rtol=1e-6)
 
@@ -108,7 +110,7 @@ def test_moments_are_those_of_points_on_the_chart() -> None:
     rng = np.random.default_rng(5)
     sigma = np.sqrt(np.diag(covariance(0.2)))
     weight = np.array([0.5, 0.3, 0.15, 0.05])
-    places = rng.standard_normal((4, N)) * sigma
+    places = rng.standard_normal((4, N_BASE)) * sigma
     places -= weight @ places
     tiny = np.diag(1e-12 * sigma**2)
     parts = [(retract("tfg", centre(), y), tiny, float(w)) for y, w in zip(places, weight, strict=True)]
@@ -120,8 +122,8 @@ def test_what_is_answered_has_positions_and_velocities_as_they_are() -> None:
     is known across is spoiled, as it is in the chart; of the rest nothing changes."""
     rng = np.random.default_rng(7)
     weight = np.array([0.5, 0.3, 0.15, 0.05])
-    off = np.zeros((4, N))
-    off[:, 0], off[:, 4], off[:, A_D] = (
+    off = np.zeros((4, N_BASE))
+    off[:, 0], off[:, 4], off[:, PHI_D] = (
         8.0 * rng.standard_normal(4),
         0.2 * rng.standard_normal(4),
         0.15 * rng.standard_normal(4),
@@ -131,7 +133,7 @@ def test_what_is_answered_has_positions_and_velocities_as_they_are() -> None:
     for one, w in zip(off, weight, strict=True):
         nav = centre()
         inject(nav, one)
-        parts.append((nav, np.diag(np.full(N, 1e-6)), float(w)))
+        parts.append((nav, np.diag(np.full(N_BASE, 1e-6)), float(w)))
     nav, p = moments(sum_of(*parts), flat=True)
     np.testing.assert_allclose(error(nav, centre())[:6], 0.0, atol=1e-6)
     np.testing.assert_allclose(
@@ -155,8 +157,8 @@ def test_measurements_weigh_by_their_likelihood() -> None:
         squares[j] = innovations[j] @ np.linalg.solve(of_innovations[j], innovations[j])
         sizes[j] = np.sqrt(np.linalg.det(of_innovations[j]))
     weight, kept = prior.copy(), prior.copy()
-    gaussian_sum.weigh(True, weight, squares, sizes)
-    gaussian_sum.weigh(False, kept, squares, sizes)
+    gaussian_sum.update_weights(True, weight, squares, sizes)
+    gaussian_sum.update_weights(False, kept, squares, sizes)
     density = [multivariate_normal.pdf(innovations[j], cov=of_innovations[j]) for j in range(4)]
     expected = prior[:3] * density[:3]
     assert density[3] < 1e-12 * max(density)
@@ -166,21 +168,21 @@ def test_measurements_weigh_by_their_likelihood() -> None:
 
 
 def arranged(mixture: Mixture, turn: float) -> Mixture:
-    gaussian_sum.arrange(mixture, turn, WIDEST, workshop(), bench())
+    gaussian_sum.split_and_merge(mixture, turn, WIDEST, workshop(), bench())
     return mixture
 
 
 def levelled(p: np.ndarray) -> np.ndarray:
     """A covariance whose tilt is known to half a milliradian."""
-    scale = np.ones(N)
-    scale[[A_N, A_E]] = 5e-4 / np.sqrt(np.diag(p)[[A_N, A_E]])
+    scale = np.ones(N_BASE)
+    scale[[PHI_N, PHI_E]] = 5e-4 / np.sqrt(np.diag(p)[[PHI_N, PHI_E]])
     out: np.ndarray = p * np.outer(scale, scale)
     return out
 
 
 def headings(mixture: Mixture) -> np.ndarray:
     """1 sigma of heading of the components that are there."""
-    out: np.ndarray = np.sqrt(mixture.covariance[:, A_D, A_D])[mixture.weight > 0.0]
+    out: np.ndarray = np.sqrt(mixture.covariance[:, PHI_D, PHI_D])[mixture.weight > 0.0]
     return out
 
 
@@ -227,8 +229,8 @@ def test_straight_flight_leaves_room_for_a_turn() -> None:
 
 def test_a_turn_divides_what_is_in_the_tails() -> None:
     """Of a component whose weight doesn't matter in straight flight: runs whose heading lies there turn, too."""
-    far = np.zeros(N)
-    far[A_D] = 12.0 * WIDEST
+    far = np.zeros(N_BASE)
+    far[PHI_D] = 12.0 * WIDEST
     narrow, wide = levelled(covariance(0.4 * WIDEST)), levelled(covariance(1.4 * WIDEST))
     parts = (centre(), narrow, 0.996), (retract("tfg", centre(), far), wide, 0.004)
     calm, turning = (arranged(sum_of(*parts), turn) for turn in (0.02, 0.5))
@@ -239,8 +241,8 @@ def test_a_turn_divides_what_is_in_the_tails() -> None:
 
 def test_components_with_one_heading_become_one() -> None:
     """Their heading known by a narrow covariance each, and not apart."""
-    apart = np.zeros(N)
-    apart[A_D] = 0.1 * WIDEST
+    apart = np.zeros(N_BASE)
+    apart[PHI_D] = 0.1 * WIDEST
     p = covariance(0.3 * WIDEST)
     mixture = sum_of((centre(), p, 0.6), (retract("tfg", centre(), apart), p, 0.4))
     whole = moments(mixture)
@@ -274,13 +276,13 @@ def test_a_flight_in_two_pieces_goes_on_with_its_components() -> None:
     """The state between them holds the components: the second piece ends where the whole flight does, and heading
     known leaves one."""
     c = case("filter.kind=gaussian-sum", "receiver.rate_hz=2", name="landing_gnss_only")
-    run, world, model = c.fly(1, 0), c.world, c.flight.model
+    run, world, model = c.fly(1, 0), c.shared, c.flight.model
     noise = np.tile(np.diag([16.0, 16.0, 100.0, 0.0025, 0.0025, 0.0025]), (run.fix_llh.shape[0], 1, 1))
     times = world.filter_time[1:]
     nav = exact_start(world.at_filter)
     nav[6:10] = 0.9961946980917455, 0.0, 0.0, 0.08715574274765817  # 10 degrees
     covariance_ = c.flight.covariance.copy()
-    covariance_[A_D, A_D] = np.radians(10.0) ** 2
+    covariance_[PHI_D, PHI_D] = np.radians(10.0) ** 2
 
     def flown(state: estimate.State, first: float, last: float) -> None:
         now = (times > first) & (times <= last)
@@ -302,4 +304,4 @@ def test_a_flight_in_two_pieces_goes_on_with_its_components() -> None:
     np.testing.assert_allclose(pieces.navigation, whole.navigation, atol=1e-6)
     flown(whole, 20.0, 110.0)
     np.testing.assert_array_equal(whole.components.weight > 0.0, np.arange(model.components) == 0)
-    assert np.sqrt(whole.covariance[states.A_D, states.A_D]) < WIDEST
+    assert np.sqrt(whole.covariance[states.PHI_D, states.PHI_D]) < WIDEST

@@ -17,8 +17,8 @@ from navsim.scenario import filter as scenario_filter
 from tests.helpers import cross
 from tests.unit.test_covariance import error, some_covariance, some_sums
 
-N = states.N
-HELD = slice(states.NAV_HELD, states.NAV_SENSORS)
+N = states.N_BASE
+HELD = slice(states.NAV_BIAS_FRAME, states.NAV_SENSORS)
 FIRST = states.NAV_SENSORS
 
 
@@ -33,7 +33,7 @@ def start() -> np.ndarray:
 
 
 def bias_axes(nav: np.ndarray) -> Rotation:
-    return rotation(nav) * Rotation.from_quat(nav[states.NAV_HELD + np.array([1, 2, 3, 0])]).inv()
+    return rotation(nav) * Rotation.from_quat(nav[states.NAV_BIAS_FRAME + np.array([1, 2, 3, 0])]).inv()
 
 
 def rotation(nav: np.ndarray) -> Rotation:
@@ -77,10 +77,10 @@ KINDS: dict[str, Callable[..., None]] = {
 X = np.array([3.0, -2.0, 1.0, 0.4, -0.3, 0.2, 0.05, -0.12, 0.25, 1e-3, -2e-3, 1.5e-3, 0.02, 0.01, -0.03])
 
 
-def workshop(straight: int = 0) -> filter_loop.Workshop:
+def workshop(straight: int = 0) -> filter_loop.PropagationBuffers:
     shapes = ((MID_N,), (9, N), (N, 9), (3, 3), (5, 3, 3), (5, 3, 3), (N, N), (N, 3))
     sums = some_sums(states.declared(states.biases()))
-    return filter_loop.Workshop(sums, *(np.empty(shape) for shape in shapes), straight)
+    return filter_loop.PropagationBuffers(sums, *(np.empty(shape) for shape in shapes), straight)
 
 
 def own(kind: str, nav: np.ndarray, plain: np.ndarray, straight: int = 0) -> np.ndarray:
@@ -88,9 +88,9 @@ def own(kind: str, nav: np.ndarray, plain: np.ndarray, straight: int = 0) -> np.
     if kind == "eskf":
         return plain
     if kind == "left-invariant":
-        left_invariant.own_error(plain, out, straight)
+        left_invariant.error_in_filter_coordinates(plain, out, straight)
     else:
-        tfg.own_error(nav, plain, out, straight, 0)
+        tfg.error_in_filter_coordinates(nav, plain, out, straight, 0)
     return out
 
 
@@ -155,12 +155,12 @@ def test_bias_axes_are_held_through_quick_turns_only() -> None:
     nav = start()
     nav[HELD] = 1.0, 0.0, 0.0, 0.0
     turn = np.array([0.0, 0.002, 0.0])
-    tfg.hold_axes(nav, p, turn, 0.01)
+    tfg.freeze_bias_frame(nav, p, turn, 0.01)
     np.testing.assert_allclose(nav[HELD], Rotation.from_rotvec(turn).as_quat()[[3, 0, 1, 2]], atol=1e-15)
-    tfg.hold_axes(nav, p, turn, 1.0)
-    np.testing.assert_allclose(nav[states.NAV_HELD + 2], 0.001, rtol=1e-5)
+    tfg.freeze_bias_frame(nav, p, turn, 1.0)
+    np.testing.assert_allclose(nav[states.NAV_BIAS_FRAME + 2], 0.001, rtol=1e-5)
     known = np.diag(np.repeat([1.0, 1.0, 1e-4, 1e-6, 1e-4], 3))
-    tfg.hold_axes(nav, known, turn, 0.01)
+    tfg.freeze_bias_frame(nav, known, turn, 0.01)
     np.testing.assert_array_equal(nav[HELD], [1.0, 0.0, 0.0, 0.0])
 
 
@@ -172,9 +172,11 @@ def test_the_kinds_of_a_scenario_are_those_of_estimators() -> None:
 
 
 def test_no_kind_is_judged_or_flown_as_another() -> None:
-    history = records.empty_history(1, 0, states.N)
+    history = records.empty_history(1, 0, states.N_BASE)
     truth = records.Truth(*(np.zeros((1, m)) for m in (3, 3, 4, 6)))
     declared = np.empty(0, states.DECLARED)
-    none = records.FilterModel(max(records.SMOOTHERS) + 1, np.zeros((1, 2)), declared, np.ones(states.MOST + 1), 0)
+    none = records.FilterModel(
+        max(records.SMOOTHERS) + 1, np.zeros((1, 2)), declared, np.ones(states.MAX_MEASUREMENT_SIZE + 1), 0
+    )
     with pytest.raises(ValueError, match="no kind"):
-        evaluation.judge(none, history, truth)
+        evaluation.evaluate(none, history, truth)

@@ -69,8 +69,8 @@ def test_a_landing_sees_nothing_below_its_horizon(tmp_path: Path) -> None:
     case = prepare(*read(SCENARIOS / "landing.yaml", (*short, f"sky.horizon={path}")))
     masked = prepare(*read(SCENARIOS / "landing.yaml", (*short, "sky.mask_deg=25")))
     open_sky = prepare(*read(SCENARIOS / "landing.yaml", short))
-    np.testing.assert_array_equal(case.world.signals.used, masked.world.signals.used)
-    assert case.world.signals.used.sum() < open_sky.world.signals.used.sum()
+    np.testing.assert_array_equal(case.shared.signals.used, masked.shared.signals.used)
+    assert case.shared.signals.used.sum() < open_sky.shared.signals.used.sum()
     assert case.scenario.sky.horizon_sha256 is not None
     for setting, said in (
         (f"sky.horizon_sha256={64 * 'a'}", "not this one"), (f"sky.horizon={tmp_path / 'none.csv'}", "cannot be read"),

@@ -15,10 +15,10 @@ import pytest
 from navsim.compiler import lanes
 from navsim.compiler.elementary import atan2, sincos, sincos_of_latitude
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import any_lane, fma, in_lanes, no, registers, room, select, small_matrix, small_vector
+from navsim.compiler.lanes import alloc, any_lane, as_simd, fma, in_lanes, no, small_matrix, small_vector, where
 from navsim.compiler.linear import cholesky
 from navsim.filter import estimate, evaluation, states
-from navsim.filter.covariance import _carried
+from navsim.filter.covariance import _transition_rows
 from navsim.filter.measurement_models import FIX, FixTable, Measurements
 from navsim.filter.records import (
     GAUSSIAN_SUM,
@@ -27,10 +27,10 @@ from navsim.filter.records import (
     FilterModel,
     History,
     ImuData,
-    Judgement,
+    OutputErrors,
     State,
     Truth,
-    empty_account,
+    empty_error_history,
     schedule,
     start,
 )
@@ -46,8 +46,8 @@ WIDTHS = lanes.WIDTHS
 @kernel
 def everything(a, b, out):
     """Every operation that lanes know, in one expression after another."""
-    a, b, out = registers(a), registers(b), registers(out)
-    heap, matrix, vector = room(a, (2, 3)), small_matrix(a, 2, 2), small_vector(a, 2)
+    a, b, out = as_simd(a), as_simd(b), as_simd(out)
+    heap, matrix, vector = alloc(a, (2, 3)), small_matrix(a, 2, 2), small_vector(a, 2)
     total = 0.0
     for i in range(a.shape[0]):
         total += a[i] * b[i] - 2
@@ -56,9 +56,9 @@ def everything(a, b, out):
     matrix[0, 1] = fma(total, 2.0, heap[1, 2])
     vector[1] = math.floor(matrix[0, 1]) + math.sqrt(abs(total))
     out[0] = vector[1]
-    out[1] = select((a[0] < b[0]) & no(a[0] >= 0.5) | (a[1] == a[1]), a[0], b[0])
-    out[2] = select(math.isnan(a[2] / 0.0 * 0.0), 1, total)
-    out[3] = select(a[0] > b[0], a[0], select(a[0] <= b[0], b[0], math.nan))
+    out[1] = where((a[0] < b[0]) & no(a[0] >= 0.5) | (a[1] == a[1]), a[0], b[0])
+    out[2] = where(math.isnan(a[2] / 0.0 * 0.0), 1, total)
+    out[3] = where(a[0] > b[0], a[0], where(a[0] <= b[0], b[0], math.nan))
     out[4] = 1.0 if any_lane(a[1] != a[1]) else 2.0
     sine, cosine = sincos(a[0])
     out[5] = sine
@@ -134,7 +134,7 @@ def test_arctangent() -> None:
 @kernel
 def _mixed(theta, out):
     """Functions whose closed forms and series meet within a register."""
-    theta, out = registers(theta), registers(out)
+    theta, out = as_simd(theta), as_simd(out)
     jacobian, p, q, turned = small_matrix(theta, 3, 3), small_vector(theta, 4), small_vector(theta, 4), out[0:3]
     left_jacobian(theta[0], theta[1], theta[2], jacobian)
     for i in range(4):
@@ -164,8 +164,8 @@ def test_small_and_large_angles_side_by_side() -> None:
 
 @kernel
 def _factor(a, good):
-    a, good = registers(a), registers(good)
-    good[0] = select(cholesky(a, a.shape[0]), 1.0, 0.0)
+    a, good = as_simd(a), as_simd(good)
+    good[0] = where(cholesky(a, a.shape[0]), 1.0, 0.0)
 
 
 def test_a_lane_that_is_not_positive_definite_says_so_alone() -> None:
@@ -190,7 +190,7 @@ def _flight() -> tuple[ImuData, FixTable, Events, np.ndarray, np.ndarray, Filter
     drifting = ("imu.gyro.markov_deg_h=50", "imu.gyro.markov_time_s=40",
                 "imu.accelerometer.markov_mg=0.5", "imu.accelerometer.markov_time_s=60")  # fmt: skip
     c = case("duration_s=20", "receiver.latency_s=0.15", "filter.gate.probability=1e-3", *drifting)
-    world, run = c.world, c.fly(1, 0)
+    world, run = c.shared, c.fly(1, 0)
     rng = np.random.default_rng(5)
     imu = ImuData(world.imu_time, world.dtheta + 1e-5, world.dv + 1e-4)
     count = run.fix_llh.shape[0]
@@ -233,9 +233,9 @@ def _before(width: int, kind: int, spoil: Spoil) -> tuple[ImuData, Measurements,
 def _flown(width: int, kind: int, spoil: Spoil) -> dict[str, np.ndarray]:
     """Histories of such lanes, and what they are worth."""
     imu, measurements, events, state, model, truth = _before(width, kind, spoil)
-    out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, *Judgement._fields)}
+    out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, *OutputErrors._fields)}
     for _, rows, piece in estimate.fly_in_pieces(imu, measurements, events, state, model):
-        judged = evaluation.judge(model, piece, Truth(*(m[rows] for m in truth)))
+        judged = evaluation.evaluate(model, piece, Truth(*(m[rows] for m in truth)))
         for name, kept in out.items():
             kept.append((getattr(piece, name) if name in piece._fields else getattr(judged, name)).copy())
     return {
@@ -261,7 +261,7 @@ def _bad_company(lane: int) -> Callable[[State, dict[str, np.ndarray]], None]:
         tables["velocity"][::3, 1, others[1]] = np.nan
         tables["llh"][30:60, :, others[2]] += 1e-3
         if width > 4:
-            navigation[states.NAV_QUAT : states.NAV_HELD, others[3]] = [0.0, 0.0, 0.0, 1.0]
+            navigation[states.NAV_QUAT : states.NAV_BIAS_FRAME, others[3]] = [0.0, 0.0, 0.0, 1.0]
             covariance[3, 3, others[4]] = -5.0
             covariance[..., others[5]] = np.inf
             tables["covariance"][50:, :, :, others[6]] = 0.0
@@ -302,9 +302,9 @@ def test_a_run_of_one_component_among_runs_of_many() -> None:
     def known(*lanes_: int) -> Callable[[State, dict[str, np.ndarray]], None]:
         def spoil(state: State, tables: dict[str, np.ndarray]) -> None:
             for lane in lanes_:
-                state.components.covariance[0, states.A_D, :, lane] = 0.0
-                state.components.covariance[0, :, states.A_D, lane] = 0.0
-                state.components.covariance[0, states.A_D, states.A_D, lane] = 1e-8
+                state.components.covariance[0, states.PHI_D, :, lane] = 0.0
+                state.components.covariance[0, :, states.PHI_D, lane] = 0.0
+                state.components.covariance[0, states.PHI_D, states.PHI_D, lane] = 1e-8
                 state.components.covariance[0, 9:12, 9:12, lane] *= 1e-4
 
         return spoil
@@ -324,11 +324,11 @@ def test_an_account_is_what_the_history_is_worth(kind: str) -> None:
     number = estimate.FILTER_KINDS[kind]
     history = _flown(lanes.WIDTH, number, _bad_company(0))
     imu, measurements, events, state, model, truth = _before(lanes.WIDTH, number, _bad_company(0))
-    account = empty_account(truth, history["error"].shape[1], events.time.size, lanes.WIDTH)
+    account = empty_error_history(truth, history["error"].shape[1], events.time.size, lanes.WIDTH)
     every = _tiled(imu.dtheta, lanes.WIDTH), _tiled(imu.dv, lanes.WIDTH)
     estimate.fly(ImuData(imu.time, *every), measurements, events, state, model, account)
-    for name in Judgement._fields:
-        np.testing.assert_array_equal(getattr(account.judgement, name), history[name], err_msg=name)
+    for name in OutputErrors._fields:
+        np.testing.assert_array_equal(getattr(account.errors, name), history[name], err_msg=name)
     for name in ("innovation_squared", "degrees", "status"):
         np.testing.assert_array_equal(getattr(account, name), history[name], err_msg=name)
     with np.errstate(invalid="ignore"):
@@ -371,7 +371,7 @@ def test_neighbours_really_are_rejected_and_lost() -> None:
 def test_the_hot_loop_is_vector_code() -> None:
     """The prediction works on whole registers, with fused multiplications and no calls."""
     matrix = lanes.array_type(lanes.WIDTH, 2)
-    again = numba.njit(nogil=True, error_model="numpy")(_carried.py_func)  # type: ignore[attr-defined]
+    again = numba.njit(nogil=True, error_model="numpy")(_transition_rows.py_func)  # type: ignore[attr-defined]
     signature = (matrix, numba.int64, matrix, numba.int64, matrix)
     again.compile(signature)
     code = again.inspect_asm(signature)

@@ -61,14 +61,14 @@ def test_its_linearisation() -> None:
     sizes = f"hard_iron_ut: 1, scale_percent: 2, misalignment_mrad: 10, disturbance_ut: 3, {FIELD}"
     flown = case("duration_s=10", "receiver.rate_hz=1", f"magnetometer={{noise_ut: 0.3, {sizes}}}")
     declared, ground = flown.flight.model.declared, flown.scenario.runway.ellipsoidal_m
-    (aid,) = flown.world.aids
+    (aid,) = flown.shared.aids
     tables = Measurements.of({MAGNETIC: aid.table(np.zeros((1, 3)))})
     nav = np.zeros(states.NAV_SENSORS + declared.size)
     half = np.radians(35.0)
     nav[states.NAV_LLH : states.NAV_VEL] = 0.97, 0.64, ground + 8.0
-    nav[states.NAV_QUAT : states.NAV_HELD] = np.cos(half), *(np.sin(half) * np.array([0.48, -0.6, 0.64]))
+    nav[states.NAV_QUAT : states.NAV_BIAS_FRAME] = np.cos(half), *(np.sin(half) * np.array([0.48, -0.6, 0.64]))
     rng = np.random.default_rng(4)
-    nav[states.NAV_SENSORS :] = 0.5 * rng.standard_normal(declared.size) * np.repeat(flown.beliefs.sensors.sigma, 3)
+    nav[states.NAV_SENSORS :] = 0.5 * rng.standard_normal(declared.size) * np.repeat(flown.design.sensors.sigma, 3)
     n = states.SENSORS + declared.size
 
     def observed(nav: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -112,7 +112,7 @@ def test_a_source_out_is_a_line_of_arithmetic(drawn: tuple[int, int]) -> None:
     for i in range(sky.count):
         if fix.redundancy[0, i] < 1e-6:
             continue
-        np.testing.assert_allclose(found.spread.apart[i, 0], slope[:, i], rtol=1e-7)
+        np.testing.assert_allclose(found.spread.separation_sigma[i, 0], slope[:, i], rtol=1e-7)
         sigma = np.sqrt(found.spread.sigma[0] ** 2 + slope[:, i] ** 2)
         np.testing.assert_allclose(found.spread.separate_sigma[i, 0], sigma, rtol=1e-7)
     lone = rows_of(

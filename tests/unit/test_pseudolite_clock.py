@@ -43,7 +43,7 @@ def test_the_default_is_a_scale_of_satellites_in_use(sky: str, clock: str) -> No
     with_one, without = (case(*BRIEF, sky, given) for given in (f"{ONE}}}", "pseudolites.count=0"))
     assert CLOCKS[with_one.pseudolites.clock] == clock
     assert f"clock: {clock}\n" in resolved_yaml(with_one.scenario)
-    assert (with_one.world.dop[:, 1] < without.world.dop[:, 1]).all() or np.isnan(without.world.dop[:, 1]).all()
+    assert (with_one.shared.dop[:, 1] < without.shared.dop[:, 1]).all() or np.isnan(without.shared.dop[:, 1]).all()
     assert not [text for text in with_one.warnings if "pseudolites.clock" in text]
 
 
@@ -81,12 +81,12 @@ def test_one_by_itself_on_a_scale_is_warned_of(clock: str) -> None:
     gps = "sky.source=nominal-gps"
     without, alone = case(*BRIEF, gps, "pseudolites.count=0"), case(*BRIEF, gps, f"{ONE}, clock: {clock}}}")
     two = case(*BRIEF, gps, f"pseudolites={{count: 2, frame: runway, s_m: 200, l1_m: 3000, clock: {clock}}}")
-    np.testing.assert_allclose(alone.world.dop[:, 1:4], without.world.dop[:, 1:4], rtol=1e-9)
+    np.testing.assert_allclose(alone.shared.dop[:, 1:4], without.shared.dop[:, 1:4], rtol=1e-9)
     said = [text for text in alone.warnings if "pseudolites.clock" in text]
     assert len(said) == 1
     assert "at 12 of 12 fixes" in said[0]
     assert "give `clock: gps`" in said[0]
-    assert (two.world.dop[:, 1] < without.world.dop[:, 1]).all()
+    assert (two.shared.dop[:, 1] < without.shared.dop[:, 1]).all()
     assert not [text for text in two.warnings if "pseudolites.clock" in text]
     told = checked(SCENARIOS / "landing.yaml", [*BRIEF, gps, f"{ONE}, clock: {clock}}}"])[2]
     assert said[0] in told

@@ -63,7 +63,7 @@ def ready(name: str) -> tuple[Case, AlongTruth, Slopes, int]:
     """A case of `CASES`, its filter along the truth, the slopes of NED position at `AT`, and the output that is."""
     flown = case("filter.kind=eskf", "duration_s=35", *CASES[name])
     along = along_truth(flown.flight)
-    time = flown.world.filter_time
+    time = flown.shared.filter_time
     at = int(np.argmin(np.abs(time - AT)))
     weights = np.zeros((3, time.size, 3))
     weights[:, at] = np.eye(3)
@@ -76,11 +76,11 @@ def without_noise(flight: Flight, like: Inputs) -> Inputs:
     def lanes(values: np.ndarray) -> np.ndarray:
         return np.repeat(values[..., None], WIDTH, axis=-1)
 
-    ranges, rates, phases = expected_measurements(flight.world)
+    ranges, rates, phases = expected_measurements(flight.shared)
     return replace(
-        like, initial=np.zeros_like(like.initial), dtheta=lanes(flight.world.dtheta), dv=lanes(flight.world.dv),
+        like, initial=np.zeros_like(like.initial), dtheta=lanes(flight.shared.dtheta), dv=lanes(flight.shared.dv),
         ranges=lanes(ranges), rates=lanes(rates), phases=None if phases is None else lanes(phases),
-        aided=tuple(lanes(aid.exact) for aid in flight.world.aids),
+        aided=tuple(lanes(aid.exact) for aid in flight.shared.aids),
     )  # fmt: skip
 
 
@@ -121,7 +121,7 @@ def test_the_variance_is_that_of_the_covariance_analysis(name: str) -> None:
     shifts = carried(flown.flight, slopes)
     pairs = zip(slopes.members(), shifts.members(), strict=True)
     variance = sum(np.einsum("ki,ki->k", a.reshape(3, -1), b.reshape(3, -1)) for a, b in pairs)
-    of_pseudolites = np.isin(flown.world.signals.names, flown.pseudolites.names)
+    of_pseudolites = np.isin(flown.shared.signals.names, flown.pseudolites.names)
     expected = np.diagonal(analyse(flown.flight, of_pseudolites, along).covariance[at])[:3]
     np.testing.assert_allclose(np.sqrt(variance), np.sqrt(expected), rtol=5e-3)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from navsim.filter import covariance
-from navsim.filter.states import MOST
+from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 from navsim.gnss.dop import MAX_CLOCKS, SINGULAR, dops
 from navsim.gnss.position_fix import fixes
@@ -54,14 +54,19 @@ def test_what_a_filter_makes_of_any_fix_is_a_covariance() -> None:
     cov, _ = fixed()
     rng = np.random.default_rng(7)
     root = rng.standard_normal((15, 15)) * np.repeat([300.0, 0.5, 0.02, 1e-3, 1e-2], 3)[:, None]
-    h = np.zeros((MOST, 15))
+    h = np.zeros((MAX_MEASUREMENT_SIZE, 15))
     h[:6, :6] = np.eye(6)
     for r in cov[np.isfinite(cov[:, 3, 3])]:
         p = root @ root.T
         before = p.copy()
-        noise = np.zeros((MOST, MOST))
+        noise = np.zeros((MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE))
         noise[:6, :6] = r
-        pht, s, k, work = np.zeros((15, MOST)), np.zeros((MOST, MOST)), np.zeros((15, MOST)), np.zeros((15, MOST))
+        pht, s, k, work = (
+            np.zeros((15, MAX_MEASUREMENT_SIZE)),
+            np.zeros((MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)),
+            np.zeros((15, MAX_MEASUREMENT_SIZE)),
+            np.zeros((15, MAX_MEASUREMENT_SIZE)),
+        )
         for _ in range(5):
             assert covariance.gain(p, h, noise, 6, pht, s, k)
             covariance.joseph(p, h, noise, 6, pht, k, work)

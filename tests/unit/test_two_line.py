@@ -112,21 +112,21 @@ def test_each_system_keeps_its_clock_and_its_carrier(tmp_path: Path) -> None:
     """GPS and GLONASS of a file of six systems and a stranger, as if it had these two alone."""
     mixed = prepared(tmp_path, GALILEO + GPS + BEIDOU + STRANGER + GLONASS + QZSS, "signals.ionosphere={}")
     plain = prepared(tmp_path, GPS + GLONASS, "signals.ionosphere={}")
-    s = mixed.world.signals
+    s = mixed.shared.signals
     assert len(s.names) == 48
-    assert s.names == plain.world.signals.names
-    np.testing.assert_array_equal(s.delay, plain.world.signals.delay)
-    np.testing.assert_array_equal(mixed.world.dop, plain.world.dop)
+    assert s.names == plain.shared.signals.names
+    np.testing.assert_array_equal(s.delay, plain.shared.signals.delay)
+    np.testing.assert_array_equal(mixed.shared.dop, plain.shared.dop)
     np.testing.assert_array_equal(s.clock, [0 if n[0] == "R" else 1 for n in s.names])
     assert {n[0] for n in s.names} == {"G", "R"}
     assert {"R702", "G13"} <= set(s.names)
-    assert 1.0 < np.nanmedian(mixed.world.dop[:, 1]) < 2.0
+    assert 1.0 < np.nanmedian(mixed.shared.dop[:, 1]) < 2.0
     # the ionosphere by the square of frequencies: channel 0, for elements tell none
     ratio2 = (atmosphere.L1 / systems.GLONASS.carrier) ** 2
     alone = prepared(tmp_path, [x.replace("COSMOS", "NAVSTAR") for x in GLONASS], "signals.ionosphere={}")
-    seen = alone.world.signals.used
+    seen = alone.shared.signals.used
     there = s.divergence[:, [n[0] == "R" for n in s.names]]
-    np.testing.assert_allclose(there[seen], ratio2 * alone.world.signals.divergence[seen], rtol=1e-9)
+    np.testing.assert_allclose(there[seen], ratio2 * alone.shared.signals.divergence[seen], rtol=1e-9)
     assert seen.any()
 
 
@@ -152,8 +152,8 @@ def test_satellites_named_as_in_rinex_files_are_those_of_celestrak(tmp_path: Pat
         f"{line[-4:-1] if 'GSAT' in line else 'G' + line[-3:-1]}" if line[0] == "G" else line for line in GPS + GALILEO
     ]
     case = prepared(tmp_path, named, "sky.systems=[gps, galileo]")
-    assert case.world.signals.names == plain.world.signals.names
-    np.testing.assert_array_equal(case.world.dop, plain.world.dop)
+    assert case.shared.signals.names == plain.shared.signals.names
+    np.testing.assert_array_equal(case.shared.dop, plain.shared.dop)
     assert not [w for w in case.warnings if "not used" in w]
     unknown = [line.replace("GPS", "OBJECT").replace("PRN ", "") for line in GPS]
     said = r"no satellite of glonass or gps; .*: OBJECT BIIR-1   \(01\) \(line 1\), .* and 14 more; known are .* G13"
@@ -163,7 +163,7 @@ def test_satellites_named_as_in_rinex_files_are_those_of_celestrak(tmp_path: Pat
 
 def test_named_systems_are_used_each_with_its_clock(tmp_path: Path) -> None:
     case = prepared(tmp_path, GALILEO + GPS + GLONASS, "sky.systems=[gps, galileo]")
-    s = case.world.signals
+    s = case.shared.signals
     assert {n[0] for n in s.names} == {"G", "E"}
     assert {n[0]: systems.CLOCKS[c] for n, c in zip(s.names, s.clock, strict=True)} == {"G": "gps", "E": "galileo"}
     assert not [w for w in case.warnings if "not used" in w]
@@ -174,15 +174,15 @@ def test_elements_without_names_need_the_key(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"24 of its two-line elements have no names.*sky\.almanac_system"):
         prepared(tmp_path, bare)
     case = prepared(tmp_path, bare, "sky.almanac_system=glonass")
-    assert case.world.signals.names[:2] == ("T20001", "T20002")
-    assert not case.world.signals.clock.any()
-    assert prepared(tmp_path, bare, "sky.almanac_system=gps", "sky.exclude=[T20003]").world.signals.clock.all()
+    assert case.shared.signals.names[:2] == ("T20001", "T20002")
+    assert not case.shared.signals.clock.any()
+    assert prepared(tmp_path, bare, "sky.almanac_system=gps", "sky.exclude=[T20003]").shared.signals.clock.all()
     # names tell it where there are any
-    both = prepared(tmp_path, bare + GPS[:6], "sky.almanac_system=glonass").world.signals
+    both = prepared(tmp_path, bare + GPS[:6], "sky.almanac_system=glonass").shared.signals
     assert {n: int(c) for n, c in zip(both.names, both.clock, strict=True) if n[0] == "G"} == {
         "G01": 1, "G02": 1
     }  # fmt: skip
-    told = prepared(tmp_path, bare, "sky.almanac_system=galileo").world.signals
+    told = prepared(tmp_path, bare, "sky.almanac_system=galileo").shared.signals
     assert {systems.CLOCKS[c] for c in told.clock} == {"galileo"}
     with pytest.raises(InputError, match="almanac_system"):
         prepared(tmp_path, bare, "sky.almanac_system=navic")

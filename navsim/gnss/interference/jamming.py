@@ -111,7 +111,7 @@ class Pulses:
         deaf = blanked_loss(self.duty * sending) if self.blanking else np.zeros(len(sending))
         return np.where(ground, own, deaf[:, None])
 
-    def heard(self, ground: np.ndarray) -> np.ndarray:
+    def open_share(self, ground: np.ndarray) -> np.ndarray:
         """Share of the power of another's pulses that the correlators of sources (s,) are open to."""
         return np.where(ground, 0.0 if self.gated else self.duty, 0.0 if self.blanking else self.duty)
 
@@ -137,7 +137,7 @@ class NearFar:
 
     def weight(self, received: Received) -> np.ndarray:
         """Share of that power that is noise to sources (s,)."""
-        return np.ones(received.ground.shape) if self.pulses is None else self.pulses.heard(received.ground)
+        return np.ones(received.ground.shape) if self.pulses is None else self.pulses.open_share(received.ground)
 
     def loss(self, received: Received) -> np.ndarray:
         """Loss of signals in addition to noise (e, s), dB."""
