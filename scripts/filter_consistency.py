@@ -539,8 +539,8 @@ def page() -> list[str]:
         "| column | meaning |",
         "|---|---|",
         "| z | RMS over runs of error divided by σ; 1 is right, less is cautious |",
-        f"| least, largest z | of the first {N_BASE} states at 10, 20, ... s and at {CORNER:g} s, with state and time; the "
-        "largest of many is above 1 by chance, too |",
+        f"| least, largest z | of the first {N_BASE} states at 10, 20, ... s and at {CORNER:g} s, with state and time; "
+        "the largest of many is above 1 by chance, too |",
         f"| RMS, σ | of heading at {CORNER:g} s: RMS error, RMS of σ |",
         "| no fixes | RMS heading error of the same runs without any fix, in straight flight |",
         "| NEES/n | mean over runs and times, in the filter's own coordinates, by the number of states |",

@@ -81,7 +81,7 @@ def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
 
 def rotate_bias_frame(chart, nav, p, increments, dt):
     """Rotate the axes that a chart keeps, if any: see `tfg.freeze_bias_frame`."""
-    raise NotImplementedError("turn_axes is for kernels")
+    raise NotImplementedError("rotate_bias_frame is for kernels")
 
 
 @in_kernels(rotate_bias_frame)
@@ -121,7 +121,7 @@ def _feed_back(chart, nav, x, space):
 
 def error_in_filter_coordinates(chart, nav, error, out):
     """The plain error (n,) in the coordinates of the chart, out (n,)."""
-    raise NotImplementedError("own_error is for kernels")
+    raise NotImplementedError("error_in_filter_coordinates is for kernels")
 
 
 @in_kernels(error_in_filter_coordinates)

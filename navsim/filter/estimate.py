@@ -2,8 +2,8 @@
 
 W runs are processed at once, one in each SIMD lane (`compiler.lanes`). A single run through a filter is a batch of
 equal runs. A smoother stores the whole flight and therefore uses plain numbers: the same kernels, the same bits. If the
-truth is known, runs produce an account (`fly`), otherwise a history. Histories of filters are produced in pieces, since
-those of all lanes would need much memory.
+truth is known, runs produce an error history (`fly`), otherwise a history. Histories of filters are produced in pieces,
+since those of all lanes would need much memory.
 """
 
 from __future__ import annotations
@@ -75,10 +75,10 @@ def fly(
     - `state` is overwritten by the final one; `errors` is filled in.
 
     Raises ValueError for an unknown kind, for a smoother with events ahead, for a state without room for the components
-    of a sum, and for an account whose rows do not match the events.
+    of a sum, and for an error history whose rows do not match the events.
     """
     if errors.sigma.shape[0] != _outputs(events) or errors.status.shape[0] != events.time.size:
-        raise ValueError("the account has not the rows of the events")
+        raise ValueError("the error history does not have the rows of the events")
     _check_correlated(measurements, events, model)
     if is_smoother(model.kind):
         for _, _, history in fly_in_pieces(imu, measurements, events, state, model):

@@ -31,7 +31,7 @@ def evaluate(model: FilterModel, history: History, truth: Truth, single: int = 0
 
 
 def evaluate_into(model: FilterModel, history: History, errors: ErrorHistory) -> None:
-    """`evaluate` into the outputs of an account. Raises ValueError also for a different number of outputs."""
+    """`evaluate` into the outputs of an error history. Raises ValueError also for a different number of outputs."""
     if errors.sigma.shape[0] != history.navigation.shape[0]:
         raise ValueError("the truth has not the outputs of the history")
     if model.kind not in (*FILTERS, *SMOOTHERS):

@@ -764,7 +764,7 @@ def run(chart, imu, measurements, events, state, stream, model, output):
                     continue
                 nav, p, increments = now.navigation[j], now.covariance[j], now.increments[j]
                 if kind == RANGE:
-                    # correction from another component is in the gauge
+                    # correction from another component is in the buffers
                     predict_range(
                         chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, buffers
                     )

@@ -1,7 +1,7 @@
 """Output of an estimator: a history, or, if the truth is known, statistics of its errors.
 
-An output consists of the navigation state and the covariance. A history stores both. An account evaluates them at once,
-while they are in the processor's cache: the errors, and whether the filter's sigmas agree with them.
+An output consists of the navigation state and the covariance. A history stores both. An error history evaluates them at
+once, while they are in the processor's cache: the errors, and whether the filter's sigmas agree with them.
 
 NEES uses the coordinates in which the filter is Gaussian (`error_parametrisation.error_in_filter_coordinates`). Source:
 Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), section 5.4.2.
@@ -25,7 +25,7 @@ from navsim.filter.states import ATT, MAX_MEASUREMENT_SIZE, POS
 
 
 class ErrorRegisters(NamedTuple):
-    """An account as kernels write it, with work space: factor (n, n), own, x (n,)."""
+    """An error history as kernels write it, with buffers: factor (n, n), filter_error, x (n,)."""
 
     truth: Truth
     errors: OutputErrors
@@ -41,8 +41,8 @@ class ErrorRegisters(NamedTuple):
 
 
 def as_registers(record):
-    """A history or an account as kernels write it."""
-    raise NotImplementedError("opened is for kernels")
+    """A history or an error history as kernels write it."""
+    raise NotImplementedError("as_registers is for kernels")
 
 
 @in_kernels(as_registers)
@@ -74,7 +74,7 @@ def _error_registers(record):
 
 def write_output(chart, nav, p, record, row):
     """Output `row` of a filter of this chart: nav (NAV,), p (n, n). record: from `as_registers`."""
-    raise NotImplementedError("answer is for kernels")
+    raise NotImplementedError("write_output is for kernels")
 
 
 @in_kernels(write_output)
@@ -111,7 +111,7 @@ def _write_errors(chart, nav, p, record, row):
 
 def _clear_innovation(record, i):
     """Store that event i has no innovation, if innovations are kept."""
-    raise NotImplementedError("_no_innovation is for kernels")
+    raise NotImplementedError("_clear_innovation is for kernels")
 
 
 @in_kernels(_clear_innovation)
@@ -145,7 +145,7 @@ def record_innovation(ahead, have, weighed, m, z, s, record, i):
 
     A history stores none of the copy that predicts ahead.
     """
-    raise NotImplementedError("keep_innovation is for kernels")
+    raise NotImplementedError("record_innovation is for kernels")
 
 
 @in_kernels(record_innovation)
@@ -172,8 +172,8 @@ def _record_innovation_of_history(ahead, have, weighed, m, z, s, record, i):
 
 
 def record_use(used, m, record, i):
-    """Store the innovations (m,) of event i in an account if they were used."""
-    raise NotImplementedError("keep_use is for kernels")
+    """Store the innovations (m,) of event i in an error history if they were used."""
+    raise NotImplementedError("record_use is for kernels")
 
 
 @in_kernels(record_use)
@@ -197,7 +197,7 @@ def record_decision(weighed, used, q, degrees, record, i):
 
 @kernel
 def evaluate_outputs(chart, navigation, covariance, errors):
-    """Answer the outputs of an account from a history of them: navigation (o, NAV), covariance (o, n, n)."""
+    """Evaluate the outputs of a history into an error history: navigation (o, NAV), covariance (o, n, n)."""
     navs, ps, record = as_simd(navigation), as_simd(covariance), as_registers(errors)
     for row in range(navs.shape[0]):
         write_output(chart, navs[row], ps[row], record, row)

@@ -166,7 +166,7 @@ def _update_covariance(used, m, p, buffers):
 
 @kernel
 def accumulate_range(used, m, p, epoch, j, buffers):
-    """Update estimate j with a range, where it is used: covariance p (n, n), and the correction gauge.x."""
+    """Update estimate j with a range, where it is used: covariance p (n, n), and the correction buffers.x."""
     for i in range(p.shape[0]):
         epoch.x[j, i] += where(used, buffers.x[i], 0.0)
     epoch.bent[j] = where(used & (epoch.now[j] > 0.0), 1.0, epoch.bent[j])

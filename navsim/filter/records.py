@@ -1,6 +1,6 @@
 """Inputs and outputs of an estimator, as a few records that kernels take whole.
 
-    IMU, measurements, events, state, model -> history, or account
+    IMU, measurements, events, state, model -> history, or error history
 
 A `History` holds estimates. An `ErrorHistory` holds their errors; only it needs the truth (`filter.history`). `Events`
 is the order of all that happens. A measurement is a row in the table of its kind (`filter.measurement_models`).
@@ -244,14 +244,14 @@ class ErrorHistory(NamedTuple):
     """(k,) see `History`."""
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> ErrorHistory:
-        """The account with every array changed that differs between runs."""
+        """The error history with every array changed that differs between runs."""
         return ErrorHistory(self.truth.each(change), OutputErrors(*map(change, self.errors)), *map(change, self[2:]))
 
 
 def empty_error_history(
     truth: Truth, states: int, events: int, *lanes: int, single: int = 0, innovations: bool = False
 ) -> ErrorHistory:
-    """Allocate the account of an estimator of so many states, for one run or for lanes.
+    """Allocate the error history of an estimator of so many states, for one run or for lanes.
 
     single: number of last states that belong to no group of three. innovations: whether to keep innovations.
     """

@@ -131,7 +131,7 @@ def copy_where_not(source, mask, target):
 
 @kernel
 def update(chart, used, kind, row, measurements, declared, nav, p, increments, interval, space, buffers):
-    """Update nav (NAV,) and P (n, n) with a measurement and the errors gauge.x estimated from it, where it is used.
+    """Update nav (NAV,) and P (n, n) with a measurement and the errors buffers.x estimated from it, where it is used.
 
     what, row, measurements, increments, interval, declared: as of `observe`.
     """

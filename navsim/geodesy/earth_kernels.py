@@ -12,7 +12,7 @@ from navsim.compiler.elementary import atan2, sincos
 from navsim.compiler.jit import kernel
 from navsim.geodesy.earth import E2, EP2, G_EQUATOR, RATE, SOMIGLIANA, A, B, F
 
-__all__ = ["RATE", "ecef_to_llh", "gravity", "llh_to_ecef", "ned_axes", "radii", "short_way"]
+__all__ = ["RATE", "ecef_to_llh", "gravity", "llh_to_ecef", "ned_axes", "radii", "wrap_angle"]
 
 
 @kernel

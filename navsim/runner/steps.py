@@ -196,7 +196,7 @@ def _computed(
         if store is None or not store.holds_work():
             return f"no work is kept; {resume_hint()} starts from the beginning"
         if refused:
-            way = f"move {target} away, or give {switch('force')}: {resume_hint()} then writes them, computing nothing anew"
+            way = f"move {target} away, or give {switch('force')}: {resume_hint()} then writes them without computing"
             return f"finished {job.work} are kept in {store.folder}; {way}"
         resume = f", or navsim resume {shlex.quote(str(store.folder))}" if order.command else ""
         return f"finished {job.work} are kept in {store.folder}; {resume_hint()} continues from there{resume}"
