@@ -373,31 +373,33 @@ def reset(p, x, y, z, jac, work):
 
 
 @kernel
-def transport(p, diagonal, column, work):
+def transport(p, diagonal, column, first, work):
     """P <- G P G' for a G of 3 x 3 blocks on the diagonal and in the attitude column, in place; the result is
     symmetric.
 
     p: (n, n). diagonal, column: (k, 3, 3) of the first 3 k states, column added to the attitude column; its attitude
-    block must be zero. Later states do not change. work: (n, 3 k) space.
+    block must be zero. Later states do not change, and neither do those of the blocks before `first`, which is at most
+    that of attitude. work: (n, 3 k) space.
     """
-    n, moved = p.shape[0], 3 * diagonal.shape[0]
-    _apply_blocks(diagonal, column, p, n, 0, work)
-    _apply_blocks(diagonal, column, work, moved, 1, p)
-    for i in range(moved):
-        for j in range(i):
+    n, still, moved = p.shape[0], 3 * first, 3 * diagonal.shape[0]
+    _apply_blocks(diagonal, column, p, first, n, 0, work)
+    _apply_blocks(diagonal, column, work, first, moved, 1, p)
+    for i in range(still, moved):
+        for j in range(still, i):
             p[j, i] = p[i, j]
+        for j in range(still):
+            p[i, j], p[j, i] = work[j, i], work[j, i]
         for j in range(moved, n):
-            p[i, j] = work[j, i]
-            p[j, i] = work[j, i]
+            p[i, j], p[j, i] = work[j, i], work[j, i]
 
 
 @kernel
-def _apply_blocks(diagonal, column, p, last, half, out):
+def _apply_blocks(diagonal, column, p, first, last, half, out):
     """out[j, i] <- (G p)[i, j] of the states i that change, for the columns j below `last`; see `transport`.
 
     half: 0 computes all columns; 1 those with j >= i, and a few unneeded ones.
     """
-    for block in range(diagonal.shape[0]):
+    for block in range(first, diagonal.shape[0]):
         o = 3 * block
         own, across = diagonal[block], column[block]
         a0, a1, a2, a3, a4, a5 = own[0, 0], own[0, 1], own[0, 2], across[0, 0], across[0, 1], across[0, 2]

@@ -248,12 +248,12 @@ def _compact_components(mixture):
 
 
 @kernel
-def _invert_blocks(diagonal, column):
-    """The inverse of a matrix of such blocks (b, 3, 3), see `filter.covariance.transport`, in place."""
+def _invert_blocks(diagonal, column, first):
+    """The inverse of a matrix of such blocks (b, 3, 3) from `first` on, see `filter.covariance.transport`, in place."""
     attitude = ATT // 3
     inverse, theta, work = small_matrix(diagonal, 3, 3), small_matrix(diagonal, 3, 3), small_matrix(diagonal, 3, 3)
     invert3(diagonal[attitude], theta)
-    for block in range(diagonal.shape[0]):
+    for block in range(first, diagonal.shape[0]):
         own, across = diagonal[block], column[block]
         invert3(own, inverse)
         copy_matrix(inverse, own)
@@ -334,25 +334,24 @@ def moments(mixture, nav, p, flat, space, mixture_work):
         tfg.feed_back(other, mixture_work.mean, space)
         copy_where_not(other, no(several), nav)
     for a in range(n):
-        for b in range(n):
+        for b in range(a + 1):
             p[a, b] = where(several, 0.0, p[a, b])
+    first = ATT // 3 if flat else space.straight
     for j in range(count):
         there = several & (weight[j] > 0.0)
         _deviation(mixture.navigation[j], nav, flat, space.straight, space.body, error, x)
         # inverse of the reset from the mean to the component; states with plain errors have none
         copy(nav, other)
         tfg.feed_back(other, x, space)
-        for block in range(ATT // 3 if flat else 0):
-            for a in range(3):
-                for b in range(3):
-                    space.diagonal[block, a, b], space.column[block, a, b] = 1.0 if a == b else 0.0, 0.0
-        _invert_blocks(space.diagonal, space.column)
+        _invert_blocks(space.diagonal, space.column, first)
         copy_matrix(mixture.covariance[j], square)
-        transport(square, space.diagonal, space.column, space.turned)
+        transport(square, space.diagonal, space.column, first, space.turned)
         for a in range(n):
             for b in range(a + 1):
                 p[a, b] = where(there, p[a, b] + weight[j] * (square[a, b] + x[a] * x[b]), p[a, b])
-                p[b, a] = where(there, p[a, b], p[b, a])
+    for a in range(n):
+        for b in range(a):
+            p[b, a] = p[a, b]
 
 
 @kernel

@@ -80,7 +80,7 @@ def correct(nav, p, x, space):
     """Apply the estimated errors x (n,) and transform P (n, n) to the new estimate. space:
     `filter_loop.PropagationBuffers`."""
     feed_back(nav, x, space)
-    transport(p, space.diagonal, space.column, space.turned)
+    transport(p, space.diagonal, space.column, space.straight, space.turned)
 
 
 @kernel

@@ -91,7 +91,7 @@ def correct(nav, p, x, space):
     """Apply the estimated plain errors x (n,) and transform P (n, n) to the new estimate. space: as of
     `filter_loop`."""
     feed_back(nav, x, space)
-    transport(p, space.diagonal, space.column, space.turned)
+    transport(p, space.diagonal, space.column, space.straight, space.turned)
 
 
 @kernel
