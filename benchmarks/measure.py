@@ -23,11 +23,12 @@ Job = Callable[[], float]
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is measured: in full, or so little that everything can be tried in two minutes. before: the commit of
-    the version before."""
+    """How much is measured: in full, or so little that everything can be tried in two minutes. before, original: the
+    commits of the version before and of the first one."""
 
     quick: bool
     before: str
+    original: str
 
     def rounds(self, full: int) -> int:
         """How often jobs take turns."""

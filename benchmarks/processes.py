@@ -39,24 +39,34 @@ def runs(version: Version, count: int, *arguments: str) -> Job:
     return version.command("run", version.landing, *FLOWN, "--runs", str(count), *arguments)
 
 
+def _landings(
+    plan: Plan, old: Version, which: str, what: str, arguments: tuple[str, ...], must: float, aim: float | None
+) -> Line:
+    """Landings by this version against those of another, each with the main scenario of its own."""
+    count, versions = plan.size(1000, 50), (old, now())
+    alternate(1, *(runs(version, 8, *arguments) for version in versions))
+    theirs, ours = alternate(plan.rounds(5), *(runs(version, count, *arguments) for version in versions))
+    beside = f"{seconds(which, theirs)}, {seconds('now', ours)}"
+    return Line(f"{count} landings, {what}, against the {which} version", ratios(theirs, ours), beside, must, aim)
+
+
+def against_original(plan: Plan) -> list[Line]:
+    """Landings by default against the first version: a default that gets slower step by step shows."""
+    old = before(plan.original)
+    if old is None:
+        return [Line(f"against the first version, {plan.original}", (), "git has no such commit here")]
+    return [_landings(plan, old, "first", "by default", (), 1.0, None)]
+
+
 def against_before(plan: Plan) -> list[Line]:
     """The same work by this version and by the one before."""
     old, new = before(plan.before), now()
     if old is None:
         return [Line(f"against the version before, {plan.before}", (), "git has no such commit here")]
-    lines = []
-    for what, arguments, must, aim in (
-        ("`eskf`", ("--set", "filter.kind=eskf"), 3.5, 6.0),
-        ("by default", (), 1.0, 2.0),
-    ):
-        count = plan.size(1000, 50)
-        jobs = [runs(version, count, *arguments) for version in (old, new)]
-        alternate(1, *(runs(version, 8, *arguments) for version in (old, new)))
-        theirs, ours = alternate(plan.rounds(5), *jobs)
-        beside = f"{seconds('before', theirs)}, {seconds('now', ours)}"
-        lines.append(
-            Line(f"{count} landings, {what}, against the version before", ratios(theirs, ours), beside, must, aim)
-        )
+    lines = [
+        _landings(plan, old, "previous", "`eskf`", ("--set", "filter.kind=eskf"), 3.5, 6.0),
+        _landings(plan, old, "previous", "by default", (), 1.0, 2.0),
+    ]
     for rate, must, aim in ((1, 3.0, 6.0), (10, None, None))[: plan.size(2, 1)]:
         settings = (str(SCENARIO), f"receiver.rate_hz={rate}", "filter.kind=tfg")
         clocks = [Clock(version, "analysis_clock.py", *settings) for version in (old, new)]

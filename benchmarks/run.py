@@ -25,6 +25,8 @@ from measure import WORK, Curve, Line, Plan, table
 
 BEFORE = "511ebbf"
 """The commit of the version before."""
+ORIGINAL = "1ce67a8"
+"""The commit of the first version."""
 
 Section = Callable[[Plan], tuple[list[Line], list[Curve]]]
 
@@ -66,6 +68,7 @@ def _of(section: Callable[[Plan], list[Line]]) -> Section:
 
 SECTIONS: dict[str, Section] = {
     "before": _of(processes.against_before),
+    "original": _of(processes.against_original),
     "world": _of(processes.world),
     "start": _of(processes.start),
     "landing": _of(processes.one_landing),
@@ -101,7 +104,8 @@ def report(lines: list[Line], found: list[Curve], plan: Plan, figure: Path) -> s
         "",
         "Every ratio is of jobs that took turns in this one run: median (range) over the rounds. Seconds beside them "
         "hold on this machine only.",
-        f"Reference job: 120 s landing, 100 Hz, 12 000 steps. The version before is commit {plan.before}.",
+        f"Reference job: 120 s landing, 100 Hz, 12 000 steps. The version before is commit {plan.before}, the first "
+        f"one {plan.original}.",
         "",
         *table(("what", "ratio", "must", "aim", "", "seconds"), (line.cells() for line in lines)),
     ]
@@ -132,7 +136,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", choices=SECTIONS, metavar="PART", help=f"some of {', '.join(SECTIONS)}")
     parser.add_argument("--out", type=Path, help="where to write; the figure beside it")
     options = parser.parse_args()
-    plan = Plan(options.quick, BEFORE)
+    plan = Plan(options.quick, BEFORE, ORIGINAL)
     whole = not (options.quick or options.only)
     out = options.out or (Path(__file__).resolve().parent if whole else WORK) / "RESULTS.md"
     out.parent.mkdir(parents=True, exist_ok=True)

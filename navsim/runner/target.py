@@ -57,9 +57,11 @@ def locked_target(target: Path, kernels: str, speech: Reporter) -> Iterator[None
     """Context of the computation of a result: it locks the target against other processes and removes leftovers of
     killed ones.
 
-    It also says why the first work with these kernels (`runner.job.Job`) takes longer. Raises BadInput.
+    It also says why the first work with these kernels (`runner.job.Job`) takes longer, and goes on saying so. Raises
+    BadInput.
     """
     from navsim.compiler import jit
+    from navsim.compiler.announcement import announced
     from navsim.results.atomic_write import Occupied, clean, locked
 
     with ExitStack() as held:
@@ -74,6 +76,8 @@ def locked_target(target: Path, kernels: str, speech: Reporter) -> Iterator[None
             clean(target, owned=True)
         if not jit.is_warm(kernels):
             speech.say(jit.compiling())
+        # a study may come to kernels of other kinds later
+        held.enter_context(announced(speech.say))
         yield
 
 

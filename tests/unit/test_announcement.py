@@ -1,0 +1,32 @@
+"""What is said while kernels are compiled."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+
+from navsim.compiler.announcement import announced
+from navsim.compiler.kernel_pieces import Kernel, KernelCompiler
+
+
+def uncached(function: Callable[[float], float]) -> Kernel:
+    """A kernel without a file that keeps it."""
+    return Kernel(function, targetoptions={"nopython": True}, pipeline_class=KernelCompiler)
+
+
+def test_compilation_says_whose_kernel_and_for_how_long() -> None:
+    """Nothing before and after it; a kernel within another counts as part of it."""
+    inner = uncached(lambda x: 2.0 * x)
+    outer = uncached(lambda x: inner(x) + 1.0)
+    said: list[str] = []
+    with announced(said.append, every=0.001):
+        time.sleep(0.02)
+        before = len(said)
+        assert outer(1.0) == 3.0
+        during = len(said)
+        time.sleep(0.02)
+    assert before == 0 < during == len(said)
+    assert {re.sub(r"\d+ s", "0 s", line) for line in said} == {
+        f"compiling the kernels, 0 s so far: now those of {__name__}"
+    }
