@@ -76,14 +76,6 @@ def read_almanac(path: Path, near: float, untitled: System | None = None) -> Alm
     return AlmanacFile((_agl(path, lines),))
 
 
-def read_agl(path: Path) -> glonass.GlonassAlmanac:
-    """Read a GLONASS `.agl` almanac [1].
-
-    Raises FileError with the line for incomplete or implausible records; OSError if the file cannot be read.
-    """
-    return _agl(path, _numbered(path))
-
-
 def _numbered(path: Path) -> list[tuple[int, str]]:
     """Lines that are not blank, each with its number. Raises FileError if there is none, or too many."""
     lines = read_lines(path)

@@ -44,29 +44,6 @@ class InnovationTest:
         return np.asarray(total / limits[index].reshape(count.shape))
 
 
-@dataclass(frozen=True)
-class SteadyWalk:
-    """The filter of a scalar random walk in its steady state: variance p of the prediction, gain, variance s of the
-    innovation."""
-
-    p: float
-    gain: float
-    s: float
-
-    @classmethod
-    def of(cls, q: float, r: float) -> SteadyWalk:
-        """Steady state for a random walk with variance q a step, measured with variance r."""
-        p = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
-        return cls(p, p / (p + r), p + r)
-
-    def noncentrality(self, slope: float) -> float:
-        """Noncentrality of one normalised innovation squared, long after measurements began to drift by `slope` a step.
-
-        The filter follows with the lag slope / gain.
-        """
-        return (slope / self.gain) ** 2 / self.s
-
-
 def detection(degrees: int, noncentrality: float, p_fa: float) -> float:
     """Probability of an alarm for a sum with so many degrees of freedom and this noncentrality."""
     return 1.0 - chi_square.probability_below(chi_square.exceeded(p_fa, degrees), degrees, noncentrality)

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.integrity.solution import MonitoredFix, turned
-from navsim.statistics import chi_square, normal
+from navsim.statistics import chi_square
 
 BLIND = 1e-9
 """Smallest redundancy of a range that the others check, and smallest effect of its error on the position beyond
@@ -98,13 +98,6 @@ class Monitor:
         # without a slope there is no error, whatever the bias
         reach = np.multiply(largest, bias, out=np.zeros_like(largest), where=largest > 0.0)
         return np.where(self.solution.solved[:, None], reach, np.nan)
-
-    @property
-    def weighted_vertical(self) -> np.ndarray:
-        """The vertical level (e,), m, by Walter & Enge: threshold along the largest slope, and the noise beyond."""
-        sigma = np.sqrt(self.solution.covariance[:, 2, 2])
-        reach = self.slopes[..., 1].max(axis=1) * np.sqrt(self.threshold)
-        return np.asarray(np.where(self.solution.solved, reach - normal.quantile(self.test.p_md) * sigma, np.nan))
 
     @property
     def threshold(self) -> np.ndarray:

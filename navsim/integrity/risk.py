@@ -23,21 +23,6 @@ def silent(monitor: Monitor, epoch: int, source: int, bias: float, limit: float)
     return beyond * chi_square.probability_below(threshold, degrees, seen)
 
 
-def undetected_by_separation(
-    main: MonitoredFix, separation: np.ndarray, epoch: int, source: int, bias: float, limits: tuple[float, float]
-) -> float:
-    """Integrity risk of one biased range under solution separation: the distance of the fix without the source is
-    tested.
-
-    limits: of the error, and of that distance, m. separation: (3, s) from range errors to that distance.
-    """
-    limit, threshold = limits
-    moved = main.estimator[epoch, 2, source] * bias
-    spread = float(np.sqrt(main.noise.variance(separation[None])[0, 2]))
-    told = float(normal.exceedance(np.array(threshold), moved, spread))
-    return _beyond(main, epoch, source, bias, limit) * (1.0 - told)
-
-
 def _beyond(solution: MonitoredFix, epoch: int, source: int, bias: float, limit: float) -> float:
     """The probability of a vertical error beyond a limit, m, with a bias on a range."""
     moved = solution.estimator[epoch, 2, source] * bias

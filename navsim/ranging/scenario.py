@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -306,8 +306,3 @@ class RecordedRanges(Section):
         if not one_way and self.clocks != ClocksSection():
             raise reject("two-way ranges have no clocks; leave this section out", "clocks")
         return self
-
-
-def unit_factor(units: dict[str, float], unit: Any) -> float:
-    """Factor of a unit to SI or degrees."""
-    return units[str(unit)]

@@ -78,16 +78,8 @@ class Triad:
 
 
 def density_from_sample_sigma(sigma: float, rate: float) -> float:
-    """Noise density of a white sequence of `sigma` per sample at `rate` Hz: sigma / sqrt(rate) [2].
-
-    The one converter between the two spellings of white noise; `sample_sigma_from_density` undoes it.
-    """
+    """Noise density of a white sequence of `sigma` per sample at `rate` Hz: sigma / sqrt(rate) [2]."""
     return sigma / math.sqrt(rate)
-
-
-def sample_sigma_from_density(density: float, rate: float) -> float:
-    """1 sigma per sample of white noise of a density at `rate` Hz."""
-    return density * math.sqrt(rate)
 
 
 @dataclass(frozen=True)
@@ -212,24 +204,6 @@ def _go_on(
             imu_errors.quantise(out, what, number, rngs)
         if math.isfinite(what.largest):
             errors.clipped[number, :lanes] = imu_errors.within_range(out, what, dt)
-
-
-def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:
-    """Closed form of the Allan variance of the modelled rate error at the cluster times tau, s [1], on average over
-    runs.
-
-    White noise, the exponentially correlated term, quantum, random walk and ramp of the bias, lines. A constant bias
-    does not show; the vibration of the place is left out.
-    """
-    tau, what = np.asarray(tau, dtype=float), triad.further
-    out = triad.noise_density**2 / tau + what.quantum**2 / 4.0 / tau**2 + what.walk**2 * tau / 3.0
-    out += 0.5 * (what.ramp * tau) ** 2
-    for amplitude, frequency in what.lines:
-        x = np.pi * frequency * tau
-        out += amplitude**2 * (np.sin(x) ** 2 / x) ** 2
-    for sigma, time in triad.markovs:
-        out += sigma**2 * _markov_variance(tau / time)
-    return np.asarray(out)
 
 
 def _markov_variance(x: np.ndarray) -> np.ndarray:

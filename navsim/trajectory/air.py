@@ -313,19 +313,6 @@ def dryden_sigmas(height: np.ndarray, wind: float) -> np.ndarray:
     return np.stack([across, across, down], axis=-1)
 
 
-def dryden_spectrum(
-    omega: np.ndarray, speed: float, length: float, sigma: float, transverse: bool, form: str = MIL_F_8785C
-) -> np.ndarray:
-    """One-sided density (m/s)2/(rad/s) at omega, rad/s, of a gust along or across the flight; its integral over all
-    omega is sigma2; length: of the same form."""
-    x2 = (length * omega / speed) ** 2
-    if not transverse:
-        return np.asarray(sigma**2 * 2.0 * length / (math.pi * speed) / (1.0 + x2))
-    if form == MIL_F_8785C:
-        return np.asarray(sigma**2 * length / (math.pi * speed) * (1.0 + 3.0 * x2) / (1.0 + x2) ** 2)
-    return np.asarray(sigma**2 * 2.0 * length / (math.pi * speed) * (1.0 + 12.0 * x2) / (1.0 + 4.0 * x2) ** 2)
-
-
 @dataclass(frozen=True)
 class Process:
     """x' = A x + b n with n white of unit density: a (n, n), b (n,)."""

@@ -15,6 +15,7 @@ from navsim.statistics.linear_processes import discretised, exponential, station
 from navsim.trajectory import air
 from navsim.trajectory.air import Process
 from tests.conftest import DATA, Within
+from tests.formulas import dryden_spectrum
 
 STEP = 0.02
 """Of the samples that spectra are made of, s: 50 Hz."""
@@ -52,7 +53,7 @@ def banded(samples: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 def ratios(samples: np.ndarray, transverse: bool) -> np.ndarray:
     """The spectrum of samples at 50 Hz over that of Dryden at V/L = 0.3, by bands of a quarter decade."""
     omega, power = banded(samples, STEP)
-    expected = air.dryden_spectrum(omega, 0.3, 1.0, 1.0, transverse)
+    expected = dryden_spectrum(omega, 0.3, 1.0, 1.0, transverse)
     edges = 0.28 * 10.0 ** (0.25 * np.arange(9))
     bands = [(omega >= low) & (omega < high) for low, high in itertools.pairwise(edges)]
     return np.array([power[b].mean() / expected[b].mean() for b in bands])
@@ -76,7 +77,7 @@ def test_difference_equation_fails(known: dict[str, Any], within: Within) -> Non
     omega = np.array(told["omega"])
     decay, kick = 1.0 - 2.0 * rate * step, math.sqrt(4.0 * rate * step)
     density = kick**2 * step / math.pi / np.abs(1.0 - decay * np.exp(-1j * omega * step)) ** 2
-    found = density / air.dryden_spectrum(omega, rate, 1.0, 1.0, True)
+    found = density / dryden_spectrum(omega, rate, 1.0, 1.0, True)
     assert found == pytest.approx(told["ratio"], rel=within["ratio"] + 5e-5 / 0.8)
     noise = np.random.default_rng(20).standard_normal(2**20)
     samples, w = np.empty(2**20), 0.0
@@ -114,7 +115,7 @@ def test_both_forms_are_one_model(known: dict[str, Any], within: Within) -> None
     told = known["dryden_spectra"]
     v, length = told["V_m_s"], told["L_m"]
     omega = np.array([v / length])
-    density = air.dryden_spectrum
+    density = dryden_spectrum
     assert density(omega, v, length, 1.0, False)[0] == pytest.approx(told["phi_u_at_V_over_L"], rel=within["value"])
     assert density(omega, v, length, 1.0, True)[0] == pytest.approx(
         told["phi_v_8785C_at_V_over_L"], rel=within["value"]
@@ -196,7 +197,7 @@ def test_aircraft_in_turbulence(transverse: bool, within: Within) -> None:
     s = 1j * w
     place = s / (1.0 + lag * s) / (s + 1.0 / loop) ** 2
     turned = (s * place - 1.0) / (1.0 + nose * s) ** 2
-    density = air.dryden_spectrum(w, 1.0 / time_scale, 1.0, 1.0, transverse)
+    density = dryden_spectrum(w, 1.0 / time_scale, 1.0, 1.0, transverse)
     responses = {first + 1: place, first + 2: s * place, first + 3: turned, first + 4: s * turned}
     for state, response in responses.items():
         variance = np.trapezoid(density * np.abs(response) ** 2 * w, x)

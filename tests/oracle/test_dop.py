@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.formats.almanac import read_agl
+from navsim.formats.almanac import read_almanac
 from navsim.gnss import timescales
 from navsim.gnss.constellations.glonass import Glonass24Slots, GlonassAlmanac
 from navsim.gnss.dop import dops, geometry_covariance
@@ -111,7 +111,8 @@ def test_glonass_almanac_of_the_icd(oracles: dict[str, Any], within: Within) -> 
 def test_velocity_is_the_derivative_of_position(real: bool, request: pytest.FixtureRequest) -> None:
     constellation: Any = Glonass24Slots()
     if real:
-        constellation = read_agl(request.getfixturevalue("shared") / "data/almanacs/MCCJ_180913.agl")
+        path = request.getfixturevalue("shared") / "data/almanacs/MCCJ_180913.agl"
+        (constellation,) = read_almanac(path, 0.0).constellations
     t = timescales.gps_from_utc(np.array([1536840000.0, 1536843333.0]))
     _, velocity = constellation.state(t)
     ahead, behind = (constellation.state(t + d)[0] for d in (0.5, -0.5))
@@ -149,7 +150,7 @@ def test_nominal_constellation_is_that_of_the_icd(within: Within) -> None:
 )
 def test_nominal_is_near_the_real_constellation(shared: Path, within: Within) -> None:
     """On the day its phase was taken from, each slot as seen from the Earth's centre."""
-    almanac = read_agl(shared / "data/almanacs/MCCJ_180913.agl")
+    (almanac,) = read_almanac(shared / "data/almanacs/MCCJ_180913.agl", 0.0).constellations
     t = timescales.gps_from_utc(np.array([1536840000.0]))
     real, nominal = almanac.state(t)[0][0], Glonass24Slots().state(t)[0][0]
     angle = np.degrees(np.arccos(np.sum(real * nominal, axis=1) / np.linalg.norm(real, axis=1) / 25_508_000.0))

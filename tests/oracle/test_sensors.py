@@ -17,7 +17,6 @@ from navsim.sensors.imu import (
     MARKOV_PEAK,
     SensorErrors,
     Triad,
-    allan_variance,
     density_from_sample_sigma,
     markov_of_lowest,
     simulate,
@@ -26,6 +25,7 @@ from navsim.sensors.imu import (
 from navsim.sensors.imu_errors import Gains, ImuErrorModel, Vibration, Warming, apply_bandwidth, shaking
 from navsim.statistics.random_streams import generator
 from tests.conftest import DATA, Within
+from tests.formulas import allan_variance
 from tests.helpers import scenario
 
 RATE = 100.0

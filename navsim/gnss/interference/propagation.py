@@ -41,12 +41,6 @@ def noise_density(temperature: float) -> float:
     return float(10.0 * np.log10(BOLTZMANN * temperature))
 
 
-def unjammed(signal: np.ndarray, gain: np.ndarray, temperature: float) -> np.ndarray:
-    """Carrier to noise density of signals (s,), dBW before the antenna, with its gains (e, s), dB, towards them:
-    (e, s) dB-Hz. temperature: of the receiver, K."""
-    return signal + gain - noise_density(temperature)
-
-
 def path_loss(distance: np.ndarray, frequency: np.ndarray | float) -> np.ndarray:
     """Loss in free space, dB, over distances above 0, m, at frequencies, Hz; both of any shape."""
     return 20.0 * np.log10(4.0 * np.pi * np.asarray(distance) * frequency / SPEED_OF_LIGHT)
@@ -71,14 +65,6 @@ def jammed(cn0: np.ndarray, js: np.ndarray, kappa: np.ndarray) -> np.ndarray:
     """
     kappa = np.broadcast_to(kappa if kappa.ndim == js.ndim else kappa[:, None], js.shape)
     return -10.0 * np.log10(10.0 ** (-cn0 / 10.0) + np.einsum("jes,jes->es", 10.0 ** (js / 10.0), kappa))
-
-
-def tolerable(cn0: np.ndarray, least: np.ndarray | float, kappa: np.ndarray | float) -> np.ndarray:
-    """J/S, dB, with which a signal of cn0 alone has the effective carrier to noise density `least`, dB-Hz; -inf where
-    it has not that alone. kappa: 1/Hz. All of any shape."""
-    left = np.maximum(10.0 ** (-np.asarray(least) / 10.0) - 10.0 ** (-np.asarray(cn0) / 10.0), 0.0)
-    with np.errstate(divide="ignore"):
-        return 10.0 * np.log10(left / kappa)
 
 
 def edge_parameter(height: np.ndarray, before: np.ndarray, behind: np.ndarray, wavelength: float) -> np.ndarray:

@@ -49,14 +49,6 @@ def bpsk(rate: float) -> Spectrum:
     return Spectrum(((1.0, rate),))
 
 
-def boc11(rate: float) -> Spectrum:
-    """BOC(1,1): chips at a rate, 1/s, on a square subcarrier of as many Hz that begins each with its rising edge [2].
-
-    With x = pi f / rate its spectrum sin^4(x/2) / (x/2)^2 / rate is two of `bpsk(2 rate)` less one of `bpsk(rate)`.
-    """
-    return Spectrum(((2.0, 2.0 * rate), (-1.0, rate)))
-
-
 def separation(one: Spectrum, other: Spectrum, offset: np.ndarray) -> np.ndarray:
     """Integral of the product of two spectra with carriers `offset` apart, Hz, of any shape; 1/Hz [1].
 

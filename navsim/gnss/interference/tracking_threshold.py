@@ -12,12 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.gnss.dll import CodeLoop
-
-_PHASE = np.radians(15.0)
-"""1 sigma of the phase above which a loop for a carrier with data slips, rad [1]."""
-_SHARE = 1.0 / 6.0
-"""1 sigma of the delay above which a code loop loses the code, of the spacing of its early and late replicas [1]."""
 _ROUNDING = 1e-9
 """Tolerance of times, s, so that rounding does not decide which epoch ends a wait."""
 
@@ -39,22 +33,6 @@ class FrequencyLoop:
         squaring = 1.0 + 1.0 / (self.integration * ratio)
         turns = np.sqrt(4.0 * self.factor * self.bandwidth / ratio * squaring)
         return wavelength / (2.0 * np.pi * self.integration) * turns
-
-
-def phase_threshold(bandwidth: float, integration: float) -> float:
-    """Carrier to noise density, dB-Hz, at which the thermal noise of a phase loop is 15 degrees [1]; bandwidth:
-    one-sided, Hz; integration: s."""
-    return _least(bandwidth / _PHASE**2, 0.5 / integration)
-
-
-def code_threshold(loop: CodeLoop) -> float:
-    """Carrier to noise density, dB-Hz, at which the thermal noise of a code loop is a sixth of its spacing [1]."""
-    return _least(0.5 * loop.bandwidth / (_SHARE**2 * loop.spacing), 2.0 / (loop.integration * (2.0 - loop.spacing)))
-
-
-def _least(noise: float, squaring: float) -> float:
-    """The ratio c with noise / c (1 + squaring / c) = 1, in dB."""
-    return float(10.0 * np.log10(0.5 * (noise + np.sqrt(noise**2 + 4.0 * noise * squaring))))
 
 
 @dataclass(frozen=True)
