@@ -9,10 +9,7 @@ from pathlib import Path
 
 import measured
 import numpy as np
-
-from navsim.companions.azimuth.scenario import Azimuth
-from navsim.companions.azimuth.study import onboard, ratio, rmse
-from navsim.companions.mode_s import (
+from mode_s import (
     DEG,
     RESIDUAL,
     SIMULATED_RESIDUAL,
@@ -22,6 +19,9 @@ from navsim.companions.mode_s import (
     smoothed,
     track_plots,
 )
+
+from navsim.companions.azimuth.scenario import Azimuth
+from navsim.companions.azimuth.study import onboard, ratio, rmse
 from navsim.companions.reports import draw, nodes, reported
 
 ROOT = Path(__file__).resolve().parent.parent

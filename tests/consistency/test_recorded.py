@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from navsim.companions.azimuth.study import ratio, rmse
-from navsim.companions.mode_s import read, received_nodes, smoothed
 from tests.helpers import load_script
 
 script: Any = load_script("recorded_approach")
+mode_s: Any = load_script("mode_s")
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +44,12 @@ def test_reports_each_second_beat_singer_in_the_turn(found) -> None:  # type: ig
 
 def test_gaps_and_outliers_are_met(shared: Path) -> None:
     """In the 50 s gap of BDS 5,0 squitters stand in; every node stays near the truth."""
-    recording = read(shared / "data" / "modes_afr34zg", "afr34zg_lfbo", script.RADAR)
+    recording = mode_s.read(shared / "data" / "modes_afr34zg", "afr34zg_lfbo", script.RADAR)
     time = script.TIME
-    nodes, source = received_nodes(recording, time)
+    nodes, source = mode_s.received_nodes(recording, time)
     gap = (time > 975.0) & (time < 1015.0)
     assert np.all(source[gap] == 2)
-    flight = smoothed(recording, time)
+    flight = mode_s.smoothed(recording, time)
     assert np.abs(nodes[:, 2] - flight.speed).max() < 6.0
     assert np.degrees(np.abs(np.angle(np.exp(1j * (nodes[:, 3] - flight.track))))).max() < 6.0
     assert np.abs(nodes[:, 1]).max() < 12.0

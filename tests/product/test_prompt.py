@@ -29,6 +29,7 @@ from navsim.scenario.load import section
 from navsim.scenario.source import load
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim, shared
+from tests.helpers import load_script
 
 
 def need(program: str) -> str:
@@ -85,7 +86,8 @@ def test_an_answer_loads_no_models_and_no_kernels() -> None:
 
 
 def test_the_list_of_names_is_that_of_the_models() -> None:
-    assert key_names.FILE.read_text(encoding="utf-8") == key_names.text(key_names.collected()), "run: make docs"
+    script = load_script("key_names")
+    assert key_names.FILE.read_text(encoding="utf-8") == script.text(script.collected()), "run: make docs"
 
 
 def test_what_until_is_offered_is_taken() -> None:
