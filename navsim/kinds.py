@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from navsim.words import command
-
 
 @dataclass(frozen=True)
 class Kind:
@@ -82,4 +80,4 @@ def named(place: str) -> Any:
 def advice(kind: str, path: object) -> str:
     """Which commands take the file of this kind."""
     this = KINDS[kind]
-    return f"a {this.noun} of kind {kind}: use {command(this.command, path)} or {command('validate', path)}"
+    return f"a {this.noun} of kind {kind}: use navsim {this.command} {path} or navsim validate {path}"

@@ -27,7 +27,6 @@ from navsim.runner import opening, steps
 from navsim.runner.errors import BadInput, RunFailed, as_problems, translate_input_errors
 from navsim.runner.reporter import Listener, Reporter
 from navsim.runner.requirements import ExitRequirements
-from navsim.words import of_python
 
 if TYPE_CHECKING:
     from navsim.runner.job import Progress
@@ -217,11 +216,10 @@ def validate(scenario: Scenario, /, *, set: Mapping[str, Any] | None = None) -> 
     NavsimWarning
         For keys without effect and the like, as the command does.
     """
-    with of_python():
-        section, _, heard = opening.checked(_source(scenario, "scenario"), _assignments(set))
-        for text in heard:
-            warnings.warn(text, NavsimWarning, stacklevel=_CALLER - 1)
-        return section.model_dump(mode="json", exclude_none=True)
+    section, _, heard = opening.checked(_source(scenario, "scenario"), _assignments(set))
+    for text in heard:
+        warnings.warn(text, NavsimWarning, stacklevel=_CALLER - 1)
+    return section.model_dump(mode="json", exclude_none=True)
 
 
 def schema(kind: str = "landing") -> dict[str, Any]:
@@ -241,15 +239,14 @@ def schema(kind: str = "landing") -> dict[str, Any]:
     BadInput
         The kind does not exist.
     """
-    with of_python():
-        return opening.schema_of(kind)
+    return opening.schema_of(kind)
 
 
 def _computed(command: str, scenario: Scenario, asked: dict[str, Any]) -> ResultFile:
     from navsim.defect import Defect
 
     heard: list[str] = []
-    with _alone(), of_python():
+    with _alone():
         try:
             made = _compute_result(command, scenario, asked, heard)
         except Defect as error:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from navsim.runner.errors import BadInput, RunFailed, as_problems
-from navsim.words import of_python
 
 if TYPE_CHECKING:
     import numpy as np
@@ -78,13 +77,12 @@ def load(path: str | os.PathLike[str]) -> xarray.DataTree:
 def _read(path: Path) -> Result:
     from navsim.results.result import ResultError, read
 
-    with of_python():
-        try:
-            return read(path)
-        except ResultError as error:
-            from navsim.runner.opening import scenario_instead
+    try:
+        return read(path)
+    except ResultError as error:
+        from navsim.runner.opening import scenario_instead
 
-            raise BadInput(as_problems(scenario_instead(path) or error)) from None
+        raise BadInput(as_problems(scenario_instead(path) or error)) from None
 
 
 class ResultFile:

@@ -27,7 +27,6 @@ from navsim.runner.control_variates import LEAST_RUNS, NONE, Controlled
 from navsim.runner.statistics import rms_interval
 from navsim.simulation.landing_covariance import AnalysisError
 from navsim.statistics import normal
-from navsim.words import option
 
 _PARTS = {"horizontal": [0, 1], "vertical": [2]}
 _HELPS = 2.0
@@ -217,7 +216,7 @@ def stopping_rule(case: Callable[[], Case], expression: str) -> Until:
     """
     match = _UNTIL.fullmatch(expression)
     if match is None:
-        rare = f"; a probability goes with {option('method', 'rare')}" if "probability" in expression else ""
+        rare = "; a probability goes with --method rare" if "probability" in expression else ""
         form = "`rms_horizontal within 2%` or `rms_vertical within 2%`"
         raise ValueError(f"{expression!r}: expected {form}{rare}")
     share = percent(match.group(2), expression, 0.001, 1000.0)

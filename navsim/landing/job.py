@@ -16,7 +16,6 @@ from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
-from navsim.words import option
 
 MOST_RUNS = 1_000_000
 """Largest number of runs with `--until`, unless --runs is given."""
@@ -25,7 +24,7 @@ MOST_RUNS = 1_000_000
 def job(section: Landing, document: Document, options: Options) -> MonteCarloJob | CovarianceJob | RareJob:
     """The job of a landing by its method."""
     if options.require and not section.requirements:
-        raise OptionError(f"{option('require')}: the scenario has no requirements")
+        raise OptionError("--require: the scenario has no requirements")
     if section.method == "rare":
         return RareJob(section, document, options)
     return (CovarianceJob if section.method == "covariance" else MonteCarloJob)(section, document, options)
@@ -68,7 +67,7 @@ def _check_numbers(first: int, runs: int) -> None:
     """Raise OptionError for runs whose numbers a result cannot hold."""
     if first > MOST_WHOLE - runs:
         text = f"the last of {runs} run(s) would have a number beyond {MOST_WHOLE}"
-        raise OptionError(f"{option('first_run', first)}: {text}")
+        raise OptionError(f"--first-run {first}: {text}")
 
 
 def _progress_of(tell: Progress, until: Until | None) -> Callable[[int], None]:
@@ -89,7 +88,7 @@ class MonteCarloJob(_Prepared):
         try:
             self.enough = landing.stopping_rule(lambda: self.case, self.until) if self.until is not None else None
         except ValueError as error:
-            raise OptionError(f"{option('until')} {error}") from None
+            raise OptionError(f"--until {error}") from None
         self.keep = options.keep or ("all" if self.runs == 1 else "errors")
         several = self.runs > 1
         count = self.runs if self.until is None else 0
@@ -116,7 +115,7 @@ class MonteCarloJob(_Prepared):
             store=store, done=_progress_of(tell, self.enough), enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
-        warnings = () if reached else (f"{option('until', self.until)}: not reached within {self.runs} runs",)
+        warnings = () if reached else (f"--until {self.until}: not reached within {self.runs} runs",)
         return Outcome(landing.result(self.case, flown, self.seed, keep=self.keep), warnings)
 
 
@@ -156,10 +155,10 @@ class RareJob(_Prepared):
         super().__init__(section, document)
         if options.keep is not None:
             text = "only for method monte-carlo; of pushed runs only the errors at the box are kept"
-            raise OptionError(f"{option('keep')}: {text}")
+            raise OptionError(f"--keep: {text}")
         if options.require_consistent:
             text = "only for method monte-carlo; errors and innovations of pushed runs are off on purpose"
-            raise OptionError(f"{option('require_consistent')}: {text}")
+            raise OptionError(f"--require-consistent: {text}")
         self.seed, self.first = options.seed, options.first_run or 0
         # a fixed number of runs is completed
         usual = f"probability within {100.0 * rare_events.USUAL:g}%" if options.runs is None else None
@@ -169,7 +168,7 @@ class RareJob(_Prepared):
         try:
             self.enough = None if self.until is None else rare_events.stopping_rule(lambda: self.edge, self.until)
         except ValueError as error:
-            raise OptionError(f"{option('until')} {error}") from None
+            raise OptionError(f"--until {error}") from None
         self.sort = ResultKind("landing", section.method, count=0 if self.until is not None else self.runs)
         self.extent = self.runs
         self.pieces = -(-self.runs // BATCH)

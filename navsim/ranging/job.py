@@ -11,7 +11,6 @@ from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budge
 from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.source import Document
-from navsim.words import option
 
 _COVARIANCES = 8
 """Covariances of each range that are held at once: two passes, each filtered and smoothed, and their copies."""
@@ -25,7 +24,7 @@ class RangeJob:
 
     def __init__(self, section: RecordedRanges, document: Document, options: Options) -> None:
         if options.require:
-            raise OptionError(f"{option('require')}: recorded ranges have no requirements")
+            raise OptionError("--require: recorded ranges have no requirements")
         self.section, self.document = section, document
         self.sort = ResultKind("ranges")
         self.kernels = "ranges"

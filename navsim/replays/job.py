@@ -13,7 +13,6 @@ from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario.source import Document
-from navsim.words import option
 
 _READ_MEMORY = 600
 """Memory for a sample or fix of a recording while it is read and checked, bytes."""
@@ -31,7 +30,7 @@ class ReplayJob:
 
     def __init__(self, section: Replay, document: Document, options: Options) -> None:
         if options.require:
-            raise OptionError(f"{option('require')}: a recorded flight has no requirements")
+            raise OptionError("--require: a recorded flight has no requirements")
         self.section, self.document = section, document
         self.sort = ResultKind("replay")
         self.kernels = f"replay-{section.filter.kind}-{section.filter.coupling}"

@@ -31,7 +31,6 @@ import numpy as np
 import navsim
 from navsim.compiler.jit import digest
 from navsim.results.atomic_write import discard, replacing, write_atomically
-from navsim.words import option, resume_hint, switch
 
 _HASHED = {
     "scenario_sha256": "settings of the scenario",
@@ -96,7 +95,7 @@ class StoredArray:
                 return self.read_from(file)
         except (OSError, ValueError) as error:
             what = f"was damaged or removed while the study ran ({error})"
-            raise CheckpointError(f"{self.piece}: {what}; {resume_hint()} computes it again") from None
+            raise CheckpointError(f"{self.piece}: {what}; the same command computes it again") from None
 
     def read_from(self, file: io.BufferedReader) -> np.ndarray:
         """The array, from the open file of the piece. Raises OSError, ValueError if it is damaged."""
@@ -126,7 +125,7 @@ class CheckpointStore:
             if others := _others(folder):
                 raise CheckpointError(
                     f"{folder}: partial work is to lie there, but it holds {others[0]!r}, which is not navsim's; move "
-                    f"that away, or choose another {option('output')}"
+                    f"that away, or choose another -o/--output"
                 )
             if fresh:
                 discard(folder)
@@ -193,7 +192,7 @@ class CheckpointStore:
                 return self._found(name, written)
         except _DAMAGED as error:
             raise CheckpointError(
-                f"{path}: was damaged or removed while the study ran ({error}); {resume_hint()} computes it again"
+                f"{path}: was damaged or removed while the study ran ({error}); the same command computes it again"
             ) from None
 
     def holds_work(self) -> bool:
@@ -357,4 +356,4 @@ def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
         whose = f"partial work of another study lies there ({'; '.join(parts)})"
     except (OSError, ValueError, AttributeError, TypeError):
         whose = f"partial work lies there whose {_KEY_FILE} is missing or damaged"
-    raise CheckpointError(f"{folder}: {whose}; {switch('fresh')} discards it")
+    raise CheckpointError(f"{folder}: {whose}; --fresh discards it")

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from navsim.runner.errors import BadInput, as_problems, translate_errors
 from navsim.runner.reporter import Reporter
-from navsim.words import option
 
 if TYPE_CHECKING:
     from navsim.runner.executor import Executor
@@ -28,20 +27,17 @@ def open_executor(options: Options, speech: Reporter) -> Iterator[Executor]:
     if options.scheduler is None:
         yield threads(options.workers)
         return
-    scheduler = option("scheduler")
     if options.workers is not None:
-        raise BadInput(
-            as_problems(f"{option('workers')}: threads of this machine; with {scheduler} the cluster has its own")
-        )
+        raise BadInput(as_problems("--workers: threads of this machine; with --scheduler the cluster has its own"))
     try:
         from navsim.runner.cluster import Cluster, connected
         from navsim.runner.cluster import executor as of
     except ModuleNotFoundError as error:
         if str(error.name).partition(".")[0] not in ("cloudpickle", "dask", "distributed"):
             raise
-        message = f"{scheduler} works on a Dask cluster, and Dask is not installed here: {INSTALL}"
+        message = f"--scheduler works on a Dask cluster, and Dask is not installed here: {INSTALL}"
         raise BadInput(as_problems(message)) from None
-    with translate_errors(scheduler):
+    with translate_errors("--scheduler"):
         cluster = Cluster(options.scheduler)
     with connected(cluster):
         if not cluster.workers:

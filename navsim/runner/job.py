@@ -16,7 +16,6 @@ from navsim.results.result import Result, ResultKind
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import Executor
-from navsim.words import option
 
 
 class JobError(Exception):
@@ -48,7 +47,7 @@ class Options:
     def foreign(self, *taken: str) -> list[str]:
         """Given options outside the accepted ones, as spelled in messages."""
         given = [field.name for field in fields(self)[1:] if getattr(self, field.name) not in (None, False)]
-        return [option(name) for name in given if name not in taken]
+        return [f"--{name.replace('_', '-')}" for name in given if name not in taken]
 
 
 class ResourceCheck(Protocol):

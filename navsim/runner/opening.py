@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from navsim.runner.errors import BadInput, as_problems, translate_errors, translate_input_errors
-from navsim.words import option
 
 if TYPE_CHECKING:
     from navsim.runner.job import Job, Options
@@ -75,7 +74,7 @@ def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section,
 def target_of(output: Path | None, default: str) -> Path:
     """The result's path: as given, else results/<default>.h5. Raises BadInput where its folder is not there."""
     if output is not None and not output.parent.is_dir():
-        create = f"no such folder; create it first or choose another {option('output')}"
+        create = "no such folder; create it first or choose another -o/--output"
         raise BadInput(as_problems(f"{output.parent}: {create}"))
     return output or Path("results") / f"{default}.h5"
 

@@ -6,8 +6,6 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from navsim.words import switch
-
 if TYPE_CHECKING:
     from navsim.results.result import Result
 
@@ -27,10 +25,10 @@ def unmet_requirements(result: Result, demands: ExitRequirements) -> list[str]:
 
     kinds = [kind for kind, asked in ((FIX, demands.fix), (CONSISTENT, demands.consistent)) if asked]
     wrong = [
-        f"{switch(f'require_{kind}')}: {found.text}" for kind in kinds for found in of(result) if kind in found.against
+        f"--require-{kind}: {found.text}" for kind in kinds for found in of(result) if kind in found.against
     ]
     if demands.requirements:
-        wrong += [f"{switch('require')}: {text}" for text in _unmet(result)]
+        wrong += [f"--require: {text}" for text in _unmet(result)]
     return wrong
 
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.reporter import Reporter
-from navsim.words import switch
 
 if TYPE_CHECKING:
     from navsim.runner.estimate import Budget
@@ -59,7 +58,7 @@ def check_resources(asked: Request, estimate: Budget, speech: Reporter, shown: b
     else:
         if shown:
             tell(asked, estimate, speech)
-        raise BadInput(as_problems(f"{wanting}; {switch('over_budget')} computes it nevertheless"))
+        raise BadInput(as_problems(f"{wanting}; --over-budget computes it nevertheless"))
 
 
 def _kept(target: Path) -> float:

@@ -17,7 +17,6 @@ from navsim.runner.reporter import Listener
 from navsim.runner.requirements import ExitRequirements, unmet_requirements
 from navsim.runner.resources import Request, check_resources, tell
 from navsim.runner.target import Written, check_target, figure_folder, locked_target, refuse_other, save
-from navsim.words import resume_hint, switch
 
 if TYPE_CHECKING:
     from navsim.results.result import Result
@@ -194,12 +193,12 @@ def _computed(
 
     def kept() -> str:
         if store is None or not store.holds_work():
-            return f"no work is kept; {resume_hint()} starts from the beginning"
+            return "no work is kept; the same command starts from the beginning"
         if refused:
-            way = f"move {target} away, or give {switch('force')}: {resume_hint()} then writes them without computing"
+            way = f"move {target} away, or give --force: the same command then writes them without computing"
             return f"finished {job.work} are kept in {store.folder}; {way}"
         resume = f", or navsim resume {shlex.quote(str(store.folder))}" if order.command else ""
-        return f"finished {job.work} are kept in {store.folder}; {resume_hint()} continues from there{resume}"
+        return f"finished {job.work} are kept in {store.folder}; the same command continues from there{resume}"
 
     def state() -> str:
         return kept() if _which(target) == former else f"{target} is complete"

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.reporter import Reporter
-from navsim.words import option, switch
 
 if TYPE_CHECKING:
     from navsim.results.result import Result, ResultKind
@@ -39,16 +38,16 @@ def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
     try:
         there = read_kind(target)
     except ResultError as error:
-        raise ResultError(f"{error}; it is not overwritten, choose another {option('output')}") from None
+        raise ResultError(f"{error}; it is not overwritten, choose another -o/--output") from None
     if there != sort and not force:
         raise ResultError(
             f"{target}: holds another kind of result ({there}) than the new one ({sort}); "
-            f"choose another {option('output')}, or overwrite it with {switch('force')}"
+            f"choose another -o/--output, or overwrite it with --force"
         )
     if there.count > sort.count > 0 and not force:
         raise ResultError(
             f"{target}: holds {there.count} runs, which {sort.count} would replace; "
-            f"choose another {option('output')}, or overwrite it with {switch('force')}"
+            f"choose another -o/--output, or overwrite it with --force"
         )
 
 
@@ -68,7 +67,7 @@ def locked_target(target: Path, kernels: str, speech: Reporter) -> Iterator[None
         try:
             held.enter_context(locked(target))
         except Occupied as error:
-            raise BadInput(as_problems(f"{error}; wait for it, or choose another {option('output')}")) from None
+            raise BadInput(as_problems(f"{error}; wait for it, or choose another -o/--output")) from None
         except OSError as error:
             reason = error.strerror or error
             speech.warn(f"{target} cannot be locked ({reason}): let no other process write it")
@@ -114,5 +113,5 @@ def figure_folder(figures: str | Path | None, target: Path, skipped: bool) -> Pa
         return None
     folder = target.parent if figures is None else Path(figures)
     if folder.exists() and not folder.is_dir():
-        raise BadInput(as_problems(f"{option('figures', str(folder))}: is a file, not a folder"))
+        raise BadInput(as_problems(f"--figures {folder}: is a file, not a folder"))
     return folder

@@ -24,7 +24,6 @@ import yaml
 
 from navsim.formats.text import MINUS_SIGNS, as_ascii, decoded
 from navsim.results import files
-from navsim.words import setting, show_hint
 
 KeyPath = tuple[str | int, ...]
 MOST_BYTES = 1_000_000
@@ -330,7 +329,7 @@ def load(path: Path) -> Document:
     except OSError as error:
         raise InputError([Problem(Place(name), "", f"cannot be read: {error.strerror or error}")]) from None
     if raw.startswith(_HDF5):
-        message = "is a result, not a scenario: " + show_hint(path)
+        message = f"is a result, not a scenario: use navsim show {path} or navsim plot {path}"
         raise InputError([Problem(Place(name), "", message)])
     if len(raw) > MOST_BYTES:
         raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is not a scenario")])
@@ -501,7 +500,7 @@ _LONGEST_LABEL = 100
 def assign(document: Document, assignment: str | Setting) -> None:
     """Set one value: `a.b.0.c=value`, the value read as YAML, or as it is. Raises InputError."""
     if isinstance(assignment, Setting):
-        label = Place(setting(assignment.key, assignment.value))
+        label = Place(f"--set {assignment.key}={assignment.value}")
         set_value(document, assignment.key, _taken(assignment.value, label), label, Path.cwd())
         return
     shown = assignment if len(assignment) <= _LONGEST_LABEL else assignment[:_LONGEST_LABEL] + "..."

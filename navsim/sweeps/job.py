@@ -21,7 +21,6 @@ from navsim.sweeps import study as sweep
 from navsim.sweeps.plan import MOST_MAP_SITES, Axis, Plan
 from navsim.sweeps.plan import plan as plan_sweep
 from navsim.sweeps.scenario import REQUIREMENTS, Sweep
-from navsim.words import option
 
 _WIDTHS = 100
 """Values of an axis that are written to see how long they are."""
@@ -41,11 +40,11 @@ class SweepJob:
 
     def __init__(self, section: Sweep, document: Document, options: Options) -> None:
         if options.runs is not None and section.method == "dop":
-            raise OptionError(f"{option('runs')}: this sweep is by geometry alone (method dop), which flies nothing")
+            raise OptionError("--runs: this sweep is by geometry alone (method dop), which flies nothing")
         if options.runs == 0 and section.method == "monte-carlo":
-            raise OptionError(f"{option('runs')}: method monte-carlo needs a run of each combination at least")
+            raise OptionError("--runs: method monte-carlo needs a run of each combination at least")
         if options.require and REQUIREMENTS not in section.wanted():
-            raise OptionError(f"{option('require')}: {REQUIREMENTS} is none of the study's outputs")
+            raise OptionError(f"--require: {REQUIREMENTS} is none of the study's outputs")
         self.section, self.document, self.seed = section, document, options.seed
         self.confirming = 0
         if section.method == "covariance":

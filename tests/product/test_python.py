@@ -192,21 +192,21 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.run(LANDING, seed=-1), "seed=-1: expected a whole number from 0 to 9223372036854775807"),
         (lambda: navsim.run(LANDING, runs=True), "runs=True: expected a whole number from 1"),
         (lambda: navsim.run(LANDING, keep="alll"), "keep='alll': allowed: errors, all, none"),  # type: ignore[arg-type]
-        (lambda: navsim.run(LANDING, until="soon"), "until 'soon': expected `rms_horizontal within 2%`"),
-        (lambda: navsim.run(LANDING, first_run=2**63 - 1), "first_run=9223372036854775807: the last of 1 run(s)"),
-        (lambda: navsim.run(LANDING, method="covariance", runs=5), "runs: only for method monte-carlo"),
-        (lambda: navsim.run(LANDING, output="nowhere/a.h5"), "create it first or choose another output"),
+        (lambda: navsim.run(LANDING, until="soon"), "--until 'soon': expected `rms_horizontal within 2%`"),
+        (lambda: navsim.run(LANDING, first_run=2**63 - 1), "--first-run 9223372036854775807: the last of 1 run(s)"),
+        (lambda: navsim.run(LANDING, method="covariance", runs=5), "--runs: only for method monte-carlo"),
+        (lambda: navsim.run(LANDING, output="nowhere/a.h5"), "create it first or choose another -o/--output"),
         (lambda: navsim.run(LANDING, output=ROOT / "README.md"), "not a readable HDF5 file; it is not overwritten"),
-        (lambda: navsim.sweep(LANDING), f"use navsim.run('{LANDING}') or navsim.validate('"),
+        (lambda: navsim.sweep(LANDING), f"use navsim run {LANDING} or navsim validate "),
         (lambda: navsim.run("absent.yaml"), "absent.yaml: there is no such file; 'navsim init' writes a"),
         (lambda: navsim.run(3), "expected the path of a file, or a mapping with its contents"),  # type: ignore[arg-type]
         (lambda: navsim.load(ROOT / "README.md"), "README.md: not a readable HDF5 file"),
         (lambda: navsim.ResultFile("absent.h5"), "absent.h5: no such file"),
-        (lambda: navsim.ResultFile(LANDING), "is not a result but a scenario of kind landing: use navsim.run("),
+        (lambda: navsim.ResultFile(LANDING), "is not a result but a scenario of kind landing: use navsim run "),
         (lambda: navsim.schema("landng"), "'landng' is not a kind of scenario; did you mean 'landing'? allowed: "),
     ],
 )  # fmt: skip
-def test_bad_input_says_so_in_the_words_of_python(call: Any, said: str, tmp_path: Path, monkeypatch: Any) -> None:
+def test_bad_input_says_so(call: Any, said: str, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(navsim.BadInput) as caught:
         call()
@@ -219,23 +219,23 @@ def test_an_unknown_keyword_is_pythons_own_error() -> None:
         navsim.run(LANDING, runz=3)  # type: ignore[call-arg]
 
 
-def test_what_must_stay_is_refused_with_the_keyword_that_helps(tmp_path: Path) -> None:
+def test_what_must_stay_is_refused_with_the_option_that_helps(tmp_path: Path) -> None:
     target = tmp_path / "a.h5"
     navsim.run(LANDING, set=SHORT, output=target)
     before = target.read_bytes()
-    with pytest.raises(navsim.BadInput, match="overwrite it with force=True"):
+    with pytest.raises(navsim.BadInput, match="overwrite it with --force"):
         navsim.run(LANDING, set=SHORT, method="covariance", output=target)
     assert target.read_bytes() == before
     made = navsim.run(LANDING, set=SHORT, method="covariance", output=target, force=True)
     assert made.attributes["method"] == "covariance"
-    with pytest.raises(navsim.BadInput, match="over_budget=True computes it nevertheless"):
+    with pytest.raises(navsim.BadInput, match="--over-budget computes it nevertheless"):
         navsim.run(LANDING, runs=10**9, keep="all", output=tmp_path / "b.h5")
 
 
 def test_what_was_required_and_is_not_so(tmp_path: Path) -> None:
     """The result is complete, and the error says where."""
     events = {"events": [{"what": "silence", "sources": ["all"], "at_s": 5, "until_s": 8}]}
-    with pytest.raises(navsim.RunFailed, match="require_fix=True") as caught:
+    with pytest.raises(navsim.RunFailed, match="--require-fix") as caught:
         navsim.run(LANDING, set=SHORT | events, require_fix=True, output=tmp_path / "a.h5")
     plain(caught.value)
     assert caught.value.path == tmp_path / "a.h5"
@@ -264,8 +264,8 @@ def test_what_ends_the_work_leaves_what_is_finished(stop: type[BaseException], t
     kept = list((tmp_path / "a.h5.partial").glob("*.npz"))
     assert kept
     if stop is KeyboardInterrupt:
-        assert any("the same call continues from there" in note for note in caught.value.__notes__)
-    with pytest.raises(navsim.BadInput, match="fresh=True discards it") as refused:
+        assert any("the same command continues from there" in note for note in caught.value.__notes__)
+    with pytest.raises(navsim.BadInput, match="--fresh discards it") as refused:
         navsim.run(LANDING, set=SHORT, runs=runs, seed=9, output=target)
     plain(refused.value)
     seen.clear()

@@ -26,17 +26,17 @@ ALLOWED = {
     "simulation": WORLD | {"filter", "integrity"},
     "results": BASE,
     "formats": WORLD | {"filter", "results"},
-    "scenario": WORLD | FILES | {"kinds", "words"},
+    "scenario": WORLD | FILES | {"kinds"},
     "report": FILES | {"kinds"},
-    "runner": FILES | {"scenario", "report", "kinds", "words"},
-    "landing": WORLD | FILES | {"integrity", "simulation", "scenario", "report", "runner", "words"},
-    "sweeps": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "words"},
+    "runner": FILES | {"scenario", "report", "kinds"},
+    "landing": WORLD | FILES | {"integrity", "simulation", "scenario", "report", "runner"},
+    "sweeps": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing"},
     "optimization": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "sweeps"},
-    "replays": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing", "words"},
-    "ranging": FILES | {"gnss", "scenario", "runner", "report", "words"},
+    "replays": WORLD | FILES | {"simulation", "scenario", "report", "runner", "landing"},
+    "ranging": FILES | {"gnss", "scenario", "runner", "report"},
     "companions": FILES | {"scenario", "runner", "report"},
     "planner": WORLD | FILES | {"simulation", "scenario", "report", "landing", "optimization"},
-    "api": FILES | {"scenario", "report", "runner", "words"},
+    "api": FILES | {"scenario", "report", "runner"},
     "cli": FILES | {"scenario", "report", "runner", "landing", "replays", "planner", "kinds"},
 }
 
@@ -199,7 +199,7 @@ def test_functions_have_few_parameters() -> None:
 def test_every_room_has_its_rule() -> None:
     rooms = {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
     assert rooms == set(ALLOWED)
-    above = {"defect", "kinds", "words"}
+    above = {"defect", "kinds"}
     for room, allowed in ALLOWED.items():
         assert allowed <= above, f"{room} may import {allowed - above}, which stand below it"
         above.add(room)
