@@ -15,7 +15,7 @@ from navsim.trajectory.air import MIL_F_8785C
 
 
 def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:
-    """Closed form of the Allan variance of the modelled rate error at the cluster times tau, s [1], on average over
+    """Closed form of the Allan variance of the modelled rate error at the cluster times tau, s, on average over
     runs.
 
     White noise, the exponentially correlated term, quantum, random walk and ramp of the bias, lines. A constant bias
