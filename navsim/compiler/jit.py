@@ -26,7 +26,7 @@ from numba.extending import overload, register_jitable
 from navsim.compiler.kernel_cache import KERNEL_ROOMS, CacheAtFirstCall, load_remembered, loaded, remember
 from navsim.compiler.kernel_parts import Overloads
 from navsim.compiler.kernel_parts import digest as digest_of_parts
-from navsim.compiler.kernel_pieces import Kernel, KernelCompiler, PieceCompiler
+from navsim.compiler.linker import LINKED, Kernel, KernelCompiler, PieceCompiler
 from navsim.compiler.protected_folder import ChangeableByOthersError, ProtectedFolder, open_below, open_protected_folder
 
 _CONFIG: Any = numba.config
@@ -38,7 +38,7 @@ _WARM_MARK = "complete"
 _CODE = ".code"
 """Suffix of the files of machine code that are named by the digest of their parts."""
 _Kept = tuple[ProtectedFolder, str] | None
-_MADE_FOR = f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}"
+_MADE_FOR = f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}{'' if LINKED else ' unlinked'}"
 _UNUSED = 30 * 86400.0
 """After this time, in seconds, machine code is dropped."""
 

@@ -25,7 +25,7 @@ from numba import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.runtime.nrt import rtsys
 
-from navsim.compiler.kernel_pieces import is_piece, piece_state, restore_piece, within_another
+from navsim.compiler.linker import is_piece, piece_state, restore_piece, within_another
 from navsim.compiler.protected_folder import ProtectedFolder
 
 KERNEL_ROOMS = (

@@ -173,6 +173,23 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
     assert not memo.exists()
 
 
+def test_without_the_linker_numba_compiles_the_same(tmp_path: Path) -> None:
+    code = (
+        "import numpy as np; from navsim.compiler import linker\n"
+        "from navsim.geodesy import attitude_kernels as attitude\n"
+        "q = np.array([1.0, 0.0, 0.0, 0.0]); attitude.rotate_left(q, 0.2, 0.1, -0.3)\n"
+        "print(linker.LINKED); print(q.tobytes().hex())"
+    )
+    said = {}
+    for switch in ("on", "off"):
+        for _ in range(2):  # compiled, then from the cache
+            own = {"NUMBA_CACHE_DIR": str(tmp_path), "NAVSIM_LINKER": switch}
+            done = subprocess.run([sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True)
+            said.setdefault(switch, []).append(done.stdout.splitlines() or [done.stderr])
+    assert (said["on"][0][0], said["off"][0][0]) == ("True", "False")
+    assert len({lines[-1] for attempts in said.values() for lines in attempts}) == 1
+
+
 def test_what_kernels_call_is_a_piece_of_them(tmp_path: Path) -> None:
     """It has no machine code of its own, is kept, taken over by other kernels, and compiled when Python calls it."""
     code = (
