@@ -65,8 +65,6 @@ def varied(result: Result) -> set[str]:
     """Numbers of the ridges that a sweep varies, or `WHOLE`."""
     if result.attributes["kind"] != "sweep":
         return set()
-    import yaml
-
-    axes = yaml.safe_load(str(result.attributes["study"]))["vary"]
+    axes = scenario_of(result, "study")["vary"]
     keys = [key.split(".") for axis in axes for key in (axis.get("keys") or [axis.get("key")])]
     return {key[1] if len(key) > 1 else WHOLE for key in keys if key[0] == "terrain"}

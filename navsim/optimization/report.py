@@ -6,14 +6,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from navsim.report.ridges import shown_ridges
 from navsim.report.summary_tables import setting, verdict_cell
 from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.view import View, one_by_one
 from navsim.results.findings import several
-from navsim.results.result import Result
+from navsim.results.result import Result, scenario_of
 from navsim.results.schema import FILTER_QUANTITIES, LARGE
 
 if TYPE_CHECKING:
@@ -247,7 +246,7 @@ _NEAR = 1.0
 
 def _on_border(result: Result, i: int) -> list[str]:
     """Pseudolites of the i-th placement that the area alone keeps from going farther."""
-    area = yaml.safe_load(str(result.attributes["study"])).get("area")
+    area = scenario_of(result, "study").get("area")
     if area is None:
         return []
     out = []

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib.resources import files as packaged
 from typing import Any
 
-from navsim.results.result import Result
+from navsim.results.result import Result, scenario_of
 
 _PLACES = ("journal", "booktitle", "institution", "edition", "howpublished")
 """Fields of BibTeX for where a source came out."""
@@ -255,10 +255,8 @@ METHODS = (
 def methods_of(results: Iterable[Result]) -> list[Method]:
     """Methods that these results use, from their scenarios and root attributes. Raises KeyError for a result
     without."""
-    import yaml
-
     # methods of the varied scenario; values on its axes may use more
-    known = [(yaml.safe_load(str(result.attributes["scenario"])), result.attributes) for result in results]
+    known = [(scenario_of(result), result.attributes) for result in results]
     return [method for method in METHODS if any(method.used(scenario, root) for scenario, root in known)]
 
 

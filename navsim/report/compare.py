@@ -8,10 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import yaml
-
 from navsim.report.table import ABSENT, Cell, Row, Table, cell
-from navsim.results.result import Result
+from navsim.results.result import Result, scenario_of
 
 TEXTS = ("scenario", "study")
 """Root attributes with the inputs of a result."""
@@ -25,7 +23,7 @@ def settings_of(result: Result) -> dict[str, str]:
     found: dict[str, str] = {}
     for part in TEXTS:
         if part in result.attributes:
-            _flatten(found, "" if part == "scenario" else f"{part}.", yaml.safe_load(str(result.attributes[part])))
+            _flatten(found, "" if part == "scenario" else f"{part}.", scenario_of(result, part))
     if any(key.startswith("pseudolites.sites.") for key in found):
         found.pop("pseudolites.count", None)  # 0, if present: the list is in its place
     return found

@@ -10,6 +10,7 @@ attribute `checksums` says so: a file that lost them is damaged; files of earlie
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import itertools
 import os
@@ -153,11 +154,17 @@ MOST_WHOLE = int(np.iinfo(np.int64).max)
 ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
 
 
-def scenario_of(result: Result) -> Any:
-    """The scenario stored in a result, defaults included, as plain data."""
+def scenario_of(result: Result, part: str = "scenario") -> Any:
+    """The scenario stored in a result, defaults included, as plain data that nobody changes. part: or its `study`."""
+    return _parsed(str(result.attributes[part]))
+
+
+@functools.lru_cache(maxsize=16)
+def _parsed(text: str) -> Any:
+    """PyYAML takes 30 ms for a scenario, and a table asks for its settings one by one."""
     import yaml
 
-    return yaml.safe_load(str(result.attributes["scenario"]))
+    return yaml.safe_load(text)
 
 
 def check_writable(path: Path) -> None:
