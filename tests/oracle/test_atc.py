@@ -24,6 +24,7 @@ from navsim.companions.kalman import update_row
 from navsim.report.table import Table
 from navsim.statistics.random_streams import generator
 from tests.conftest import Within
+from tests.oracle.test_azimuth import wider
 
 
 def scenario(**keys: object) -> Atc:
@@ -94,9 +95,10 @@ def test_counts() -> None:
     assert 5486 / 176 >= 25
 
 
-@pytest.fixture(scope="module")
-def result():  # type: ignore[no-untyped-def]
-    return compute(scenario(link={"study_runs": 0}), 1, None)  # the study of the data link has its own test
+@pytest.fixture(scope="module", params=[250, pytest.param(1000, marks=pytest.mark.long)])
+def result(request):  # type: ignore[no-untyped-def]
+    """The study of the data link has its own test."""
+    return compute(scenario(link={"study_runs": 0}, runs=request.param), 1, None)
 
 
 def at(result, path: str, case: str, *index: int) -> np.ndarray:  # type: ignore[no-untyped-def]
@@ -107,19 +109,19 @@ def test_decoupled_against_full(result) -> None:  # type: ignore[no-untyped-def]
     for case in result["/case"]:
         for level in ("speed", "path_angle", "track", "elevation", "azimuth"):
             value = at(result, "/summary/decoupled_to_full", case, 0, 0, NAMES.index(level), 0)
-            assert 0.98 <= value <= 1.02, (case, level)
+            assert abs(value - 1.0) <= wider(result) * 0.02, (case, level)
     d, rate = at(result, "/summary/decoupled_to_full", "T1_angles", 0, 0)[:2, 0]
-    assert abs(d - 1.236) <= 0.045
-    assert abs(rate - 1.954) <= 0.045
-    assert abs(at(result, "/summary/decoupled_to_full", "T1_rates", 0, 0, 0, 0) - 0.913) <= 0.025
+    assert abs(d - 1.236) <= wider(result) * 0.045
+    assert abs(rate - 1.954) <= wider(result) * 0.045
+    assert abs(at(result, "/summary/decoupled_to_full", "T1_rates", 0, 0, 0, 0) - 0.913) <= wider(result) * 0.025
 
 
 def test_singer_against_onboard(result) -> None:  # type: ignore[no-untyped-def]
     """Tolerances are 3.5 sd at 1000 runs."""
     d, rate = at(result, "/summary/singer_to_adapt", "T1_angles", 0)[:, 0]
-    assert abs(d - 1.749) <= 0.025
-    assert abs(rate - 4.11) <= 0.06
-    assert abs(at(result, "/summary/singer_to_adapt", "T1_rates", 0, 0, 0) - 2.40) <= 0.07
+    assert abs(d - 1.749) <= wider(result) * 0.025
+    assert abs(rate - 4.11) <= wider(result) * 0.06
+    assert abs(at(result, "/summary/singer_to_adapt", "T1_rates", 0, 0, 0) - 2.40) <= wider(result) * 0.07
 
 
 EXPECTED = {
@@ -132,20 +134,20 @@ EXPECTED = {
 
 @pytest.mark.parametrize("case", EXPECTED)
 def test_errors_in_the_manoeuvre(result, case: str) -> None:  # type: ignore[no-untyped-def]
-    """The table, of another 1000 runs: within 3 %."""
+    """The table, of another 1000 runs: within 3 % of 1000."""
     for m, row in enumerate(EXPECTED[case]):
         found = at(result, "/summary/rmse", case)[:4, 0, m, 0]
-        np.testing.assert_allclose(found, row, rtol=0.03)
+        np.testing.assert_allclose(found, row, rtol=wider(result) * 0.03)
 
 
 def test_cartesian_filter(result) -> None:  # type: ignore[no-untyped-def]
     """4.2 m, 0.55 m/s, 0.017 deg at 1 s; 8.5 m, 0.68 m/s at 4 s."""
     one, four = (at(result, "/summary/rmse", case, 4, 0) for case in ("T1_angles", "T4_angles"))
-    assert one[0, 0] == pytest.approx(4.2, rel=0.05)
-    assert one[1, 0] == pytest.approx(0.55, rel=0.05)
-    assert np.degrees(one[NAMES.index("azimuth"), 0]) == pytest.approx(0.017, rel=0.06)
-    assert four[0, 0] == pytest.approx(8.5, rel=0.06)
-    assert four[1, 0] == pytest.approx(0.68, rel=0.06)
+    assert one[0, 0] == pytest.approx(4.2, rel=wider(result) * 0.05)
+    assert one[1, 0] == pytest.approx(0.55, rel=wider(result) * 0.05)
+    assert np.degrees(one[NAMES.index("azimuth"), 0]) == pytest.approx(0.017, rel=wider(result) * 0.06)
+    assert four[0, 0] == pytest.approx(8.5, rel=wider(result) * 0.06)
+    assert four[1, 0] == pytest.approx(0.68, rel=wider(result) * 0.06)
     assert np.all(np.isnan(one[2]))  # it has no range acceleration of its own
 
 
