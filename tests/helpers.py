@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
+import pytest
+from _pytest.mark import ParameterSet
 
 from navsim.landing import study as landing
 from navsim.scenario.landing import Landing
@@ -37,3 +41,16 @@ def case(*assignments: str, name: str = "landing") -> landing.Case:
 def cross(v: np.ndarray) -> np.ndarray:
     """The matrix [v x]."""
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+
+def in_brief(values: Iterable[Any], *kept: int, whole: bool = False) -> list[Any]:
+    """Parameters of a test of which those at the places `kept` run always, the others with `--long` only.
+
+    whole: each is one parameter, although it is a tuple.
+    """
+    out = []
+    for place, value in enumerate(values):
+        if not isinstance(value, ParameterSet):
+            value = pytest.param(*(value if isinstance(value, tuple) and not whole else (value,)))
+        out.append(value if place in kept else value._replace(marks=[*value.marks, pytest.mark.long]))
+    return out

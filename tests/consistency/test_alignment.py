@@ -22,6 +22,7 @@ from navsim.results import findings
 from navsim.scenario.load import read_replay
 from navsim.trajectory.recorded import RecordedTrajectory
 from tests.conftest import SCENARIOS
+from tests.helpers import in_brief
 from tests.recordings import circuit, quadrotor, record, ride, smooth_steps, write_flight
 
 SEARCH = Search(None, np.radians(10.0), 120.0, 5e-3, 5e-4, 0.1)
@@ -61,7 +62,7 @@ def off(trajectory: RecordedTrajectory, aligned: Alignment) -> np.ndarray:
     return error / np.sqrt(np.diag(aligned.covariance))
 
 
-@pytest.mark.parametrize(("velocities", "car"), [("ned", False), ("horizontal", True), ("none", False)])
+@pytest.mark.parametrize(("velocities", "car"), in_brief([("ned", False), ("horizontal", True), ("none", False)], 0))
 def test_a_pause_of_the_fixes_does_not_move_the_start(velocities: Velocities, car: bool) -> None:
     """The steady turn has the scatter of a body at rest; nor does a pause that hides the first motion."""
     trajectory = turning(car)

@@ -18,7 +18,7 @@ from navsim.scenario.source import InputError
 from navsim.simulation.aiding import aids_of
 from navsim.simulation.landing import exact_start
 from tests.conftest import SCENARIOS
-from tests.helpers import case
+from tests.helpers import case, in_brief
 from tests.layout import as_declared
 from tests.product.test_run import navsim
 
@@ -28,11 +28,16 @@ DOWN, DOWN_RATE = states.R_D, states.V_D
 
 @pytest.mark.parametrize(
     "settings",
-    [
-        ("altimeter={sigma_m: 0.5}",),
-        ("altimeter={sigma_m: 0.5, rate_hz: 4, believed_sigma_m: 1.5}", "receiver.latency_s=0.3"),
-        ("altimeter={sigma_m: 2, offset_m: 1.5}", "receiver.smoothing_s=20", "filter.gate.probability=0"),
-    ],
+    in_brief(
+        [
+            ("altimeter={sigma_m: 0.5}",),
+            ("altimeter={sigma_m: 0.5, rate_hz: 4, believed_sigma_m: 1.5}", "receiver.latency_s=0.3"),
+            ("altimeter={sigma_m: 2, offset_m: 1.5}", "receiver.smoothing_s=20", "filter.gate.probability=0"),
+        ],
+        0,
+        2,
+        whole=True,
+    ),
     ids=["as believed", "late fixes, believed worse", "offset, smoothed code"],
 )
 def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
@@ -68,7 +73,7 @@ HEIGHTS = {
 }
 
 
-@pytest.mark.parametrize("aids", HEIGHTS.values(), ids=HEIGHTS)
+@pytest.mark.parametrize("aids", in_brief(HEIGHTS.values(), 1, whole=True), ids=HEIGHTS)
 @pytest.mark.parametrize("kind", [pytest.param("rts", marks=pytest.mark.long), "map"])
 def test_smoothers_use_it_and_stay_true(kind: str, aids: tuple[str, ...]) -> None:
     flown = case(*GENTLE, *aids, f"filter.kind={kind}")

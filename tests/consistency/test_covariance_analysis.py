@@ -15,7 +15,7 @@ from navsim.runner.batches import Ensemble
 from navsim.runner.executor import threads
 from navsim.simulation import landing_covariance
 from navsim.simulation.landing_covariance import SOURCES
-from tests.helpers import case
+from tests.helpers import case, in_brief
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
 MISTUNED = (
@@ -46,6 +46,7 @@ def test_runs_agree(settings: tuple[str, ...]) -> None:
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
 
 
+@pytest.mark.long
 def test_a_mistuned_filter_is_shown_right() -> None:
     """Its sigma is wrong by far more than the 13 % of the test before, and the analysis says by how much."""
     flown = case(*GENTLE, *MISTUNED)
@@ -61,20 +62,24 @@ def test_a_mistuned_filter_is_shown_right() -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [
-        ("pseudolites.survey_error_m=[15, -10, 3]", "pseudolites.clock_offset_ns=30"),
-        ("receiver.lever_arm_m=[2.0, 0.5, -1.0]", "filter.lever_arm_m=[0, 0, 0]", "filter.gate.probability=0"),
-        ("receiver.latency_s=0.25", "filter.latency_s=0.05", "filter.gate.probability=0"),
-        pytest.param(
-            ("imu.gyro.drift_fixed_deg_h=[50, -60, 40]", "initial_errors.fixed={attitude_deg: [1, -1, 0.5]}"),
-            marks=pytest.mark.long,
-        ),
-        pytest.param(
-            ("imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40"),
-            marks=pytest.mark.long,
-        ),
-        ("imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "filter.imu={gyro: {drift_deg_h: 0}}"),
-    ],
+    in_brief(
+        [
+            ("pseudolites.survey_error_m=[15, -10, 3]", "pseudolites.clock_offset_ns=30"),
+            ("receiver.lever_arm_m=[2.0, 0.5, -1.0]", "filter.lever_arm_m=[0, 0, 0]", "filter.gate.probability=0"),
+            ("receiver.latency_s=0.25", "filter.latency_s=0.05", "filter.gate.probability=0"),
+            pytest.param(
+                ("imu.gyro.drift_fixed_deg_h=[50, -60, 40]", "initial_errors.fixed={attitude_deg: [1, -1, 0.5]}"),
+                marks=pytest.mark.long,
+            ),
+            pytest.param(
+                ("imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40"),
+                marks=pytest.mark.long,
+            ),
+            ("imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "filter.imu={gyro: {drift_deg_h: 0}}"),
+        ],
+        0,
+        whole=True,
+    ),
     ids=["survey and clock", "lever arm", "latency", "fixed values", "Markov", "Markov believed, constant beside it"],
 )
 def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
@@ -86,11 +91,15 @@ def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [
-        ("signals.ephemeris={orbit_sigma_m: [2, 5, 3], clock_sigma_m: 3}",),
-        pytest.param(("receiver.smoothing_s=20", "signals.ionosphere={truth_scale: 3}"), marks=pytest.mark.long),
-        ("receiver.smoothing_s=60", "signals.ephemeris={}", "pseudolites.count=1", "filter.velocity=false"),
-    ],
+    in_brief(
+        [
+            ("signals.ephemeris={orbit_sigma_m: [2, 5, 3], clock_sigma_m: 3}",),
+            pytest.param(("receiver.smoothing_s=20", "signals.ionosphere={truth_scale: 3}"), marks=pytest.mark.long),
+            ("receiver.smoothing_s=60", "signals.ephemeris={}", "pseudolites.count=1", "filter.velocity=false"),
+        ],
+        0,
+        whole=True,
+    ),
     ids=["messages", "smoothed code", "both, fixes of position"],
 )
 def test_errors_correlated_in_time(settings: tuple[str, ...]) -> None:
@@ -200,7 +209,7 @@ ALONE = {
 """Keys that switch one source on."""
 
 
-@pytest.mark.parametrize("source", ALONE)
+@pytest.mark.parametrize("source", in_brief(ALONE, 1))
 def test_each_share_is_what_that_source_does_alone(source: str) -> None:
     """With all other sources switched off in the truth, and kept in the filter, runs show that share."""
     quiet = {

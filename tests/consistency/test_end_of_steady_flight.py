@@ -31,7 +31,7 @@ from navsim.runner.executor import threads
 from navsim.simulation import landing
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
 from navsim.simulation.measurements import receiver_fixes
-from tests.helpers import case
+from tests.helpers import case, in_brief
 
 SEED = 3821
 """A seed by which nothing was chosen."""
@@ -193,7 +193,7 @@ class Hole:
         self.band = 0.07 + 2.5 * np.sqrt(0.5 / runs)
 
 
-@pytest.mark.parametrize("coupling", ["loose", "tight"])
+@pytest.mark.parametrize("coupling", in_brief(["loose", "tight"], 0))
 def test_heading_is_true_before_in_and_after_an_outage(coupling: str) -> None:
     hole = Hole("gaussian-sum", coupling, 60.0, 48)
     assert np.all(np.abs(hole.z - 1.0) < hole.band), hole.z

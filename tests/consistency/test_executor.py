@@ -13,7 +13,7 @@ from navsim.landing.ensemble import HISTORIES
 from navsim.landing.study import fly_all
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.executor import Executor, threads
-from tests.helpers import case
+from tests.helpers import case, in_brief
 
 
 def processes(workers: int) -> ProcessPoolExecutor:
@@ -21,7 +21,7 @@ def processes(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
 
 
-@pytest.mark.parametrize("kept", [False, True], ids=["in memory", "on disk"])
+@pytest.mark.parametrize("kept", in_brief([False, True], 1), ids=["in memory", "on disk"])
 def test_processes_fly_what_threads_fly(kept: bool, tmp_path: Path) -> None:
     here = case("receiver.rate_hz=1")
     store = CheckpointStore(tmp_path / "partial", {}, False) if kept else None

@@ -11,7 +11,7 @@ from navsim.filter.states import GYRO, PHI_D
 from navsim.landing.study import Case, fly_all
 from navsim.runner.executor import threads
 from tests.conftest import LANDINGS
-from tests.helpers import case
+from tests.helpers import case, in_brief
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
 """1 degree and 70 deg/h instead of the paper's 5 degrees and 700 deg/h, fixes at 1 Hz."""
@@ -138,7 +138,7 @@ def honest(settings: tuple[str, ...], name: str, runs: int) -> tuple[np.ndarray,
     return full, part, float(np.abs(ensemble["error"][..., PHI_D] / ensemble["sigma"][..., PHI_D]).max())
 
 
-@pytest.mark.parametrize(("settings", "name"), [pytest.param(s, n, id=i) for i, s, n in TRUE])
+@pytest.mark.parametrize(("settings", "name"), in_brief([pytest.param(s, n, id=i) for i, s, n in TRUE], 1, 3))
 def test_the_default_is_true(settings: tuple[str, ...], name: str) -> None:
     """As the next test, of 120 runs; limits are wider by what fewer runs leave to chance."""
     full, part, farthest = honest(settings, name, 120)
@@ -207,7 +207,9 @@ def test_gate_rejects_blunders_and_lets_go() -> None:
     assert not np.any(case(*GENTLE).fly(1, 0).status == 2)
 
 
-@pytest.mark.parametrize(("name", "kind"), zip(LANDINGS, itertools.cycle(["eskf", "tfg", "left-invariant"])))
+@pytest.mark.parametrize(
+    ("name", "kind"), in_brief(zip(LANDINGS, itertools.cycle(["eskf", "tfg", "left-invariant"])), 0, 4, 8)
+)
 def test_covariance_stays_positive_definite(name: str, kind: str) -> None:
     """Every output of every shipped scenario, each kind in its turn: NEES is nan where the Cholesky factorisation of P
     fails."""

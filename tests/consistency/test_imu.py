@@ -56,7 +56,7 @@ def test_random_walk_coefficients_come_back() -> None:
 
 
 def test_gauss_markov_follows_its_closed_form() -> None:
-    """Mean Allan variance of 200 static hours of three axes, 1 s to 600 s: within 5 % of the closed form.
+    """Mean Allan variance of 100 static hours of three axes, 1 s to 600 s: within 7 % of the closed form.
 
     At 20 Hz: what a second of samples adds up to does not depend on their rate.
     """
@@ -65,13 +65,13 @@ def test_gauss_markov_follows_its_closed_form() -> None:
     accel = Triad(bias=1e-2, noise_density=1e-2, markov=2e-2, markov_time=150.0)
     taus = np.array([1, 2, 5, 10, 20, 50, 100, 200, 400, 600.0])
     total = np.zeros((2, taus.size))
-    for run in range(200):
+    for run in range(100):
         for i, record in enumerate(static_rates(run, gyro, accel, int(3600 * rate), rate)):
             for axis in range(3):
                 _, deviation, _, _ = allantools.oadev(record[:, axis], rate=rate, data_type="freq", taus=taus)
                 total[i] += deviation**2
-    ratio = total / 600 / np.array([allan_variance(gyro, taus), allan_variance(accel, taus)])
-    np.testing.assert_allclose(ratio, 1.0, atol=0.05)
+    ratio = total / 300 / np.array([allan_variance(gyro, taus), allan_variance(accel, taus)])
+    np.testing.assert_allclose(ratio, 1.0, atol=0.07)
 
 
 def sheet_triad(preset: str, name: str, rate: float = RATE) -> tuple[Triad, float]:

@@ -20,7 +20,7 @@ from navsim.scenario.source import InputError
 from navsim.simulation.landing import exact_start, fly
 from navsim.statistics.random_streams import generator
 from tests.conftest import SCENARIOS, Within
-from tests.helpers import case, cross
+from tests.helpers import case, cross, in_brief
 from tests.layout import as_declared
 from tests.product.test_run import navsim
 
@@ -122,7 +122,7 @@ def test_for_no_time_they_are_noise(within: Within) -> None:
         )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["landing", "landing_open_sky", "landing_gnss_only", "s_turn"])
+@pytest.mark.parametrize("name", in_brief(["landing", "landing_open_sky", "landing_gnss_only", "s_turn"], 1, 3))
 def test_a_filter_that_follows_them_is_true(name: str) -> None:
     """To first order: expected NEES of position and velocity within 2 %, pseudolites near or far, where fixes taken for
     white are off by tens; its innovations have the size that it expects."""
@@ -208,7 +208,9 @@ def test_states_of_ranges_are_those_of_the_satellites_that_are_received() -> Non
 
 @pytest.mark.parametrize(
     "settings",
-    [("filter.fix_errors=states",), ("filter.fix_errors=inflate",), ("filter.coupling=tight",)],
+    in_brief(
+        [("filter.fix_errors=states",), ("filter.fix_errors=inflate",), ("filter.coupling=tight",)], 0, whole=True
+    ),
     ids=["states", "inflate", "tight"],
 )
 def test_runs_are_as_analysed(settings: tuple[str, ...]) -> None:

@@ -3,6 +3,7 @@ more settings and runs."""
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from navsim.landing.study import Case, covariance_analysis, prepare
 from navsim.scenario.load import read
 from navsim.simulation.landing_covariance import CURVATURE
 from tests.conftest import SCENARIOS
-from tests.helpers import load_script
+from tests.helpers import in_brief, load_script
 
 script: Any = load_script("near_passes")
 Cell = script.Cell
@@ -48,20 +49,20 @@ def test_analysis_and_sigma_are_those_of_runs(cell: Any) -> None:
         assert np.all(ratio > 0.9 * (1.0 - REACH))
 
 
-@pytest.mark.parametrize("coupling", ["loose", "tight"])
-@pytest.mark.parametrize("wind", [(), (TURBULENCE,)], ids=["on the route", "dispersed"])
-def test_filters_know_of_the_second_order_overhead(coupling: str, wind: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("coupling", "wind", "side"),
+    in_brief(product(["loose", "tight"], [(), (TURBULENCE,)], [0.5, 20.0]), 2, 5),
+)
+def test_filters_know_of_the_second_order_overhead(coupling: str, wind: tuple[str, ...], side: float) -> None:
     """Straight over a pseudolite and 20 m beside: NEES was 2.1 and 1.5 with tight coupling, 3.6 and 2.5 in turbulence.
 
     48 runs leave its mean within 0.2: most errors last all of a run.
     """
-    for side in (0.5, 20.0):
-        case = landing(
-            *script.QUICK, f"pseudolites.s_m={side}", "pseudolites.l1_m=245", f"filter.coupling={coupling}", *wind
-        )
-        runs = case.fly_runs(script.SEED, 0, RUNS, measured=False)
-        nees = np.mean([run.nees_position_velocity[:, rms_window(case)].mean() for run in runs]) / 6.0
-        assert 0.75 < nees < 1.25
+    overhead = (f"pseudolites.s_m={side}", "pseudolites.l1_m=245", f"filter.coupling={coupling}", *wind)
+    case = landing(*script.QUICK, *overhead)
+    runs = case.fly_runs(script.SEED, 0, RUNS, measured=False)
+    nees = np.mean([run.nees_position_velocity[:, rms_window(case)].mean() for run in runs]) / 6.0
+    assert 0.75 < nees < 1.25
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ HEIGHTS = (
 @pytest.mark.parametrize(
     ("chance", "aids", "runs"),
     [
-        pytest.param(1e-2, (), 2000, marks=pytest.mark.long), (1e-2, HEIGHTS, 800),
+        pytest.param(1e-2, (), 2000, marks=pytest.mark.long), (1e-2, HEIGHTS, 400),
         pytest.param(1e-3, (), 2000, marks=pytest.mark.long),
         pytest.param(1e-2, HEIGHTS, 2000, marks=pytest.mark.long),
     ],

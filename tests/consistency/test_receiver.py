@@ -123,9 +123,9 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
     assert near.sum() > 10
     c_ne = earth.ned_matrix(at.llh)
     arm = np.einsum("nij,j->ni", at.c_nb, flown.scenario.receiver.lever_arm_m)
-    total, count = np.zeros(2), 0
+    alone = noise_only(world, at, c_ne)[near]
+    total, count, s = np.zeros(2), 0, world.signals
     for run in range(400):
-        s = world.signals
         ranges, rates = np.empty((2, *s.range.shape, 1))
         measure(
             (generator(1, run, "measurements"),), 1, s.range[..., None], s.delay[..., None], s.sigma[..., None],
@@ -140,7 +140,7 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
         antenna = at.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
         position = np.einsum("nij,nj->ni", c_ne, earth.ecef_from_llh(llh) - antenna)
         error = np.concatenate([position, v - at.velocity_ned], axis=1)[near]
-        for one, p, plain in zip(error, cov[near], noise_only(world, at, c_ne)[near], strict=True):
+        for one, p, plain in zip(error, cov[near], alone, strict=True):
             total += one @ np.linalg.solve(p, one) / 6, one[3:] @ np.linalg.solve(plain, one[3:]) / 3
             count += 1
     assert 0.95 < total[0] / count < 1.08  # what is left is the curvature of 4 m at 220 m

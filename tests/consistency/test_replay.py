@@ -23,6 +23,7 @@ from navsim.results.result import Result
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
+from tests.helpers import in_brief
 from tests.recordings import (
     LATENCY,
     circuit,
@@ -118,7 +119,7 @@ def test_a_tuning_that_has_not_converged_is_told(tmp_path: Path, monkeypatch: py
     assert any("had not converged after 12 flights" in text for text in remarks(result))
 
 
-@pytest.mark.parametrize(("noise", "told"), [(0.8, True), (0.02, False)])
+@pytest.mark.parametrize(("noise", "told"), in_brief([(0.8, True), (0.02, False)], 0))
 def test_positions_that_wander_are_told(noise: float, told: bool, tmp_path: Path) -> None:
     """Over 20 s, by the noise that the tuning finds for such a flight: the line that is to be written makes the sigmas
     of the positions true."""
@@ -174,10 +175,10 @@ def test_innovations_larger_than_believed_are_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("vertical", "rough"),
-    [
+    in_brief([
         (False, False), (True, True),
         *(pytest.param(vertical, not vertical, marks=pytest.mark.long) for vertical in (False, True)),
-    ],
+    ], 0),
 )  # fmt: skip
 def test_a_simulated_recording_is_recovered(rough: bool, vertical: bool, tmp_path: Path) -> None:
     truth = write_flight(tmp_path, rough=rough, vertical=vertical)
@@ -246,7 +247,7 @@ def without(path: Path, first: float, last: float) -> None:
     path.write_text("\n".join([head, *(r for r in rows if not first < float(r.split(",")[0]) < last)]) + "\n")
 
 
-@pytest.mark.parametrize(("kind", "fixes_lost"), [("rts", True), ("map", False)])
+@pytest.mark.parametrize(("kind", "fixes_lost"), in_brief([("rts", True), ("map", False)], 0))
 def test_smoothing_carries_across_a_gap(kind: str, fixes_lost: bool, tmp_path: Path) -> None:
     """No samples for two seconds, while the flight rolls from one turn into the other: what came later corrects what
     was before and within, and the sigmas are those of the errors."""

@@ -15,7 +15,7 @@ from navsim.results.result import Result, read
 from navsim.runner.statistics import rms_interval_of_means, share_interval
 from navsim.scenario.requirements import RiskRequirement
 from navsim.trajectory.go_around import GO_AROUND
-from tests.helpers import SCENARIOS, case, scenario
+from tests.helpers import SCENARIOS, case, in_brief, scenario
 from tests.layout import as_declared
 from tests.product.test_run import navsim
 
@@ -131,7 +131,7 @@ MHSS = (
 )
 
 
-@pytest.mark.parametrize("method", ["mhss", "chi2", "filter"])
+@pytest.mark.parametrize("method", in_brief(["mhss", "chi2", "filter"], 0))
 def test_lpv_200_has_accuracy_and_a_threshold(method: str, tmp_path: Path) -> None:
     """Shares are those of the thresholds and sigmas of the result; residuals have no threshold."""
     chi2 = "integrity={method: chi2, limits: {operation: LPV-200, tta_s: 6}}"
@@ -263,11 +263,15 @@ def test_a_preset_is_counted_by_its_own_limits(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("setting", "said"),
-    [
-        ("integrity.p_hmi_v=1.2e-7", "p_hmi_v, p_hmi_h and p_unmonitored_max allow 2.02e-07"),
-        ("integrity.method=chi2", "integrity.method chi2 computes them for a fault that is there"),
-        ("integrity.p_hmi_v=1.1e-7", None),
-    ],
+    in_brief(
+        [
+            ("integrity.p_hmi_v=1.2e-7", "p_hmi_v, p_hmi_h and p_unmonitored_max allow 2.02e-07"),
+            ("integrity.method=chi2", "integrity.method chi2 computes them for a fault that is there"),
+            ("integrity.p_hmi_v=1.1e-7", None),
+        ],
+        0,
+        1,
+    ),
 )
 def test_levels_of_a_preset_are_for_its_risk(setting: str, said: str | None, tmp_path: Path) -> None:
     asked = [{"what": "preset", "operation": "LPV-200"}]
@@ -330,7 +334,7 @@ def test_nothing_is_computed_to_judge_nothing(command: tuple[Any, ...], said: st
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("method", ["covariance", "monte-carlo"])
+@pytest.mark.parametrize("method", in_brief(["covariance", "monte-carlo"], 0))
 def test_what_is_before_touchdown_is_not_known_without_one(method: str, tmp_path: Path) -> None:
     asked = [{"what": "rms", "of": "vertical", "below_m": 50.0}]
     cut = ("--set", "duration_s=30", "--set", "box=null")

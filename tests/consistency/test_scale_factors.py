@@ -12,7 +12,7 @@ from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
 from tests.conftest import SCENARIOS
-from tests.helpers import case
+from tests.helpers import case, in_brief
 from tests.layout import as_declared
 from tests.product.test_run import navsim
 
@@ -22,7 +22,7 @@ SCALED = ("imu.gyro.scale_ppm=20000", "imu.accelerometer.scale_ppm=20000")
 FOLLOWED, IGNORED = "filter.scale_factors=true", "filter.scale_factors=false"
 
 
-@pytest.mark.parametrize("kind", ["eskf", "left-invariant", "tfg", "gaussian-sum"])
+@pytest.mark.parametrize("kind", in_brief(["eskf", "left-invariant", "tfg", "gaussian-sum"], 0, 3))
 def test_a_filter_that_follows_them_is_true(kind: str) -> None:
     """21 states in an S-turn: NEES of all, and of each group at the end, in the bands of the default (0.9 to 1.15)."""
     flown = case(*GENTLE, *SCALED, FOLLOWED, f"filter.kind={kind}", name="s_turn")

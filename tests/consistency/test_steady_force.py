@@ -9,7 +9,7 @@ from navsim.filter import records, steady_force
 from navsim.filter.states import ATT, N_BASE, PHI_D, POS, VEL
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads
-from tests.helpers import case, cross
+from tests.helpers import case, cross, in_brief
 
 DEG = np.pi / 180.0
 UNSEEN = 3801
@@ -53,7 +53,7 @@ def test_straight_flight_tells_nothing_of_heading() -> None:
     assert np.all(np.abs(heading.z - 1.0) < 0.07 + 2.5 * np.sqrt(0.5 / 160)), heading.z
 
 
-@pytest.mark.parametrize(("attitude", "drift", "most"), [(10.0, 700.0, 1.7), (5.0, 1400.0, 1.05)])
+@pytest.mark.parametrize(("attitude", "drift", "most"), in_brief([(10.0, 700.0, 1.7), (5.0, 1400.0, 1.05)], 0))
 def test_noise_moves_heading_little(attitude: float, drift: float, most: float) -> None:
     """What false information of J moves the mean by has a variance of J prior**4: 2.5 and 1.4 rad-2 by the line alone,
     1.2 and 0.7 by the mean force."""
@@ -61,6 +61,7 @@ def test_noise_moves_heading_little(attitude: float, drift: float, most: float) 
     assert heading.moved[-1] / heading.prior[-1] ** 4 < most
 
 
+@pytest.mark.long
 def test_without_it_the_filter_is_too_sure() -> None:
     """The same runs with the measured force: components believe nothing of it, but their weights follow the noise."""
     heading = Heading(160, "filter.steady_force=false")
@@ -68,7 +69,7 @@ def test_without_it_the_filter_is_too_sure() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "before", "now"), [("eskf", 8.0, 3.5), ("tfg", 7.0, 3.5), ("left-invariant", 8.0, 6.5)]
+    ("kind", "before", "now"), in_brief([("eskf", 8.0, 3.5), ("tfg", 7.0, 3.5), ("left-invariant", 8.0, 6.5)], 1)
 )
 def test_one_gaussian(kind: str, before: float, now: float) -> None:
     """One Gaussian learns less from noise, too; what is left is of the first seconds and, of `left-invariant`, of its
@@ -88,11 +89,15 @@ def test_a_noisy_accelerometer_does_not_push_components_outwards() -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [
-        ("filter.coupling=tight",),
-        ("receiver.latency_s=0.3", "receiver.lever_arm_m=[2,0.5,-1]"),
-        ("receiver.rate_hz=1",),
-    ],
+    in_brief(
+        [
+            ("filter.coupling=tight",),
+            ("receiver.latency_s=0.3", "receiver.lever_arm_m=[2,0.5,-1]"),
+            ("receiver.rate_hz=1",),
+        ],
+        0,
+        whole=True,
+    ),
 )
 def test_whatever_the_fixes(settings: tuple[str, ...]) -> None:
     heading = Heading(48, *settings)

@@ -19,7 +19,7 @@ from navsim.runner.executor import threads
 from navsim.simulation.measurement_tables import table_of_ranges
 from navsim.simulation.run import Run
 from navsim.statistics import chi_square
-from tests.helpers import case
+from tests.helpers import case, in_brief
 
 SEED = 907
 SHORT = ("filter.coupling=tight", "duration_s=35", "receiver.rate_hz=2")
@@ -207,7 +207,7 @@ def test_figures_have_the_clock(sky: str, runs: int, tmp_path: Path) -> None:
     assert len(labels) == 15 + len(scales) + 1
 
 
-@pytest.mark.parametrize("coupling", ["loose", "tight"])
+@pytest.mark.parametrize("coupling", in_brief(["loose", "tight"], 1))
 def test_innovations_see_a_spoofer_whom_no_fix_shows(coupling: str) -> None:
     """All satellites spoofed up by 2 m/s: no more alarms of single fixes than by chance, but of the innovations;
     without a spoofer those are as rare as they ought to be."""
@@ -242,7 +242,7 @@ def test_findings_and_results_of_ranges() -> None:
     assert "epochs_without_fix" not in list(made["/findings/finding"])
 
 
-@pytest.mark.parametrize("kind", ["rts", "map"])
+@pytest.mark.parametrize("kind", in_brief(["rts", "map"], 1))
 def test_smoothers_take_ranges(kind: str) -> None:
     """Smoothed errors are those that the smoother believes in, and smaller than the filter's."""
     runs = 32

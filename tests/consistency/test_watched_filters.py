@@ -23,7 +23,7 @@ from navsim.simulation.filter_bank import LEAST, FilterBank
 from navsim.simulation.landing import Flight, draw, fly_inputs
 from navsim.statistics import chi_square
 from tests.consistency.test_tight_landings import flown, silence
-from tests.helpers import case
+from tests.helpers import case, in_brief
 
 FILTER = "integrity={method: filter, p_constellation: 1.0e-8}"
 SHORT = ("duration_s=25", "receiver.rate_hz=2", "filter.kind=eskf")
@@ -75,7 +75,7 @@ def differences(bank: FilterBank, given: tuple[Any, ...], k: int, patch: pytest.
         return np.array([replace(alone, scale=np.ascontiguousarray(scale)).statistic(*given) for scale in scales])
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+@pytest.mark.parametrize("settings", in_brief(SETTINGS, 1, 2, 4, whole=True), ids=NAMES)
 def test_differences_are_those_of_filters_that_are_given_less(
     settings: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -101,7 +101,7 @@ def test_differences_are_those_of_filters_that_are_given_less(
     assert np.mean(same) > 0.99
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+@pytest.mark.parametrize("settings", in_brief(SETTINGS, 0, 3, 4, whole=True), ids=NAMES)
 def test_differences_are_as_large_as_their_sigma_says(
     settings: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,7 +134,7 @@ def test_differences_are_as_large_as_their_sigma_says(
         assert 0.6 < np.sqrt(squares[counted].mean() / runs) < 1.5
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+@pytest.mark.parametrize("settings", in_brief(SETTINGS, 2, 3, whole=True), ids=NAMES)
 def test_the_statistic_is_the_largest_difference(settings: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     c = case(*SHORT, FILTER, *settings)
     bank = bank_of(c)
@@ -179,7 +179,7 @@ def test_nobody_is_touched_by_being_watched() -> None:
     np.testing.assert_allclose(watched.watched_error, np.stack([np.hypot(off[:, 0], off[:, 1]), off[:, 2]], axis=1))
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+@pytest.mark.parametrize("settings", in_brief(SETTINGS, 2, 4, whole=True), ids=NAMES)
 def test_a_run_does_not_depend_on_its_neighbours(settings: tuple[str, ...]) -> None:
     c = case(*SHORT, FILTER, *settings)
     together = simulation.fly(c.flight, 5, range(WIDTH - 1))
@@ -209,7 +209,7 @@ def bound(c: Case, runs: int, seed: int) -> np.ndarray:
     return beyond.mean(axis=(0, 1))
 
 
-@pytest.mark.parametrize("source", ["R01", pytest.param("R08", marks=pytest.mark.long), "PL1", "none"])
+@pytest.mark.parametrize("source", in_brief(["R01", pytest.param("R08", marks=pytest.mark.long), "PL1", "none"], 0))
 def test_levels_bound_errors_at_budgets_that_can_be_counted(source: str) -> None:
     """With p_HMI and priors at 1e-2: a fault that is always there may cause at most p_HMI by its prior."""
     chances = "p_hmi_v: 1.0e-3, p_hmi_h: 1.0e-3, p_fa_v: 1.0e-3, p_fa_h: 1.0e-3, p_unmonitored_max: 1.0e-3"
@@ -285,14 +285,25 @@ def test_smoothers_are_refused() -> None:
 
 @pytest.mark.parametrize(
     "what",
-    [
-        {"what": "step", "sources": ["R01"], "error_m": 20, "at_s": 0},
-        {"what": "step", "sources": ["R01"], "error_m": 3000, "at_s": 10},
-        {"what": "ramp", "sources": ["PL1"], "rate_m_s": 50, "at_s": 5},
-        {"what": "meacon", "sources": ["R01"], "place": {"lat_deg": 56.02, "lon_deg": 37.0}, "delay_m": 300, "at_s": 5},
-        {"what": "spoof", "sources": ["glonass"], "rate_ned_m_s": [0, 0, -2], "at_s": 10},
-        {"what": "survey", "sources": ["PL1"], "ned_m": [200, 0, 0]},
-    ],
+    in_brief(
+        [
+            {"what": "step", "sources": ["R01"], "error_m": 20, "at_s": 0},
+            {"what": "step", "sources": ["R01"], "error_m": 3000, "at_s": 10},
+            {"what": "ramp", "sources": ["PL1"], "rate_m_s": 50, "at_s": 5},
+            {
+                "what": "meacon",
+                "sources": ["R01"],
+                "place": {"lat_deg": 56.02, "lon_deg": 37.0},
+                "delay_m": 300,
+                "at_s": 5,
+            },
+            {"what": "spoof", "sources": ["glonass"], "rate_ned_m_s": [0, 0, -2], "at_s": 10},
+            {"what": "survey", "sources": ["PL1"], "ned_m": [200, 0, 0]},
+        ],
+        0,
+        1,
+        2,
+    ),
     ids=lambda what: f"{what['what']} {what.get('error_m', '')}",
 )
 def test_levels_know_nothing_of_the_fault(what: dict[str, Any]) -> None:

@@ -30,7 +30,7 @@ from navsim.simulation import landing as simulation
 from navsim.simulation import measurements, shared_truth
 from navsim.simulation.run import MonitorOutput
 from tests.conftest import DATA
-from tests.helpers import SCENARIOS, case
+from tests.helpers import SCENARIOS, case, in_brief
 from tests.layout import as_declared
 from tests.product.test_run import navsim
 
@@ -291,7 +291,7 @@ def test_nothing_else_of_a_run_changes(setting: str) -> None:
     assert watched.monitor_status.size == 40
 
 
-@pytest.mark.parametrize("keep", ["none", "errors", "all"])
+@pytest.mark.parametrize("keep", in_brief(["none", "errors", "all"], 2))
 def test_the_result_says_what_was_counted(tmp_path: Path, keep: str) -> None:
     settings = ("--set", "duration_s=70", "--set", "receiver.rate_hz=2", "--set", "filter.kind=eskf", "--set", CHI2)
     navsim("run", SCENARIOS / "landing.yaml", *settings, "--runs", 40, "--keep", keep, "--figures", "none", "-q",
@@ -519,7 +519,7 @@ def test_slopes_in_axes_of_the_runway() -> None:
     assert (found <= monitor.levels[:, :1] * (1 + 1e-12)).all()
 
 
-@pytest.mark.parametrize("fault", [None, 3])
+@pytest.mark.parametrize("fault", in_brief([None, 3], 1))
 def test_levels_in_axes_of_the_runway_hold(fault: int | None) -> None:
     """At budgets that can be counted: errors across and along a runway at 45 degrees that are beyond their level with
     no alarm, without a fault and with the worst bias of one satellite, which it has half of the time."""
@@ -549,7 +549,9 @@ def test_levels_in_axes_of_the_runway_hold(fault: int | None) -> None:
     assert worst * share <= 0.5 * p_hmi
 
 
-@pytest.mark.parametrize(("given", "prior"), [("monitored", 4.3e-5), ("unmonitored", 1.04e-3), ("2.0e-5", 2e-5)])
+@pytest.mark.parametrize(
+    ("given", "prior"), in_brief([("monitored", 4.3e-5), ("unmonitored", 1.04e-3), ("2.0e-5", 2e-5)], 1)
+)
 def test_priors_of_pseudolites(given: str, prior: float, tmp_path: Path) -> None:
     """As the specification rounds them; the table shows what was taken."""
     section = f"integrity={{p_pseudolite: {given}, p_constellations: {{glonass: 1.0e-8}}}}"

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads
 from tests.conftest import Within
-from tests.helpers import case
+from tests.helpers import case, in_brief
 from tests.oracle.textbook_filter import Sensors, SteadyForce, TextbookFilter, attitude, ecef
 
 DEG, G = np.pi / 180.0, 9.80665
@@ -142,13 +142,17 @@ WHAT = "of a sigma, all states at all outputs"
 )
 @pytest.mark.parametrize(
     ("flight", "coupling", "steady"),
-    [
-        (Case("landing", LANDING, lever_arm_m=ARM), "loose", True),
-        (Case("landing", LANDING, lever_arm_m=ARM), "loose", False),
-        (Case("landing", LANDING, noise_mg=30.0), "loose", True),
-        (Case("landing", LANDING), "tight", True),
-        (Case("s_turn", TURN), "loose", True),
-    ],
+    in_brief(
+        [
+            (Case("landing", LANDING, lever_arm_m=ARM), "loose", True),
+            (Case("landing", LANDING, lever_arm_m=ARM), "loose", False),
+            (Case("landing", LANDING, noise_mg=30.0), "loose", True),
+            (Case("landing", LANDING), "tight", True),
+            (Case("s_turn", TURN), "loose", True),
+        ],
+        0,
+        4,
+    ),
     ids=["landing", "landing, measured force", "noisy", "ranges", "turns"],
 )
 def test_one_gaussian(flight: Case, coupling: str, steady: bool, within: Within) -> None:
@@ -164,7 +168,7 @@ def test_one_gaussian(flight: Case, coupling: str, steady: bool, within: Within)
     sigma="1e-2",
     estimate="5e-2",
 )
-@pytest.mark.parametrize("coupling", ["loose", "tight"])
+@pytest.mark.parametrize("coupling", in_brief(["loose", "tight"], 1))
 def test_one_gaussian_is_enough(coupling: str, within: Within) -> None:
     judged = Evaluated(WELL_ALIGNED, "gaussian-sum", True, coupling)
     assert np.abs(judged.ratio - 1.0).max() < within["sigma"]

@@ -15,6 +15,7 @@ from navsim.optimization.scenario import Optimize
 from navsim.optimization.study import search
 from navsim.scenario.load import read_study
 from tests.conftest import SCENARIOS
+from tests.helpers import in_brief
 
 SKIES = {
     "noon": "epoch: 2018-09-13T12:00:00Z",
@@ -68,7 +69,7 @@ def lowest(here: PlacementProblem, choices: np.ndarray) -> float:
     return min(refined(here, choices[i], float(values[i])) for i in np.argsort(values)[:10])
 
 
-@pytest.mark.parametrize("sky", SKIES)
+@pytest.mark.parametrize("sky", in_brief(SKIES, 0, 3))
 def test_one_pseudolite(tmp_path: Path, sky: str) -> None:
     here = posed(tmp_path, SKIES[sky], 1)
     brute = lowest(here, grid(20.0)[:, None])
@@ -230,6 +231,7 @@ def test_surrogate_keeps_the_optimum_of_one(tmp_path: Path, objective: str) -> N
     assert found.tried["full"] <= 3
 
 
+@pytest.mark.long
 def test_surrogate_keeps_the_optimum_of_two(tmp_path: Path) -> None:
     here = flown(tmp_path, 2, "vertical", "area: {s_m: [-600, 600], l1_m: [-400, 1200]}")
     s, l1 = np.array([-300.0, -60.0, 60.0, 300.0]), np.array([-100.0, 200.0, 500.0, 900.0])

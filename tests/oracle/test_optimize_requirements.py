@@ -146,7 +146,7 @@ def test_sites_under_requirements_are_all_tried(tmp_path: Path) -> None:
 
 def test_errors_of_the_filter_as_requirements(tmp_path: Path) -> None:
     """By covariance analysis, with an objective of the geometry: the limit is one that half of a grid keeps."""
-    common = settings(CHI2, [], EVENING) | {"receiver.rate_hz": 2}
+    common = settings(CHI2, [], EVENING) | {"receiver.rate_hz": 1}
     where = "area: {s_m: [-600, 600], l1_m: [-400, 1200]}"
 
     def asked(rms: float, error: float) -> PlacementProblem:

@@ -18,6 +18,7 @@ from navsim.gnss.constellations import glonass_broadcast, gps
 from navsim.gnss.constellations.systems import GALILEO, GLONASS, GPS, SYSTEMS
 from navsim.replays.single_point import PositioningOptions, solve
 from tests.conftest import DATA, Within
+from tests.helpers import in_brief
 
 FOLDER = "data/esbc_2020177"
 LIMITS = {"G H": "1.5 m", "G V": "1.6 m", "R H": "2.4 m", "R V": "3.4 m", "GR H": "1.3 m", "GR V": "1.9 m"}
@@ -241,7 +242,7 @@ def figures(
     "Single-point positions of a day by GPS, Galileo, GPS and Galileo, GPS and BeiDou, weighed by an error budget",
     "RTKLIB rnx2rtkp 2.4.3 on the same file", "(rms horizontal, vertical, 95 %)", figures="10 %", satellites="0.1",
 )  # fmt: skip
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("name", in_brief(SETS, 1, 3))
 def test_every_set_of_systems_as_rtklib(
     name: str, all_systems: tuple[Any, Observations, np.ndarray], within: Within
 ) -> None:

@@ -23,6 +23,7 @@ from navsim.integrity.solution import Independent, MonitoredFix, solve
 from navsim.runner.statistics import share_interval
 from navsim.statistics.random_streams import generator
 from tests.conftest import Within
+from tests.helpers import in_brief
 from tests.oracle.test_integrity import CASE, UP, cases, raim, rows_towards
 
 __all__ = ["cases"]  # the fixture
@@ -130,7 +131,7 @@ def worst_of(
         yield case, beside, worst_size(case, direction, beside, float(found.level[0, axis])) * direction
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("axis", in_brief([0, 1, 2], 2))
 def test_levels_keep_their_budgets(cases: dict[str, Any], axis: int) -> None:
     """No fault, and each fault with its worst bias, by its prior, beside nominal biases at their worst: all of it stays
     below what is allowed, the upper 95 % bound of it, too."""
@@ -154,7 +155,7 @@ def test_levels_keep_their_budgets(cases: dict[str, Any], axis: int) -> None:
     assert total > 1e-3 * budget  # a bound, and no empty one
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("axis", in_brief([0, 1, 2], 2))
 def test_levels_keep_budgets_that_can_be_counted(cases: dict[str, Any], axis: int) -> None:
     """The same with a thousandth allowed, and faults of a hundredth: 1e5 draws of each, without weights."""
     priors = (*[1e-2] * 6, *[2e-2] * 2, 1e-2)

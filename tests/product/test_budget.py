@@ -25,7 +25,7 @@ from navsim.scenario import shipped
 from navsim.scenario.load import read, read_for
 from navsim.simulation.landing_covariance import SOURCES
 from tests.conftest import LANDINGS, SCENARIOS
-from tests.helpers import case
+from tests.helpers import case, in_brief
 
 DISK = 0.05
 """Share by which files may differ from their estimate."""
@@ -35,7 +35,13 @@ MEMORY = 0.5, 2.0
 
 @pytest.mark.parametrize(
     ("name", "method"),
-    [*((name, "monte-carlo") for name in LANDINGS), ("landing_open_sky", "covariance"), ("circuit", "covariance")],
+    in_brief(
+        [*((name, "monte-carlo") for name in LANDINGS), ("landing_open_sky", "covariance"), ("circuit", "covariance")],
+        0,
+        3,
+        7,
+        12,
+    ),
 )
 def test_result_file_of_every_landing(name: str, method: str, tmp_path: Path) -> None:
     here = case(f"method={method}", name=name)
@@ -74,8 +80,8 @@ def test_sources_of_an_analysis() -> None:
         assert 1 + len(SOURCES) + further(here.scenario, here.environment) == len(found)
 
 
-@pytest.mark.parametrize("keep", ["none", "errors", "all"])
-@pytest.mark.parametrize("runs", [3, 64])
+@pytest.mark.parametrize("keep", in_brief(["none", "errors", "all"], 0, 2))
+@pytest.mark.parametrize("runs", in_brief([3, 64], 1))
 def test_result_and_partial_work_of_runs(keep: str, runs: int, tmp_path: Path) -> None:
     here = case("receiver.rate_hz=2", "sky.source=nominal")
     store = CheckpointStore(tmp_path / "partial", {}, False) if runs > 25 else None
@@ -131,7 +137,10 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
     "replay": ("replay recorded_flight.yaml", ["tuning=none"]),
     "ranges": ("replay recorded_ranges.yaml", ["tuning=none"]),
 }  # fmt: skip
-LONG = ("long", "azimuth", "atc", "elevation", "sweep, runs", "table2", "integrity-table, mhss")
+LONG = (
+    "long", "covariance", "rare", "integrity-table", "ranges", "optimize", "replay", "azimuth", "atc", "elevation",
+    "sweep, runs", "table2", "integrity-table, mhss",
+)  # fmt: skip
 PEAK = """
 import sys
 from navsim.__main__ import main

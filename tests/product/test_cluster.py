@@ -161,6 +161,7 @@ def test_pushed_runs_end_where_those_of_threads_end(cluster: Cluster, place: Pat
     assert stored(place / "until-dask.h5") == stored(place / "until-threads.h5")
 
 
+@pytest.mark.long
 def test_sweep_is_that_of_threads(cluster: Cluster, place: Path) -> None:
     study = swept(place)
     command = ("sweep", study, "-q", "--figures", "none")

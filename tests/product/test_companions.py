@@ -31,8 +31,8 @@ SHIPPED = {
 
 
 SHORTER = {
-    "mls_elevation": ("--set", "montecarlo.experiments=5"),
-    "azimuth_tracking": ("--runs", 5, "--set", "map.runs=3"),
+    "mls_elevation": ("--set", "montecarlo.experiments=2"),
+    "azimuth_tracking": ("--runs", 5, "--set", "map.runs=3", "--set", "map.periods_s=[1, 10]"),
     "atc_tracking": ("--runs", 5, "--set", "link.study_runs=5"),
 }
 

@@ -18,6 +18,7 @@ from navsim.cli import exit_status
 from navsim.cli.common import progress
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import PYTHON, Running, found_first, navsim, shared
+from tests.helpers import in_brief
 
 NAVSIM = [sys.executable, "-m", "navsim"]
 LONG = ["run", str(SCENARIOS / "landing.yaml"), "--runs", "100000", "--keep", "none", "-q", "--workers", "1",
@@ -101,7 +102,7 @@ def test_signals_in_a_row_show_no_traceback(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "module",
-    ["typer", "navsim.cli.run", "pydantic", "navsim.scenario.landing", "navsim.landing.study", "numba"],
+    in_brief(["typer", "navsim.cli.run", "pydantic", "navsim.scenario.landing", "navsim.landing.study", "numba"], 1, 4),
 )
 def test_signals_during_the_start_show_no_traceback(module: str, tmp_path: Path) -> None:
     """As a module begins to be imported. Python itself listens before navsim can; so does it here until the first line
@@ -220,7 +221,7 @@ def forked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 @pytest.mark.parametrize(
     "environment",
-    [{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "cp1251"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}],
+    in_brief([{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "cp1251"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}], 0),
 )
 def test_any_encoding_will_do(environment: dict[str, str], shown: Path) -> None:
     done = started("navsim show r.h5", shown, **environment)

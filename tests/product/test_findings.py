@@ -26,6 +26,7 @@ from navsim.sweeps import study as sweep
 from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import Sweep
 from tests.conftest import SCENARIOS
+from tests.helpers import in_brief
 from tests.product.test_run import navsim, warnings_of
 
 LOST = "pseudolites.clock_offset_ns=1000000"
@@ -128,7 +129,7 @@ def test_each_flaw_of_a_run() -> None:
 
 
 @pytest.mark.parametrize("runs", [5, pytest.param(20, marks=pytest.mark.long)])
-@pytest.mark.parametrize("name", LANDINGS)
+@pytest.mark.parametrize("name", in_brief(LANDINGS, 0, 3, 6, 9))
 def test_no_false_alarm_of_a_shipped_scenario(name: str, runs: int) -> None:
     """Runs by themselves, and as an ensemble."""
     c = case(name=name)

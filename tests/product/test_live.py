@@ -42,7 +42,7 @@ from navsim.simulation.measurement_tables import table_of_fixes
 from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator
 from tests.forks import shared
-from tests.helpers import SCENARIOS, case
+from tests.helpers import SCENARIOS, case, in_brief
 from tests.layout import as_declared
 from tests.product.test_fuzz_readers import sentence
 
@@ -362,15 +362,20 @@ OFF = r"the fixes lie on average {} m {} the flight, \d+\.\d sigmas of one fix \
 
 @pytest.mark.parametrize(
     ("east", "up", "said"),
-    [
-        (0.0, 0.0, None),
-        (2.0, -2.0, None),
-        (-4.0, 8.0, None),
-        (55.0, 0.0, OFF.format(r"5\d\.\d", "(right|left) of", r"\d{3}") + ".* another runway"),
-        (-55.0, 0.0, OFF.format(r"5\d\.\d", "(right|left) of", r"\d{3}")),
-        (0.0, -40.0, OFF.format(r"[34]\d\.\d", "below", r"\d{2,3}") + ".* heights above the geoid .* -107 to 86 m"),
-        (0.0, 40.0, OFF.format(r"[34]\d\.\d", "above", r"\d{2,3}")),
-    ],
+    in_brief(
+        [
+            (0.0, 0.0, None),
+            (2.0, -2.0, None),
+            (-4.0, 8.0, None),
+            (55.0, 0.0, OFF.format(r"5\d\.\d", "(right|left) of", r"\d{3}") + ".* another runway"),
+            (-55.0, 0.0, OFF.format(r"5\d\.\d", "(right|left) of", r"\d{3}")),
+            (0.0, -40.0, OFF.format(r"[34]\d\.\d", "below", r"\d{2,3}") + ".* heights above the geoid .* -107 to 86 m"),
+            (0.0, 40.0, OFF.format(r"[34]\d\.\d", "above", r"\d{2,3}")),
+        ],
+        0,
+        2,
+        4,
+    ),
 )
 def test_a_receiver_beside_the_flight_is_told(
     flown: Any, east: float, up: float, said: str | None, monkeypatch: pytest.MonkeyPatch
@@ -393,7 +398,7 @@ def test_a_receiver_beside_the_flight_is_told(
         (14.6, -40.0, r"It is not the geoid, which is 14\.6 m above the ellipsoid here"),
     ],
 )
-@pytest.mark.parametrize("known", ["installed", "given"])
+@pytest.mark.parametrize("known", in_brief(["installed", "given"], 1))
 def test_the_geoid_is_named_with_its_metres(
     flown: Any, geoid: float, up: float, said: str, known: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -424,7 +429,7 @@ def test_a_receiver_with_slow_errors_of_metres_is_healthy(flown: Any, tmp_path: 
         assert ("on average" in done.stderr) == (code == 3)
 
 
-@pytest.mark.parametrize("separator", [";", "\t", "|", " "])
+@pytest.mark.parametrize("separator", in_brief([";", "\t", "|", " "], 0, 3))
 @pytest.mark.parametrize("headed", [True, False])
 def test_other_separators_are_read(flown: Any, separator: str, headed: bool) -> None:
     """As in files: by the header, or by the first row; semicolons with decimal commas, quotes, units in brackets."""
@@ -677,7 +682,7 @@ def of_quality(line: str, quality: int, mode: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("quality", "mode", "kind"), [(6, "E", "estimated"), (7, "M", "manual"), (8, "S", "simulated")]
+    ("quality", "mode", "kind"), in_brief([(6, "E", "estimated"), (7, "M", "manual"), (8, "S", "simulated")], 1)
 )
 def test_what_is_no_fix_of_the_receiver_is_left_out(flown, quality: int, mode: str, kind: str) -> None:  # type: ignore[no-untyped-def]
     c, _, _, nmea = flown

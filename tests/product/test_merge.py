@@ -13,6 +13,7 @@ from navsim.results.result import read
 from navsim.runner.control_variates import LEAST_RUNS
 from tests.conftest import SCENARIOS
 from tests.forks import navsim
+from tests.helpers import in_brief
 from tests.layout import as_declared
 from tests.product.test_run import SHORT, stored
 
@@ -20,6 +21,7 @@ PARTS = ((0, 7), (7, 26), (33, 1), (34, 6))
 """First runs and numbers of runs: a batch's size divides none of them, and one is alone."""
 SLOW = ("--set", "receiver.rate_hz=1", "--set", "imu.rate_hz=50")
 ALL = sum(runs for _, runs in PARTS)
+TWO = ((0, 7), (7, ALL - 7))
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +36,13 @@ def fly(place: Path, name: str, *options: object) -> Path:
     return file
 
 
-def flown(place: Path, name: str, *options: object) -> tuple[Path, list[Path]]:
+def flown(
+    place: Path, name: str, *options: object, parts: tuple[tuple[int, int], ...] = PARTS
+) -> tuple[Path, list[Path]]:
     """The whole, and its parts."""
     whole = fly(place, f"{name}-whole", "--runs", ALL, *options)
-    parts = [fly(place, f"{name}-{first}", "--first-run", first, "--runs", runs, *options) for first, runs in PARTS]
-    return whole, parts
+    made = [fly(place, f"{name}-{first}", "--first-run", first, "--runs", runs, *options) for first, runs in parts]
+    return whole, made
 
 
 def test_a_first_landing_by_itself_and_the_others_are_the_whole(place: Path) -> None:
@@ -53,7 +57,7 @@ def test_a_first_landing_by_itself_and_the_others_are_the_whole(place: Path) -> 
     assert "/summary/controlled/rms/horizontal" in read(file)
 
 
-@pytest.mark.parametrize("keep", ["none", "all"])
+@pytest.mark.parametrize("keep", in_brief(["none", "errors", "all"], 0, 1))
 def test_four_parts_are_the_whole(keep: str, place: Path) -> None:
     whole, parts = flown(place, keep, *SLOW, "--keep", keep)
     file = place / f"{keep}-merged.h5"
@@ -79,7 +83,7 @@ WATCHED = (
 
 
 def test_watched_fixes_and_aiding_are_put_together_too(place: Path) -> None:
-    whole, parts = flown(place, "watched", *WATCHED, "--keep", "errors")
+    whole, parts = flown(place, "watched", *WATCHED, "--keep", "errors", parts=TWO)
     file = place / "watched-merged.h5"
     navsim("merge", *parts, "-o", file, "-q", cwd=place)
     assert "/summary/integrity/alert" in read(file) or "/integrity/status" in read(file)
@@ -88,7 +92,7 @@ def test_watched_fixes_and_aiding_are_put_together_too(place: Path) -> None:
 
 def test_pushed_runs_are_put_together_too(place: Path) -> None:
     options = ("--method", "rare", "--set", "box={height_m: 30, lateral_m: 12}", "--set", "receiver.rate_hz=1")
-    whole, parts = flown(place, "rare", *options)
+    whole, parts = flown(place, "rare", *options, parts=TWO)
     file = place / "rare-merged.h5"
     navsim("merge", *parts, "-o", file, "-q", cwd=place)
     assert stored(file) == stored(whole)
@@ -98,7 +102,7 @@ def test_files_of_satellites_are_found_by_folder(place: Path) -> None:
     (place / "sky").mkdir()
     shutil.copy(SCENARIOS / "data" / "nominal.agl", place / "sky")
     sky = ("--set", "sky.source=almanac", "--set", "sky.almanac=sky/nominal.agl")
-    whole, parts = flown(place, "almanac", *sky, "--keep", "none", "--set", "receiver.rate_hz=1")
+    whole, parts = flown(place, "almanac", *sky, "--keep", "none", *SLOW, parts=TWO)
     file = place / "almanac-merged.h5"
     refused = navsim("merge", *parts, "-o", file, cwd=place / "sky", code=2)
     assert "--folder" in refused.stderr

@@ -39,8 +39,8 @@ from tests.product.conftest import opened
 
 EVIL = "<script>alert('title')</script>"
 LANDING = SCENARIOS / "landing.yaml"
-DRAG_S = 2.0
-"""How long the mouse is drawn: twenty maps at least."""
+DRAG_S = 1.0
+"""How long the mouse is drawn: ten maps at least."""
 MOST_BUSY = 2.5
 """Processes for each core beyond which the limits of a drag say more of the others than of the planner: server and
 browser want a core each."""
@@ -265,7 +265,8 @@ def test_a_mouse_is_followed(browser: Any, tmp_path: Path) -> None:
             assert {trip["size"] for trip in trips} == {51}
             rates.append(1000.0 * (len(trips) - 1) / (trips[-1]["at"] - trips[0]["at"]))
             medians.append(float(np.median([trip["took"] for trip in trips])))
-            if rates[-1] >= 10.0 and medians[-1] < 200.0:
+            busy = os.getloadavg()[0] / (os.cpu_count() or 1)
+            if busy > MOST_BUSY or (rates[-1] >= 10.0 and medians[-1] < 200.0):
                 break
         assert shown.said == []
         shown.page.context.close()
@@ -273,7 +274,6 @@ def test_a_mouse_is_followed(browser: Any, tmp_path: Path) -> None:
         assert ended(process)[0] == 130
     assert not (tmp_path / "landing_planned.yaml").exists()
     kept = any(rate >= 10.0 and median < 200.0 for rate, median in zip(rates, medians, strict=True))
-    busy = os.getloadavg()[0] / (os.cpu_count() or 1)
     print(f"maps a second {rates}, from mouse to picture {medians} ms, {busy:.1f} processes for each core")
     if not kept and busy > MOST_BUSY:
         pytest.skip(f"{busy:.1f} processes want each core; beside them {rates} maps a second, {medians} ms")

@@ -29,7 +29,7 @@ from navsim.scenario.load import section
 from navsim.scenario.source import load
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim, shared
-from tests.helpers import load_script
+from tests.helpers import load_script, in_brief
 
 
 def need(program: str) -> str:
@@ -254,7 +254,7 @@ class Server:
             self.read()
 
 
-@pytest.mark.parametrize("schema", ["landing", ANY])
+@pytest.mark.parametrize("schema", in_brief(["landing", ANY], 0))
 def test_an_editor_marks_explains_and_completes_keys(schema: str, tmp_path: Path, data_home: Path) -> None:
     """By the line that `navsim init` writes, and by the schema that takes every kind."""
     program = need("yaml-language-server")

@@ -17,7 +17,7 @@ from navsim.results.result import read
 from tests import forks
 from tests.conftest import SCENARIOS
 from tests.forks import navsim
-from tests.helpers import case
+from tests.helpers import case, in_brief
 from tests.layout import as_declared
 from tests.product.test_run import stored
 from tests.steps import KILL, PIECE
@@ -97,7 +97,7 @@ DOUBTFUL: dict[str, tuple[str, int, tuple[str, ...]]] = {
 """Studies of which not all combinations are in order: their text, how many are computed, what is said."""
 
 
-@pytest.mark.parametrize("name", DOUBTFUL)
+@pytest.mark.parametrize("name", in_brief(DOUBTFUL, 0, 1, 2, 3))
 def test_doubtful_combinations_are_computed_or_named(name: str, tmp_path: Path) -> None:
     """And what was computed can be shown again."""
     text, computed, words = DOUBTFUL[name]

@@ -8,6 +8,7 @@ import pytest
 from navsim.runner import control_variates
 from navsim.runner.control_variates import LEAST_RUNS, Controlled
 from navsim.statistics import normal
+from tests.helpers import in_brief
 
 MEAN, SIGMA = 0.2, 1.0
 LEVEL = 0.9
@@ -60,7 +61,8 @@ def estimates(e: np.ndarray, x: np.ndarray) -> dict[str, Controlled]:
 
 
 @pytest.mark.parametrize(
-    ("errors", "runs"), [((0.03, 0.01), 1000), ((0.1, 0.02), 200), ((1.0, 0.0), 300), ((0.03, 0.0, 0.05), 400)]
+    ("errors", "runs"),
+    in_brief([((0.03, 0.01), 1000), ((0.1, 0.02), 200), ((1.0, 0.0), 300), ((0.03, 0.0, 0.05), 400)], 3),
 )
 def test_no_bias_and_intervals_that_cover(errors: tuple[float, ...], runs: int) -> None:
     """400 ensembles: within 4.5 standard errors of the truth (shares and percentiles: of their own); 95 % intervals

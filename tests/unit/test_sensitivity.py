@@ -16,7 +16,7 @@ from navsim.simulation.landing import Flight, Inputs, draw, fly_inputs
 from navsim.simulation.landing_covariance import AlongTruth, along_truth, analyse
 from navsim.simulation.sensitivity import Slopes, carried, deviations, sensitivity
 from navsim.simulation.shared_truth import expected_measurements
-from tests.helpers import case
+from tests.helpers import case, in_brief
 
 AT = 30.0
 """When errors are looked at, s: behind the first turn."""
@@ -126,7 +126,7 @@ def test_the_variance_is_that_of_the_covariance_analysis(name: str) -> None:
     np.testing.assert_allclose(np.sqrt(variance), np.sqrt(expected), rtol=5e-3)
 
 
-@pytest.mark.parametrize("name", ["altimeter", "smoothed", "sensors", "Markov alone", "offsets"])
+@pytest.mark.parametrize("name", in_brief(["altimeter", "smoothed", "sensors", "Markov alone", "offsets"], 1))
 def test_the_variance_is_that_of_drawn_inputs(name: str) -> None:
     """2000 draws: variances of the sum over each kind of input, and of all, within 4.5 sigma of the sampling; means
     too."""
