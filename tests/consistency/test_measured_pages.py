@@ -29,7 +29,14 @@ def test_unguarded_pages_are_listed() -> None:
     assert without == UNGUARDED, "strike out of UNGUARDED what has a probe; make pages by their scripts alone"
 
 
-@pytest.mark.parametrize("name", [name for name in SCRIPTS if name not in UNGUARDED])
+DEAR = {"lasting_errors", "sensor_errors", "heights", "faults"}
+"""Pages whose probes take seconds, of effects that other pages have too."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.long] if name in DEAR else []) for name in SCRIPTS if name not in UNGUARDED],
+)
 def test_a_page_is_of_this_code(name: str, request: pytest.FixtureRequest) -> None:
     page = load_script(name).PAGE
     text = page.path.read_text()

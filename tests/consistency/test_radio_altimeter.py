@@ -89,17 +89,17 @@ def test_it_comes_late_and_is_used_for_its_time() -> None:
     ],
 )  # fmt: skip
 def test_runs_agree_with_the_analysis_near_the_ground(settings: tuple[str, ...], share: float | None) -> None:
-    """The vertical error below 30 m, over the runs: within 5 % of the analysis, and as large as the filter believes
+    """The vertical error below 30 m, over the runs: within 6 % of the analysis, and as large as the filter believes
     where it knows what is true."""
     flown = case(*GENTLE, *settings)
     height = np.interp(flown.shared.filter_time, flown.shared.truth.time, flown.shared.truth.llh[:, 2])
     low = (height < 30.0) & (height > 0.1)
-    runs = fly_all(flown, 5, 0, 1600, threads())
+    runs = fly_all(flown, 5, 0, 800, threads())
     analysis = covariance_analysis(flown)
     assert analysis.sources[-1] == "radio_altimeter"
     expected = (analysis.variance.sum(axis=0) + analysis.mean**2)[low, DOWN]
     square = np.mean(runs["error"][:, low, DOWN] ** 2, axis=0)
-    assert np.sqrt(square.mean() / expected.mean()) == pytest.approx(1.0, abs=0.05)
+    assert np.sqrt(square.mean() / expected.mean()) == pytest.approx(1.0, abs=0.06)
     if share is not None:
         believed = analysis.believed[low, DOWN, DOWN]
         assert 0.9 < np.mean(square / believed) < 1.15

@@ -79,6 +79,7 @@ def test_fixes_fly_without_some_of_their_velocities(missing: tuple[int, ...], tm
     assert np.sqrt(np.mean(velocity[late] ** 2)) < 0.1
 
 
+@pytest.mark.long
 def test_fixes_stamped_too_early_have_a_negative_latency(tmp_path: Path) -> None:
     """Used at the time they are valid; tuned, and as far off as with their right times."""
     truth = write_flight(tmp_path)

@@ -81,7 +81,7 @@ def test_one_pseudolite(tmp_path: Path, sky: str) -> None:
 
 @pytest.mark.parametrize(
     ("sky", "step"),
-    [("five satellites", 160.0), *(pytest.param(sky, 100.0, marks=pytest.mark.long) for sky in SKIES)],
+    [("five satellites", 320.0), *(pytest.param(sky, 100.0, marks=pytest.mark.long) for sky in SKIES)],
 )
 def test_two_pseudolites(tmp_path: Path, sky: str, step: float) -> None:
     here = posed(tmp_path, SKIES[sky], 2)

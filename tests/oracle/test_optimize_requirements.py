@@ -79,7 +79,7 @@ AVAILABLE = [{"what": "availability", "at_least": 0.95}, {"what": "emt", "below_
         pytest.param(EVENING, "vpl_p95", CHI2, LPV200, 2, BOTH, marks=pytest.mark.long),
         pytest.param(MORNING, "vpl_p95", CHI2, LPV200, 2, BOTH, marks=pytest.mark.long),
         pytest.param(EVENING, "pdop", CHI2, LEVEL, 1, BOTH, marks=pytest.mark.long),
-        (EVENING, "pdop", CHI2, LEVEL, 1, {1: 500.0}),
+        pytest.param(EVENING, "pdop", CHI2, LEVEL, 1, {1: 500.0}, marks=pytest.mark.long),
         (EVENING, "pdop", CHI2, [{"what": "accuracy", "below_m": 8.5, "share": 0.9}], 1, {1: 500.0}),
         pytest.param(EVENING, "hpl_max", MHSS, AVAILABLE, 2, BOTH, marks=pytest.mark.long),
         (EVENING, "hpl_max", MHSS, AVAILABLE, -1, {1: 1000.0}),

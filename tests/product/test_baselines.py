@@ -70,7 +70,9 @@ def apart(one: Path, other: Path) -> float:
     return float(np.abs(a - b).max()) if a.shape == b.shape else np.inf
 
 
-@pytest.mark.parametrize("name", DRAWN)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] if name == "evil" else []) for name in DRAWN]
+)
 def test_figures_are_those_of_before(name: str, place: Path, tmp_path: Path, pytestconfig: pytest.Config) -> None:
     found = pictures(place / f"{name}.h5", tmp_path)
     if pytestconfig.getoption("--baselines"):

@@ -93,6 +93,24 @@ def flip(path: Path) -> None:
     path.write_bytes(content)
 
 
+def emptied(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+@pytest.mark.parametrize("damage", [cut, flip, emptied])
+def test_a_damaged_file_is_as_if_it_were_not_there(
+    damage: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernel_cache, "notes", [])
+    kept = kernel_cache._CheckedFiles(open_protected_folder(tmp_path), "f", 0)
+    kept.save("one", "code" * 100)
+    (file,) = files(tmp_path)
+    damage(file)
+    assert kept.load("one") is None
+    assert len(kernel_cache.notes) == 1
+    assert not file.exists()
+
+
 @pytest.mark.parametrize("damage", in_brief([cut, flip], 1))
 def test_damage_is_dropped_and_compiled_again(damage: Callable[[Path], None], cache: Path) -> None:
     assert result(cache) == (RIGHT, 1, "")

@@ -212,7 +212,8 @@ def test_requirements_are_told_with_every_number(place: Path) -> None:
 def test_what_cannot_be_met_fails_with_the_nearest(place: Path) -> None:
     """The result is whole and has the placement that misses by least; the exit code says that it is no answer."""
     limit = "set.requirements=[{what: level, of: vpl, below_m: 5}]"
-    done = navsim("optimize", judged(place), "--set", NUMBERS, "--set", limit, *FEW, "-o", "no.h5", cwd=place, code=3)
+    given = ("--set", NUMBERS, "--set", limit, *FEW, "--figures", "none", "-o", "no.h5")
+    done = navsim("optimize", judged(place), *given, cwd=place, code=3)
     assert "no placement found meets the requirements (no.h5 is complete)" in done.stderr
     assert "no placement found meets the requirements, for any number of pseudolites" in done.stdout
     result = read(place / "no.h5")
@@ -261,13 +262,14 @@ def test_requirements_that_cannot_be_asked(place: Path, settings: list[str], exp
 
 def test_a_search_under_requirements_goes_on_after_its_time(place: Path) -> None:
     """What was analysed is remembered with its load: the same in the end as in one go."""
-    file = judged(place, JUDGED.replace("sites: [", "effort: 1\narea: {s_m: [200, 900], l1_m: [0, 1500]}\nnone: [")
+    fewer = JUDGED.replace("receiver.rate_hz: 1", "receiver.rate_hz: 0.25")
+    file = judged(place, fewer.replace("sites: [", "effort: 1\narea: {s_m: [200, 900], l1_m: [0, 1500]}\nnone: [")
                   .replace("none: [{s_m: 400, l1_m: 200}, {s_m: -900, l1_m: 2500}, {s_m: 1500, l1_m: 3000}, "
                            "{s_m: -1500, l1_m: -500}]\n", ""))  # fmt: skip
     common = ("--set", "pseudolites=[1]", "--set", "set.requirements=[{what: level, of: hpl, below_m: 30}]", "-q",
               "--figures", "none", *FEW)  # fmt: skip
     navsim("optimize", file, *common, "-o", "whole.h5", cwd=place)
-    navsim("optimize", file, *common, "-o", "cut.h5", "--time-limit", 1.5, cwd=place, code=None)
+    navsim("optimize", file, *common, "-o", "cut.h5", "--time-limit", 0.7, cwd=place, code=None)
     navsim("optimize", file, *common, "-o", "cut.h5", "--force", cwd=place)
     whole, cut = (stored(place / name) for name in ("whole.h5", "cut.h5"))
     for data in (whole, cut):

@@ -313,7 +313,8 @@ def test_old_almanac_and_fresh_one(place: Path, shared: Path) -> None:
 
 
 def test_short_flight_without_touchdown(place: Path) -> None:
-    done = navsim("run", SCENARIOS / "landing.yaml", "--set", "duration_s=30", "-o", place / "s.h5", cwd=place)
+    short = ("--set", "duration_s=30", "--figures", "none", "-o", place / "s.h5")
+    done = navsim("run", SCENARIOS / "landing.yaml", *short, cwd=place)
     assert any("touchdown" in w for w in warnings_of(done))
     r = read(place / "s.h5")
     assert np.all(np.isnan(r["/summary/at/vertical"][0]))
@@ -321,7 +322,7 @@ def test_short_flight_without_touchdown(place: Path) -> None:
 
 
 def test_shorter_than_a_fix_interval(place: Path) -> None:
-    options = ("--set", "duration_s=0.05", "-o", place / "t.h5")
+    options = ("--set", "duration_s=0.05", "--figures", "none", "-o", place / "t.h5")
     done = navsim("run", SCENARIOS / "landing.yaml", *options, cwd=place)
     assert any("never gets a fix" in w for w in warnings_of(done))
     assert read(place / "t.h5")["/filter/error"].shape == (1, 1, 15)
