@@ -39,8 +39,8 @@ from tests.product.conftest import opened
 
 EVIL = "<script>alert('title')</script>"
 LANDING = SCENARIOS / "landing.yaml"
-DRAG_S = 1.0
-"""How long the mouse is drawn: ten maps at least."""
+DRAG_S = 2.0
+"""How long the mouse is drawn: twenty maps at least."""
 MOST_BUSY = 2.5
 """Processes for each core beyond which the limits of a drag say more of the others than of the planner: server and
 browser want a core each."""
