@@ -81,7 +81,7 @@ class Running:
     _err: TextIO
 
     def has_ended(self) -> bool:
-        return self._report_clock.done()
+        return self._told.done()
 
     def send_signal(self, number: signal.Signals) -> None:
         """Send it a signal, unless it has ended."""
@@ -91,7 +91,7 @@ class Running:
     def ended(self, limit_s: float = 60.0) -> Ended:
         """How it ends. It is killed if that takes longer."""
         try:
-            told = self._report_clock.result(limit_s)
+            told = self._told.result(limit_s)
         finally:
             self.send_signal(signal.SIGKILL)
         with self._out, self._err:

@@ -29,7 +29,7 @@ from navsim.scenario.load import section
 from navsim.scenario.source import load
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim, shared
-from tests.helpers import load_script, in_brief
+from tests.helpers import in_brief, load_script
 
 
 def need(program: str) -> str:

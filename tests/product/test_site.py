@@ -68,17 +68,21 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
 
 def test_a_page_that_nobody_lists_is_an_error(tmp_path: Path) -> None:
     """And so is a link that leads nowhere: the build can fail."""
+    docs, sources = tmp_path / "docs", Path("navsim") / "report" / "sources.bib"
+    docs.mkdir()
     for name in ("conf.py", "scorer.js"):
-        shutil.copy(DOCS / name, tmp_path)
-    shutil.copytree(DOCS / "_static", tmp_path / "_static")
-    (tmp_path / "index.md").write_text("# Front\n\n[gone](nowhere.md)\n")
-    (tmp_path / "lonely.md").write_text("# Lonely\n")
-    done = build(tmp_path, tmp_path / "out")
+        shutil.copy(DOCS / name, docs)
+    shutil.copytree(DOCS / "_static", docs / "_static")
+    (tmp_path / sources).parent.mkdir(parents=True)
+    shutil.copy(ROOT / sources, tmp_path / sources)
+    (docs / "index.md").write_text("# Front\n\n[gone](nowhere.md)\n")
+    (docs / "lonely.md").write_text("# Lonely\n")
+    done = build(docs, tmp_path / "out")
     assert done.returncode != 0
     assert "lonely.md" in done.stderr
     assert "nowhere.md" in done.stderr
-    (tmp_path / "index.md").write_text("# Front\n\n```{toctree}\nlonely\n```\n")
-    assert build(tmp_path, tmp_path / "out2").returncode == 0
+    (docs / "index.md").write_text("# Front\n\n```{toctree}\nlonely\n```\n")
+    assert build(docs, tmp_path / "out2").returncode == 0
 
 
 QUESTIONS = {
