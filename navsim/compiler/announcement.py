@@ -23,7 +23,7 @@ class _InHand(event.Listener):
         self.modules.append(event.data["dispatcher"].py_func.__module__)
 
     def on_end(self, event: Any) -> None:
-        self.modules.pop()
+        del self.modules[-1:]  # none where another thread began before this listened
 
 
 @contextmanager

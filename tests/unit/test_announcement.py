@@ -6,6 +6,8 @@ import re
 import time
 from collections.abc import Callable
 
+from numba.core import event
+
 from navsim.compiler.announcement import announced
 from navsim.compiler.kernel_pieces import Kernel, KernelCompiler
 
@@ -30,3 +32,12 @@ def test_compilation_says_whose_kernel_and_for_how_long() -> None:
     assert {re.sub(r"\d+ s", "0 s", line) for line in said} == {
         f"compiling the kernels, 0 s so far: now those of {__name__}"
     }
+
+
+def test_a_compilation_that_began_before_may_end() -> None:
+    """That of another thread, whose kernel the context does not know."""
+    made = uncached(lambda x: x)
+    begun = event.trigger_event("numba:compile", data={"dispatcher": made})
+    begun.__enter__()
+    with announced(lambda _: None):
+        begun.__exit__(None, None, None)
