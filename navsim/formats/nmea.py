@@ -86,7 +86,7 @@ class Assembler:
         self.no_checksum = 0
         self.foreign = 0
         self.other = 0
-        self.no_fix = 0
+        self.empty = 0
         self.estimated = 0
         self.manual = 0
         self.simulated = 0
@@ -229,7 +229,7 @@ class Assembler:
             setattr(self, fields["instead"], getattr(self, fields["instead"]) + 1)
             return None
         if "invalid" in fields or (fix is None and "lost" in fields):
-            self.no_fix += 1
+            self.empty += 1
             return None
         if fix is None or not _are_numbers(fix, "alt"):
             self.no_height += fix is not None or "without_height" in fields
@@ -346,7 +346,7 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped, simulated: bool = 
     dropped.add("corrupt NMEA sentences", assembler.corrupt)
     dropped.add(f"{_WITHOUT_CHECKSUM}: `lenient: true` reads them", assembler.no_checksum)
     dropped.add("lines without an NMEA sentence", assembler.foreign)
-    dropped.add("NMEA epochs without a fix", assembler.no_fix)
+    dropped.add("NMEA epochs without a fix", assembler.empty)
     for kind, words in INSTEAD_OF_FIXES.items():
         key = ": `gnss.simulator_fixes: true`" if kind == "simulated" else ""
         dropped.add(words + key, getattr(assembler, kind))

@@ -41,20 +41,11 @@ from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator
 
 Block = Literal["receiver", "imu"]
-_OF_NMEA = {
-    "corrupt": "corrupt",
-    "empty": "no_fix",
-    "estimated": "estimated",
-    "manual": "manual",
-    "simulated": "simulated",
-    "no_checksum": "no_checksum",
-    "untimed": "untimed",
-    "no_height": "no_height",
-    "contradicting": "contradicting",
-    "no_separation": "no_separation",
-    "other": "other",
-}
-"""Counters of the sentence assembler by their names here."""
+_OF_NMEA = (
+    "corrupt", "empty", "estimated", "manual", "simulated", "no_checksum", "untimed", "no_height", "contradicting",
+    "no_separation", "other",
+)  # fmt: skip
+"""Counters of the sentence assembler."""
 _LEFT_OUT = ("estimated", "manual", "simulated", "no_checksum")
 """Counters of omitted lines that look like fixes; each is reported to the user."""
 _NO_FIX = ("corrupt", "empty", "untimed", "no_height", *_LEFT_OUT)
@@ -218,8 +209,8 @@ class Session:
     def _from_nmea(self, rows: list[np.ndarray]) -> None:
         """Use rows from the assembler, and add its counters."""
         nmea = self.assembler
-        for name, counted in _OF_NMEA.items():
-            now = getattr(nmea, counted)
+        for name in _OF_NMEA:
+            now = getattr(nmea, name)
             new = now - self._of_nmea[name]
             # a line may hold several sentences, and pieces of some; it is counted once
             self.counts[name] += min(new, 1) if name == "corrupt" else new

@@ -171,19 +171,19 @@ def test_quality_9_is_a_fix() -> None:
         (epoch(6), "estimated"),
         (epoch(7), "manual"),
         (epoch(8), "simulated"),
-        (epoch(0, "RMC,V,N"), "no_fix"),
-        (epoch(10), "no_fix"),
+        (epoch(0, "RMC,V,N"), "empty"),
+        (epoch(10), "empty"),
         (epoch(1, "RMC,A,E"), "estimated"),
         (epoch(1, "RMC,V,E"), "estimated"),
         (epoch(1, "RMC,A,M"), "manual"),
         (epoch(1, "RMC,A,S"), "simulated"),
-        (epoch(1, "RMC,A,N"), "no_fix"),
-        (epoch(1, "RMC,V,"), "no_fix"),
-        (epoch(1, "RMC,V,A"), "no_fix"),
+        (epoch(1, "RMC,A,N"), "empty"),
+        (epoch(1, "RMC,V,"), "empty"),
+        (epoch(1, "RMC,V,A"), "empty"),
         (epoch(1, "VTG,A,E"), "estimated"),
         (epoch(1, "GLL,A,E"), "estimated"),
-        (epoch(1, "GLL,V,N"), "no_fix"),
-        ([one("GNS", mode="N")], "no_fix"),
+        (epoch(1, "GLL,V,N"), "empty"),
+        ([one("GNS", mode="N")], "empty"),
         ([one("GNS", mode="EE")], "estimated"),
         ([one("GNS", mode="NNEN")], "estimated"),
         ([one("GNS", mode="S")], "simulated"),
@@ -195,7 +195,7 @@ def test_quality_9_is_a_fix() -> None:
 def test_what_is_none_is_counted_by_kind(lines: list[str], counted: str) -> None:
     rows, assembler = assembled(*lines)
     assert rows == []
-    kinds = ("estimated", "manual", "simulated", "no_fix", "no_height", "corrupt")
+    kinds = ("estimated", "manual", "simulated", "empty", "no_height", "corrupt")
     assert {name: getattr(assembler, name) for name in kinds} == {**dict.fromkeys(kinds, 0), counted: 1}
 
 
