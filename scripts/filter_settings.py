@@ -100,7 +100,7 @@ def analysed(name: str, settings: tuple[str, ...]) -> list[float]:
         square = np.diagonal(
             analysis.covariance + analysis.mean[:, :, None] * analysis.mean[:, None, :], axis1=1, axis2=2
         )
-        ratio = np.sqrt(square / np.diagonal(analysis.believed, axis1=1, axis2=2))[late, :6]
+        ratio = np.sqrt(square / np.diagonal(analysis.assumed, axis1=1, axis2=2))[late, :6]
         nees = analysis.expected_square(slice(0, 6))[late]
         return [float(nees.max()), float(ratio.min()), float(ratio.max())]
 

@@ -37,7 +37,7 @@ class Common(TypedDict, total=False):
     """Callback for the progress of the work. An exception from it ends the work."""
 
 
-class Requiring(Common, total=False):
+class ResultConditions(Common, total=False):
     """Conditions on the result. If one fails, RunFailed is raised with the path of the complete result."""
 
     require_fix: bool
@@ -48,7 +48,7 @@ class Requiring(Common, total=False):
     """The result meets all requirements of the scenario."""
 
 
-class RunArguments(Requiring, total=False):
+class RunArguments(ResultConditions, total=False):
     """Keyword arguments of `run`."""
 
     seed: int
@@ -69,7 +69,7 @@ class RunArguments(Requiring, total=False):
     """Address or file of the scheduler of a Dask cluster; None: this machine."""
 
 
-class SweepArguments(Requiring, total=False):
+class SweepArguments(ResultConditions, total=False):
     """Keyword arguments of `sweep`; see `RunArguments`."""
 
     seed: int

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from navsim.api.arguments import (
     OptimizeArguments,
     PathLike,
-    Requiring,
+    ResultConditions,
     RunArguments,
     SweepArguments,
     Told,
@@ -25,7 +25,7 @@ from navsim.api.arguments import (
 from navsim.api.result import ResultFile
 from navsim.runner import opening, steps
 from navsim.runner.errors import BadInput, RunFailed, as_problems, translate_input_errors
-from navsim.runner.reporter import Listener, Reporter
+from navsim.runner.reporter import JobReporter, Reporter
 from navsim.runner.requirements import ExitRequirements
 
 if TYPE_CHECKING:
@@ -165,8 +165,8 @@ def optimize(study: Scenario, /, **given: Unpack[OptimizeArguments]) -> ResultFi
     return _computed("optimize", study, checked("optimize", OptimizeArguments, given))
 
 
-@spelled(Requiring)
-def replay(log: Scenario, /, **given: Unpack[Requiring]) -> ResultFile:
+@spelled(ResultConditions)
+def replay(log: Scenario, /, **given: Unpack[ResultConditions]) -> ResultFile:
     """Run a recorded flight through the filter, as `navsim replay` does.
 
     Parameters
@@ -188,7 +188,7 @@ def replay(log: Scenario, /, **given: Unpack[Requiring]) -> ResultFile:
     BadInput, RunFailed
         See `run`.
     """
-    return _computed("replay", log, checked("replay", Requiring, given))
+    return _computed("replay", log, checked("replay", ResultConditions, given))
 
 
 def validate(scenario: Scenario, /, *, set: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -270,7 +270,7 @@ def _compute_result(command: str, scenario: Scenario, asked: dict[str, Any], hea
     temporary = Path(tempfile.mkdtemp(prefix="navsim-")) if asked["output"] is None else None
     stem = source.stem if isinstance(source, Path) else "result"
     order = steps.JobRequest(options, asked["figures"], True, asked["force"], asked["over_budget"])
-    listener = Listener(Reporter(_log.info, heard.append), lambda extent, _: _telling(asked["progress"], extent))
+    listener = JobReporter(Reporter(_log.info, heard.append), lambda extent, _: _telling(asked["progress"], extent))
     try:
         output = asked["output"] if temporary is None else temporary / f"{stem}{suffix}.h5"
         target = opening.target_of(output, "")

@@ -48,10 +48,11 @@ def validate(
 
 def schema(
     kind: Annotated[
-        str, typer.Argument(
+        str,
+        typer.Argument(
             help=f"One of {', '.join(OF_FILES)}; or any, for one schema of all kinds.",
             autocompletion=lambda: [*OF_FILES, "any"],
-        )
+        ),
     ] = "landing",
     all_: Annotated[bool, typer.Option("--all", help="The schema of all kinds, like `any`.")] = False,
     install: Annotated[
@@ -86,7 +87,8 @@ def keys(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help=f"One of {', '.join(OF_FILES)}. Without it: list the kinds.", show_default=False,
+            help=f"One of {', '.join(OF_FILES)}. Without it: list the kinds.",
+            show_default=False,
             autocompletion=lambda: list(OF_FILES),
         ),
     ] = None,

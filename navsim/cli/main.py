@@ -68,9 +68,9 @@ class _Commands(Mapping[str, Any]):
 
 
 def _first_line(place: str) -> str:
-    said = named(place).__doc__
-    assert said is not None
-    return str(said).partition("\n")[0]
+    text = named(place).__doc__
+    assert text is not None
+    return str(text).partition("\n")[0]
 
 
 class _Group(TyperGroup):

@@ -10,7 +10,7 @@ import typer
 
 from navsim.cli.common import leave, leaving, read_result
 from navsim.cli.exit_status import BAD_INPUT
-from navsim.cli.options import Care, JsonOption, Required, dry_run_option, figures_option
+from navsim.cli.options import JsonOption, OutputOptions, Required, dry_run_option, figures_option
 from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.errors import translate_errors
 from navsim.runner.opening import target_of
@@ -39,7 +39,7 @@ def merge(
     ],
     given: MergeOptions,
     required: Required,
-    care: Care,
+    care: OutputOptions,
 ) -> None:
     """Merge partial ensembles into one result, identical to a single run of all.
 

@@ -108,7 +108,7 @@ JsonOption = Annotated[
 
 
 @dataclass(frozen=True)
-class Care:
+class OutputOptions:
     """Options on overwriting, resources, output and log."""
 
     force: Annotated[
@@ -197,7 +197,7 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     def spread(**given: Any) -> None:
         made = {name: group(**{f.name: given.pop(f.name) for f in fields(group)}) for name, group in groups.items()}
         for group in made.values():
-            if isinstance(group, Care) and group.log_ is not None:
+            if isinstance(group, OutputOptions) and group.log_ is not None:
                 _log_in(group.log_)
         command(**given, **made)
 

@@ -18,8 +18,8 @@ from navsim.cli.common import AT_TERMINAL, leave, leaving, print_shown, progress
 from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED, WORDS, keep, print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import (
-    Care,
     JsonOption,
+    OutputOptions,
     Required,
     ScenarioArgument,
     SeedOption,
@@ -56,7 +56,7 @@ def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG.yaml", help="The recorded flight.", show_default=False)],
     given: ReplayOptions,
     required: Required,
-    care: Care,
+    care: OutputOptions,
 ) -> None:
     """Run recorded IMU and GNSS data through the filter.
 
@@ -117,7 +117,7 @@ class LiveOptions:
     json_: JsonOption = False
 
 
-def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
+def live(scenario: ScenarioArgument, given: LiveOptions, care: OutputOptions) -> None:
     """Simulate a landing with a real receiver or IMU.
 
     Give --receiver or --imu. navsim counts late, lost and corrupt messages and continues.
@@ -172,7 +172,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         leave(RUN_FAILED, f"this is no valid result; the data are kept in {target}")
 
 
-def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Session:
+def _session(scenario: Path, given: LiveOptions, care: OutputOptions, target: Path) -> Session:
     """The landing, ready for live data."""
     from navsim.landing import study as landing
     from navsim.landing.estimate import estimate_landing as estimated

@@ -39,8 +39,13 @@ def show(
         bool, typer.Option("--json", help="Print the summary as JSON; a list for several results.")
     ] = False,
     format_: Annotated[
-        str, typer.Option("--format", metavar="terminal|markdown|csv|tex", help="Format of the tables.",
-                          autocompletion=lambda: ["terminal", "markdown", "csv", "tex"])
+        str,
+        typer.Option(
+            "--format",
+            metavar="terminal|markdown|csv|tex",
+            help="Format of the tables.",
+            autocompletion=lambda: ["terminal", "markdown", "csv", "tex"],
+        ),
     ] = "terminal",
     compare: Annotated[
         bool,
@@ -168,8 +173,13 @@ def plot(
         ),
     ] = None,
     format_: Annotated[
-        str, typer.Option("--format", metavar="png|svg|pdf", help="Format of the files; one figure a file.",
-                          autocompletion=lambda: ["png", "svg", "pdf"])
+        str,
+        typer.Option(
+            "--format",
+            metavar="png|svg|pdf",
+            help="Format of the files; one figure a file.",
+            autocompletion=lambda: ["png", "svg", "pdf"],
+        ),
     ] = "png",
     width: Annotated[
         str | None,

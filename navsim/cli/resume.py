@@ -13,7 +13,7 @@ import typer
 
 from navsim.cli.common import leave, leaving
 from navsim.cli.exit_status import BAD_INPUT, print_message
-from navsim.cli.options import Care, SchedulerOption, WorkersOption, figures_option
+from navsim.cli.options import OutputOptions, SchedulerOption, WorkersOption, figures_option
 from navsim.cli.terminal import resuming
 
 _ClickException: Any = typer.BadParameter.__mro__[2]
@@ -42,7 +42,7 @@ def resume(
         typer.Argument(metavar="FOLDER", help="The folder of finished work, RESULT.h5.partial.", show_default=False),
     ],
     given: ResumeOptions,
-    care: Care,
+    care: OutputOptions,
 ) -> None:
     """Continue a study that was interrupted or killed.
 
@@ -112,7 +112,7 @@ def _spell(parameter: Any, value: Any) -> list[str]:
     return [word for each in (value if parameter.multiple else [value]) for word in (name, str(each))]
 
 
-def _options(given: ResumeOptions, care: Care) -> list[str]:
+def _options(given: ResumeOptions, care: OutputOptions) -> list[str]:
     """Options of `resume` as words for the command, with paths as of here: it works in another folder. The log is open
     already."""
     words = [name for name in ("force", "over_budget", "quiet") if getattr(care, name)]

@@ -11,9 +11,9 @@ import typer
 from navsim.cli.common import leaving
 from navsim.cli.completion import UNTIL
 from navsim.cli.options import (
-    Care,
     FreshOption,
     JsonOption,
+    OutputOptions,
     Required,
     ScenarioArgument,
     SchedulerOption,
@@ -90,7 +90,7 @@ class RunOptions:
     json_: JsonOption = False
 
 
-def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care: Care) -> None:
+def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care: OutputOptions) -> None:
     """Simulate a scenario: write a result file and figures, print a summary."""
     from navsim.runner.job import Options
 

@@ -11,9 +11,9 @@ import typer
 from navsim.cli.common import leave, leaving
 from navsim.cli.exit_status import CHECK_FAILED
 from navsim.cli.options import (
-    Care,
     FreshOption,
     JsonOption,
+    OutputOptions,
     Required,
     SchedulerOption,
     SeedOption,
@@ -63,7 +63,7 @@ class SweepOptions:
     json_: JsonOption = False
 
 
-def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: Care) -> None:
+def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: OutputOptions) -> None:
     """Compute every combination of listed settings: table, CSV, maps.
 
     After an interruption the same command continues from the finished combinations.
@@ -107,7 +107,7 @@ class OptimizeOptions:
     json_: JsonOption = False
 
 
-def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
+def optimize(study: StudyArgument, given: OptimizeOptions, care: OutputOptions) -> None:
     """Find the best positions of pseudolites under constraints.
 
     The study may ask for several numbers of pseudolites. After an interruption the same command continues.
@@ -134,7 +134,7 @@ class Table2Options:
     dry_run: Annotated[bool, dry_run_option("Check the input, estimate time, memory and disk, and stop.")] = False
 
 
-def table2(given: Table2Options, care: Care) -> None:
+def table2(given: Table2Options, care: OutputOptions) -> None:
     """Reproduce the paper's Table 2: published beside computed.
 
     Exits with code 1 if claim C3 or the direction of C4 fails.
@@ -166,7 +166,7 @@ class IntegrityTableOptions:
 
 def integrity_table(
     given: IntegrityTableOptions,
-    care: Care,
+    care: OutputOptions,
     scenario: Annotated[
         Path | None,
         typer.Argument(

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 from navsim.cli.common import AT_TERMINAL, leaving, print_shown, progress
 from navsim.cli.exit_status import print_message
 from navsim.cli.findings import warn
-from navsim.cli.options import Care, Required
+from navsim.cli.options import OutputOptions, Required
 from navsim.runner import steps
-from navsim.runner.reporter import Listener
+from navsim.runner.reporter import JobReporter
 from navsim.runner.requirements import ExitRequirements
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def resuming(folder: Path) -> Iterator[None]:
 class TerminalRequest:
     """Options of a job. options: of the job itself. figures: see `runner.target.figure_folder`."""
 
-    care: Care
+    care: OutputOptions
     required: Required
     options: Options
     figures: str | Path | None = None
@@ -67,7 +67,7 @@ def run_job(name: object, job: Job, target: Path, wanted: TerminalRequest) -> Re
         with progress(extent, unit, not care.quiet) as tell:
             yield tell
 
-    listener = Listener(AT_TERMINAL, shown, () if care.quiet or wanted.json else ("rich.console",))
+    listener = JobReporter(AT_TERMINAL, shown, () if care.quiet or wanted.json else ("rich.console",))
     asked = steps.JobRequest(
         wanted.options, wanted.figures, care.quiet, care.force, care.over_budget, wanted.dry_run, sys.argv[1:],
         _resumed.get(),

@@ -80,7 +80,7 @@ def atcs(results: Sequence[Named]) -> list[Drawing]:
         keys = [Key(f"{name}: {atc.WORDS[name]}", colour(f)) for f, name in enumerate(filters)]
         caption = (
             f"{atc.case_label(result['/case'][0])}, {_runs(result)}; dotted: {_OF_RUNS}; shaded: manoeuvres."
-            + which.words("scan")
+            + which.caption("scan")
         )
         out += [Drawing(f"errors{anchor}", f"Errors over time{called}", panels, caption, keys, 1),
                 _ratios(result, anchor, called)]  # fmt: skip
@@ -102,9 +102,9 @@ def _ratios(result: Result, anchor: str, called: str) -> Drawing:
         value, low, high = ratios[c].T
         of = source(x=at, y=value, low=low, high=high, state=states)
         on.segment("x", "low", "x", "high", source=of, line_color=colour(c), line_width=2)
-        said = atc.case_label(case)
-        marks.append(on.scatter("x", "y", source=of, size=7, color=colour(c), name=said))
-        keys.append(Key(said, colour(c), "dot"))
+        text = atc.case_label(case)
+        marks.append(on.scatter("x", "y", source=of, size=7, color=colour(c), name=text))
+        keys.append(Key(text, colour(c), "dot"))
     ticks(on, on.xaxis[0], range(len(states)), states)
     on.xaxis[0].major_label_orientation = 0.7
     level(on, 1.0)
@@ -141,8 +141,9 @@ def azimuths(results: Sequence[Named]) -> list[Drawing]:
             ("RMSE", "@y{0.0000} deg"),
             (_OF_RUNS, "@sigma{0.0000} deg"),
         )
-        caption = f"T = {result['/period'][0]:g} s, {_runs(result)}; dotted: {_OF_RUNS}; shaded: turns." + which.words(
-            "scan"
+        caption = (
+            f"T = {result['/period'][0]:g} s, {_runs(result)}; dotted: {_OF_RUNS}; shaded: turns."
+            + which.caption("scan")
         )
         out += [Drawing(f"errors{anchor}", f"Errors over time{called}", [on], caption, keys, 1),
                 _accelerations(result, anchor, called)]  # fmt: skip
@@ -163,12 +164,12 @@ def _accelerations(result: Result, anchor: str, called: str) -> Drawing:
     names(plan, 0.0, 0.0, ["radar"])
     tell(plan, [drawn], ("time", "@time{0.0} s"), ("east", "@x{0.00} km"), ("north", "@y{0.00} km"))
     marks = []
-    for i, (path, said) in enumerate((("", "exact"), ("_literal", "the paper's (14)"))):
+    for i, (path, text) in enumerate((("", "exact"), ("_literal", "the paper's (14)"))):
         values = 1e3 * which(result[f"/truth/azimuth_acceleration{path}"])
-        marks.append(line(below, source(x=which(time), y=values), "y", colour(i), name=said))
+        marks.append(line(below, source(x=which(time), y=values), "y", colour(i), name=text))
     reach(below, [np.array([azimuth.shown_acceleration(result)]) / 1.08], symmetric=True)
     tell(below, marks, ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
-    caption = "The circuit seen from above, and what drives the azimuth." + which.words()
+    caption = "The circuit seen from above, and what drives the azimuth." + which.caption()
     keys = [Key("exact", colour(0)), Key("the paper's (14)", colour(1))]
     return Drawing(f"accelerations{anchor}", f"Accelerations{called}", [plan, below], caption, keys)
 
@@ -223,7 +224,7 @@ def _approach(result: Result, anchor: str, called: str) -> Drawing:
         panels.append(on)
     segments = ", ".join(map(str, result["/approach/segment"]))
     caption = f"The angle over the approach and its derivatives; segments: {segments}."
-    return Drawing(f"approach{anchor}", f"The approach{called}", panels, caption + which.words(), columns=3)
+    return Drawing(f"approach{anchor}", f"The approach{called}", panels, caption + which.caption(), columns=3)
 
 
 def _proof(result: Result, anchor: str, called: str) -> Drawing:
@@ -270,7 +271,7 @@ def _nominal(result: Result, anchor: str, called: str) -> Drawing:
     panels[1].y_range.start = 0.0
     caption = (
         "The nominal approach after settling: what the model leaves, and that with the noise of the angles."
-        + which.words()
+        + which.caption()
     )
     return Drawing(f"nominal{anchor}", f"Nominal approach{called}", panels, caption, keys)
 
@@ -290,5 +291,5 @@ def _curves(curves: Sequence[elevation.Curve], titles: tuple[str, str], anchor: 
             keys += [key] if key not in keys else []
         tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
         panels.append(on)
-    caption = "On the nominal approach, after settling." + most_thinned(thinned).words()
+    caption = "On the nominal approach, after settling." + most_thinned(thinned).caption()
     return Drawing(anchor, title, panels, caption, keys)

@@ -199,11 +199,11 @@ class CacheAtFirstCall:
         self._parts = parts
 
     @cached_property
-    def _opened_cache(self) -> CheckedCache:
+    def _cache(self) -> CheckedCache:
         return CheckedCache(self._function, self._folder, self._parts)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._opened_cache, name)
+        return getattr(self._cache, name)
 
 
 def loaded() -> int:

@@ -25,7 +25,7 @@ from navsim.filter.states import (
     SENSORS,
     VEL,
 )
-from navsim.geodesy.attitude_kernels import difference, rotate_left
+from navsim.geodesy.attitude_kernels import difference, rotate_in_nav_axes
 from navsim.geodesy.earth_kernels import radii, wrap_angle
 
 
@@ -71,7 +71,7 @@ def inject(nav, x):
         nav[NAV_VEL + i] += x[VEL + i]
     for c in range(x.shape[0] - SENSORS):
         nav[NAV_SENSORS + c] += x[SENSORS + c]
-    rotate_left(nav[NAV_QUAT:NAV_BIAS_FRAME], x[PHI_N], x[PHI_E], x[PHI_D])
+    rotate_in_nav_axes(nav[NAV_QUAT:NAV_BIAS_FRAME], x[PHI_N], x[PHI_E], x[PHI_D])
 
 
 @kernel

@@ -27,7 +27,7 @@ from navsim.filter.states import (
     SENSORS,
     VEL,
 )
-from navsim.geodesy.attitude_kernels import left_jacobian, left_jacobian_derivative, rotate_left
+from navsim.geodesy.attitude_kernels import left_jacobian, left_jacobian_derivative, rotate_in_nav_axes
 
 
 @kernel
@@ -72,7 +72,7 @@ def move_rigidly(nav, x, jac, straight):
         turned(jac, x[VEL:ATT], u)
     for i in range(3):
         nav[NAV_VEL + i] += u[i]
-    rotate_left(nav[NAV_QUAT:NAV_BIAS_FRAME], x[PHI_N], x[PHI_E], x[PHI_D])
+    rotate_in_nav_axes(nav[NAV_QUAT:NAV_BIAS_FRAME], x[PHI_N], x[PHI_E], x[PHI_D])
 
 
 @kernel

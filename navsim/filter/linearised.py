@@ -50,7 +50,7 @@ class Linearised(NamedTuple):
     """(w, MOST, MOST) innovation covariance of the filter."""
     have: np.ndarray
     """(w, MOST) see `observe`."""
-    believed: np.ndarray
+    assumed: np.ndarray
     """(o, n, n) filter covariance at the outputs."""
 
 
@@ -194,7 +194,7 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
     - `noises` (NOISES,) bool: simulated noises; nothing is added for the others.
     - `out`: filled in.
     """
-    n = out.believed.shape[1]
+    n = out.assumed.shape[1]
     declared = model.declared
     h, z, r, s = (
         np.empty((MAX_MEASUREMENT_SIZE, n)),
@@ -232,7 +232,7 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
             _describe(errors, model.clock, steps.length[i], out.transition[at], out.inputs[at])
         kind, row = events.kind[i], events.row[i]
         if kind == OUTPUT:
-            copy_matrix(p, out.believed[row])
+            copy_matrix(p, out.assumed[row])
         elif kind != PASS:
             w = steps.measurement[i]
             m = observe(kind, row, measurements, nav, increments, cursor[2], declared, space.c_nb, out.have[w], z, h, r)

@@ -39,7 +39,7 @@ from navsim.filter.records import (
     TIME_TOLERANCE,
 )
 from navsim.filter.states import NAV_BIAS_FRAME, NAV_QUAT, NAV_VEL, PHI_D, PHI_E, PHI_N, VEL
-from navsim.geodesy.attitude_kernels import dcm, difference, half_sinc, rotate_left
+from navsim.geodesy.attitude_kernels import dcm, difference, half_sinc, rotate_in_nav_axes
 
 _WINDOW = 40.0
 """Least memory of the line and of the mean force, s."""
@@ -294,7 +294,7 @@ def turns_from_mean(mixture, count, turns, attitude):
         for i in range(3):
             turns[j, i] -= mean[i]
     copy(first, attitude)
-    rotate_left(attitude, mean[0], mean[1], mean[2])
+    rotate_in_nav_axes(attitude, mean[0], mean[1], mean[2])
 
 
 @kernel

@@ -28,7 +28,7 @@ from navsim.filter.states import (
     NAV_VEL,
     SENSORS,
 )
-from navsim.geodesy.attitude_kernels import dcm, normalise, rotate_left, rotate_right
+from navsim.geodesy.attitude_kernels import dcm, normalise, rotate_in_body_axes, rotate_in_nav_axes
 from navsim.geodesy.earth_kernels import RATE, gravity, radii, wrap_angle
 
 # Quantities of a step for the error model, one flat array (`mid`): everything at mid-interval.
@@ -179,8 +179,8 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     nav[NAV_LLH + 1] = lon
     nav[NAV_VEL], nav[NAV_VEL + 1], nav[NAV_VEL + 2] = vn1, ve1, vd1
 
-    rotate_right(q, ax, ay, az)
-    rotate_left(q, -(en + ce / rt) * dt, cn / rm * dt, -(ed - ce / rt * tan_m) * dt)
+    rotate_in_body_axes(q, ax, ay, az)
+    rotate_in_nav_axes(q, -(en + ce / rt) * dt, cn / rm * dt, -(ed - ce / rt * tan_m) * dt)
     normalise(q)
 
     # C_nb half-way: C (I + 1/2 [dtheta x]) in the frame of mid-interval, enough for the error model

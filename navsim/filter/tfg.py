@@ -39,7 +39,7 @@ from navsim.filter.states import (
     SENSORS,
     VEL,
 )
-from navsim.geodesy.attitude_kernels import dcm, left_jacobian, left_jacobian_derivative, rotate_right
+from navsim.geodesy.attitude_kernels import dcm, left_jacobian, left_jacobian_derivative, rotate_in_body_axes
 
 HELD_RATE = 0.035
 """Body rates above this (2 deg/s) turn the vehicle but not the bias axes, while heading is uncertain."""
@@ -61,7 +61,7 @@ def freeze_bias_frame(nav, p, increments, dt):
     if any_lane(turning):
         # a rotation by zero changes nothing
         share = where(turning, 1.0, 0.0)
-        rotate_right(held, share * increments[0], share * increments[1], share * increments[2])
+        rotate_in_body_axes(held, share * increments[0], share * increments[1], share * increments[2])
     for i in range(4):
         held[i] = where(known, 1.0 if i == 0 else 0.0, held[i])
 

@@ -136,9 +136,9 @@ def _placements(result: Result) -> list[dict[str, Any]]:
     for i, k in np.argwhere(np.isfinite(result["/optimum/latitude"])):
         angles = (float(result[f"/optimum/{axis}"][i, k]) for axis in ("latitude", "longitude"))
         count = int(result["/pseudolites"][i])
-        told = {"pseudolites": count, "objective": float(np.asarray(found.data)[i]), "unit": found.units,
+        properties_ = {"pseudolites": count, "objective": float(np.asarray(found.data)[i]), "unit": found.units,
                 "s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}  # fmt: skip
-        out.append(_site(f"PL{k + 1} of {count}", np.array([*angles, height]), told))
+        out.append(_site(f"PL{k + 1} of {count}", np.array([*angles, height]), properties_))
     return out
 
 
@@ -157,19 +157,27 @@ def _combinations(result: Result) -> list[dict[str, Any]]:
     names, out = heads(result), [_runway(threshold, runway)]
     for number, (i, row) in enumerate(rows(result)):
         plain = (value.item() if isinstance(value, np.generic) else value for value in row)
-        told = dict(zip(names, plain, strict=True))
+        properties_ = dict(zip(names, plain, strict=True))
         for k in np.flatnonzero(np.isfinite(right[i])):
             level = np.array([along[i][k], right[i][k], 0.0])
             # from the plane of the runway onto the Earth
             llh = _offset(threshold, level @ axes.T) * [1.0, 1.0, 0.0] + [0.0, 0.0, threshold[2]]
-            out.append(_site(f"PL{k + 1}, combination {number + 1}", llh, told))
+            out.append(_site(f"PL{k + 1}, combination {number + 1}", llh, properties_))
     return out
 
 
 def _site(name: str, llh: np.ndarray, properties: dict[str, Any]) -> dict[str, Any]:
     """A place for a pseudolite, at the height of the runway."""
-    told = {key: value for key, value in properties.items() if not isinstance(value, float) or np.isfinite(value)}
-    return {"kind": "pseudolite", "type": "Point", "name": name, "coordinates": _lonlat(llh[None]), "properties": told}
+    properties_ = {
+        key: value for key, value in properties.items() if not isinstance(value, float) or np.isfinite(value)
+    }
+    return {
+        "kind": "pseudolite",
+        "type": "Point",
+        "name": name,
+        "coordinates": _lonlat(llh[None]),
+        "properties": properties_,
+    }
 
 
 def _offset(llh: np.ndarray, ecef: np.ndarray) -> np.ndarray:

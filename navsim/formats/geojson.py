@@ -65,13 +65,13 @@ def lines(content: bytes) -> list[tuple[str, list[list[tuple[float, float]]], st
     count = 0
     for i, (geometry, properties) in enumerate(features(content)):
         name = properties.get("name")
-        said = name[:40] if isinstance(name, str) else ""
+        text = name[:40] if isinstance(name, str) else ""
         try:
             for what, rings in _drawn(geometry):
                 count += sum(map(len, rings))
                 if count > MOST_POINTS:
                     raise ValueError(f"more than {MOST_POINTS:,} points")
-                out.append((what, rings, said))
+                out.append((what, rings, text))
         except ValueError as error:
             raise ValueError(f"feature {i}: {error}") from None
     return out

@@ -264,8 +264,8 @@ def _kind_of_fix(parsed: Any) -> str:
     valid = parsed.msgID in ("GNS", "VTG") or _field(parsed, "status") == "A"
     if not letters and parsed.msgID != "GNS":  # before version 2.3
         return "fix" if valid else "none"
-    said = next((kind for letter, kind in _MODES.items() if letter in letters), "none")
-    return said if valid or said != "fix" else "none"
+    text = next((kind for letter, kind in _MODES.items() if letter in letters), "none")
+    return text if valid or text != "fix" else "none"
 
 
 def _velocity(fields: dict[str, Any]) -> tuple[float, float]:
@@ -353,8 +353,8 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped, simulated: bool = 
     dropped.add("NMEA fixes without a height (no GGA or GNS, or none in it)", assembler.no_height)
     dropped.add("NMEA fixes that contradict another of their epoch", assembler.contradicting)
     if not rows:
-        said = "; ".join(dropped.said()) or "no GGA, GNS, RMC, VTG or GLL"
-        raise FileError(0, f"no NMEA fix with a height among {len(lines)} lines: {said}", path)
+        text = "; ".join(dropped.reasons()) or "no GGA, GNS, RMC, VTG or GLL"
+        raise FileError(0, f"no NMEA fix with a height among {len(lines)} lines: {text}", path)
     reason = "NMEA fixes without a geoid separation; their heights, over the geoid, pass for heights over the ellipsoid"
     dropped.add(reason, assembler.no_separation)
     dropped.add("NMEA sentences without a time of day (a leap second has none)", assembler.untimed)

@@ -268,7 +268,7 @@ def _limited(
 
 def _too_few(path: Path, table: np.ndarray, what: str, dropped: Dropped) -> FileError:
     """The error for a file that leaves too few rows, and where the others went."""
-    return FileError(0, "; ".join([f"only {several(table.shape[0], f'usable {what}')}", *dropped.said()]), path)
+    return FileError(0, "; ".join([f"only {several(table.shape[0], f'usable {what}')}", *dropped.reasons()]), path)
 
 
 def _in_order(table: np.ndarray, dropped: Dropped, what: str) -> np.ndarray:

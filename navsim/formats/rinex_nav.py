@@ -167,7 +167,7 @@ def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUA
         klobuchar,
         leap,
         skipped,
-        dropped.said(),
+        dropped.reasons(),
         offsets,
     )
 
@@ -210,8 +210,8 @@ def _header(path: Path, lines: list[str]) -> _Header:
 
 def _counts_from_gps(line: str) -> bool:
     """Whether a line LEAP SECONDS has GPS minus UTC: those of other systems are counted from other dates [2]."""
-    told = line[24:27].strip().upper() or GPS.time_system
-    return timescales.BEHIND_GPS.get(told) == 0.0
+    scale = line[24:27].strip().upper() or GPS.time_system
+    return timescales.BEHIND_GPS.get(scale) == 0.0
 
 
 def time_offset(path: Path, index: int, line: str) -> TimeOffset:
@@ -457,8 +457,8 @@ def _is_of_inav(path: Path, line: int, source: int, dropped: Dropped) -> bool:
         taken = "I/NAV" if inav_clock else "F/NAV"
         dropped.add(f"Galileo messages whose data sources, {source}, are of both kinds: {taken} by their clock", 1)
         return inav_clock
-    told = "both I/NAV and F/NAV" if by_inav else "neither I/NAV nor F/NAV"
-    message = f"the data sources, {source}, tell {told}, and bits 8 and 9 do not say whose clock it is"
+    scale = "both I/NAV and F/NAV" if by_inav else "neither I/NAV nor F/NAV"
+    message = f"the data sources, {source}, tell {scale}, and bits 8 and 9 do not say whose clock it is"
     dropped.damaged("Galileo messages taken as I/NAV", FileError(line, message, path))
     return True
 

@@ -160,7 +160,7 @@ class _Header:
 
     def close(self, line: int) -> None:
         """Check that everything announced is present, and complete the layouts. Raises FileError."""
-        self._scaled_whole()
+        self._check_scaled()
         for letter, (where, due) in self._due.items():
             codes = self._codes[letter]
             if len(codes) != due:
@@ -180,7 +180,7 @@ class _Header:
         label = line[60:80].strip()
         new = self.version >= 3.0
         if label != "COMMENT" and not label.endswith("SCALE FACTOR"):
-            self._scaled_whole()
+            self._check_scaled()
         if label == "SYS / # / OBS TYPES" and new:
             if line[0] != " ":
                 self._announce(index, self._system(index, line[0]), line[3:6])
@@ -239,7 +239,7 @@ class _Header:
                 raise FileError(index, "types to be scaled without a factor", self.path)
             of, value, due, where = self._scaling
         else:
-            self._scaled_whole()
+            self._check_scaled()
             if self.version >= 3.0 and not letter:
                 raise FileError(index, "a scale factor without a satellite system", self.path)
             of = self._system(index, letter) if letter else ""
@@ -257,7 +257,7 @@ class _Header:
         self._of_code |= {(of, code): value for code in codes}
         self._scaling = of, value, due - len(codes), where
 
-    def _scaled_whole(self) -> None:
+    def _check_scaled(self) -> None:
         """Check that no types of the last scale factor are missing."""
         if self._scaling is not None and self._scaling[2]:
             raise FileError(self._scaling[3], f"{self._scaling[2]} of the scaled types are missing", self.path)
@@ -452,7 +452,7 @@ class _Reader:
             h.antenna,
             h.channels,
             self.events,
-            self.dropped.said(),
+            self.dropped.reasons(),
         )
 
     def _head(self, at: int, flag: str, count: str, parts: list[str]) -> _Epoch:

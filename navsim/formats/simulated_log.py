@@ -64,7 +64,7 @@ def differences(result: Result) -> list[str]:
     if aids:
         out.append(f"uses the {' and the '.join(aid.replace('_', ' ') for aid in aids)}")
     scenario = scenario_of(result)
-    early = int(np.sum(_arrival(result) - _believed(scenario, "latency_s") <= 0.0))
+    early = int(np.sum(_arrival(result) - _assumed(scenario, "latency_s") <= 0.0))
     if early:
         out.append(
             f"takes {several(early, 'fix')}, by filter.latency_s valid before time 0, that the replay leaves out"
@@ -110,7 +110,7 @@ def _arrival(result: Result) -> np.ndarray:
     return np.asarray(result["/filter/epoch"] + scenario_of(result)["receiver"]["latency_s"])
 
 
-def _believed(scenario: dict[str, Any], key: str) -> Any:
+def _assumed(scenario: dict[str, Any], key: str) -> Any:
     """The receiver's latency or lever arm in the filter model."""
     own = scenario["filter"].get(key)
     return scenario["receiver"][key] if own is None else own
@@ -158,8 +158,8 @@ def _log(result: Result, imu: Path, fixes: Path, title: str) -> dict[str, Any]:
         "epoch": scenario["epoch"],
         "imu": {"file": imu.name, "samples": "averaged", **{name: _sensor(result, name) for name in _SENSORS}},
         "gnss": {
-            "file": fixes.name, "latency_s": _believed(scenario, "latency_s"),
-            "lever_arm_m": [*_believed(scenario, "lever_arm_m")], "spacing_s": 0.0, **noise,
+            "file": fixes.name, "latency_s": _assumed(scenario, "latency_s"),
+            "lever_arm_m": [*_assumed(scenario, "lever_arm_m")], "spacing_s": 0.0, **noise,
         },
         "checks": "off",
         "alignment": {"known": _start(result)},

@@ -119,7 +119,7 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     manoeuvres, clock_events, predicted = (table[..., i] == 1.0 for i in (4, 5, 6))
     dropped.add("positions that are predicted, not measured", predicted.sum())
     gpst = _gpst(np.array(time), scale)
-    return OrbitTable(tuple(names), gpst, position, clocks, manoeuvres, clock_events, dropped.said())
+    return OrbitTable(tuple(names), gpst, position, clocks, manoeuvres, clock_events, dropped.reasons())
 
 
 def _position(path: Path, line: int, text: str) -> tuple[str, tuple[float, ...]]:

@@ -71,8 +71,8 @@ def rows(result: Result) -> Iterator[tuple[tuple[int, ...], list[object]]]:
     names, columns = list(keys(result)), outputs(result)
     cubes = [result[f"/sweep/{name}"] for name in columns]
 
-    def said(name: str, value: object) -> object:
+    def text(name: str, value: object) -> object:
         return VERDICTS[int(str(value))] if name.endswith(VERDICT) else value
 
     for i in np.ndindex(*cubes[0].shape):
-        yield i, [*(setting(result, name, i) for name in names), *map(said, columns, (cube[i] for cube in cubes))]
+        yield i, [*(setting(result, name, i) for name in names), *map(text, columns, (cube[i] for cube in cubes))]

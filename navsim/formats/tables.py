@@ -49,8 +49,8 @@ class TextTable:
         comment = 0
         for index, line in enumerate(lines, 1):
             text = line.strip()
-            if told := re.fullmatch(r'\s*"?sep=(.)"?[\s,;]*', line, re.IGNORECASE):
-                separator = told[1]
+            if separator_line := re.fullmatch(r'\s*"?sep=(.)"?[\s,;]*', line, re.IGNORECASE):
+                separator = separator_line[1]
             elif text.startswith(_COMMENT):
                 comment = index
             elif text:

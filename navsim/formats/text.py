@@ -114,7 +114,7 @@ class Dropped:
             raise error
         self.add(self._reasons.setdefault(what, f"{what}; the first: {error}"), 1)
 
-    def said(self) -> tuple[str, ...]:
+    def reasons(self) -> tuple[str, ...]:
         """A line for each reason."""
         return (*self.lines, *(f"{count} {reason}" for reason, count in self.counts.items()))
 
@@ -228,8 +228,8 @@ class _Reading:
         """Raise FileError for more bytes in memory than this file may take."""
         if size > self.most:
             how = "unpacks to" if self.packed else "takes"
-            said = f"{how} more than {self.most:,} bytes in memory"
-            raise FileError(0, f"{said} ({self.on_disk:,} on the disk)" if self.packed else said, self.path)
+            text = f"{how} more than {self.most:,} bytes in memory"
+            raise FileError(0, f"{text} ({self.on_disk:,} on the disk)" if self.packed else text, self.path)
 
     def gathered(self, pieces: Iterator[bytes]) -> bytes:
         """All pieces at once, for formats that cannot be decompressed piece by piece."""
@@ -415,8 +415,8 @@ def _unzip(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
             members = [member for member in archive.infolist() if not member.is_dir()]
             if len(members) != 1:
                 some = ", ".join(member.filename for member in members[:3]) + (", ..." if len(members) > 3 else "")
-                said = f"{len(members)} files ({some})" if members else "no file"
-                raise FileError(0, f"the zip archive holds {said}; allowed is exactly one", path)
+                text = f"{len(members)} files ({some})" if members else "no file"
+                raise FileError(0, f"the zip archive holds {text}; allowed is exactly one", path)
             with archive.open(members[0]) as file:
                 while out := file.read(_CHUNK):
                     yield out
@@ -495,11 +495,11 @@ def _hatanaka(reading: _Reading, data: bytes) -> bytes:
     with (
         importlib.resources.as_file(importlib.resources.files("hatanaka.bin") / "crx2rnx") as program,
         tempfile.TemporaryFile() as source,
-        tempfile.TemporaryFile() as said,
+        tempfile.TemporaryFile() as text,
     ):
         source.write(data)
         source.seek(0)
-        with subprocess.Popen([str(program), "-"], stdin=source, stdout=subprocess.PIPE, stderr=said) as running:
+        with subprocess.Popen([str(program), "-"], stdin=source, stdout=subprocess.PIPE, stderr=text) as running:
             assert running.stdout is not None
             output = running.stdout
             try:
@@ -507,8 +507,8 @@ def _hatanaka(reading: _Reading, data: bytes) -> bytes:
             except FileError:
                 running.kill()
                 raise
-        said.seek(0)
-        words = re.sub(r"^ *(ERROR|WARNING) *:? *", "", said.read(10_000).decode("ascii", "replace"), flags=re.M)
+        text.seek(0)
+        words = re.sub(r"^ *(ERROR|WARNING) *:? *", "", text.read(10_000).decode("ascii", "replace"), flags=re.M)
     last = [line.strip() for line in words.splitlines() if line.strip()]
     if running.returncode or last:  # a warning is of a repaired file: wrong numbers without a word
         raise _Damaged(" ".join(last)[:200] if last else f"status {running.returncode}")

@@ -33,7 +33,7 @@ def half_sinc(t2):
 
 
 @kernel
-def rotate_left(q, x, y, z):
+def rotate_in_nav_axes(q, x, y, z):
     """q <- exp((x, y, z)) q: turn the attitude by a rotation vector given in the outer (n) axes [1]."""
     s, a = half_sinc(x * x + y * y + z * z)
     b = s * x
@@ -47,7 +47,7 @@ def rotate_left(q, x, y, z):
 
 
 @kernel
-def rotate_right(q, x, y, z):
+def rotate_in_body_axes(q, x, y, z):
     """q <- q exp((x, y, z)): turn the attitude by a rotation vector given in body axes [1]."""
     s, a = half_sinc(x * x + y * y + z * z)
     b = s * x

@@ -51,7 +51,7 @@ class Scene:
         return shifted - distance, np.sum(there * (closing + moving[:, None]), axis=2) / shifted - rate
 
 
-class Happening(Protocol):
+class EventEffect(Protocol):
     """Effect of an event on the ranges of its sources."""
 
     def on_ranges(self, scene: Scene, since: np.ndarray, ned: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -66,7 +66,7 @@ class Event:
     """Something that happens to sources, by their names, their systems' or `EVERY`, from a time up to another, s;
     code_only: to their codes alone, neither to range rates nor to carriers."""
 
-    what: Happening
+    what: EventEffect
     sources: tuple[str, ...]
     begin: float
     end: float
@@ -99,7 +99,7 @@ class RangeFault:
 
 
 @dataclass(frozen=True)
-class Displaced:
+class DisplacedSources:
     """Sources whose true position differs from the assumed one by (3,) m, in the receiver's NED."""
 
     by: np.ndarray
@@ -143,7 +143,7 @@ class Meaconed:
         return ranges + onward + self.delay, rates + np.sum(shift * scene.antenna_velocity, axis=1)[:, None] / onward
 
 
-class Happened(NamedTuple):
+class EventEffects(NamedTuple):
     """Total effect of events on ranges (e, s)."""
 
     longer: np.ndarray
@@ -156,7 +156,7 @@ class Happened(NamedTuple):
     """bool, no signal."""
 
 
-def happened(events: tuple[Event, ...], scene: Scene) -> Happened:
+def happened(events: tuple[Event, ...], scene: Scene) -> EventEffects:
     """Total effect of the events."""
     shape = scene.time.size, len(scene.names)
     longer, faster, apart, silent = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape, bool)
@@ -176,4 +176,4 @@ def happened(events: tuple[Event, ...], scene: Scene) -> Happened:
                 apart += np.where(on, ranges, 0.0)
             else:
                 faster += np.where(on, rates, 0.0)
-    return Happened(longer, faster, apart, silent)
+    return EventEffects(longer, faster, apart, silent)

@@ -390,10 +390,10 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         used &= ~behind(environment.terrain, assumed, antenna)
     if environment.events:
         scene = Scene(motion.time, built.names, environment.systems, assumed, speed, antenna, antenna_velocity, c_ne)
-        told = happened(environment.events, scene)
+        effects = happened(environment.events, scene)
         built = replace(
-            built, used=used & ~told.silent, delay=built.delay + told.longer,
-            range_rate=built.range_rate + told.faster, divergence=told.apart,
+            built, used=used & ~effects.silent, delay=built.delay + effects.longer,
+            range_rate=built.range_rate + effects.faster, divergence=effects.apart,
         )  # fmt: skip
     finished = _affected(built, when, motion, environment, is_pseudolite)
     unfinished = finished.unfinished()
@@ -493,7 +493,7 @@ def _affected(
         carrier = atmosphere.L1 / np.sqrt(ratio2)
         received = Received(signals.time, signals.antenna, llh, used, cn0, chip, carrier, is_pseudolite, motion.c_eb)
         js = jamming.js(received)
-        effective, held = jamming.left(received, js)
+        effective, held = jamming.effective_cn0(received, js)
         more, faster = jamming.noise(received, effective)
         sigma = np.where(used, np.sqrt(sigma**2 + more), sigma)
         rate_sigma = np.where(used, np.sqrt(rate_sigma**2 + faster), rate_sigma)

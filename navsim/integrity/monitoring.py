@@ -232,5 +232,5 @@ def _indices(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, ...]:
 
 def status(tested: np.ndarray, threshold: np.ndarray, statistic: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """Status of epochs (e, r): tested, threshold (e,), statistic (e, r), fixed (e, r) whether there is a fix."""
-    said = np.where(statistic > threshold[:, None], ALARM, QUIET)
-    return np.where(fixed, np.where(tested[:, None], said, UNTESTED), NO_FIX)
+    text = np.where(statistic > threshold[:, None], ALARM, QUIET)
+    return np.where(fixed, np.where(tested[:, None], text, UNTESTED), NO_FIX)

@@ -18,7 +18,7 @@ from navsim.integrity.residuals import Monitor
 from navsim.integrity.solution import Independent, MonitoredFix
 from navsim.statistics import chi_square, normal
 
-UNMOVED = 0.1
+NOT_SHIFTED = 0.1
 """Share of the draws that are not moved; no weight is above one over it."""
 _AT_ONCE = 50_000
 """Draws that are made together."""
@@ -139,8 +139,8 @@ def under_separations(fix: MonitoredFix, found: FixLevels, epoch: int, axis: int
     estimate, residual, sigma, used = _whitened(fix, epoch, axis)
     seen = found.monitored[:, epoch]
     separators = found.separator[seen, epoch][..., used] * sigma / found.threshold[seen, epoch][..., None]
-    told = np.isfinite(separators).all(axis=2) & (found.threshold[seen, epoch] > 0.0)
-    return TailCase(estimate, residual, sigma, SeparationTest(separators[told]), used)
+    is_tested = np.isfinite(separators).all(axis=2) & (found.threshold[seen, epoch] > 0.0)
+    return TailCase(estimate, residual, sigma, SeparationTest(separators[is_tested]), used)
 
 
 def _whitened(fix: MonitoredFix, epoch: int, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -200,7 +200,7 @@ def proposal_shifts(case: TailCase, bias: np.ndarray, limit: float) -> tuple[np.
     sides = np.array([1.0, -1.0])[:, None] * np.maximum(far, 0.0)[:, None] * along + back
     tails = -0.5 * np.maximum(far, 0.0) ** 2
     likely = np.exp(tails - tails.max())
-    return np.vstack([sides, np.zeros_like(bias)]), np.append((1.0 - UNMOVED) * likely / likely.sum(), UNMOVED)
+    return np.vstack([sides, np.zeros_like(bias)]), np.append((1.0 - NOT_SHIFTED) * likely / likely.sum(), NOT_SHIFTED)
 
 
 def sampled(case: TailCase, bias: np.ndarray, limit: float, count: int, rng: np.random.Generator) -> TailDraws:

@@ -62,9 +62,9 @@ class Case:
     def warnings(self) -> list[str]:
         """Warnings about the input: sky, predicted geometry, near sources, sensors that never measure."""
         idle = [aid.sensor.name for aid in self.shared.aids if aid.time.size and aid.missing == aid.time.size]
-        said = "measures nothing on this flight, whose heights or attitudes are beyond its limits"
+        text = "measures nothing on this flight, whose heights or attitudes are beyond its limits"
         near = map(str, self.flight.near_passes)
-        return [*self.sky_warnings, *self.preflight.warnings, *near, *(f"{name}: {said}" for name in idle)]
+        return [*self.sky_warnings, *self.preflight.warnings, *near, *(f"{name}: {text}" for name in idle)]
 
     @property
     def preflight(self) -> PreflightChecks:

@@ -67,7 +67,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     draft = base(case, COVARIANCE)
     square = _squares(analysis)
     draft["/run"] = np.zeros(1, np.int64)
-    draft["/filter/sigma"] = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))[None]
+    draft["/filter/sigma"] = np.sqrt(np.diagonal(analysis.assumed, axis1=1, axis2=2))[None]
     draft["/covariance/rms"] = np.sqrt(square.sum(axis=0))
     draft["/covariance/mean"] = analysis.mean
     draft["/budget/source"] = np.array(budget(analysis))
@@ -113,8 +113,8 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
         fixes[NO_VELOCITY] = case.design.velocity & (analysis.degrees == 3)
     outputs = np.zeros((FAR_OFF + 1, e + 1), bool)
     rms = np.sqrt(_squares(analysis).sum(axis=0))[:, FOLLOWED]
-    assumed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
-    outputs[NOT_POSITIVE] = ~positive(analysis.believed)
+    assumed = np.diagonal(analysis.assumed, axis1=1, axis2=2)[:, FOLLOWED]
+    outputs[NOT_POSITIVE] = ~positive(analysis.assumed)
     outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(assumed, 0.0))).any(axis=1)
     found = notes([*case.warnings, *_beyond_range(case), *integrity.level_warnings(case)])
     if integrity.is_kept_from_faults(case):
@@ -198,12 +198,12 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
         _exact(np.sqrt(late[:, 2].sum())),
         _exact(np.sqrt(mean**2 + np.diagonal(cov, axis1=1, axis2=2)).T),
     )
-    variance = np.diagonal(analysis.believed, axis1=1, axis2=2)[window]
+    variance = np.diagonal(analysis.assumed, axis1=1, axis2=2)[window]
     belief(
         draft,
         variance.mean(axis=0) if window.any() else np.full(n, np.nan),
-        late_rpy(analysis.believed),
-        variances_at_heights(case, crossing_times(case), analysis.believed[:, :3, :3]),
+        late_rpy(analysis.assumed),
+        variances_at_heights(case, crossing_times(case), analysis.assumed[:, :3, :3]),
     )
     draft["/summary/percentile"] = np.array(PERCENTILES)
     for i, name in enumerate(("lateral", "along", "vertical")):
@@ -236,7 +236,7 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
 def _expected(case: Case, analysis: Analysis) -> Ratios:
     """Errors in units of the filter's sigma, to first order."""
     second = np.diagonal(analysis.covariance, axis1=1, axis2=2) + analysis.mean**2
-    assumed = np.diagonal(analysis.believed, axis1=1, axis2=2)
+    assumed = np.diagonal(analysis.assumed, axis1=1, axis2=2)
     return expected_ratios(case, np.sqrt(second), np.sqrt(assumed))
 
 

@@ -191,7 +191,7 @@ def _waiting(scenario: Landing) -> float:
     """Time for which the filter waits for late measurements, s."""
     assumed = scenario.filter.latency_s
     of_fixes = scenario.receiver.latency_s if assumed is None else assumed
-    return max(of_fixes, *(sensor.believed_latency for sensor in scenario.aiding()), 0.0)
+    return max(of_fixes, *(sensor.design_latency for sensor in scenario.aiding()), 0.0)
 
 
 def flying_memory(scenario: Landing, sizes: Extent) -> float:

@@ -468,10 +468,10 @@ def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
             f"integrity: no signal at {silent.sum()} of {glide.sum()} epochs of the glide: an alert, and no "
             "level counts there"
         ]
-    said = _named(case, (bank.found.monitored & bank.idle)[:, glide].any(axis=1))
-    if not said:
+    text = _named(case, (bank.found.monitored & bank.idle)[:, glide].any(axis=1))
+    if not text:
         return []
     return [
-        f"integrity: without {said} there is no fix, the filter then relies on its inertial sensors, and the levels "
+        f"integrity: without {text} there is no fix, the filter then relies on its inertial sensors, and the levels "
         "grow; p_constellations sets a probability for each system"
     ]

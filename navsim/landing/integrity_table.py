@@ -45,7 +45,7 @@ class MonitoredGlide:
 
     watching: Monitoring
     """Monitor of the fixes."""
-    asked: ApproachLimits
+    requirements: ApproachLimits
     """Limits."""
     signals: Signals
     """Signals of the epochs with levels."""
@@ -87,7 +87,7 @@ class MonitoredGlide:
         """
         levels, tested = self.levels(sources)
         levels = np.where(np.isfinite(levels), levels, np.inf)
-        return np.array([within(self.asked, tested).all(axis=1).mean(), *np.median(levels, axis=0)])
+        return np.array([within(self.requirements, tested).all(axis=1).mean(), *np.median(levels, axis=0)])
 
 
 def _of_these(signals: Signals, sources: np.ndarray) -> Signals:
@@ -160,7 +160,7 @@ def compute(case: Case, here: MonitoredGlide, seed: int, done: Callable[[int], N
     draft["/useful/subsets_of_all"] = np.array([math.comb(here.satellites.size, n) for n in SATELLITES])
     for name, numbers in (("satellite", here.satellites), ("pseudolite", here.pseudolites)):
         draft[f"/useful/{name}"] = np.array([here.signals.names[i] for i in numbers], dtype=object)
-    draft["/useful/hal"], draft["/useful/val"] = here.asked.limits
+    draft["/useful/hal"], draft["/useful/val"] = here.requirements.limits
     if expected := here.watching.expected(here.signals):
         draft["/useful/fault"] = np.array([fault.name for fault in expected], dtype=object)
         draft["/useful/prior"] = np.array([fault.prior for fault in expected])

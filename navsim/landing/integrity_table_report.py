@@ -36,11 +36,11 @@ def _possible(result: Result) -> Table:
     out = _table(result, "Possible, by rank, sources on one clock")
     flags = {letter: result[f"/possible/{name}"] for letter, name in _LETTERS.items()}
     for k, added in enumerate(result["/pseudolites"]):
-        said = (
+        text = (
             " ".join(letter for letter, there in flags.items() if there[k, i])
             for i in range(result["/satellites"].size)
         )
-        out.add(str(added), *(text or ABSENT for text in said))
+        out.add(str(added), *(text or ABSENT for text in text))
     return out
 
 
@@ -88,8 +88,8 @@ def _explained(result: Result) -> str:
     ]
     if "/useful/fault" in result:
         faults, priors = result["/useful/fault"], result["/useful/prior"]
-        said = (f"{prior:g} of {', '.join(map(str, faults[priors == prior]))}" for prior in np.unique(priors))
-        lines.append(f"priors of faults: {'; '.join(said)}")
+        text = (f"{prior:g} of {', '.join(map(str, faults[priors == prior]))}" for prior in np.unique(priors))
+        lines.append(f"priors of faults: {'; '.join(text)}")
     return "\n".join(f"- {line}" for line in lines)
 
 

@@ -37,16 +37,16 @@ def table2s(results: Sequence[Named]) -> list[Drawing]:
             on = plot(name if len(results) > 1 else "", "time, s", label, 300)
             marks = []
             for i, (values, case) in enumerate(zip(result[path], result["/approach/curve"], strict=True)):
-                said = table2.case(result, int(case) - 1)
-                keys.append(Key(said, colour(i)))
-                marks.append(line(on, source(x=which(time), y=which(values)), "y", colour(i), name=said))
+                text = table2.case(result, int(case) - 1)
+                keys.append(Key(text, colour(i)))
+                marks.append(line(on, source(x=which(time), y=which(values)), "y", colour(i), name=text))
             reach(on, [result[path][:, settled(time)]])
             tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), (label, "@y{0.000}"))
             panels.append(on)
     caption = (
         "PDOP and horizontal error over the approach for none, one and two pseudolites: the paper's figures 4 and 5."
     )
-    caption += most_thinned(thinned).words("epoch")
+    caption += most_thinned(thinned).caption("epoch")
     return [Drawing("approach", "Over the approach", panels, caption, list(dict.fromkeys(keys)))]
 
 
@@ -57,12 +57,12 @@ def few_satellites(results: Sequence[Named]) -> list[Drawing]:
     for name, result in results:
         rows = [f"{n} pseudolites" for n in result["/pseudolites"]][::-1]
         columns = [str(n) for n in result["/satellites"]]
-        for path, said in (("worst", "worst subset"), ("median", "median subset")):
-            title = f"{said.capitalize()}{f', {name}' if len(results) > 1 else ''}"
+        for path, text in (("worst", "worst subset"), ("median", "median subset")):
+            title = f"{text.capitalize()}{f', {name}' if len(results) > 1 else ''}"
             on = plot(title, "satellites", "", 240, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
             drawn = cells(on, rows, columns, result[f"/useful/{path}"][::-1], "{:.2f}", mapper)
             tell(on, [drawn], ("satellites", "@x"), ("", "@y"), ("share", "@value{0.000}"))
             panels.append(on)
-    said = "; ".join(dict.fromkeys(integrity_table.limits(result) for _, result in results))
-    caption = f"Share of epochs of the glide with {said}: 1 always, 0 never."
+    text = "; ".join(dict.fromkeys(integrity_table.limits(result) for _, result in results))
+    caption = f"Share of epochs of the glide with {text}: 1 always, 0 never."
     return [Drawing("useful", "How useful levels are", panels, caption)]

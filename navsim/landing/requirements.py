@@ -96,7 +96,7 @@ UNKNOWN = np.full(3, np.nan)
 def untold_by_pushed_runs(scenario: Landing) -> list[str]:
     """Warning about requirements that importance sampling cannot evaluate."""
     every = singles(scenario.requirements)
-    untold = [said + _statement(one)[0] for said, one in every if not isinstance(one, BoxRequirement)]
+    untold = [text + _statement(one)[0] for text, one in every if not isinstance(one, BoxRequirement)]
     if not untold:
         return []
     text = "requirements: `--method rare` judges only the box. For these requirements use `--method monte-carlo`"
@@ -144,15 +144,15 @@ def fulfilments(
     shares = iter(within or ())
     found = []
     every = singles(case.scenario.requirements)
-    for i, (said, (_, one)) in enumerate(zip(statements(case.scenario), every, strict=True)):
-        nothing = Fulfilment(said.text, UNKNOWN, said.limit, said.least)
+    for i, (text, (_, one)) in enumerate(zip(statements(case.scenario), every, strict=True)):
+        nothing = Fulfilment(text.text, UNKNOWN, text.limit, text.least)
         if isinstance(one, LevelRequirement) and within is not None:
             found.append(_share_of_epochs(nothing, next(shares), runs))
         else:
             known = nothing if i in uncounted else _found(one, draft, case, runs, moments)
             if controls is not None and np.isfinite(known.value).all():
                 known = _by_control(one, known, controls, runs)
-            found.append(replace(known, text=said.text))
+            found.append(replace(known, text=text.text))
     return found
 
 
@@ -269,10 +269,10 @@ def _counted(nothing: Fulfilment, count: int, runs: int) -> Fulfilment:
     """Value of a fraction of runs."""
     share = count / runs
 
-    def again(n: int) -> np.ndarray:
+    def with_runs(n: int) -> np.ndarray:
         return share_interval(round(share * n), n)
 
-    return replace(nothing, value=share_interval(count, runs), with_runs=again)
+    return replace(nothing, value=share_interval(count, runs), with_runs=with_runs)
 
 
 def _of_box(nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:
@@ -415,10 +415,10 @@ def _share_of_epochs(nothing: Fulfilment, share: np.ndarray, runs: int) -> Fulfi
     alike = np.array_equal(share, share_of_alike(float(share[0]), runs))
     half = float(np.abs(share[1:] - share[0]).max())  # the other end may be cut off at 0 or 1
 
-    def again(n: int) -> np.ndarray:
+    def with_runs(n: int) -> np.ndarray:
         if alike:
             return share_of_alike(float(share[0]), n)
         reach = half * math.sqrt(runs / n)
         return np.array([share[0], *np.clip([share[0] - reach, share[0] + reach], 0.0, 1.0)])
 
-    return replace(nothing, value=share, with_runs=again)
+    return replace(nothing, value=share, with_runs=with_runs)

@@ -14,7 +14,7 @@ import numpy as np
 from navsim.integrity.araim import UP, SeparationMonitor
 from navsim.integrity.monitoring import fix_of
 from navsim.integrity.residuals import ChiSquareTest, Monitor
-from navsim.integrity.risk_sampling import UNMOVED, TailCase, sampled, under_separations, under_squares, worst_size
+from navsim.integrity.risk_sampling import NOT_SHIFTED, TailCase, sampled, under_separations, under_squares, worst_size
 from navsim.integrity.solution import MonitoredFix
 from navsim.landing.case import Case
 from navsim.results.builder import ResultBuilder
@@ -119,7 +119,7 @@ def _at(case: Case, fix: MonitoredFix, epoch: int, axis: int, seed: int) -> Samp
 
         def drawn(biases: np.ndarray, draws: int, part: int, k: int = k) -> tuple[np.ndarray, float]:
             found = sampled(tail, biases, level, draws, generator(seed, epoch, "integrity", axis, k, part))
-            value, _, worth = weighted_share(found.log_weights, found.hits, 1.0 / UNMOVED, 1.0 / UNMOVED)
+            value, _, worth = weighted_share(found.log_weights, found.hits, 1.0 / NOT_SHIFTED, 1.0 / NOT_SHIFTED)
             return value, worth
 
         direction = tail.least_visible_bias(fault.taken)

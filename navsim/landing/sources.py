@@ -145,8 +145,8 @@ def _read_table(path: Path, scenario: Landing) -> tuple[np.ndarray, np.ndarray, 
     from navsim.formats.recording import read_track
 
     time, llh, attitude, dropped = read_track(path)
-    if said := dropped.said():
-        raise ValueError(f"a trajectory has each time once, in order: {'; '.join(said)}")
+    if text := dropped.reasons():
+        raise ValueError(f"a trajectory has each time once, in order: {'; '.join(text)}")
     if scenario.runway.height_above == "geoid":
         llh[:, 2] += scenario.runway.undulation_m
     return time, llh, attitude

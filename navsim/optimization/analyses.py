@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.gnss.constellations.constellation import Remembering
+from navsim.gnss.constellations.constellation import CachedConstellation
 from navsim.gnss.signals import Environment, build_signals
 from navsim.gnss.sky import enu_matrix
 from navsim.landing import integrity
@@ -307,7 +307,9 @@ def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> Prepare
     )
     sources: Environment = replace(
         case.environment,
-        satellites=tuple(replace(g, constellation=Remembering(g.constellation)) for g in case.environment.satellites),
+        satellites=tuple(
+            replace(g, constellation=CachedConstellation(g.constellation)) for g in case.environment.satellites
+        ),
     )
     shared = world_of(scenario, case.trajectory, sources)
     return Prepared(

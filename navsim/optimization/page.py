@@ -61,8 +61,8 @@ def _front(results: Sequence[Named]) -> Drawing:
                 on.scatter("x", "y", source=unmet, marker="x", size=15, line_color=ORANGE, line_width=2)
         on.xaxis[0].ticker = sorted({int(c) for _, _, r in mine for c in report.front_points(r)[0]})
         reach(on, values)
-        said = (report.label(mine[0][2]), "@y{0.0000}")
-        tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), said, ("", "@said"))
+        text = (report.label(mine[0][2]), "@y{0.0000}")
+        tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), text, ("", "@said"))
         panels.append(on)
     judged = any("/front/met" in r for _, r in results)
     caption = "The best found for each number of pseudolites." + (

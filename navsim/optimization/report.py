@@ -86,8 +86,8 @@ def flown(result: Result) -> list[Table | str]:
         )
         out.add(cell("{}", int(count)), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
     if "/flown/verdict" in result:  # results of before have none
-        said = {several(int(count), "pseudolite"): str(result["/flown/verdict"][i]) for i, count in enumerate(counts)}
-        out.notes = "\n".join(f"States with {whose}: {verdict}" for whose, verdict in said.items() if verdict)
+        text = {several(int(count), "pseudolite"): str(result["/flown/verdict"][i]) for i, count in enumerate(counts)}
+        out.notes = "\n".join(f"States with {whose}: {verdict}" for whose, verdict in text.items() if verdict)
     if "/rejected/rejected" not in result:
         return [out]
     against = Table(

@@ -555,8 +555,8 @@ def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: Sear
             if decided and one.verdict() != MET
         ]
         every = "every choice of sites was tried" if outcome.found[count].every else "of those tried"
-        said = f"{named(count)}: no placement meets the requirements ({every}); the nearest misses {'; '.join(missed)}"
-        out.append(Finding("requirements", said, (), len(missed), int(asked.decided.sum())))
+        text = f"{named(count)}: no placement meets the requirements ({every}); the nearest misses {'; '.join(missed)}"
+        out.append(Finding("requirements", text, (), len(missed), int(asked.decided.sum())))
     return out
 
 

@@ -119,8 +119,8 @@ class SurrogateFit:
         load, most = Surrogate(taught, np.minimum(self.loads[known], _HEAVY)), self.most
 
         def expected(places: np.ndarray) -> np.ndarray:
-            told = features(places)
-            return penalised(objective(told, hope), load(told, hope), most)
+            described = features(places)
+            return penalised(objective(described, hope), load(described, hope), most)
 
         return expected
 

@@ -112,7 +112,7 @@ class AerodromePlan:
 
     def _fixed(self, on: figure, proposal: PlannedScenario, overlay: list[Outline]) -> None:
         runway = proposal.scenario.runway
-        for what, parts, said in overlay:
+        for what, parts, text in overlay:
             xs, ys = [part[:, 0] for part in parts], [part[:, 1] for part in parts]
             if what == "area":
                 on.multi_polygons([[xs]], [[ys]], fill_color=GREY, fill_alpha=0.3, line_color="white", line_width=2.5)
@@ -123,8 +123,8 @@ class AerodromePlan:
             else:
                 on.scatter(np.concatenate(xs), np.concatenate(ys), marker="square", size=6, fill_color="#333333",
                            line_color="white")  # fmt: skip
-            if said:
-                names(on, xs[0].mean(), ys[0].mean(), [said], "black", background_fill_color="white",
+            if text:
+                names(on, xs[0].mean(), ys[0].mean(), [text], "black", background_fill_color="white",
                       background_fill_alpha=0.6)  # fmt: skip
         half = 0.5 * runway.width_m
         on.quad(left=0.0, right=runway.length_m, bottom=-half, top=half, fill_color="#222222", line_color="white",
@@ -162,8 +162,8 @@ class AerodromePlan:
             "marker": ["circle"] * n + ["diamond"] * j, "size": [15.0] * n + [17.0] * j,
         }  # fmt: skip
 
-    def paint(self, values: np.ndarray, area: ShownArea, reach: tuple[float, float], said: str) -> None:
-        """Show a map (n, n) over an area, with colours between two numbers; said: name of the quantity with its
+    def paint(self, values: np.ndarray, area: ShownArea, reach: tuple[float, float], text: str) -> None:
+        """Show a map (n, n) over an area, with colours between two numbers; text: name of the quantity with its
         unit."""
         self.image.data = {
             "image": [small(values)], "x": [area.along - area.half], "y": [area.right - area.half],
@@ -171,8 +171,8 @@ class AerodromePlan:
         }  # fmt: skip
         if (self.mapper.low, self.mapper.high) != reach:
             self.mapper.update(low=reach[0], high=reach[1])
-        if self._bar.title != said:
-            self._bar.title = said
+        if self._bar.title != text:
+            self._bar.title = text
 
 
 def reach_of(values: np.ndarray) -> tuple[float, float]:

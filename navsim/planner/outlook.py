@@ -75,7 +75,7 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Worth:
+class Performance:
     """Performance of the present pseudolites: figures by their paths in a result, shares of sources, warnings."""
 
     figures: dict[str, float]
@@ -216,7 +216,7 @@ class Outlook:
             for i, name in ((1, "horizontal"), (2, "vertical"), (0, "3d"))
         }  # fmt: skip
 
-    def found(self) -> Worth:
+    def found(self) -> Performance:
         """Results of `navsim run` for the present scenario. Raises InputError."""
         case = self._ready
         summary = geometry_summary(case)
@@ -228,7 +228,7 @@ class Outlook:
             figures |= {f"integrity/{name}": value for name, value in integrity.level_outputs(case).items()}
         glide = integrity.glide_of(case)
         figures["lost"] = float(np.isnan(case.shared.dop[glide, 1]).sum())
-        return Worth(figures, self._shares(case, glide), case.warnings)
+        return Performance(figures, self._shares(case, glide), case.warnings)
 
     def _shares(self, case: Case, glide: np.ndarray) -> list[Share]:
         """All sources above the horizon, or used."""

@@ -17,28 +17,28 @@ _LONGEST = 10_000
 """Characters of an order; the longest that the page sends has some hundred."""
 
 
-class WrongOrder(Exception):
+class UnknownRequest(Exception):
     """An order that no page of the planner sends."""
 
 
 @dataclass(frozen=True)
-class Known:
+class SourceCounts:
     """Numbers of pseudolites and of jammers that requests may use."""
 
     pseudolites: int
     jammers: int
 
 
-def read_order(text: object, known: Known) -> dict[str, Any]:
+def read_order(text: object, known: SourceCounts) -> dict[str, Any]:
     """An order, with each of its members of the right type and within its range. Raises WrongOrder."""
     if not isinstance(text, str) or len(text) > _LONGEST:
-        raise WrongOrder("a request of the page is not text, or too long")
+        raise UnknownRequest("a request of the page is not text, or too long")
     try:
         order = json.loads(text)
     except (ValueError, RecursionError):
-        raise WrongOrder("a request of the page is not JSON") from None
+        raise UnknownRequest("a request of the page is not JSON") from None
     if not isinstance(order, dict) or not isinstance(do := order.get("do"), str) or do not in _MEMBERS:
-        raise WrongOrder("the page asks for something that the planner does not do")
+        raise UnknownRequest("the page asks for something that the planner does not do")
     out: dict[str, Any] = {"do": do}
     if "n" in order:
         out["n"] = _number(order["n"], "n", -math.inf, math.inf)
@@ -46,26 +46,26 @@ def read_order(text: object, known: Known) -> dict[str, Any]:
         if name == "up" and name not in order:  # its height does not change
             continue
         if name not in order:
-            raise WrongOrder(f"{do}: {name} is missing")
+            raise UnknownRequest(f"{do}: {name} is missing")
         out[name] = _READ[name](order[name], name)
     count = known.jammers if out.get("kind") == "jammer" else known.pseudolites
     for name, least in (("number", 0), ("subject", -1)):
         if name in out and not least <= out[name] < count:
-            raise WrongOrder(f"{do}: there is no transmitter with the number {out[name]}; there are {count}")
+            raise UnknownRequest(f"{do}: there is no transmitter with the number {out[name]}; there are {count}")
     return out
 
 
 def _number(value: object, name: str, least: float, most: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise WrongOrder(f"{name}: a finite number is needed, not {str(value)[:40]}")
+        raise UnknownRequest(f"{name}: a finite number is needed, not {str(value)[:40]}")
     if not least <= value <= most:
-        raise WrongOrder(f"{name}: {value:g} is not from {least:g} to {most:g}")
+        raise UnknownRequest(f"{name}: {value:g} is not from {least:g} to {most:g}")
     return float(value)
 
 
 def _integer(value: object, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
-        raise WrongOrder(f"{name}: a whole number is needed, not {str(value)[:40]}")
+        raise UnknownRequest(f"{name}: a whole number is needed, not {str(value)[:40]}")
     return value
 
 
@@ -76,7 +76,7 @@ def _between(least: float, most: float) -> Callable[[object, str], float]:
 def _one_of(*choices: Any) -> Callable[[object, str], Any]:
     def read(value: object, name: str) -> Any:
         if not any(type(value) is type(choice) and value == choice for choice in choices):
-            raise WrongOrder(f"{name}: one of {', '.join(map(str, choices))} is needed, not {str(value)[:40]}")
+            raise UnknownRequest(f"{name}: one of {', '.join(map(str, choices))} is needed, not {str(value)[:40]}")
         return value
 
     return read

@@ -86,10 +86,10 @@ class Planner:
         self._document, self._text, self._target, self._overlay = document, text, target, overlay
         self._open: list[PlannerSession] = []
 
-    def serve(self, port: int, browser: bool, said: Callable[[str], None], warned: Callable[[str], None]) -> None:
+    def serve(self, port: int, browser: bool, text: Callable[[str], None], warned: Callable[[str], None]) -> None:
         """Serve until something ends it.
 
-        said: receives the address; warned: receives unsaved changes. Raises OSError for a port that is not available.
+        text: receives the address; warned: receives unsaved changes. Raises OSError for a port that is not available.
         """
         for name in ("bokeh", "tornado"):
             logging.getLogger(name).setLevel(logging.ERROR)
@@ -110,7 +110,7 @@ class Planner:
         server = BaseServer(IOLoop.current(), tornado, http)
         server.start()
         address = f"http://{ADDRESS}:{port}/"
-        said(address)
+        text(address)
         if browser:
             webbrowser.open(address)
         try:

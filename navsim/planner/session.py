@@ -24,9 +24,9 @@ from bokeh.models import ColumnDataSource
 
 from navsim.defect import Defect
 from navsim.planner.drawing import AerodromePlan, Outline, ShownArea, SkyPlan, area_of, reach_of
-from navsim.planner.outlook import QUANTITIES, Outlook, Places, Worth
+from navsim.planner.outlook import QUANTITIES, Outlook, Performance, Places
 from navsim.planner.proposal import PlannedScenario
-from navsim.planner.requests import Known, WrongOrder, read_order
+from navsim.planner.requests import SourceCounts, UnknownRequest, read_order
 from navsim.planner.target import Consent, Target
 from navsim.results.result import ResultError
 from navsim.scenario.source import InputError
@@ -62,7 +62,7 @@ class Update:
     values: np.ndarray | None = None
     area: ShownArea | None = None
     reach: tuple[float, float] | None = None
-    found: Worth | None = None
+    found: Performance | None = None
 
 
 Work = Callable[[Callable[[], bool]], Iterator[Update]]
@@ -110,9 +110,9 @@ class PlannerSession:
         for text in given if isinstance(given, list) else [given]:
             order: dict[str, Any] = {}
             try:
-                order = read_order(text, Known(len(self._proposal.names), len(self._proposal.jammers())))
+                order = read_order(text, SourceCounts(len(self._proposal.names), len(self._proposal.jammers())))
                 self._execute(order)
-            except (InputError, ResultError, WrongOrder) as error:
+            except (InputError, ResultError, UnknownRequest) as error:
                 said = [str(p) for p in error.problems] if isinstance(error, InputError) else [str(error)]
                 self._tell(self._standing() | {"of": order.get("n"), "problems": said})
                 self.plan.put(self._proposal)
@@ -168,8 +168,8 @@ class PlannerSession:
 
     def _save(self, consent: bool) -> None:
         try:
-            said = self._target.save(self._proposal, consent)
-            self._tell(self._standing() | {"saved": said, "asks": "", "problems": []})
+            text = self._target.save(self._proposal, consent)
+            self._tell(self._standing() | {"saved": text, "asks": "", "problems": []})
         except Consent as question:
             self._tell({"asks": str(question)})
 
@@ -299,9 +299,9 @@ class PlannerSession:
         self._pace[self._quantity, self._outlook.placed] = took / len(grid)
         found = np.where(np.isfinite(found), found, np.nan).reshape(size, size)
         reach = reach_of(found) if fresh else self._reach
-        told = {"said": quantity.said, "unit": quantity.unit, "size": size, "took": took, "low": reach[0],
+        map_data = {"said": quantity.said, "unit": quantity.unit, "size": size, "took": took, "low": reach[0],
                 "high": reach[1], "subject": self._subject, "quantity": self._quantity}  # fmt: skip
-        return Update({"map": told}, found, area, reach)
+        return Update({"map": map_data}, found, area, reach)
 
     def _ask(self, work: Work) -> None:
         """Request work, which replaces waiting work."""
@@ -370,7 +370,7 @@ def _figures(values: dict[str, float]) -> list[dict[str, Any]]:
     return out
 
 
-def _shares(found: Worth) -> list[dict[str, Any]]:
+def _shares(found: Performance) -> list[dict[str, Any]]:
     """Sources by their contribution, used ones first."""
     of = found.figures["dop/pdop"]
     out = []

@@ -79,14 +79,14 @@ def find_time_offset(track: ReferenceTrack, model: RangeModel, smoothed: Smoothe
     errors = slice(3, model.size)
     bare = data.range - np.einsum("mi,mi->m", data.row[:, errors], smoothed.state[:, errors])
 
-    def misfit(offset: float) -> float:
+    def spread(offset: float) -> float:
         e = bare - np.linalg.norm(track.at(data.time - offset) - data.position[data.source], axis=1)
         e = e[np.isfinite(e)]
         return float(np.median(np.abs(e - np.median(e)))) if e.size else np.inf
 
     largest, coarse, fine = _OFFSETS
-    best = min(np.arange(-largest, largest + 0.5 * coarse, coarse), key=misfit)
-    return float(min(best + np.arange(-coarse, coarse + 0.5 * fine, fine), key=misfit))
+    best = min(np.arange(-largest, largest + 0.5 * coarse, coarse), key=spread)
+    return float(min(best + np.arange(-coarse, coarse + 0.5 * fine, fine), key=spread))
 
 
 def errors_against(

@@ -92,7 +92,7 @@ class RangeModel:
         return len(self.names)
 
     @property
-    def two_way(self) -> bool:
+    def has_no_clock(self) -> bool:
         """Whether the ranges have no clock."""
         return self.scenario.ranges.measurement == "two_way"
 
@@ -100,11 +100,11 @@ class RangeModel:
     def free(self) -> tuple[str, ...]:
         """Names of the settings that are tuned."""
         used = [name for name in SETTINGS if name not in self.given]
-        return tuple(name for name in used if not self.two_way or name not in CLOCK_SETTINGS)
+        return tuple(name for name in used if not self.has_no_clock or name not in CLOCK_SETTINGS)
 
     def settings(self) -> dict[str, float]:
         """Settings where the tuning starts, those given as they are."""
-        start = {name: one.start for name, one in SETTINGS.items()} | ({} if self.two_way else _START_ONE_WAY)
+        start = {name: one.start for name, one in SETTINGS.items()} | ({} if self.has_no_clock else _START_ONE_WAY)
         return start | self.given
 
     def dynamics(self, settings: dict[str, float]) -> Dynamics:
@@ -119,7 +119,7 @@ class RangeModel:
         wandering = self.size - self.first_markov
         place, common = self.scenario.bias.place, self.scenario.bias.common
         time, sigma = np.full(wandering, settings["wander_time"]), np.full(wandering, settings["wander_sigma"])
-        if self.two_way:
+        if self.has_no_clock:
             count = len(self.log.sources.names)
             time[count:], sigma[count:] = place.time_s, place.sigma_m
             time[-1], sigma[-1] = common.time_s, common.sigma_m
@@ -152,7 +152,7 @@ class RangeModel:
                 p[np.ix_(at, at)] += own[self.datum][k] ** 2
                 p[at, at] += np.array([own[name][k] ** 2 for name in self.clocks])
         count = len(self.log.sources.names)
-        if self.two_way:
+        if self.has_no_clock:
             at = self.first_bias + np.arange(count)
             p[at, at] = section.bias.sigma_m**2
             if section.bias.growth is not None:

@@ -61,7 +61,7 @@ def _track(results: Sequence[Named]) -> Drawing:
     for on, which_marks in zip((plan, profile), marks, strict=True):
         values = [(axis, f"@{column}{{0.00}} m") for axis, column in zip((x, y, z), "xyz", strict=True)]
         tell(on, which_marks, ("", "$name"), ("time", "@time{0.0} s"), *values)
-    caption = "Estimated positions and the sources (triangles)." + most_thinned(thinned).words("output")
+    caption = "Estimated positions and the sources (triangles)." + most_thinned(thinned).caption("output")
     truth = [Key("reference", GREY)] if any("/reference/position" in result for _, result in results) else []
     return Drawing("track", "Track", [plan, profile], caption, keys_of(results, *truth))
 
@@ -88,6 +88,6 @@ def _residuals(results: Sequence[Named]) -> Drawing:
         reach(on, seen, symmetric=True)
         panels.append(on)
     caption = "Range less distance, clocks and biases. Stars: outliers, ranges that do not have the usual noise."
-    caption += most_thinned(thinned).words("range")
+    caption += most_thinned(thinned).caption("range")
     keys = keys_of(results, Key("outlier", colour(3), "star"))
     return Drawing("residuals", "Residuals by source", panels, caption, keys)

@@ -227,18 +227,18 @@ def _ranges(
             row, column = np.nonzero(heard)
             values = np.full((row.size, 4), np.nan)
             values[:, 0], values[:, 1] = whole[row, 0], whole[:, 1:][heard]
-            said = [texts[c] for c in column]
+            text = [texts[c] for c in column]
             lines = lines[row]
         else:
             optional = (names["sigma_m"], names["signal_dbm"])
             values, lines = table.read((names["t_s"], names["range_m"]), optional, optional, Dropped())
-            said = table.texts(names["source"])
+            text = table.texts(names["source"])
     except (FileError, OSError) as error:
         raise _file_error(document, "ranges.file", error) from None
     index = {name: i for i, name in enumerate(sources.names)}
-    unknown = sorted({name for name in said if name not in index})
+    unknown = sorted({name for name in text if name not in index})
     if unknown:
-        at = lines[next(i for i, name in enumerate(said) if name in unknown)]
+        at = lines[next(i for i, name in enumerate(text) if name in unknown)]
         hint = ""
         if len(unknown) > len(sources.names) + 5:
             hint = "; is another column the source? Name it with `ranges.columns: {source: ...}`"
@@ -250,7 +250,7 @@ def _ranges(
         )
     time = values[:, 0] * TIME_UNITS[str(section.time_unit)]
     factor = RANGE_UNITS[str(section.range_unit)]
-    return time, np.array([index[name] for name in said]), values[:, 1] * factor, values[:, 2] * factor, values[:, 3]
+    return time, np.array([index[name] for name in text]), values[:, 1] * factor, values[:, 2] * factor, values[:, 3]
 
 
 def _check_ranges(log: RangeLog, scenario: RecordedRanges, document: Document) -> None:

@@ -92,7 +92,7 @@ class SourcePosition(Section):
     """height above the ellipsoid"""
 
     @model_validator(mode="after")
-    def _one_way_to_say_it(self) -> Self:
+    def _check_one_form(self) -> Self:
         geodetic = (self.lat_deg, self.lon_deg, self.height_m)
         if (self.position_m is None) == (None in geodetic) and (self.position_m is None or geodetic != (None,) * 3):
             raise reject("give position_m, or lat_deg, lon_deg and height_m", "position_m")

@@ -103,7 +103,7 @@ def candidates(model: RangeModel) -> list[StartState]:
         within = data.time <= max(first)
     middle = {int(i): float(np.median(data.range[within & (data.source == i)])) for i in np.unique(data.source[within])}
     at, r = data.position[list(middle)], np.array(list(middle.values()))
-    one_way = not model.two_way
+    one_way = not model.has_no_clock
     noise = np.hypot(_NOISE, model.scenario.clocks.offset_sigma_m) if one_way else _NOISE
     scale = max(float(np.linalg.norm(at - at.mean(axis=0), axis=1).max()), 0.0 if one_way else float(np.median(r)))
     out: list[StartState] = []
@@ -132,17 +132,17 @@ def _least_squares(
     def distance(y: np.ndarray) -> np.ndarray:
         return np.maximum(np.linalg.norm(np.array([y[0], y[1], guess[2]]) - at, axis=1), 1e-6)
 
-    def misfit(y: np.ndarray) -> float:
+    def chi_square(y: np.ndarray) -> float:
         return float(np.sum((r - distance(y) - y[2]) ** 2)) / noise**2
 
-    damping, cost = 1e-3, misfit(x)
+    damping, cost = 1e-3, chi_square(x)
     prior = np.diag([1e-12, 1e-12, 1e-12 if one_way else 1e12])
     normal = prior
     for _ in range(50):
         h = np.column_stack([(x[:2] - at[:, :2]) / distance(x)[:, None], np.ones(r.size)])
         normal = h.T @ h / noise**2 + prior
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), h.T @ (r - distance(x) - x[2]) / noise**2)
-        new = misfit(x + step)
+        new = chi_square(x + step)
         if new < cost:
             x, gain, cost, damping = x + step, cost - new, new, max(0.2 * damping, 1e-9)
             if gain < 1e-6 * (1.0 + cost):

@@ -131,7 +131,7 @@ def compute(study: RangeStudy, tell: Callable[[str], None] = lambda _: None) -> 
         _clocks(out, model, smoothed, last)
     findings += _per_source(out, model, solution)
     out["/dop/position"], out["/dop/horizontal"], out["/dop/vertical"] = dilution(
-        smoothed.state[last, :3], model.data.position, model.two_way
+        smoothed.state[last, :3], model.data.position, model.has_no_clock
     )
     findings += _mirror(out, model, solution)
     if study.track is not None:

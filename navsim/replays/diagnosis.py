@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from navsim.replays.fix_checks import ways
+from navsim.replays.fix_checks import interpretations
 from navsim.replays.mirrors import without_mirrors
 from navsim.replays.mistakes import OF_SENSORS, Log, Mistake
 from navsim.replays.sensor_checks import motion
@@ -53,7 +53,7 @@ def examine(log: Log) -> Diagnosis:
     found, log = times(replace(log, fixes=log.fixes.take(plausible(log.fixes))))
     more, log = scales(log)
     found += more
-    more, log = ways(log, unseen)
+    more, log = interpretations(log, unseen)
     found += more
     apart = overlap(log)
     if apart or any(not mistake.remedies for mistake in found):

@@ -42,7 +42,7 @@ LIKELY = 9.0
 """A factor is as likely as another whose chi-square is less by no more than this: three sigma."""
 
 
-def ways(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
+def interpretations(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     """Check angles, heights, speeds and axes of the velocity: position changes must equal the integrated velocity.
 
     unseen: receives messages about quantities that cannot be checked.
@@ -180,20 +180,20 @@ def _level(log: Log) -> tuple[list[Mistake], list[Log]]:
             if np.isnan(residual):
                 continue
             letters = axes_letters(matrix @ axes_now, LEVEL_AXES)
-            keys, said = dict(remedy), [seems] if seems else []
+            keys, text = dict(remedy), [seems] if seems else []
             if turned:
                 keys["gnss.velocity_axes"] = letters
-                said.append(f"the columns vn, ve, vd seem to point {letters}")
+                text.append(f"the columns vn, ve, vd seem to point {letters}")
             if log.sentences:
-                said.append(f"the sentences seem to give speeds as if {unit} were due, not {written}")
+                text.append(f"the sentences seem to give speeds as if {unit} were due, not {written}")
             elif unit != written:
                 keys["gnss.speed_unit"] = unit
-                said.append(f"speeds seem to be in {unit}")
+                text.append(f"speeds seem to be in {unit}")
             velocity = factor * placed.fixes.velocity
             velocity[:, :2] = velocity[:, :2] @ matrix[:2, :2].T  # the vertical one may be unknown
             gnss = replace(placed.gnss, velocity_axes=letters, speed_unit=unit)
             cured = replace(placed, fixes=replace(placed.fixes, velocity=velocity), gnss=gnss)
-            options.append((changes + turned + (factor != 1.0), residual, cured, keys, " and ".join(said)))
+            options.append((changes + turned + (factor != 1.0), residual, cured, keys, " and ".join(text)))
     ratio = float(np.sum(np.linalg.norm(summed[:, :2], axis=1)) / np.sum(np.linalg.norm(way[:, :2], axis=1)))
     course = np.degrees(np.arctan2(summed[:, 1], summed[:, 0]) - np.arctan2(way[:, 1], way[:, 0]))
     turned_by = float(np.median(np.abs((course + 180.0) % 360.0 - 180.0)))
@@ -236,7 +236,7 @@ def _speed(log: Log, way: np.ndarray, summed: np.ndarray) -> tuple[list[Mistake]
     """Speed units similar to the one written, such as miles an hour and knots, for velocities along the displacements
     (w, 2)."""
     slope = _Slope.of(way, summed)
-    if slope is None or slope.misfit(1.0) <= CERTAIN:
+    if slope is None or slope.chi_square(1.0) <= CERTAIN:
         return [], log
     written = "kn" if log.sentences else log.gnss.speed_unit
     units = list(relative_units(conventions.SPEED_UNITS, written).items())
@@ -292,7 +292,7 @@ class _Slope:
         certain = all(abs(value) > CERTAIN**0.5 * error for value, error in zip(slope, sigma, strict=True))
         return cls(slope, sigma) if certain and slope[0] * slope[1] > 0.0 else None
 
-    def misfit(self, slope: float) -> float:
+    def chi_square(self, slope: float) -> float:
         """Chi-square of a slope, of one degree of freedom."""
         first, other = self.slope
         if slope / first < 1.0:
@@ -303,9 +303,9 @@ class _Slope:
 
     def explained(self, options: list[tuple[int, float]]) -> list[int]:
         """Which of (changes, slope) explain the data: those of the fewest changes, best first, at most three."""
-        fits = [i for i, (_, slope) in enumerate(options) if self.misfit(slope) <= CERTAIN]
+        fits = [i for i, (_, slope) in enumerate(options) if self.chi_square(slope) <= CERTAIN]
         fewest = min((options[i][0] for i in fits), default=0)
-        return sorted((i for i in fits if options[i][0] == fewest), key=lambda i: self.misfit(options[i][1]))[:3]
+        return sorted((i for i in fits if options[i][0] == fewest), key=lambda i: self.chi_square(options[i][1]))[:3]
 
 
 def _regressed(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
@@ -342,28 +342,28 @@ def _vertical(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     options = []
     for sign, (key, unit, longer, faster) in itertools.product((1.0, -1.0), units):
         axes = axes_letters(np.diag([1.0, 1.0, sign]) @ axes_matrix(log.gnss.velocity_axes, LEVEL_AXES), LEVEL_AXES)
-        gnss, keys, said = log.gnss, {}, []
+        gnss, keys, text = log.gnss, {}, []
         if sign < 0.0:
             keys["gnss.velocity_axes"] = axes
             gnss = replace(gnss, velocity_axes=axes)
-            said.append("the vertical velocity seems to have the other sign")
+            text.append("the vertical velocity seems to have the other sign")
         if key:
             keys[f"gnss.{key}"] = unit
             height = key == "height_unit"
             gnss = replace(gnss, height_unit=unit) if height else replace(gnss, vertical_speed_unit=unit)
-            said.append(f"{'heights seem' if height else 'vertical velocities seem'} to be in {unit}")
+            text.append(f"{'heights seem' if height else 'vertical velocities seem'} to be in {unit}")
         fixes = replace(
             log.fixes,
             llh=log.fixes.llh * [1.0, 1.0, longer],
             velocity=log.fixes.velocity * [1.0, 1.0, sign * faster],
         )
         cured = replace(log, fixes=fixes, gnss=gnss)
-        options.append(((sign < 0.0) + bool(key), sign * faster / longer, cured, keys, " and ".join(said)))
-    if slope.misfit(1.0) <= CERTAIN:
-        least = slope.misfit(1.0) + LIKELY
-        as_well = [said for changes, due, *_, said in options if changes == 1 and slope.misfit(due) <= least]
+        options.append(((sign < 0.0) + bool(key), sign * faster / longer, cured, keys, " and ".join(text)))
+    if slope.chi_square(1.0) <= CERTAIN:
+        least = slope.chi_square(1.0) + LIKELY
+        as_well = [text for changes, due, *_, text in options if changes == 1 and slope.chi_square(due) <= least]
         if as_well:
-            noun = ", ".join(without_seem(said) for said in as_well)
+            noun = ", ".join(without_seem(text) for text in as_well)
             unseen.append(f"{OF_HEIGHTS}: with such a mistake ({noun}) they would fit about as well")
         return [], log
     chosen = slope.explained([(changes, due) for changes, due, *_ in options])

@@ -42,7 +42,7 @@ GAP, CONTRADICTION = "no samples", "the filter contradicted its fixes"
 
 
 @dataclass(frozen=True)
-class Sensed:
+class InertialLog:
     """Inertial measurements."""
 
     imu_time: np.ndarray
@@ -106,7 +106,7 @@ class PartStart:
 
 
 @dataclass(frozen=True)
-class RecordedFlight(Sensed):
+class RecordedFlight(InertialLog):
     """A recording ready for the filter, from the alignment on."""
 
     arrival: np.ndarray
@@ -211,7 +211,7 @@ class Replayed:
         return float(told + np.sum((of_rejected * self.rejected)[counted]))
 
 
-def increments(samples: Samples, begin: float, longest_gap: float, averaged: bool) -> Sensed:
+def increments(samples: Samples, begin: float, longest_gap: float, averaged: bool) -> InertialLog:
     """Inertial measurements from `begin` (s) on.
 
     longest_gap: interval from which samples count as missing, s. averaged: a sample is the mean since the one before;
@@ -227,7 +227,7 @@ def increments(samples: Samples, begin: float, longest_gap: float, averaged: boo
     else:
         rate, force = (0.5 * (ends[1:] + ends[:-1]) for ends in samples.at(imu_time))
     lost = np.flatnonzero(step[:, 0] > longest_gap)
-    return Sensed(
+    return InertialLog(
         imu_time=imu_time,
         dtheta=rate * step,
         dv=force * step,
@@ -238,7 +238,7 @@ def increments(samples: Samples, begin: float, longest_gap: float, averaged: boo
 
 
 def prepare(
-    sensed: Sensed,
+    sensed: InertialLog,
     fixes: Fixes,
     alignment: Alignment,
     latency: float,

@@ -119,7 +119,7 @@ class Session:
             Increments([0.0]),
         )
         self.assembler = Assembler(self.lenient, self.simulated)
-        self.clock: source_clock.Settled | None = None
+        self.clock: source_clock.SourceClock | None = None
         self.last: float | None = None
         self.fixes: list[tuple[float, np.ndarray]] = []
         self.noise, self.own_fixes = _fixes(case, self.seed)
@@ -248,7 +248,7 @@ class Session:
         self._held = None
         scenario = self.case.scenario
         distance = (lambda t: self._normalized_distance(t, _radians(row))) if self.block == "receiver" else None
-        self.clock = source_clock.settle(
+        self.clock = source_clock.estimate_clock(
             float(row[0]), kind, scenario.epoch.timestamp(), scenario.duration_s, self.period, distance, self.start
         )
         self._report_clock()
@@ -524,17 +524,17 @@ def _why_above(off: float, result: Result) -> str:
 
 def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
     """Findings of a run, besides `failures`."""
-    said = []
+    text = []
     if lines.strangers:
         others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
-        said.append(f"datagrams of other senders than the first were left out: {others}")
+        text.append(f"datagrams of other senders than the first were left out: {others}")
     few = MANY_CORRUPT * session.counts["received"]
     if session.counts["corrupt"] > few:
-        said.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are corrupt")
+        text.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are corrupt")
     cures = {"simulated": ": --simulator-fixes uses them", "no_checksum": ": --lenient reads them"}
     for name in ("dropped", "contradicting", "no_separation", *_LEFT_OUT):
         if session.counts[name] > (few if name == "no_checksum" else 0):
-            said.append(f"{session.counts[name]} {COUNTS[name]}{cures.get(name, '')}")
+            text.append(f"{session.counts[name]} {COUNTS[name]}{cures.get(name, '')}")
     shift, sigma = float(result["/clock/shift"]), float(result["/clock/shift_sigma"])
     if (
         session.clock is not None
@@ -542,16 +542,16 @@ def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
         and _explains(session, result, shift)
     ):
         periods = round(shift / session.period) * session.period
-        said.append(
+        text.append(
             f"along the track the fixes lie {abs(shift):.3f} s {'ahead of' if shift > 0.0 else 'behind'} the flight "
             f"(sigma {sigma:.3f} s), {abs(shift) / session.period:.1f} periods: lines lost before the first, or a "
             f"clock that is off? --start-time {session.clock.option(-periods)} takes it off"
         )
     scenario, came = session.case.scenario, result["/innovations/time"]
     if came.size and came[-1] < scenario.duration_s - max(1.0, 2.0 * session.period):
-        said.append(f"the data end at {came[-1]:.1f} s of a flight of {scenario.duration_s:g} s")
+        text.append(f"the data end at {came[-1]:.1f} s of a flight of {scenario.duration_s:g} s")
     gate = scenario.filter.gate.probability
-    return [*notes(session.case.sky_warnings), *(Finding("stream", text) for text in said), *of_flight(result, gate)]
+    return [*notes(session.case.sky_warnings), *(Finding("stream", text) for text in text), *of_flight(result, gate)]
 
 
 def _explains(session: Session, result: Result, shift: float) -> bool:

@@ -24,11 +24,11 @@ def tables(result: Result) -> list[Table | str]:
     rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
     time = result["/filter/time"]
     span = min(RMS_WINDOW, float(time[-1] - time[0])) if time.size else 0.0
-    said = f"rms position error N E D over the last {span:.3g} s: {rms} m"
-    said += f"; NIS per degree {result['/summary/nis'][0]:.2f}"
+    text = f"rms position error N E D over the last {span:.3g} s: {rms} m"
+    text += f"; NIS per degree {result['/summary/nis'][0]:.2f}"
     offset, base = float(result["/clock/offset"]), result.attributes["clock"]
     clock = f"time 0 of the flight by the source's clock: {offset:.3f} s ({base})"
-    return [stream, said, clock, f"verdict: {result.attributes['verdict']}"]
+    return [stream, text, clock, f"verdict: {result.attributes['verdict']}"]
 
 
 def figures(result: Result) -> dict[str, Figure]:

@@ -76,10 +76,10 @@ def _track(results: Sequence[Named]) -> Drawing:
     for on in (plan, profile):
         from_runway(on)
     for k, on in enumerate((plan, profile)):
-        said = [("", "$name"), ("time", "@time{0.0} s"), ("east", "@east{0.0} m"), ("north", "@north{0.0} m")]
-        tell(on, lines[k], *said, ("height", "@height{0.0} m"))
+        text = [("", "$name"), ("time", "@time{0.0} s"), ("east", "@east{0.0} m"), ("north", "@north{0.0} m")]
+        tell(on, lines[k], *text, ("height", "@height{0.0} m"))
     caption = "Line: the estimate, of the IMU; points: fixes, of the antenna; crosses: fixes that the gate rejected."
-    caption += most_thinned(thinned).words("output")
+    caption += most_thinned(thinned).caption("output")
     return Drawing("track", "Track", [plan, profile], caption, keys_of(results, Key("fixes", GREY, "dot"), *lost))
 
 
@@ -98,9 +98,9 @@ def _flat(points: np.ndarray) -> dict[str, np.ndarray]:
 
 def _innovations(results: Sequence[Named]) -> Drawing:
     panels: list[figure] = []
-    for name, unit, said in (("position_ned", "m", "Position"), ("velocity_ned", "m/s", "Velocity")):
+    for name, unit, text in (("position_ned", "m", "Position"), ("velocity_ned", "m/s", "Velocity")):
         for row, axis in enumerate(_NED):
-            on = plot(f"{said} {axis}", "time, s", unit, 210)
+            on = plot(f"{text} {axis}", "time, s", unit, 210)
             on.x_range = panels[0].x_range if panels else on.x_range
             marks, seen = [], []
             for i, (called, result) in enumerate(results):
@@ -124,7 +124,7 @@ def _innovations(results: Sequence[Named]) -> Drawing:
             panels.append(on)
     thinned = most_thinned(some(r["/innovations/time"].size, 1000) for _, r in results)
     caption = f"Fix less prediction; {drawn_as(results)}: 3σ of the filter. A few wild fixes lie beyond the axes."
-    caption += thinned.words("epoch")
+    caption += thinned.caption("epoch")
     lost = _shade_lost(panels, results)
     return Drawing("innovations", "Innovations", panels, caption, keys_of(results, _three_sigma(results), *lost), 3)
 
@@ -170,7 +170,7 @@ def _attitude(results: Sequence[Named]) -> Drawing:
         tell(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), (units[k], "$y{0.0000}"))
     keys = [Key(axis, colour(a) if len(results) == 1 else GREY, "line" if a == 0 or len(results) == 1 else "dash")
             for a, axis in enumerate(("bias x", "y", "z"))]  # fmt: skip
-    caption = "Attitude, how well it is known, and the biases of the sensors by axis." + most_thinned(thinned).words(
+    caption = "Attitude, how well it is known, and the biases of the sensors by axis." + most_thinned(thinned).caption(
         "output"
     )
     keys += _shade_lost(panels, results)
@@ -183,11 +183,11 @@ def _outages(results: Sequence[Named]) -> Drawing:
     for i, (name, result) in enumerate(results):
         for k, (duration, drift, share) in enumerate(report.drifts(result)):
             own = colour(k if len(results) == 1 else i)
-            said = f"{duration:g} s without fixes"
+            text = f"{duration:g} s without fixes"
             of = source(x=drift, y=share)
             line(on, of, "y", own, line_dash="solid" if len(results) == 1 or k == 0 else "dashed")
-            marks.append(on.scatter("x", "y", source=of, size=7, color=own, name=f"{said}, {name}"))
-            keys += [Key(said, own)] if len(results) == 1 else []
+            marks.append(on.scatter("x", "y", source=of, size=7, color=own, name=f"{text}, {name}"))
+            keys += [Key(text, own)] if len(results) == 1 else []
     tell(on, marks, ("", "$name"), ("drift", "@x{0.0} m"), ("share", "@y{0.00}"))
     caption = "How far the estimate has drifted at the end of stretches whose fixes were withheld."
     return Drawing("outages", "Drift without fixes", [on], caption, keys or keys_of(results), 1)
@@ -219,5 +219,5 @@ def lives(results: Sequence[Named]) -> list[Drawing]:
         tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("error", "@y{0.000} m"), ("3σ", "@high{0.000} m"))
         panels.append(on)
     caption = f"Errors of position, truth minus estimate; {drawn_as(results)}: ±3σ of the filter."
-    caption += most_thinned(thinned).words("output")
+    caption += most_thinned(thinned).caption("output")
     return [Drawing("errors", "Errors", panels, caption, keys_of(results, _three_sigma(results)), 3)]

@@ -67,7 +67,7 @@ def read(scenario: Replay, document: Document) -> ReadLog:
     for table in tables:
         if table.refusal is not None:
             raise table.refusal
-        warnings += table.lost.said()
+        warnings += table.lost.reasons()
     samples, fixes = (table.rows for table in tables)
     return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged))
 

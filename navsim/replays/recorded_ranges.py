@@ -69,8 +69,8 @@ def read_ranges(
     dropped.add(f"fixes with fewer than {fewest} satellites", int(few.sum()))
     solved &= ~few
     if solved.sum() < 2:
-        said = "".join(f"; {line}" for line in dropped.said())
-        raise FileError(0, f"{solved.sum()} fixes by these messages; two are the least{said}", path)
+        text = "".join(f"; {line}" for line in dropped.reasons())
+        raise FileError(0, f"{solved.sum()} fixes by these messages; two are the least{text}", path)
     time = solution.time + shift
     ranges = replace(_steadied(solution.ranges, solution.clocks), time=time)
     empty = ~np.isfinite(ranges.pseudorange).any(axis=1)

@@ -42,26 +42,26 @@ def tables(result: Result) -> list[Table | str]:
     counts = {n: int(result[f"/summary/count/{n}"]) for n in ("samples", "fixes", "rejected", "gaps")}
     known = (scenario_of(result).get("alignment") or {}).get("known")
     start = "aligned at {:.2f} s with data up to {:.2f} s" if known is None else "known at {:.2f} s"
-    said = (
+    text = (
         f"{start.format(begin, until)}: tilt to {max(sigma[:2]):.1f}, heading to "
         f"{sigma[2]:.1f} degrees (1 sigma); {several(counts['samples'], 'sample')}, {several(counts['fixes'], 'fix')}, "
         f"{counts['rejected']} rejected, {several(counts['gaps'], 'gap')}"
     )
     if "flown_s" in alignment:  # results of earlier versions lack it
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
-        said += "; flown " + " of the recording's ".join(spans)
+        text += "; flown " + " of the recording's ".join(spans)
     if unseen := str(alignment.get("not_judged", "")):
-        said += f"\nnot judged: {unseen}"
+        text += f"\nnot judged: {unseen}"
     every: list[Table | str] = [seen, tuned, *_worthless(result)]
     if not result["/outages/start"].size:
-        return [*every, said]
+        return [*every, text]
     lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest"))
     length = result["/outages/end"] - result["/outages/start"]
     for i, duration in enumerate(result["/summary/duration"]):
         known = np.isfinite(result["/outages/horizontal_error"][np.abs(length - duration) < 1e-6])
         drift = [number(result[f"/summary/drift_{name}"][i], 1) for name in ("median", "max")]
         lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift)
-    return [*every, lost, said]
+    return [*every, lost, text]
 
 
 def _innovation_cells(position: np.ndarray, velocity: np.ndarray, nis: float) -> tuple[Cell, Cell, Cell]:

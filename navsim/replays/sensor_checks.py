@@ -121,7 +121,7 @@ class _Explanation:
     fit: HypothesisFit
 
 
-class _Judge:
+class _AxesTest:
     """Compares hypotheses with the same windows of a log."""
 
     def __init__(self, log: Log, readings: list[_Interpretation]) -> None:
@@ -250,7 +250,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     if readings[0].fixes.time.size < PIECES:
         unseen.append(too_short)
         return [], log
-    judge = _Judge(log, readings)
+    judge = _AxesTest(log, readings)
     none = np.zeros(3)
     if not judge.windows.size or judge.samples.time.size < 10:
         unseen.append(too_short)
@@ -362,17 +362,17 @@ def _changed_letters(explanation: _Explanation) -> tuple[bool, int]:
 
 
 def _evidence(home: HypothesisFit, as_written: float, best: _Explanation) -> str:
-    said = []
+    text = []
     if best.square < 0.8 * as_written:
-        said.append(
+        text.append(
             "carried along by the gyros, the specific force misses the changes of velocity by "
             f"{np.sqrt(as_written):.2g} m/s in each second as written, by {np.sqrt(best.square):.2g} m/s corrected"
         )
     for name, mean, due in (("down", home.down, 2), ("the velocity", home.ahead, 0)):
         if as_written <= WORSE**2 * best.square and np.abs(mean).max() >= ALONG and mean[due] < ALONG:
             shown = ", ".join(f"{value:+.2f}" for value in mean)
-            said.append(f"{name} points along ({shown}) in the axes forward, right, down")
-    return " and ".join(said)
+            text.append(f"{name} points along ({shown}) in the axes forward, right, down")
+    return " and ".join(text)
 
 
 def _explained(
@@ -385,7 +385,7 @@ def _explained(
     remedy, seems, changes = dict(reading.remedy), [reading.seems] if reading.seems else [], int(bool(reading.seems))
     cures: list[tuple[dict[str, Any], list[str]]] = [({}, [])]
     if not tolerated[0] - 1e-9 <= hypothesis.offset <= tolerated[1] + 1e-9:
-        cures = [({key: value}, [said]) for key, value, said in _of_times(log, hypothesis.offset)]
+        cures = [({key: value}, [text]) for key, value, text in _of_times(log, hypothesis.offset)]
         changes += 1
     if abs(hypothesis.factor) != 1.0:
         units = relative_units(conventions.GYRO_UNITS, log.imu.gyro_unit)
@@ -396,8 +396,8 @@ def _explained(
     out = []
     for (shift, shifted), turn in itertools.product(cures, _pointed(fit)):
         gyro, accel = turn @ hypothesis.gyro, turn @ hypothesis.accel
-        axes, said, more, usual = _describe_axes(log, gyro, accel)
-        words = " and ".join([*shifted, *seems, *said])
+        axes, text, more, usual = _describe_axes(log, gyro, accel)
+        words = " and ".join([*shifted, *seems, *text])
         out.append(_Explanation({**remedy, **shift, **axes}, words, changes + more, usual, square, fit))
     return out
 
@@ -412,14 +412,14 @@ def _of_times(log: Log, offset: float) -> list[tuple[str, float, str]]:
     whole = round(apart)
     shift = float(whole) if abs(apart - whole) < 0.35 else round(apart, 1)
     leap = ": GPS time is 18 s from UTC" if abs(shift) == 18.0 else ""
-    said = f"the times of the fixes seem to be {-shift:+g} s off those of the samples{leap}"
-    clocks = ("gnss.time_offset_s", log.gnss.time_offset + shift, said)
+    text = f"the times of the fixes seem to be {-shift:+g} s off those of the samples{leap}"
+    clocks = ("gnss.time_offset_s", log.gnss.time_offset + shift, text)
     low, high = USUAL_OFFSET
     if log.latency is None or not low <= offset <= high:
         return [clocks]
     found = round(-offset, 1) + 0.0
-    said = f"the fixes seem to have a latency of {found:g} s, not of {log.latency:g} s"
-    latency = ("gnss.latency_s", found, said)
+    text = f"the fixes seem to have a latency of {found:g} s, not of {log.latency:g} s"
+    latency = ("gnss.latency_s", found, text)
     return [latency, clocks] if abs(found) <= USUAL_LATENCY else [clocks, latency]
 
 
@@ -454,15 +454,15 @@ def _describe_axes(
             keys = {f"imu.{name}_axes": value for name, value in letters.items()}
         mounted = float(np.linalg.det(gyro)) > 0.0  # no mounting mirrors a triad
         return keys, [f"the axes of gyros and accelerometers seem to point {_spell_axes(both)}"], 1, mounted
-    keys, said, usual = {}, [], True
+    keys, text, usual = {}, [], True
     for name, change in (("gyro", gyro), ("accelerometer", accel)):
         if np.array_equal(change, same):
             continue
         keys[f"imu.{name}_axes"] = letters[name]
         words, common = _describe_change(name, change)
-        said.append(words)
+        text.append(words)
         usual &= common
-    return keys, said, len(keys), usual
+    return keys, text, len(keys), usual
 
 
 def _spell_axes(letters: str) -> str:

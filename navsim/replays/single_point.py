@@ -103,7 +103,7 @@ def solve(
     measured = _Measured(observations.time, position, velocity, ranges, rates, code, accuracy, clock, ratio2)
     possible = np.isfinite(ranges) & np.isfinite(position[..., 0])
 
-    def again(rows: np.ndarray, kept: np.ndarray) -> outliers.TestedFixes:
+    def solve_rows(rows: np.ndarray, kept: np.ndarray) -> outliers.TestedFixes:
         return _fixes(measured.take(rows), settings, kept)[0]
 
     def of_rates(given: outliers.TestedFixes) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +111,7 @@ def solve(
 
     with np.errstate(all="ignore"):  # far from the Earth, where a wrong range may put a fix
         fixes, travel, dop = _fixes(measured, settings, np.ones(ranges.shape, dtype=bool))
-        verdicts = outliers.evaluate(observations.time, fixes, possible, again, of_rates, settings.most_pdop)
+        verdicts = outliers.evaluate(observations.time, fixes, possible, solve_rows, of_rates, settings.most_pdop)
         changed = np.flatnonzero(verdicts.excluded.any(axis=1))
         if changed.size:
             kept = ~verdicts.excluded[changed]

@@ -53,7 +53,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Settled:
+class SourceClock:
     """Clock of a source: reading at time 0 of the flight, s; kind of stamps; how it was found; doubts, or empty."""
 
     offset: float
@@ -71,8 +71,8 @@ class Settled:
         """Value of --start-time for a flight that begins so much later by the source's clock, s."""
         return self.reading(self.offset + later).removesuffix(" s")
 
-    def dated(self, ahead: float, epoch: float) -> Settled:
-        """The clock once the date is known: times of day were short by `ahead`. epoch as in `settle`."""
+    def dated(self, ahead: float, epoch: float) -> SourceClock:
+        """The clock once the date is known: times of day were short by `ahead`. epoch as in `estimate_clock`."""
         offset = self.offset + ahead
         if self.base != "time of day":
             return replace(self, offset=offset, kind="dated")
@@ -109,7 +109,7 @@ def start_time(text: str) -> Start | Literal["first"]:
     )
 
 
-def settle(
+def estimate_clock(
     stamp: float,
     kind: Kind,
     epoch: float,
@@ -117,7 +117,7 @@ def settle(
     period: float,
     distance: Callable[[float], float] | None,
     start: Start | Literal["first"] | None = None,
-) -> Settled:
+) -> SourceClock:
     """Settle a source's clock by its first message.
 
     - `stamp`: of that message, s; `epoch`: UTC of time 0, POSIX s.
@@ -125,15 +125,15 @@ def settle(
     - `distance`: of the message's position from the flight at a time (s), in sigmas; None without a position.
     """
     if start == FIRST:
-        return Settled(stamp - period, kind, "first line")
+        return SourceClock(stamp - period, kind, "first line")
     if start is not None:
         offset = start.reading
         if kind == "undated" and start.instant:
             offset = stamp - _within_half_a_day(stamp - start.reading)
-        return Settled(offset, kind, "given")
+        return SourceClock(offset, kind, "given")
     candidates = [
         *_clock_readings(stamp, kind, epoch, duration, has_position=distance is not None),
-        Settled(stamp - period, kind, "first line"),
+        SourceClock(stamp - period, kind, "first line"),
     ]
     if distance is None:
         return candidates[0]
@@ -149,22 +149,22 @@ def settle(
             f"{MEANING[passed.base]} its first message would be at {stamp - passed.offset:.3f} s of the flight, but "
             "its position is not from there"
         )
-        return Settled(candidate.offset, kind, candidate.base, doubt)
+        return SourceClock(candidate.offset, kind, candidate.base, doubt)
     return candidate
 
 
-def _clock_readings(stamp: float, kind: Kind, epoch: float, duration: float, has_position: bool) -> list[Settled]:
+def _clock_readings(stamp: float, kind: Kind, epoch: float, duration: float, has_position: bool) -> list[SourceClock]:
     """Possible meanings of the stamp, given the scenario's epoch, the likeliest first."""
     found = []
     instant = kind == "dated" or (kind == "count" and _is_utc(stamp))
     if instant and -LEAD <= stamp - epoch <= duration:
-        return [Settled(epoch, kind, "utc")]
+        return [SourceClock(epoch, kind, "utc")]
     if kind == "count" and 0.0 <= stamp <= (duration if has_position else LONGEST_SILENT_START):
-        found.append(Settled(0.0, kind, "flight time"))
+        found.append(SourceClock(0.0, kind, "flight time"))
     if instant or kind == "undated" or 0.0 <= stamp < timescales.DAY:
         time = _within_half_a_day(stamp - epoch)
         if (0.0 if kind == "count" and not instant else -LEAD) <= time <= duration:
-            found.append(Settled(stamp - time, kind, "time of day", _other_day(stamp, epoch) if instant else ""))
+            found.append(SourceClock(stamp - time, kind, "time of day", _other_day(stamp, epoch) if instant else ""))
     return found
 
 

@@ -206,7 +206,7 @@ class Recording:
         return moving_speed(flight.speed, not np.isfinite(flight.velocity[:, :2]).any())
 
     @cached_property
-    def _sensed(self) -> replay.Sensed:
+    def _sensed(self) -> replay.InertialLog:
         """The increments, which no setting changes: a tuning flies them hundreds of times."""
         averaged = self.scenario.imu.samples != "instantaneous"
         return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
@@ -366,8 +366,8 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
     if too_few:
         key = "gnss.time_offset_s" if scenario.gnss.time_offset_s else "gnss.file"
         overlap = s_begin <= f_end and f_begin <= s_end
-        said = f"the recordings have in common only {too_few}" if overlap else "the recordings have no common time"
-        raise InputError([refused(key, f"{said} ({spans})")])
+        text = f"the recordings have in common only {too_few}" if overlap else "the recordings have no common time"
+        raise InputError([refused(key, f"{text} ({spans})")])
     start, end = scenario.begin, scenario.end_s
     begins = "start_s" if known is None else "alignment.known.time_s"
     of_samples, of_fixes, first, too_few = part(start, end)

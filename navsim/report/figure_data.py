@@ -193,7 +193,7 @@ def runway_errors(result: Result, at: np.ndarray, most: int) -> RunwayErrors:
 
 
 @dataclass(frozen=True)
-class Followed:
+class DisplayedState:
     """Display of a filter state: name of its row of three, unit, factor, and axis."""
 
     row: str
@@ -211,9 +211,9 @@ _TRIPLES = ("x y z", "xy yz zx", "xz yx zy", "north east down", "1 2 3")
 """Ends of the names of three states that make a row."""
 
 
-def followed(names: list[str], units: list[str]) -> list[Followed]:
+def followed(names: list[str], units: list[str]) -> list[DisplayedState]:
     """Display of the states of a filter, three a row; names, units: as the result has them."""
-    out: list[Followed] = []
+    out: list[DisplayedState] = []
     while len(out) < len(names):
         i = len(out)
         first = names[i]
@@ -221,18 +221,18 @@ def followed(names: list[str], units: list[str]) -> list[Followed]:
         triple = i < 3 * len(_STATES) or (names[i + 1 : i + 2] and names[i + 1].startswith(stem))
         if not triple or " ".join(axes) not in _TRIPLES:
             unit = "prior σ" if first.startswith(RANGE_ERROR) else units[i]
-            out.append(Followed(display_name(first), unit, 1.0, ""))
+            out.append(DisplayedState(display_name(first), unit, 1.0, ""))
             continue
         # errors of fixes begin with a variance of 1
         prior, unit = first.startswith(FIX_ERROR), units[i].replace("uT", "µT")
         scale = ("prior σ", 1.0) if prior else ("ppm", 1e6) if unit == "1" else (unit, 1.0)
         label = display_name(stem).replace("accelerometer", "accel.")
         row = _STATES[i // 3] if i < 3 * len(_STATES) else (label, *scale)
-        out += [Followed(*row, axis) for axis in axes]
+        out += [DisplayedState(*row, axis) for axis in axes]
     return out
 
 
-def followed_by(result: Result) -> list[Followed]:
+def followed_by(result: Result) -> list[DisplayedState]:
     """Display of the states of the filter of a result."""
     return followed([str(name) for name in result["/filter/state"]], state_units(result))
 

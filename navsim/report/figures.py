@@ -29,7 +29,7 @@ from navsim.report.figure_data import (
     true_for,
 )
 from navsim.report.figure_files import remove_former
-from navsim.report.label_placement import Covered, Letters, Side
+from navsim.report.label_placement import LabelPosition, Letters, Rectangle
 from navsim.report.limits import gates, rms_lines, within_sight, word
 from navsim.report.printing import (
     COLOURS,
@@ -77,14 +77,16 @@ def legend_over(ax: Axes, columns: int) -> None:
 
 def label_points(ax: Axes, names: Iterable[object], x: np.ndarray, y: np.ndarray) -> None:
     """Labels of points, each on the side where it overlaps least with other points and labels."""
-    said = [str(name) for name in names]
+    text = [str(name) for name in names]
     places = [(right, -up) for right, up in on_page(ax, x, y).tolist()]
     corners = ax.get_window_extent().get_points() * 72.0 / ax.figure.dpi
-    paper = Covered(corners[0, 0], corners[1, 0], -corners[1, 1], -corners[0, 1])
-    write_names(ax, said, x, y, _LETTERS.sides(places, said, (), paper))
+    paper = Rectangle(corners[0, 0], corners[1, 0], -corners[1, 1], -corners[0, 1])
+    write_names(ax, text, x, y, _LETTERS.sides(places, text, (), paper))
 
 
-def write_names(ax: Axes, names: Iterable[str], x: Iterable[float], y: Iterable[float], sides: Iterable[Side]) -> None:
+def write_names(
+    ax: Axes, names: Iterable[str], x: Iterable[float], y: Iterable[float], sides: Iterable[LabelPosition]
+) -> None:
     """Labels of points at given positions, points of the page."""
     from matplotlib.patheffects import withStroke
 
@@ -124,8 +126,8 @@ def ridge_lines(ax: Axes, ridges: Iterable[ShownRidge], along: tuple[float, floa
 
 
 def _in_brackets(result: Result) -> str:
-    said = true_for(result)
-    return f" ({said})" if said else ""
+    text = true_for(result)
+    return f" ({text})" if text else ""
 
 
 def track(result: Result) -> Figure:
@@ -199,9 +201,9 @@ def sky(result: Result) -> Figure:
         up = 3.0 if ring < edge else -5.0  # bearings are outside
         ax.annotate(f"{90.0 - ring:g}°", (0.0, ring), xytext=(2.0, up), textcoords="offset points", fontsize=SMALL,
                     va="center_baseline")  # fmt: skip
-    for said, s, c in bearings():
+    for text, s, c in bearings():
         ax.plot([0.0, edge * s], [0.0, edge * c], color=_GREY, lw=0.4, alpha=0.5)
-        ax.text(WRITTEN * edge * s, WRITTEN * edge * c, said, ha="center", va="center_baseline", fontsize=SMALL)
+        ax.text(WRITTEN * edge * s, WRITTEN * edge * c, text, ha="center", va="center_baseline", fontsize=SMALL)
     for each in sources:
         own, mark = (_ORANGE, "^") if each.ground else (_BLUE, "o")
         ax.plot(*each.part(False), color=_GREY, lw=1.0, ls=":")
@@ -222,9 +224,9 @@ def sky(result: Result) -> Figure:
         handles["masked"] = Patch(**shade)
     if terrain is not None:
         handles["behind terrain"] = Patch(color=BROWN, alpha=0.45, lw=0.0)
-    said = true_for(result)
+    text = true_for(result)
     when = "marks, terrain: as at the last fix" if terrain is not None else "marks: last fix"
-    title = f"directions by azimuth and elevation; {when}" + (f"; {said}" if said else "")
+    title = f"directions by azimuth and elevation; {when}" + (f"; {text}" if text else "")
     legend(fig, list(handles.values()), list(handles), 3, "outside upper center", title)
     return fig
 

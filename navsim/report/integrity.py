@@ -66,10 +66,10 @@ def levels(result: Result) -> Figure:
             largest = largest_errors(result, axis)
             ax.plot(time, largest, color=_ERROR, lw=0.6, label=several)
             shown.append(largest)
-            for said, mark, code in (("alarm", "|", ALARM), (f"alert: no {_GIVEN[whose(result)]}", "x", NO_FIX)):
+            for text, mark, code in (("alarm", "|", ALARM), (f"alert: no {_GIVEN[whose(result)]}", "x", NO_FIX)):
                 there = alarms(result, code)
                 if there.size:
-                    ax.plot(time[there], np.zeros(there.size), mark, color=COLOURS[3], ms=5, label=said, clip_on=False)
+                    ax.plot(time[there], np.zeros(there.size), mark, color=COLOURS[3], ms=5, label=text, clip_on=False)
         if np.isfinite(landed):
             ax.axvline(landed, color="#777777", lw=0.8, ls="--", label="touchdown")
         ax.set_ylim(bottom=0.0)
@@ -150,7 +150,7 @@ def interference(result: Result) -> Figure:
     ax = fig.subplots()
     time, cn0 = result["/interference/time"], result["/interference/cn0"]
     pseudolites = set(map(str, result["/pseudolites/name"]))
-    said: set[str] = set()
+    text: set[str] = set()
     clocks = str(result.variables["/geometry/clock"].attributes["clocks"]).split(", ")
     system = dict(zip(map(str, result["/geometry/source"]), result["/geometry/clock"].tolist(), strict=True))
     for i, name in enumerate(map(str, result["/interference/source"])):
@@ -160,8 +160,8 @@ def interference(result: Result) -> Figure:
         of_clock = system[name]
         label = "pseudolites" if ground else f"{clocks[of_clock]} satellites"
         colour = COLOURS[1] if ground else _SKY[of_clock % len(_SKY)]
-        ax.plot(time, cn0[:, i], color=colour, ls="--" if ground else "-", label=None if label in said else label)
-        said.add(label)
+        ax.plot(time, cn0[:, i], color=colour, ls="--" if ground else "-", label=None if label in text else label)
+        text.add(label)
     for j, name in enumerate(map(str, result["/interference/jammer"])):
         heard = np.isfinite(result["/interference/js"][j]).any(axis=1)
         if name in pseudolites or not heard.any():

@@ -128,16 +128,16 @@ def legend(
     words = list(labels)
     broken = None if title is None else _broken(title, room - 12.0, 8.0)
 
-    def made(columns: int) -> Any:
+    def draw_legend(columns: int) -> Any:
         return figure.legend(handles, words, loc=loc, ncols=columns, title=broken, title_fontsize=8.0)
 
-    while (out := made(columns)) and columns > 1 and _width(figure, out) > room:
+    while (out := draw_legend(columns)) and columns > 1 and _width(figure, out) > room:
         out.remove()
         columns -= 1
     if _width(figure, out) > room:
         out.remove()
         words = [_broken(label, room - 30.0, SMALL) for label in labels]
-        out = made(1)
+        out = draw_legend(1)
     height = out.get_window_extent(_renderer(figure)).height * 72.0 / figure.dpi
     figure.set_figheight(figure.get_figheight() + max(0.0, height - 20.0) / 72.0)
 
@@ -225,7 +225,7 @@ def _spread_numbers(ax: Axes) -> None:
         at = np.asarray(axis.get_majorticklocs(), float)
         low, high = sorted(ax.get_xlim())
         numbers = axis.get_major_formatter().format_ticks(at.tolist())
-        words = [said for x, said in zip(at, numbers, strict=True)
+        words = [text for x, text in zip(at, numbers, strict=True)
                  if low <= x <= high]  # fmt: skip
         seen = at[(at >= low) & (at <= high)]
         middle = ax.transData.transform(np.column_stack([seen, np.full(seen.size, ax.get_ylim()[0])]))[:, 0] * scale
@@ -277,9 +277,9 @@ def _fit(text: Text, room: float) -> bool:
     return lines != said
 
 
-def _broken(said: str, room: float, size: float) -> str:
+def _broken(text: str, room: float, size: float) -> str:
     """Words in lines that are no longer than the room, points; lines that are short enough stay."""
-    return "\n".join(part for line in said.split("\n") for part in _lines(line, room, size))
+    return "\n".join(part for line in text.split("\n") for part in _lines(line, room, size))
 
 
 def _lines(line: str, room: float, size: float) -> list[str]:

@@ -33,9 +33,9 @@ def provenance(read: Sequence[Read]) -> Table:
     out = Table("", ("", *(each.name for each in read)), caption=caption)
     out.add("file", *(str(each.path) for each in read))
     out.add("SHA-256 of the file", *(_sum(each.path) for each in read))
-    for attribute, said in _HEADS.items():
+    for attribute, text in _HEADS.items():
         if any(attribute in each.result.attributes for each in read):
-            out.add(said, *(str(each.result.attributes.get(attribute, ABSENT)) for each in read))
+            out.add(text, *(str(each.result.attributes.get(attribute, ABSENT)) for each in read))
     if any("/run" in each.result for each in read):
         out.add("runs", *(_runs(each.result) for each in read))
     return out

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.geodesy.horizon import between
-from navsim.report.label_placement import ON, Covered, Letters, Side
+from navsim.report.label_placement import ON, LabelPosition, Letters, Rectangle
 from navsim.report.summary_tables import setting
 from navsim.results.result import Result
 
@@ -28,12 +28,12 @@ _OFF = 0.15
 def bearings() -> list[tuple[str, float, float]]:
     """Names of bearings, and their sines and cosines."""
     turns = [2.0 * math.pi * i / len(_BEARINGS) for i in range(len(_BEARINGS))]
-    return [(said, math.sin(turn), math.cos(turn)) for said, turn in zip(_BEARINGS, turns, strict=True)]
+    return [(text, math.sin(turn), math.cos(turn)) for text, turn in zip(_BEARINGS, turns, strict=True)]
 
 
 def sides(
-    x: Sequence[float], y: Sequence[float], said: Sequence[str], edge: float, wide: float, letters: Letters
-) -> list[Side]:
+    x: Sequence[float], y: Sequence[float], text: Sequence[str], edge: float, wide: float, letters: Letters
+) -> list[LabelPosition]:
     """Sides of the labels of marks on a paper down to 90 - edge, deg.
 
     wide: its width in the unit of the letters; x, y: of the marks, to the east and north, deg.
@@ -41,10 +41,10 @@ def sides(
     scale = 0.5 * wide / (REACH * edge)
     out = scale * WRITTEN * edge
     taken = [letters.written(out * s, -out * c, name, ON) for name, s, c in bearings()]
-    ring_name = Side("left", 0.2 * letters.line, -0.4 * letters.line)
+    ring_name = LabelPosition("left", 0.2 * letters.line, -0.4 * letters.line)
     taken += [letters.written(0.0, -scale * ring, f"{90.0 - ring:g}°", ring_name) for ring in RINGS]
     places = [(scale * right, -scale * up) for right, up in zip(x, y, strict=True)]
-    return letters.sides(places, said, taken, Covered(-0.5 * wide, 0.5 * wide, -0.5 * wide, 0.5 * wide))
+    return letters.sides(places, text, taken, Rectangle(-0.5 * wide, 0.5 * wide, -0.5 * wide, 0.5 * wide))
 
 
 def shaded(azimuth: np.ndarray, elevation: np.ndarray, mask: float) -> tuple[np.ndarray, np.ndarray]:

@@ -392,8 +392,8 @@ def box_to_first_order(result: Result, i: int | None) -> Cell | str:
     value = max(value, LEAST)
     if i is None:
         several = np.isfinite(chances).sum() > 1  # the sum is a bound
-        said = f"{'at most ' if several else ''}{{:.3g}}  (if Gaussian)" if value > LEAST else shown
-        return cell(said, value, names=("probability",))
+        text = f"{'at most ' if several else ''}{{:.3g}}  (if Gaussian)" if value > LEAST else shown
+        return cell(text, value, names=("probability",))
     where, ends = box_sides(result, i)
     return Cell(f"{shown}  ({where}, if Gaussian)", (value, *ends), names=("probability", *_SIDES[len(ends)]),
                 units=("1", *("m" for _ in ends)))  # fmt: skip
@@ -539,10 +539,10 @@ def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
 
 def _verdict(result: Result, statement: str) -> Cell | str:
     branch = "/summary/requirements"
-    said = [] if f"{branch}/verdict" not in result else [str(text) for text in result[f"{branch}/statement"]]
-    if statement not in said:
+    text = [] if f"{branch}/verdict" not in result else [str(text) for text in result[f"{branch}/statement"]]
+    if statement not in text:
         return ABSENT
-    i = said.index(statement)
+    i = text.index(statement)
     word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
     return verdict_cell(word, result[f"{branch}/value"][i], more, single(result))
 

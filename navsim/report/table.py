@@ -30,8 +30,8 @@ class _NumberOrAbsent(float):
     def __format__(self, how: str) -> str:
         if not math.isfinite(self):
             return ABSENT
-        said = float.__format__(self, how)
-        return said if said.strip("+-.0") else float.__format__(0.0, how)  # no negative zero
+        text = float.__format__(self, how)
+        return text if text.strip("+-.0") else float.__format__(0.0, how)  # no negative zero
 
 
 @dataclass(frozen=True)
@@ -366,8 +366,8 @@ def tex(table: Table) -> list[str]:
         if row.heading and i:
             body.append(r"\addlinespace")
         body.append(_tex_row(texts))
-    said = ". ".join(filter(None, (table.title, table.caption)))
-    caption = [rf"\caption{{{tex_text(said)}}}"] if said else []
+    text = ". ".join(filter(None, (table.title, table.caption)))
+    caption = [rf"\caption{{{tex_text(text)}}}"] if text else []
     notes = [rf"\par {tex_text(line)}" for line in table.notes.splitlines()]
     size = [r"\footnotesize"] if small else []
     if height <= _PAGE:

@@ -93,8 +93,8 @@ class Tree:
         try:
             yield
         except (OSError, RuntimeError, ValueError, TypeError, KeyError, OverflowError) as error:
-            said = self._source.damage or (str(error).splitlines() or [type(error).__name__])[0]
-            raise CorruptFile(said) from None
+            text = self._source.damage or (str(error).splitlines() or [type(error).__name__])[0]
+            raise CorruptFile(text) from None
         if self._source.damage is not None:
             raise CorruptFile(self._source.damage)
 

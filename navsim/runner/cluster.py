@@ -80,7 +80,7 @@ def _differences(theirs: dict[str, str], ours: dict[str, str]) -> str:
                      if theirs.get(name) != ours[name])  # fmt: skip
 
 
-class _Coming(futures.Future[Any]):
+class _RemoteFuture(futures.Future[Any]):
     """A task with the interface of `concurrent.futures`; its result is fetched on request, one at a time."""
 
     def __init__(self, theirs: Any, fetch: Callable[[Any], Any]) -> None:
@@ -188,7 +188,7 @@ class Cluster(RemoteExecutor):
             theirs = self._client.submit(
                 _checked, versions(), work, *arguments, **named, key=self._key("task"), pure=False
             )
-            return _Coming(theirs, self._fetched)
+            return _RemoteFuture(theirs, self._fetched)
 
     def _key(self, what: str) -> str:
         return f"navsim-{what}-{self._client.id}-{next(self._numbers)}"

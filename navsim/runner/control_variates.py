@@ -86,7 +86,7 @@ def mean(values: np.ndarray, controls: np.ndarray, exact: np.ndarray) -> Control
     from scipy.special import stdtrit
 
     runs, count = controls.shape
-    if runs < LEAST_RUNS or not np.isfinite(values).all() or not _is_believed(controls, exact):
+    if runs < LEAST_RUNS or not np.isfinite(values).all() or not _agrees(controls, exact):
         return NONE
     off = controls - exact
     scale = np.sqrt(np.mean(off**2, axis=0))
@@ -105,7 +105,7 @@ def mean(values: np.ndarray, controls: np.ndarray, exact: np.ndarray) -> Control
     return Controlled(np.array([middle, middle - reach, middle + reach]), gain)
 
 
-def _is_believed(controls: np.ndarray, exact: np.ndarray) -> bool:
+def _agrees(controls: np.ndarray, exact: np.ndarray) -> bool:
     """Whether the means of controls (run, k) agree with the exact ones (k,)."""
     if not (np.isfinite(controls).all() and np.isfinite(exact).all()):
         return False

@@ -227,8 +227,8 @@ def of_filter(name: str, time: np.ndarray, error: np.ndarray, sigma: np.ndarray)
         flaws = [tally(one[None]) for one in mask]
         many = Flaws(*(np.stack([getattr(one, part) for one in flaws]) for part in Flaws.__dataclass_fields__))
         if found := spread(many, 0, time):
-            said = counted(which, found.count, mask.size, found.first, found.last, found.runs, of_runs)
-            out.append(replace(said, text=f"{name}: {said.text}"))
+            text = counted(which, found.count, mask.size, found.first, found.last, found.runs, of_runs)
+            out.append(replace(text, text=f"{name}: {text.text}"))
     return out
 
 

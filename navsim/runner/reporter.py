@@ -20,7 +20,7 @@ class Reporter:
 
 
 @dataclass(frozen=True)
-class Listener:
+class JobReporter:
     """Receiver of a job's messages."""
 
     speech: Reporter

@@ -24,9 +24,7 @@ def unmet_requirements(result: Result, demands: ExitRequirements) -> list[str]:
     from navsim.results.findings import CONSISTENT, FIX, of
 
     kinds = [kind for kind, asked in ((FIX, demands.fix), (CONSISTENT, demands.consistent)) if asked]
-    wrong = [
-        f"--require-{kind}: {found.text}" for kind in kinds for found in of(result) if kind in found.against
-    ]
+    wrong = [f"--require-{kind}: {found.text}" for kind in kinds for found in of(result) if kind in found.against]
     if demands.requirements:
         wrong += [f"--require: {text}" for text in _unmet(result)]
     return wrong

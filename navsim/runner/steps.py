@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from navsim.runner.errors import BadInput, RunFailed, as_problems, translate_errors
 from navsim.runner.executors import open_executor
-from navsim.runner.reporter import Listener
+from navsim.runner.reporter import JobReporter
 from navsim.runner.requirements import ExitRequirements, unmet_requirements
 from navsim.runner.resources import Request, check_resources, tell
 from navsim.runner.target import Written, check_target, figure_folder, locked_target, refuse_other, save
@@ -73,7 +73,7 @@ class Finished:
     """Why it fails although the result is complete, "" if it does not."""
 
 
-def run_job(name: object, job: Job, target: Path, order: JobRequest, listener: Listener) -> Finished | None:
+def run_job(name: object, job: Job, target: Path, order: JobRequest, listener: JobReporter) -> Finished | None:
     """Do a job and write its result, or only report its resources; returns None then.
 
     name: of the file, for messages. target: the result's path. Raises BadInput, RunFailed.
@@ -103,7 +103,7 @@ def _check_resumed(target: Path, order: JobRequest) -> None:
 
 
 def _prepare(
-    name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor
+    name: object, job: Job, target: Path, order: JobRequest, listener: JobReporter, executor: Executor
 ) -> tuple[Request, Budget]:
     """Prepare a job; returns its estimate."""
     from navsim.results.findings import several
@@ -124,7 +124,7 @@ def _prepare(
 
 
 def _report_estimate(
-    name: object, job: Job, target: Path, order: JobRequest, listener: Listener, executor: Executor
+    name: object, job: Job, target: Path, order: JobRequest, listener: JobReporter, executor: Executor
 ) -> None:
     """Report the resources of a job, with the time from a timed block if that needs no compilation."""
     from navsim.compiler import jit
@@ -181,7 +181,7 @@ def _computed(
     job: Job,
     target: Path,
     order: JobRequest,
-    listener: Listener,
+    listener: JobReporter,
     executor: Executor,
     drawing: Path | None,
 ) -> Finished:

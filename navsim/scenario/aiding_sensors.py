@@ -164,7 +164,7 @@ class RadioAltimeterSection(AidingSection):
             lever_arm=np.array(self.lever_arm_m),
             aim_point=runway.aim_point_m,
             height=runway.ellipsoidal_m,
-            believed=assumed,
+            design=assumed,
         )
 
 
@@ -360,7 +360,7 @@ class MagnetometerSection(AidingSection):
         return data
 
     @model_validator(mode="after")
-    def _whole_field(self) -> Self:
+    def _check_field(self) -> Self:
         parts = {key: getattr(self, key) for key in ("declination_deg", "dip_deg", "intensity_ut")}
         missing = [key for key, value in parts.items() if value is None]
         if 0 < len(missing) < len(parts):

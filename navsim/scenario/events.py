@@ -13,7 +13,7 @@ from navsim.scenario.approach import Point
 from navsim.scenario.base import DistinctListOf, FlightTime, Section, Triple, reject
 
 if TYPE_CHECKING:
-    from navsim.gnss.events import Event, Happening
+    from navsim.gnss.events import Event, EventEffect
 
 Error = Annotated[float, Field(ge=-1e6, le=1e6)]
 """Error of a range, m, or its change, m/s."""
@@ -38,7 +38,7 @@ class EventSection(Section):
             raise reject("must lie after at_s", "until_s")
         return self
 
-    def happening(self) -> Happening:
+    def happening(self) -> EventEffect:
         """Model of the event."""
         raise NotImplementedError
 
@@ -55,7 +55,7 @@ class SilenceSection(EventSection):
     what: Literal["silence"]
     """nothing is received of the sources"""
 
-    def happening(self) -> Happening:
+    def happening(self) -> EventEffect:
         from navsim.gnss.events import Silence
 
         return Silence()
@@ -81,7 +81,7 @@ class StepSection(RangeSection):
     error_m: Error
     """how much longer the ranges become"""
 
-    def happening(self) -> Happening:
+    def happening(self) -> EventEffect:
         from navsim.gnss.events import RangeFault
 
         return RangeFault(self.error_m, 0.0)
@@ -95,7 +95,7 @@ class RampSection(RangeSection):
     rate_m_s: Error
     """how fast the ranges grow"""
 
-    def happening(self) -> Happening:
+    def happening(self) -> EventEffect:
         from navsim.gnss.events import RangeFault
 
         return RangeFault(0.0, self.rate_m_s)
@@ -109,12 +109,12 @@ class SurveySection(EventSection):
     ned_m: Triple
     """true position minus the assumed one: north, east, down at the receiver"""
 
-    def happening(self) -> Happening:
+    def happening(self) -> EventEffect:
         import numpy as np
 
-        from navsim.gnss.events import Displaced
+        from navsim.gnss.events import DisplacedSources
 
-        return Displaced(np.array(self.ned_m))
+        return DisplacedSources(np.array(self.ned_m))
 
 
 class SpoofSection(EventSection):
@@ -137,7 +137,7 @@ class SpoofSection(EventSection):
             raise reject("changes nothing: give offset_ned_m, rate_ned_m_s, clock_m or drift_m_s", "what")
         return self
 
-    def happening(self) -> Happening:
+    def happening(self) -> EventEffect:
         import numpy as np
 
         from navsim.gnss.events import Spoofed
@@ -157,7 +157,7 @@ class MeaconSection(EventSection):
     delay_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """delay within the meacon, as a range"""
 
-    def happening(self) -> Happening:
+    def happening(self) -> EventEffect:
         import numpy as np
 
         from navsim.geodesy.earth import ecef_from_llh

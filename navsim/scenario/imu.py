@@ -411,7 +411,7 @@ def filled(values: dict[str, float], given: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key not in spoken_for} | given
 
 
-def believed(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro | Accelerometer:
+def assumed_sensor(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro | Accelerometer:
     """The true sensor with the filter's own values put in; one spelling of the noise displaces the other."""
     values = given.model_dump(exclude_none=True)
     for pair in _SPELLINGS:
@@ -465,7 +465,7 @@ class _Sensors(Section):
         return out
 
     @model_validator(mode="after")
-    def _nothing_half_given(self) -> Self:
+    def _check_complete(self) -> Self:
         sheet = self.preset in IMU_SHEETS
         missing = [
             (sensor, keys)
@@ -557,7 +557,7 @@ class Imu(_Sensors):
         vibration = Vibration() if self.vibration is None else self.vibration.model()
         warming = Warming() if self.temperature is None else self.temperature.model()
         of_gyro, of_accel = (
-            (true if given is None else believed(true, given)).triad(self.rate_hz)
+            (true if given is None else assumed_sensor(true, given)).triad(self.rate_hz)
             for true, given in ((self.gyro, gyro), (self.accelerometer, accelerometer))
         )
         mine, its = (replace(t.further, vibration=vibration, warming=warming) for t in (of_gyro, of_accel))

@@ -48,7 +48,7 @@ from navsim.scenario.base import (
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import AnyEvent
 from navsim.scenario.filter import SMOOTHERS, FilterSection
-from navsim.scenario.imu import Accelerometer, Gyro, Imu, believed
+from navsim.scenario.imu import Accelerometer, Gyro, Imu, assumed_sensor
 from navsim.scenario.initial_errors import InitialErrorsSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.interference import InterferenceSection
@@ -154,7 +154,7 @@ class Landing(Section):
         for sensor in ("gyro", "accelerometer"):
             given = getattr(self.filter.imu, sensor)
             if given is not None:
-                believed(getattr(self.imu, sensor), given).check(self.imu.rate_hz, "filter", "imu", sensor)
+                assumed_sensor(getattr(self.imu, sensor), given).check(self.imu.rate_hz, "filter", "imu", sensor)
         self._checked_aiding()
         self._check_correlated()
         if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.one_clock:
@@ -270,7 +270,7 @@ class Landing(Section):
         """Number of inertial sensors with a gain, by `key`, in the filter model."""
         truth: list[Gyro | Accelerometer] = [self.imu.gyro, self.imu.accelerometer]
         given: list[Gyro | Accelerometer | None] = [self.filter.imu.gyro, self.filter.imu.accelerometer]
-        sizes = (getattr(t if g is None else believed(t, g), key) for t, g in zip(truth, given, strict=True))
+        sizes = (getattr(t if g is None else assumed_sensor(t, g), key) for t, g in zip(truth, given, strict=True))
         return sum(bool(size) for size in sizes)
 
     @property
@@ -696,12 +696,12 @@ class Landing(Section):
 
         frame = self._frame_of_threshold() if approach.by_coordinates() else None
 
-        def seen(lat: float, lon: float) -> tuple[float, float]:
+        def to_plane(lat: float, lon: float) -> tuple[float, float]:
             assert frame is not None
             x, y, _ = (ecef_from_llh(np.array([lat, lon, self.runway.ellipsoidal_m])) - frame.origin) @ frame.axes
             return float(x), float(y)
 
-        return approach.placed(self.runway.aim_point_m, seen)
+        return approach.placed(self.runway.aim_point_m, to_plane)
 
     def trajectory(self) -> Trajectory:
         """The aircraft's motion over the Earth; recorded approaches are read elsewhere."""
@@ -725,12 +725,12 @@ class Landing(Section):
 
         from navsim.trajectory.air import WindAlong
         from navsim.trajectory.approach import FLARE, ROLL_OUT, TOUCHDOWN
-        from navsim.trajectory.kinematics import Blowing, Trajectory, Wind
+        from navsim.trajectory.kinematics import Trajectory, Wind, WindField
 
         assert not isinstance(self.approach, RecordedApproach)
         heading, events = self.runway.heading_deg * DEG, path.events
         decrab = (events.get(FLARE), events[TOUCHDOWN] if FLARE in events else None)
-        wind: Blowing
+        wind: WindField
         if self.wind.profile == "constant":
             towards = (self.wind.from_deg + 180.0) * DEG - heading
             speed = self.wind.speed_m_s

@@ -45,8 +45,8 @@ def read_any(path: Source, assignments: Sequence[Assignment] = ()) -> tuple[Sect
     kind = document.data.get("kind")
     if str(kind) not in OF_FILES:  # any value is possible, also a list
         missing = "kind" not in document.data
-        said = "this key is required; " if missing else f"{kind!r} is not a kind of scenario; "
-        raise InputError([Problem(document.place(("kind",)), "kind", said + hint(str(kind), list(OF_FILES)))])
+        text = "this key is required; " if missing else f"{kind!r} is not a kind of scenario; "
+        raise InputError([Problem(document.place(("kind",)), "kind", text + hint(str(kind), list(OF_FILES)))])
     try:
         return validated(section(str(kind)), document), document
     except InputError as error:

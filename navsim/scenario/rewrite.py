@@ -110,11 +110,11 @@ class _Text:
         """Whether only these characters precede a character in its line."""
         return not self.text[self.line(at) : at].strip(opening)
 
-    def lines(self, at: int, said: list[str]) -> _Piece:
+    def lines(self, at: int, text: list[str]) -> _Piece:
         """Lines put in where the line after a character begins."""
         at = self.after(at)
         open_end = at == len(self.text) and self.text and not self.text.endswith("\n")
-        return _Piece(at, at, (self.end_of_line if open_end else "") + "".join(s + self.end_of_line for s in said))
+        return _Piece(at, at, (self.end_of_line if open_end else "") + "".join(s + self.end_of_line for s in text))
 
 
 def _end(node: yaml.Node) -> int:
@@ -160,9 +160,9 @@ def _of_mapping(of: _Text, node: yaml.MappingNode, before: Any, after: Any) -> I
     if not kept:
         raise _Entangled
     column = node.value[0][0].start_mark.column
-    said = [line for key in after if key not in before for line in block(key, after[key], column)]
-    if said:
-        yield of.lines(_end(node) - 1, said)
+    text = [line for key in after if key not in before for line in block(key, after[key], column)]
+    if text:
+        yield of.lines(_end(node) - 1, text)
 
 
 def _of_list(of: _Text, node: yaml.SequenceNode, before: list[Any], after: list[Any]) -> Iterator[_Piece]:
@@ -215,12 +215,12 @@ def _sections(of: _Text, node: yaml.MappingNode, before: Any, after: Any) -> Ite
     for key, value in node.value:
         if key.value in after and _same(before[key.value], after[key.value]):
             continue
-        said = block(key.value, after[key.value], 0) if key.value in after else []
+        text = block(key.value, after[key.value], 0) if key.value in after else []
         end = of.after(max(key.end_mark.index, _end(value)))
-        yield _Piece(of.line(key.start_mark.index), end, "".join(line + of.end_of_line for line in said))
-    said = [line for key in after if key not in before for line in block(key, after[key], 0)]
-    if said:
-        yield of.lines(_end(node) - 1, said)
+        yield _Piece(of.line(key.start_mark.index), end, "".join(line + of.end_of_line for line in text))
+    text = [line for key in after if key not in before for line in block(key, after[key], 0)]
+    if text:
+        yield of.lines(_end(node) - 1, text)
 
 
 def block(key: str, value: Any, column: int) -> list[str]:

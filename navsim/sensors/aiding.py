@@ -64,11 +64,11 @@ class AidingSensor(ABC):
 
     @property
     @abstractmethod
-    def as_believed(self) -> bool:
+    def is_true_model(self) -> bool:
         """Whether the filter model equals the sensor."""
 
     @property
-    def believed_latency(self) -> float:
+    def design_latency(self) -> float:
         """Age of a measurement on arrival in the filter model, s."""
         return 0.0
 

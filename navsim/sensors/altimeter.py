@@ -29,7 +29,7 @@ class Altimeter(AidingSensor):
     """Constant error, m, positive if it reads too high; unknown to the filter."""
     sigma: float
     """1 sigma of its white noise, m."""
-    believed: float
+    design: float
     """1 sigma in the filter model, m."""
     latency: float = 0.0
     """s."""
@@ -44,7 +44,7 @@ class Altimeter(AidingSensor):
 
     def table(self, frame: Frame, measured: np.ndarray) -> AltitudeTable:
         """Heights as the filter takes them."""
-        return AltitudeTable(measured[:, 0].copy(), np.full_like(measured[:, 0], self.believed**2))
+        return AltitudeTable(measured[:, 0].copy(), np.full_like(measured[:, 0], self.design**2))
 
     @property
     def slope(self) -> np.ndarray:
@@ -52,9 +52,9 @@ class Altimeter(AidingSensor):
         return -np.eye(1)
 
     @property
-    def as_believed(self) -> bool:
+    def is_true_model(self) -> bool:
         """Whether the filter model equals the sensor."""
-        return bool(self.sigma == self.believed)
+        return bool(self.sigma == self.design)
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class RadioAltimeter(AidingSensor):
     aim_point: float
     """Aim point of the runway, see `Centreline.of`, also for `height`."""
     height: float
-    believed: RadioAltimeterDesign
+    design: RadioAltimeterDesign
     """Filter model."""
 
     def exact(self, frame: Frame, motion: Motion) -> np.ndarray:
@@ -168,21 +168,21 @@ class RadioAltimeter(AidingSensor):
 
     def table(self, frame: Frame, measured: np.ndarray) -> GroundTable:
         """Heights as the filter takes them, and its ground."""
-        strip, its = Centreline.of(frame, self.aim_point, self.height), self.believed
+        strip, its = Centreline.of(frame, self.aim_point, self.height), self.design
         return GroundTable(
             measured[:, 0].copy(), its.floor, its.share, its.start, strip.threshold, strip.scale, strip.direction,
             its.ground.along, its.ground.height, its.lever_arm,
         )  # fmt: skip
 
     @property
-    def believed_latency(self) -> float:
+    def design_latency(self) -> float:
         """Age of a measurement on arrival in the filter model, s."""
-        return float(self.believed.latency)
+        return float(self.design.latency)
 
     @property
-    def as_believed(self) -> bool:
+    def is_true_model(self) -> bool:
         """Whether the filter model equals the altimeter."""
-        mine, its = self, self.believed
+        mine, its = self, self.design
         return (
             (mine.floor, mine.share, mine.latency) == (its.floor, its.share, its.latency)
             and np.array_equal(mine.lever_arm, its.lever_arm)

@@ -114,7 +114,7 @@ class BarometricAltimeter(AidingSensor):
     """Geoid above the ellipsoid, m."""
     wrong_setting: float
     """Setting error, hPa, positive if set too high."""
-    believed: PressureDesign
+    design: PressureDesign
     """Filter model."""
     setting_sigma: float = 0.0
     """1 sigma of the setting error drawn in each run, hPa."""
@@ -147,7 +147,7 @@ class BarometricAltimeter(AidingSensor):
 
     def table(self, frame: Frame, measured: np.ndarray) -> PressureTable:
         """Heights as the filter takes them: above the ellipsoid, by its own model of the air."""
-        its = self.believed
+        its = self.design
         height = its.air.height(measured[:, 0]) + its.undulation
         return PressureTable(height, np.full_like(height, (its.sigma / its.air.stretch) ** 2), its.lag)
 
@@ -159,7 +159,7 @@ class BarometricAltimeter(AidingSensor):
     @property
     def state_scale(self) -> float:
         """Metres of the filter's height for each metre shown."""
-        return 1.0 / self.believed.air.stretch
+        return 1.0 / self.design.air.stretch
 
     @property
     def errors(self) -> tuple[SensorError, ...]:
@@ -198,11 +198,11 @@ class BarometricAltimeter(AidingSensor):
     @property
     def followed(self) -> tuple[int, ...]:
         """The errors that the filter estimates."""
-        return self.believed.followed()
+        return self.design.followed()
 
     def states(self, step: float) -> tuple[tuple[Block, float], ...]:
         """States for these errors, in metres of the filter's height."""
-        its = self.believed
+        its = self.design
         names, times, sigmas = ("setting", "drift"), (np.inf, its.drift_time), (its.setting, its.drift)
         out = []
         for error in its.followed():
@@ -214,9 +214,9 @@ class BarometricAltimeter(AidingSensor):
         return tuple(out)
 
     @property
-    def as_believed(self) -> bool:
+    def is_true_model(self) -> bool:
         """Whether the filter model equals the altimeter."""
-        its = self.believed
+        its = self.design
         mine = self.sigma, self.lag, self.air, self.undulation, self.setting_sigma * SLOPE, self.drift
         right = self.wrong_setting == 0.0 and (self.drift == 0.0 or self.drift_time == its.drift_time)
         return right and mine == (its.sigma, its.lag, its.air, its.undulation, its.setting, its.drift)

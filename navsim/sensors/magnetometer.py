@@ -92,7 +92,7 @@ class Magnetometer(AidingSensor):
     fades: float
     """Height in which the disturbance falls to 1 / e, m."""
     true_errors: MagneticErrors
-    believed: MagneticDesign
+    design: MagneticDesign
     """Filter model."""
 
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
@@ -105,24 +105,24 @@ class Magnetometer(AidingSensor):
 
     def table(self, frame: Frame, measured: np.ndarray) -> MagneticTable:
         """Fields as the filter takes them, along the body axes."""
-        its = self.believed
+        its = self.design
         field = np.einsum("ij,mj...->mi...", self.slope, measured)
         return MagneticTable(np.ascontiguousarray(field), its.noise**2, its.field, self.ground, its.fades)
 
     @property
     def slope(self) -> np.ndarray:
         """Derivatives of the innovation, in body axes, by the field along the axes of the sensor."""
-        return self.believed.mounting.T
+        return self.design.mounting.T
 
     @property
-    def believed_latency(self) -> float:
+    def design_latency(self) -> float:
         """Age of a measurement on arrival in the filter model, s."""
-        return self.believed.latency
+        return self.design.latency
 
     @property
-    def as_believed(self) -> bool:
+    def is_true_model(self) -> bool:
         """Whether the filter model equals the sensor."""
-        its = self.believed
+        its = self.design
         return (
             (self.noise, self.latency, self.fades) == (its.noise, its.latency, its.fades)
             and self.true_errors == its.errors
@@ -155,13 +155,13 @@ class Magnetometer(AidingSensor):
     @property
     def followed(self) -> tuple[int, ...]:
         """The errors that the filter estimates."""
-        return tuple(k for k, error in enumerate(self.believed.errors.listed()) if error.sigma > 0.0)
+        return tuple(k for k, error in enumerate(self.design.errors.listed()) if error.sigma > 0.0)
 
     def states(self, step: float) -> tuple[tuple[Block, float], ...]:
         """States for these errors: uT, and shares of the field."""
         out = []
         for k in self.followed:
-            error = self.believed.errors.listed()[k]
+            error = self.design.errors.listed()[k]
             drive = -math.expm1(-2.0 * step / error.time) / step * error.sigma**2
             unit = "1" if error.name == "soft_iron" else "uT"
             block = Block(

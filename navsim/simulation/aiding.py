@@ -101,7 +101,7 @@ def aids_of(sensors: Sequence[AidingSensor], trajectory: Moving, duration: float
         time = times_of(sensor, duration, imu_rate)
         exact = sensor.noise_free(trajectory, time)
         arrival = time + sensor.latency
-        valid = np.maximum(arrival - sensor.believed_latency, 0.0) if sensor.latency else time
+        valid = np.maximum(arrival - sensor.design_latency, 0.0) if sensor.latency else time
         effects = sensor.effects(trajectory, time)
         sigma = sensor.noise_sigma(exact)
         out.append(Aid(sensor, trajectory.frame, time, arrival, valid, exact, sigma, effects))

@@ -20,7 +20,7 @@ from navsim.simulation.dispersion_kernels import deviate, ranges_from
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.air import Air
 from navsim.trajectory.dispersion import Departure, Disturbance, deviated
-from navsim.trajectory.guidance import Held
+from navsim.trajectory.guidance import GuidanceErrors
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 
 
@@ -137,15 +137,17 @@ class Dispersion:
         """Whether aircraft are steered by their estimates."""
         return self.disturbance.air.follow is not None
 
-    def known(self, error: np.ndarray) -> Held:
+    def known(self, error: np.ndarray) -> GuidanceErrors:
         """Position of the runs according to guidance, from position errors (o, 3, W), truth minus estimate, NED, m, at
         the filter's outputs."""
         samples = self.disturbance.time
         since = np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
         turn = self.trajectory.frame.axes.T @ earth.ned_matrix(self.at_filter.llh).swapaxes(1, 2)
-        return Held.of(since, np.einsum("oaj,ojw->oaw", turn, error))
+        return GuidanceErrors.of(since, np.einsum("oaj,ojw->oaw", turn, error))
 
-    def flown(self, seed: int, runs: Sequence[int], lanes: int, known: Held | None = None) -> DispersedTrajectories:
+    def flown(
+        self, seed: int, runs: Sequence[int], lanes: int, known: GuidanceErrors | None = None
+    ) -> DispersedTrajectories:
         """Trajectories of the runs, in the first of so many lanes; further lanes repeat the last run.
 
         known: errors that guidance follows, None before they are known.

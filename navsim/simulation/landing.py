@@ -58,7 +58,7 @@ from navsim.simulation.range_curvature import (
 from navsim.simulation.run import MonitorOutput, Run
 from navsim.simulation.shared_truth import ClockErrors, SharedTruth, smoothed
 from navsim.statistics.random_streams import generator
-from navsim.trajectory.guidance import Held
+from navsim.trajectory.guidance import GuidanceErrors
 from navsim.trajectory.kinematics import Motion
 
 
@@ -462,7 +462,7 @@ class Inputs:
     """Trajectories of the runs; None if all fly the route."""
 
 
-def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = None) -> Inputs:
+def draw(flight: Flight, seed: int, runs: Sequence[int], known: GuidanceErrors | None = None) -> Inputs:
     """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.
 
     known: see `Dispersion.flown`. Raises ValueError for more.
@@ -632,14 +632,14 @@ def fly_inputs(
         tables = measurements(flight, table, inputs.aided)
 
     linear = None if first_order is None else first_order.errors(flight, inputs, ranges)
-    account = empty_error_history(
+    errors = empty_error_history(
         _truth(shared, inputs), n, flight.events.time.size, WIDTH,
         single=n - 3 * len(states.slices(design.sensors.blocks)), innovations=flight.bank is not None,
     )  # fmt: skip
     start_ = initial_state(flight, nav, in_all_lanes(flight.covariance))
-    fly_filter(ImuData(shared.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, account)
+    fly_filter(ImuData(shared.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, errors)
     if flight.bank is not None:
-        watched = MonitorOutput.of_filter(flight, account, fixes, ranges, rates)
+        watched = MonitorOutput.of_filter(flight, errors, fixes, ranges, rates)
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
         runs = np.empty((count, *lanes.shape[:-1]))
@@ -656,8 +656,8 @@ def fly_inputs(
         flown = inputs.flown
         own = {"deviation": flown.deviation, "attitude": flown.rpy, "antenna": flown.antenna, "gust": flown.gust}
     of_events = _of_events(
-        flight, [of_runs(m) for m in inputs.aided], of_runs(account.innovation_squared),
-        of_runs(account.degrees).astype(np.int64), of_runs(account.status).astype(np.int64),
+        flight, [of_runs(m) for m in inputs.aided], of_runs(errors.innovation_squared),
+        of_runs(errors.degrees).astype(np.int64), of_runs(errors.status).astype(np.int64),
     )  # fmt: skip
     status, ratio = of_runs(watched.status).astype(np.int64), np.empty((count, 0))
     if flight.watching is not None and flight.watching.innovations is not None:
@@ -666,9 +666,9 @@ def fly_inputs(
         status = np.where((ratio > 1.0) & (status != monitoring.NO_FIX), monitoring.ALARM, status)
     return Run(
         of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
-        of_runs(account.errors.error), of_runs(account.sigma), of_runs(account.cross),
-        of_runs(account.errors.nees), of_runs(account.errors.nees_position_velocity),
-        of_runs(account.errors.nees_group),
+        of_runs(errors.errors.error), of_runs(errors.sigma), of_runs(errors.cross),
+        of_runs(errors.errors.nees), of_runs(errors.errors.nees_position_velocity),
+        of_runs(errors.errors.nees_group),
         **of_events,
         monitor_statistic=of_runs(watched.statistic), monitor_status=status, innovation_ratio=ratio,
         watched_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),

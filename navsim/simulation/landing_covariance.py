@@ -121,7 +121,7 @@ class Analysis:
     """(t, n) due to systematic errors and fixed values."""
     covariance: np.ndarray
     """(t, n, n) due to all sources, without the mean."""
-    believed: np.ndarray
+    assumed: np.ndarray
     """(t, n, n) filter covariance."""
     nis: np.ndarray
     """(e,) expected normalised innovation squared, nan without a fix."""
@@ -136,7 +136,7 @@ class Analysis:
         if not numbers.size:
             return np.full(len(self.mean), np.nan)
         second = self.covariance + self.mean[:, :, None] * self.mean[:, None, :]
-        assumed, second = (p[:, numbers[:, None], numbers] for p in (self.believed, second))
+        assumed, second = (p[:, numbers[:, None], numbers] for p in (self.assumed, second))
         return np.trace(np.linalg.solve(assumed, second), axis1=1, axis2=2) / numbers.size
 
 
@@ -382,22 +382,20 @@ def analyse(
     for aid in shared.aids:
         weighed, _ = _weighed(events, route, aid.sensor.kind, kept)
         aided[aid.sensor.name] = np.array([square[weighed].sum(), there[weighed].sum()], float)
-    analysis = Analysis(
-        sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
-    )
+    analysis = Analysis(sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.assumed, nis, degrees, aided)
     white = (
         s.smoothing is None and s.space is None and s.offset is None and s.correlated is None and s.wandering is None
     )
     white &= design.sigma_scale == 1.0 and second_order and curvature is None and flight.range_curvature is None
     white &= s.reflections is None
-    white &= all(aid.sensor.as_believed for aid in shared.aids)
+    white &= all(aid.sensor.is_true_model for aid in shared.aids)
     # every true error has its state, and all equal the filter model
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
     inertial = tuple(b for b in design.sensors.blocks if b.triad in (states.GYROS, states.ACCELEROMETERS))
     matched &= _same(replace(design.sensors, blocks=inertial), followed(gyro, accel, design.sensors.blocks))
     if design.clock is not None:
         matched &= np.allclose(design.clock, shared.clock_density, rtol=1e-12, atol=0.0)
-    begins = np.allclose(lin.believed[0], analysis.covariance[0], rtol=1e-9, atol=0.0)
+    begins = np.allclose(lin.assumed[0], analysis.covariance[0], rtol=1e-9, atol=0.0)
     # a constant bias beside a Markov one exceeds the filter's one state for each bias
     can_follow = all(not t.markov or (not t.bias and t.fixed_bias is None) for t in (gyro, accel))
     _check(analysis, matched=bool(white and matched and begins and can_follow and np.all(systematic < 1e-3)))
@@ -429,7 +427,7 @@ def curvature_of_ranges(flight: Flight) -> Curvature | None:
     None if negligible.
     """
     epoch, source = np.nonzero(flight.shared.signals.used)
-    assumed = along_truth(flight).lin.believed[1 + epoch, : states.VEL, : states.VEL]
+    assumed = along_truth(flight).lin.assumed[1 + epoch, : states.VEL, : states.VEL]
     found = _curvature_of_ranges(flight, epoch, source, assumed)
     return found if found.squares > NEGLIGIBLE else None
 
@@ -654,7 +652,7 @@ def _propagate_smoothed_noise(
     """Add the effect of smoothed range noise."""
     s = flight.shared.signals
     assert s.smoothing is not None
-    own = SmoothedRanges(along.lin.believed.shape[1], s.smoothing, s.sigma, s.used, of_pseudolites)
+    own = SmoothedRanges(along.lin.assumed.shape[1], s.smoothing, s.sigma, s.used, of_pseudolites)
     _propagate_correlated(flight, along, route, own, _own_kind(flight), along.epoch, along.by_range, list(_RANGES), out)
 
 
@@ -664,7 +662,7 @@ def _propagate_ranging_errors(
     """Add the effect of time-correlated ranging errors, each kind to the variance of its row."""
     s = flight.shared.signals
     assert s.correlated is not None
-    n, kinds_and_sources = along.lin.believed.shape[1], s.correlated.sigma.shape[::2]
+    n, kinds_and_sources = along.lin.assumed.shape[1], s.correlated.sigma.shape[::2]
     followed_ = np.flatnonzero(np.isin(flight.model.declared["triad"], (FIX, RANGE))) + states.SENSORS
     of_states = flight.correlated_of_states
 
@@ -682,7 +680,7 @@ def _propagate_clock_noise(flight: Flight, along: AlongTruth, route: LinearisedH
     """Add the effect of clock noise of pseudolites."""
     s = flight.shared.signals
     assert s.wandering is not None
-    own = WanderingClockErrors(along.lin.believed.shape[1], s.wandering, s.used, s.time)
+    own = WanderingClockErrors(along.lin.assumed.shape[1], s.wandering, s.used, s.time)
     slope = np.concatenate([by[..., s.wandering.which] for by in (along.by_range, along.by_rate)], axis=2)
     _propagate_correlated(flight, along, route, own, _own_kind(flight), along.epoch, slope, [row], out)
 
@@ -701,7 +699,7 @@ def _propagate_sensor_errors(
     flight: Flight, along: AlongTruth, route: LinearisedHistory, aid: Aid, rows: list[int], out: _Sums
 ) -> None:
     """Add the effect of the time-correlated errors of a sensor, each to the variance of its row."""
-    n, m, sensor = along.lin.believed.shape[1], aid.time.size, aid.sensor
+    n, m, sensor = along.lin.assumed.shape[1], aid.time.size, aid.sensor
     there = [k for k, error in enumerate(sensor.errors) if error.sigma > 0.0]
     errors, parts = [sensor.errors[k] for k in there], np.arange(sensor.components)
     shown = np.zeros((n, len(there), parts.size))
@@ -733,7 +731,7 @@ def _propagate_correlated(
     it.
     """
     events, lin = flight.events, along.lin
-    n, copy = lin.believed.shape[1], own
+    n, copy = lin.assumed.shape[1], own
     was_ahead = False
     for i in range(events.time.size):
         ahead = bool(events.ahead[i])

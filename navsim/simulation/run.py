@@ -133,21 +133,21 @@ class MonitorOutput:
 
     @classmethod
     def of_filter(
-        cls, flight: Flight, account: ErrorHistory, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
+        cls, flight: Flight, errors: ErrorHistory, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
     ) -> MonitorOutput:
         """Monitor output for a filter, from its history and its fixes from ranges and rates (e, s, W)."""
         bank, none = flight.bank, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         assert bank is not None
-        statistic = bank.statistic(account.innovation, fixes, ranges, rates)
+        statistic = bank.statistic(errors.innovation, fixes, ranges, rates)
         aided = np.repeat(bank.aided[:, None], WIDTH, axis=1)
-        said = monitoring.status(bank.tested, bank.threshold, statistic, aided)
+        text = monitoring.status(bank.tested, bank.threshold, statistic, aided)
         # nan is not silence; nor do levels hold if the filter's sigma is much larger than theirs
-        sigma = account.sigma[1:, states.POS : states.POS + 3]
+        sigma = errors.sigma[1:, states.POS : states.POS + 3]
         lost = np.isnan(statistic) | (sigma > monitoring.DOUBTED * bank.sigma[..., None]).any(axis=1)
-        said = np.where(lost & aided, monitoring.ALARM, said)
-        error = np.abs(account.errors.error[1:, states.POS : states.POS + 3])
+        text = np.where(lost & aided, monitoring.ALARM, text)
+        error = np.abs(errors.errors.error[1:, states.POS : states.POS + 3])
         off = np.stack([np.hypot(error[:, 0], error[:, 1]), error[:, 2]], axis=1)
-        return cls(statistic, said.astype(float), off, *none)
+        return cls(statistic, text.astype(float), off, *none)
 
     @classmethod
     def of_fixes(cls, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, fixes: ReceiverFixes) -> MonitorOutput:
@@ -159,8 +159,8 @@ class MonitorOutput:
         left, error = range_residuals(signals, antenna, axes, ranges, fixes.llh, fixes.clocks)
         fixed = ~np.isnan(fixes.llh[:, 0])
         statistic = np.where(fixed, monitor.statistic(left), np.nan)
-        said = monitoring.status(monitor.tested, monitor.threshold, statistic, fixed)
-        return cls(statistic, said.astype(float), error, *none)
+        text = monitoring.status(monitor.tested, monitor.threshold, statistic, fixed)
+        return cls(statistic, text.astype(float), error, *none)
 
     def after_exclusion(
         self, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, rates: np.ndarray, fixes: ReceiverFixes

@@ -71,7 +71,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
     Between events the slopes by velocity are taken as linear in time, those by attitude as a parabola.
     """
     shared, events, steps, lin = flight.shared, flight.events, along.steps, along.lin
-    count, n = weights.shape[0], lin.believed.shape[1]
+    count, n = weights.shape[0], lin.assumed.shape[1]
     e, s = shared.signals.range.shape
     c_nb = 0.5 * (shared.truth.c_nb[:-1] + shared.truth.c_nb[1:])
     force = np.einsum("tij,tj->ti", c_nb, shared.dv / np.diff(shared.imu_time)[:, None])

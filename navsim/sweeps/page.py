@@ -49,8 +49,8 @@ def sweeps(results: Sequence[Named]) -> list[Drawing]:
         moved = report.plane(result)
         for each in outputs[:_MOST_MAPS]:
             made = _map(result, each, moved) if moved else _curves(result, each)
-            said = result.variables[f"/sweep/{each}"].long_name
-            title = f"{said[:1].upper()}{said[1:]}{f' ({name})' if len(results) > 1 else ''}"
+            text = result.variables[f"/sweep/{each}"].long_name
+            title = f"{text[:1].upper()}{text[1:]}{f' ({name})' if len(results) > 1 else ''}"
             panels, caption, keys = made
             left = len(outputs) - _MOST_MAPS
             caption += (
@@ -154,15 +154,15 @@ def _curves(result: Result, name: str) -> tuple[list[figure], str, list[Key]]:
     on = plot("", report.axis_label(result, of.axis), report.label(result, name), 320)
     numeric = of.x.dtype.kind in "fiu"
     at = of.x if numeric else np.arange(of.x.size)
-    said = [as_text(value) for value in of.x]
+    text = [as_text(value) for value in of.x]
     marks = []
     for k, (row, which) in enumerate(zip(of.rows, of.names, strict=True)):
-        columns = source(x=at, y=row, said=said)
+        columns = source(x=at, y=row, said=text)
         if not of.scattered:
             line(on, columns, "y", colour(k))
         marks.append(on.scatter("x", "y", source=columns, size=6, color=colour(k), name=which or name))
     if not numeric:
-        ticks(on, on.xaxis[0], [float(each) for each in at], said)
+        ticks(on, on.xaxis[0], [float(each) for each in at], text)
     unit = result.variables[f"/sweep/{name}"].units
     across, value = report.axis_label(result, of.axis), "@y{0.0000}" + ("" if unit == "1" else f" {unit}")
     tell(on, marks, ("", "$name"), (across, "@said"), ("value", value))

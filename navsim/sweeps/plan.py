@@ -181,7 +181,7 @@ class Plan:
         return len(looked), wrong
 
     @property
-    def asked(self) -> list[Statement]:
+    def requirements(self) -> list[Statement]:
         """Requirements that every combination is evaluated by; empty if they are no output."""
         return statements(self.first[0]) if REQUIREMENTS in self.study.wanted() else []
 

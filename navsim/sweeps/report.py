@@ -104,10 +104,10 @@ def tables(result: Result) -> list[Table | str]:
     columns = ("output", "smallest", "median", "largest", *(f"best {key_path(result, name)}" for name in names))
     out = Table(title, columns)
     for name in shown(result):
-        cube, said = result[f"/sweep/{name}"], label(result, name)
+        cube, text = result[f"/sweep/{name}"], label(result, name)
         index = best(choice(result, name), large(result, name))
         if index is None:
-            out.add(said, table.ABSENT, table.ABSENT, table.ABSENT)
+            out.add(text, table.ABSENT, table.ABSENT, table.ABSENT)
             continue
         spread = [cell("{:.4g}", float(value)) for value in (np.nanmin(cube), np.nanmedian(cube), np.nanmax(cube))]
         tied = alike(cube, index)
@@ -117,11 +117,11 @@ def tables(result: Result) -> list[Table | str]:
         if ends:
             notes.append("* the end of its range: the best may lie beyond")
         if whole is None:
-            notes.append(f"{said}: {int(tied.sum())} combinations are equally good; this is the first one")
+            notes.append(f"{text}: {int(tied.sum())} combinations are equally good; this is the first one")
         places = (
             "any" if key in free else _place(setting(result, key, index), " *" if key in ends else "") for key in names
         )
-        out.add(said, *spread, *places)
+        out.add(text, *spread, *places)
     out.notes = "\n".join(dict.fromkeys(notes))
     judged = requirements(result)
     return [out, *flown(result), *([] if judged is None else [judged])]
@@ -137,8 +137,8 @@ def flown(result: Result) -> list[Table | str]:
     for name in names:
         analysed = result[f"/sweep/{name}"].flat[int(result[f"/flown/{name}_combination"])]
         out.add(label(result, name), table.number(analysed, 4), table.interval(result[f"/flown/{name}"], 4))
-    said = [(label(result, name), f"/flown/{name}_verdict") for name in names]
-    out.notes = "\n".join(f"States, {whose}: {result[path]}" for whose, path in said if path in result)
+    text = [(label(result, name), f"/flown/{name}_verdict") for name in names]
+    out.notes = "\n".join(f"States, {whose}: {result[path]}" for whose, path in text if path in result)
     if "/rejected/rejected" not in result:
         return [out]
     keyed = list(keys(result))
@@ -281,8 +281,8 @@ def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
     ax.set_xlabel(f"{axis_label(result, dims[axes[1]])}{hollow}")
     ax.set_ylabel(axis_label(result, dims[axes[0]]))
     fig.colorbar(image, ax=ax, label=label(result, name), extend="min" if better else "max", location="bottom")
-    said = ", ".join(point_of(result, dims[i], found[i]) for i in others)
-    legend_above(fig, ax, 1, said or None)
+    text = ", ".join(point_of(result, dims[i], found[i]) for i in others)
+    legend_above(fig, ax, 1, text or None)
     return fig
 
 
@@ -305,8 +305,8 @@ def key_label(key: str) -> str:
             parts.append(part)
     *whose, last = parts
     name = without_unit(last)
-    said = " ".join([*whose[-1:], name]).replace("_", " ")
-    return _CALLED.get(said) or " ".join([*whose[-1:], _LETTERS.get(name, name)]).replace("_", " ")
+    text = " ".join([*whose[-1:], name]).replace("_", " ")
+    return _CALLED.get(text) or " ".join([*whose[-1:], _LETTERS.get(name, name)]).replace("_", " ")
 
 
 def axis_label(result: Result, axis: str) -> str:
@@ -320,14 +320,14 @@ def axis_label(result: Result, axis: str) -> str:
 
 def point_of(result: Result, axis: str, i: int) -> str:
     """Point of an axis: values of its keys, in words with their units."""
-    said = []
+    text = []
     for key, own in keys(result).items():
         if own == axis:
             path = key_path(result, key)
             unit = unit_of(path)
             gap = "" if unit in ("", "°") else " "
-            said.append(f"{key_label(path)} = {as_text(result[f'/sweep/axes/{key}'][i])}{gap}{unit}")
-    return ", ".join(said)
+            text.append(f"{key_label(path)} = {as_text(result[f'/sweep/axes/{key}'][i])}{gap}{unit}")
+    return ", ".join(text)
 
 
 def varied_terrain(result: Result) -> str:
@@ -583,9 +583,9 @@ def _curves(result: Result, name: str) -> Figure:
     ax = fig.subplots()
     numeric = of.x.dtype.kind in "fiu"
     at = of.x if numeric else np.arange(of.x.size)
-    for i, (row, said) in enumerate(zip(of.rows, of.names, strict=True)):
+    for i, (row, text) in enumerate(zip(of.rows, of.names, strict=True)):
         how = style(i) | ({"ls": ""} if of.scattered else {})
-        ax.plot(at, row, marker=MARKS[i % len(MARKS)], ms=2.5, lw=0.8, label=said or None, **how)
+        ax.plot(at, row, marker=MARKS[i % len(MARKS)], ms=2.5, lw=0.8, label=text or None, **how)
     limit = result.variables[f"/sweep/{name}"].attributes.get("limit")
     if limit is not None:  # of a requirement
         ax.axhline(float(limit), color=REQUIRED, ls=DOTTED, lw=1.4)

@@ -162,20 +162,20 @@ class SweepStudy:
         if method == "covariance":
             analysis = covariance_analysis(case)
             outputs = out | filter_outputs(covariance_summary(case, analysis))
-            if self.plan.asked:
+            if self.plan.requirements:
                 outputs |= outputs_of_fulfilments(judged_without_runs(case, analysis))
             return outputs, site, covariance_findings(case, analysis), warned, alone
         if method == "monte-carlo":
             flown = fly_case(case, self.plan.seed, 0, self.plan.study.runs, threads(1))
             outputs = out | filter_outputs(flown) | watched_outputs(flown)
             return outputs | requirement_outputs(flown), site, of(flown), warned, alone
-        if self.plan.asked:
+        if self.plan.requirements:
             out |= outputs_of_fulfilments(judged_without_runs(case, None))
         epochs = int(glide.sum())
         found = []
         if lost:
-            said = f"{lost} epochs of the glide without a fix"
-            found.append(Finding("epochs_without_fix", said, (FIX,), lost, epochs))
+            text = f"{lost} epochs of the glide without a fix"
+            found.append(Finding("epochs_without_fix", text, (FIX,), lost, epochs))
         if not epochs:
             found.append(Finding("no_fix", "no fix epoch in the glide", (FIX,)))
         return out, site, found, warned, alone
@@ -187,7 +187,7 @@ def columns(planned: Plan) -> list[str]:
     out = []
     for name in study.wanted():
         if name == REQUIREMENTS:
-            for i in range(1, len(planned.asked) + 1):
+            for i in range(1, len(planned.requirements) + 1):
                 ends = ("", "_low", "_high", "_verdict") if flown else ("", "_verdict")
                 out += [f"{NUMBERED}{i}{end}" for end in ends]
             continue
@@ -199,7 +199,7 @@ def columns(planned: Plan) -> list[str]:
 
 def verdicts(planned: Plan) -> list[str]:
     """Columns with verdicts, as numbers of `schema.VERDICTS`."""
-    return [f"{NUMBERED}{i}_verdict" for i in range(1, len(planned.asked) + 1)]
+    return [f"{NUMBERED}{i}_verdict" for i in range(1, len(planned.requirements) + 1)]
 
 
 def compute(
@@ -290,7 +290,7 @@ def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirm
         SWEEP,
         dimension=[axis.name for axis in planned.axes],
         varied=[short(study, key) for axis in planned.axes for key in axis.keys],
-        number=[str(i) for i in range(1, len(planned.asked) + 1)],
+        number=[str(i) for i in range(1, len(planned.requirements) + 1)],
     )
     for axis in planned.axes:
         alone = len(axis.keys) == 1
@@ -302,10 +302,10 @@ def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirm
     for name in columns(planned):
         cube = found.per_run(name).reshape(planned.shape)
         if name.startswith(NUMBERED):
-            said = planned.asked[int(name.split("_")[1]) - 1]
+            text = planned.requirements[int(name.split("_")[1]) - 1]
             plain = name.count("_") == 1
-            attributes = {"limit": said.limit, "least": int(said.least)} if plain else {}
-            draft.put(f"/sweep/{name}", cube, attributes, unit=said.unit, statement=said.text)
+            attributes = {"limit": text.limit, "least": int(text.least)} if plain else {}
+            draft.put(f"/sweep/{name}", cube, attributes, unit=text.unit, statement=text.text)
         else:
             draft[f"/sweep/{name}"] = cube
     _places(draft, planned, found)

@@ -12,7 +12,7 @@ import numpy as np
 
 from navsim.geodesy import earth
 from navsim.trajectory.air import GRAVITY, Air, Deviation, Process, through, two_lags
-from navsim.trajectory.guidance import Held, acceleration, steered
+from navsim.trajectory.guidance import GuidanceErrors, acceleration, steered
 from navsim.trajectory.gust_response import Buffeting, buffeting
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 from navsim.trajectory.track_frame import ALONG, LATERAL, VERTICAL, Course, Walk
@@ -120,7 +120,11 @@ class Disturbance:
         )  # fmt: skip
 
     def drawn(
-        self, rngs: dict[int, tuple[np.random.Generator, ...]], count: int, lanes: int, known: Held | None = None
+        self,
+        rngs: dict[int, tuple[np.random.Generator, ...]],
+        count: int,
+        lanes: int,
+        known: GuidanceErrors | None = None,
     ) -> Departure:
         """Departures of the first `count` of so many runs, W.
 
@@ -182,7 +186,7 @@ class Disturbance:
             self._turn(turn, 2, *nose)
             self._bank(turn, met.guided(moved), met.guided(moved[1:]))
 
-    def _steered(self, known: Held, way: np.ndarray, turn: np.ndarray) -> None:
+    def _steered(self, known: GuidanceErrors, way: np.ndarray, turn: np.ndarray) -> None:
         """Add the effect of guidance by estimates; nose and bank as for a flight-technical error."""
         loop, lag = self.air.follow, self.air.response.bank_lag
         assert loop is not None

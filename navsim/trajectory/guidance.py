@@ -31,7 +31,7 @@ def acceleration(lag: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Held:
+class GuidanceErrors:
     """Errors of estimates as guidance knows them, truth - estimate: values (m, 3, W), m, along path axes, each from one
     of the samples `first` (m,), increasing from 0 on, until the next."""
 
@@ -39,7 +39,7 @@ class Held:
     values: np.ndarray
 
     @classmethod
-    def of(cls, first: np.ndarray, values: np.ndarray) -> Held:
+    def of(cls, first: np.ndarray, values: np.ndarray) -> GuidanceErrors:
         """Hold outputs at samples (m,), which may repeat: the last one counts.
 
         An estimate that is nan holds the last valid one. Before the first valid one the estimate is unknown.

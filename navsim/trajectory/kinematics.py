@@ -111,7 +111,7 @@ def faded(t: np.ndarray, begin: float, end: float) -> tuple[np.ndarray, np.ndarr
     return 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0)), -30.0 * u**2 * (1.0 - u) ** 2 / length
 
 
-class Blowing(Protocol):
+class WindField(Protocol):
     """A wind along a path, as of `Wind`."""
 
     @property
@@ -161,7 +161,7 @@ class Trajectory:
 
     path: AnyPath
     frame: Frame
-    wind: Blowing
+    wind: WindField
     angle_of_attack: float
     pitch_follows_path: bool = True
     """False: the nose is `angle_of_attack` above the horizon on any slope."""

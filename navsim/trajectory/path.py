@@ -98,7 +98,7 @@ class Steered:
     """rad, from the x axis towards y."""
 
     @cached_property
-    def _way(self) -> tuple[Chebyshev, ...]:
+    def _displacement(self) -> tuple[Chebyshev, ...]:
         """Displacement since the start, an axis each."""
         domain = self.speed.domain.tolist()
         rates = (
@@ -126,7 +126,7 @@ class Steered:
         turn = c[1] * by_c + k[1] * by_k
         bend = c[2] * by_c + k[2] * by_k - c[1] ** 2 * ahead + 2.0 * c[1] * k[1] * by_ck + k[1] ** 2 * by_kk
         out = np.empty((s.size, 4, 3))
-        out[:, 0] = self.position + np.stack([axis(s) for axis in self._way], axis=1)
+        out[:, 0] = self.position + np.stack([axis(s) for axis in self._displacement], axis=1)
         out[:, 1] = v[0] * ahead
         out[:, 2] = v[1] * ahead + v[0] * turn
         out[:, 3] = v[2] * ahead + 2.0 * v[1] * turn + v[0] * bend

@@ -51,8 +51,8 @@ def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[at, : states.ATT] / predicted[at, : states.ATT]
     assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
     without = covariance_analysis(case(*GENTLE, *settings[1:]))
-    believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))[:, DOWN]
-    assert np.all(believed[1:] < np.sqrt(without.believed[1:, DOWN, DOWN]))
+    believed = np.sqrt(np.diagonal(analysis.assumed, axis1=1, axis2=2))[:, DOWN]
+    assert np.all(believed[1:] < np.sqrt(without.assumed[1:, DOWN, DOWN]))
 
 
 def test_its_budget_is_what_it_does_alone() -> None:

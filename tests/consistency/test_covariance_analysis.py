@@ -51,7 +51,7 @@ def test_a_mistuned_filter_is_shown_right() -> None:
     """Its sigma is wrong by far more than the 13 % of the test before, and the analysis says by how much."""
     flown = case(*GENTLE, *MISTUNED)
     analysis = covariance_analysis(flown)
-    believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))[-1]
+    believed = np.sqrt(np.diagonal(analysis.assumed, axis1=1, axis2=2))[-1]
     true = np.sqrt(analysis.variance.sum(axis=0))[-1]
     assert believed[0] / true[0] > 1.3
     assert believed[8] / true[8] < 0.95 or believed[11] / true[11] < 0.5
@@ -116,7 +116,7 @@ def test_errors_correlated_in_time(settings: tuple[str, ...]) -> None:
             np.mean(shown[stretch]), rel=0.04
         )
     # the filter takes errors for new at each fix: its own sigma is far too small, and the analysis says so
-    believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))
+    believed = np.sqrt(np.diagonal(analysis.assumed, axis1=1, axis2=2))
     assert believed[-1, 0] < 0.7 * np.sqrt(analysis.covariance[-1, 0, 0])
 
 

@@ -21,7 +21,7 @@ from navsim.formats.recording import read_fixes, read_imu
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study as replay
 from navsim.replays.diagnosis import NEVER_JUDGED, diagnose, examine
-from navsim.replays.fix_checks import ways
+from navsim.replays.fix_checks import interpretations
 from navsim.replays.mistakes import Log
 from navsim.replays.wild_fixes import plausible
 from navsim.scenario.load import read_replay
@@ -139,7 +139,7 @@ def hilly() -> tuple[Samples, Fixes]:
 
 def of_fixes(fixes: Fixes, gnss: GnssConvention = conventions.GNSS_AS_DUE) -> list[Any]:
     """The remedies of what positions and velocities show."""
-    return [mistake.remedies for mistake in ways(Log(hilly()[0], fixes, gnss=gnss), [])[0]]
+    return [mistake.remedies for mistake in interpretations(Log(hilly()[0], fixes, gnss=gnss), [])[0]]
 
 
 def test_noisy_heights_show_their_unit_and_the_sign_of_the_vertical_velocity() -> None:
@@ -599,7 +599,7 @@ def test_knots_of_a_whole_real_flight_are_named(
     velocity = fixes.velocity.copy()
     velocity[:, columns] *= conventions.SPEED_UNITS[written] / conventions.SPEED_UNITS[due]
     log = Log(samples.between(first, 1e4), replace(fixes, velocity=velocity), gnss=GnssConvention(speed_unit=written))
-    found, _ = ways(log, [])
+    found, _ = interpretations(log, [])
     assert found[0].remedies == ({"gnss.speed_unit": due},)
 
 

@@ -229,7 +229,7 @@ def test_a_filter_knows_how_large_reflections_are(coupling: str) -> None:
     def z(*more: str) -> np.ndarray:
         analysis = landing.covariance_analysis(case(*reflected, *more))
         second = np.diagonal(analysis.covariance, axis1=1, axis2=2) + analysis.mean**2
-        return np.sqrt(second / np.diagonal(analysis.believed, axis1=1, axis2=2))[20::20]
+        return np.sqrt(second / np.diagonal(analysis.assumed, axis1=1, axis2=2))[20::20]
 
     known = z()
     assert 0.9 < known.min() < known.max() < 1.1

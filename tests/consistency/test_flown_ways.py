@@ -24,7 +24,7 @@ from navsim.simulation.dispersed_trajectory import DispersedTrajectories, Disper
 from navsim.simulation.landing import fly
 from navsim.simulation.shared_truth import SharedTruth
 from navsim.trajectory.dispersion import Departure
-from navsim.trajectory.guidance import Held, steered
+from navsim.trajectory.guidance import GuidanceErrors, steered
 from navsim.trajectory.kinematics import integrate
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case, scenario
@@ -205,7 +205,7 @@ def test_an_estimate_that_is_lost_is_held() -> None:
     first, values = np.array([0, 0, 10, 20]), np.zeros((4, 3, 2))
     values[0], values[1], values[2], values[3] = 9.0, 1.0, np.nan, 3.0
     values[:2, :, 1] = np.nan
-    held = Held.of(first, values)
+    held = GuidanceErrors.of(first, values)
     np.testing.assert_array_equal(held.first, [0, 10, 20])
     np.testing.assert_array_equal(held.values[:, 0], [[1.0, 0.0], [1.0, 0.0], [3.0, 3.0]])
     out = held.drives(steered(5.0, 0.3, None), held.values[:, 0], 40, 0.01)

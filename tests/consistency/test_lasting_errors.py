@@ -424,7 +424,7 @@ def test_states_count_in_the_sigmas_that_the_filter_believes_in(coupling: str) -
     assert last
     analysis = covariance_analysis(cautious)
     second = np.diagonal(analysis.covariance, axis1=1, axis2=2)
-    z = np.sqrt(second[:, last] / np.diagonal(analysis.believed, axis1=1, axis2=2)[:, last])
+    z = np.sqrt(second[:, last] / np.diagonal(analysis.assumed, axis1=1, axis2=2)[:, last])
     np.testing.assert_allclose(z[0], 0.5, rtol=1e-9)
     assert z.max() < 1.0
     # at time 0 an error is the truth

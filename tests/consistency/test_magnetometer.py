@@ -47,9 +47,9 @@ def test_it_shows_the_heading() -> None:
     """At the end of 40 s the heading is as good as the hard iron over the horizontal field, 17.1 uT; its error in the
     truth alone is told by the budget."""
     settings = ("duration_s=40", "receiver.rate_hz=1", "filter.kind=tfg")
-    without = np.sqrt(covariance_analysis(case(*settings)).believed[-1, HEADING, HEADING])
+    without = np.sqrt(covariance_analysis(case(*settings)).assumed[-1, HEADING, HEADING])
     analysis = covariance_analysis(case(*settings, magnetometer()))
-    found = np.sqrt(analysis.believed[-1, HEADING, HEADING])
+    found = np.sqrt(analysis.assumed[-1, HEADING, HEADING])
     iron = 2.0 / 17.1
     start = np.radians(5.0)
     assert found == pytest.approx(1.0 / np.hypot(1.0 / iron, 1.0 / start), rel=0.06)

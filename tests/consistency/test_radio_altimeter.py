@@ -75,7 +75,7 @@ def test_it_comes_late_and_is_used_for_its_time() -> None:
     np.testing.assert_allclose(aid.valid, aid.time, atol=1e-12)
     (aid,) = case(*GENTLE, late, "filter.radio_altimeter.latency_s=0.1").shared.aids
     np.testing.assert_allclose(aid.valid, aid.time + 0.25, atol=1e-12)
-    assert not aid.sensor.as_believed
+    assert not aid.sensor.is_true_model
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_runs_agree_with_the_analysis_near_the_ground(settings: tuple[str, ...],
     square = np.mean(runs["error"][:, low, DOWN] ** 2, axis=0)
     assert np.sqrt(square.mean() / expected.mean()) == pytest.approx(1.0, abs=0.06)
     if share is not None:
-        believed = analysis.believed[low, DOWN, DOWN]
+        believed = analysis.assumed[low, DOWN, DOWN]
         assert 0.9 < np.mean(square / believed) < 1.15
         nees = runs["nees_position_velocity"].mean(axis=0)[low] / 6
         assert 0.9 < nees.mean() < 1.15, nees

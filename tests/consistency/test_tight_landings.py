@@ -102,7 +102,7 @@ def test_a_filter_that_believes_what_is_true_expects_its_innovations() -> None:
     ready = case("filter.kind=eskf", *SHORT, "sky.source=nominal", "receiver.lever_arm_m=[1, 0.5, -0.7]")
     analysis = covariance_analysis(ready)
     np.testing.assert_allclose(analysis.nis / analysis.degrees, 1.0, atol=2e-3)
-    believed = np.diagonal(analysis.believed, axis1=1, axis2=2)
+    believed = np.diagonal(analysis.assumed, axis1=1, axis2=2)
     np.testing.assert_allclose(believed[1:], analysis.variance.sum(axis=0)[1:], rtol=0.01)
 
 
@@ -137,7 +137,7 @@ def test_without_a_source_sigma_is_that_of_the_inertial_sensors() -> None:
     ready = case("filter.coupling=tight", "method=covariance", *settings)
     analysis = covariance_analysis(ready)
     np.testing.assert_array_equal(tight.status[:, 40:], NOT_USED)
-    free = np.sqrt(np.diagonal(analysis.believed[-1])[:6])
+    free = np.sqrt(np.diagonal(analysis.assumed[-1])[:6])
     np.testing.assert_allclose(np.sqrt(np.mean(tight.sigma[:, -1, :6] ** 2, axis=0)), free, rtol=0.1)
     grown = np.sqrt(np.diagonal(analysis.covariance[-1])[:6])
     np.testing.assert_allclose(free, grown, rtol=0.1)

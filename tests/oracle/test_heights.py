@@ -74,8 +74,8 @@ def test_what_it_shows() -> None:
     (warm,) = case(*GENTLE, UNDULATION, "runway.height_m=515.5", BARO % "isa_deviation_k: 20").shared.aids
     table = warm.table(warm.exact)
     np.testing.assert_allclose(table.height, plain.trajectory.motion(aid.time).llh[:, 2] + 515.5, atol=0.01)
-    assert warm.sensor.as_believed
-    assert not wrong.sensor.as_believed
+    assert warm.sensor.is_true_model
+    assert not wrong.sensor.is_true_model
 
 
 def test_errors_of_a_run_that_last() -> None:
@@ -86,7 +86,7 @@ def test_errors_of_a_run_that_last() -> None:
     def added(*settings: str) -> np.ndarray:
         flown = case(*GENTLE, UNDULATION, BARO % ", ".join(("rate_hz: 1", *settings)))
         (aid,) = flown.shared.aids
-        assert not aid.sensor.as_believed
+        assert not aid.sensor.is_true_model
         return np.array([(aid.measured(1, run) - plain.measured(1, run))[:, 0] for run in runs])
 
     setting = added("qnh_sigma_hpa: 0.5")

@@ -139,7 +139,7 @@ def test_coning(oracles: dict[str, Any], within: Within) -> None:
             previous = dtheta[0]
             for now in dtheta:
                 coned = now + previous_scale / 12.0 * np.cross(previous, now)
-                attitude.rotate_right(q, *coned)
+                attitude.rotate_in_body_axes(q, *coned)
                 previous = now
             matrix = np.empty((3, 3))
             attitude.dcm(q, matrix)

@@ -386,7 +386,7 @@ def test_a_filter_without_a_source_differs_by_the_difference_of_covariances() ->
     heard = np.isfinite(drawn[1].ranges)
     np.testing.assert_array_equal(drawn[0].ranges[heard], drawn[1].ranges[heard])
     errors = [np.concatenate([run.error for run in one.fly_runs(3, 0, runs, False)]) for one in pair]
-    believed = [covariance_analysis(one).believed for one in pair]
+    believed = [covariance_analysis(one).assumed for one in pair]
     for when in (20, 40, 59):
         apart = (errors[1] - errors[0])[:, when, :6]
         expected = (believed[1] - believed[0])[when, :6, :6]

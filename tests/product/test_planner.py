@@ -29,7 +29,7 @@ from navsim.landing.study import prepare
 from navsim.optimization.analyses import glimpsed, screened
 from navsim.planner.outlook import QUANTITIES, Outlook
 from navsim.planner.proposal import PlannedScenario
-from navsim.planner.requests import Known, WrongOrder, read_order
+from navsim.planner.requests import SourceCounts, UnknownRequest, read_order
 from navsim.planner.server import MOST_PAGES
 from navsim.results.result import read
 from navsim.scenario.source import InputError, load
@@ -194,8 +194,8 @@ def test_other_sites_and_floods_are_let_off(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_malformed_orders_are_refused(order: object) -> None:
-    with pytest.raises(WrongOrder):
-        read_order(order, Known(2, 0))
+    with pytest.raises(UnknownRequest):
+        read_order(order, SourceCounts(2, 0))
 
 
 def test_orders_of_the_page_are_read() -> None:
@@ -206,7 +206,7 @@ def test_orders_of_the_page_are_read() -> None:
         {"do": "save", "consent": False},
         {"do": "hello"},
     ):
-        assert read_order(json.dumps(order), Known(2, 1)) == {k: v for k, v in order.items() if k != "at"}
+        assert read_order(json.dumps(order), SourceCounts(2, 1)) == {k: v for k, v in order.items() if k != "at"}
 
 
 def test_pavement_is_no_place_for_a_pseudolite(tmp_path: Path) -> None:

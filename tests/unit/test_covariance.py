@@ -73,7 +73,7 @@ def perturbed(nav: np.ndarray, x: np.ndarray) -> np.ndarray:
     out[2] -= x[2]
     out[3:6] += x[3:6]
     q = out[6:10].copy()
-    attitude.rotate_left(q, *x[6:9])
+    attitude.rotate_in_nav_axes(q, *x[6:9])
     out[6:10] = q
     out[states.NAV_SENSORS :] += x[states.SENSORS :]
     return out

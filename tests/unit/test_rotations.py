@@ -25,8 +25,8 @@ def scalar_first(r: Rotation) -> np.ndarray:
 def test_turning_agrees_with_scipy(start: np.ndarray, turn: np.ndarray) -> None:
     before = Rotation.from_rotvec(start)
     for kernel, expected in (
-        (point.rotate_left, Rotation.from_rotvec(turn) * before),
-        (point.rotate_right, before * Rotation.from_rotvec(turn)),
+        (point.rotate_in_nav_axes, Rotation.from_rotvec(turn) * before),
+        (point.rotate_in_body_axes, before * Rotation.from_rotvec(turn)),
     ):
         q = scalar_first(before)
         kernel(q, *turn)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from navsim.gnss import timescales
-from navsim.replays.source_clock import Kind, Start, StartError, settle, start_time
+from navsim.replays.source_clock import Kind, Start, StartError, estimate_clock, start_time
 
 EPOCH = timescales.posix(2018, 9, 13, 12)
 NOON = 43200.0
@@ -37,37 +37,40 @@ def at(true: float):  # type: ignore[no-untyped-def]
     ],
 )
 def test_the_first_message_settles_the_clock(stamp: float, kind: Kind, true: float, base: str, time: float) -> None:
-    found = settle(stamp, kind, EPOCH, DURATION, PERIOD, at(true))
+    found = estimate_clock(stamp, kind, EPOCH, DURATION, PERIOD, at(true))
     assert found.base == base
     assert stamp - found.offset == pytest.approx(time, abs=1e-6)
 
 
 def test_midnight_lies_within_a_flight() -> None:
     late = timescales.posix(2018, 9, 13, 23, 59, 30.0)
-    found = settle(10.0, "undated", late, DURATION, PERIOD, at(40.0))
+    found = estimate_clock(10.0, "undated", late, DURATION, PERIOD, at(40.0))
     assert found.base == "time of day"
     assert 10.0 - found.offset == pytest.approx(40.0)
 
 
 def test_samples_have_no_place_to_check() -> None:
-    assert settle(0.02, "count", EPOCH, DURATION, 0.01, None).base == "flight time"
-    found = settle(37.2, "count", EPOCH, DURATION, 0.01, None)
+    assert estimate_clock(0.02, "count", EPOCH, DURATION, 0.01, None).base == "flight time"
+    found = estimate_clock(37.2, "count", EPOCH, DURATION, 0.01, None)
     assert found.base == "first line"
     assert 37.2 - found.offset == pytest.approx(0.01)
 
 
 def test_doubts_are_said() -> None:
-    assert "2018-09-20, is not the scenario's" in settle(EPOCH + 7 * 86400.0, "dated", EPOCH, 120, 1, at(0.0)).doubt
-    assert "rolled over" in settle(EPOCH - 1024 * 7 * 86400.0, "dated", EPOCH, 120, 1, at(0.0)).doubt
-    assert "at 18.100 s of the flight" in settle(EPOCH + 18.1, "dated", EPOCH, 120, 0.1, at(0.1)).doubt
-    assert settle(EPOCH + 0.1, "dated", EPOCH, 120, 0.1, at(0.1)).doubt == ""
-    assert settle(EPOCH + 0.1, "dated", EPOCH, 120, 0.1, at(0.1)).text == (
+    assert (
+        "2018-09-20, is not the scenario's"
+        in estimate_clock(EPOCH + 7 * 86400.0, "dated", EPOCH, 120, 1, at(0.0)).doubt
+    )
+    assert "rolled over" in estimate_clock(EPOCH - 1024 * 7 * 86400.0, "dated", EPOCH, 120, 1, at(0.0)).doubt
+    assert "at 18.100 s of the flight" in estimate_clock(EPOCH + 18.1, "dated", EPOCH, 120, 0.1, at(0.1)).doubt
+    assert estimate_clock(EPOCH + 0.1, "dated", EPOCH, 120, 0.1, at(0.1)).doubt == ""
+    assert estimate_clock(EPOCH + 0.1, "dated", EPOCH, 120, 0.1, at(0.1)).text == (
         "time 0 of the flight is 2018-09-13T12:00:00.000Z by the source's clock, by UTC and the scenario's epoch"
     )
 
 
 def test_a_date_that_comes_later_moves_the_clock() -> None:
-    undated = settle(NOON + 1.0, "undated", EPOCH, DURATION, PERIOD, at(1.0))
+    undated = estimate_clock(NOON + 1.0, "undated", EPOCH, DURATION, PERIOD, at(1.0))
     day = EPOCH - NOON
     assert undated.dated(day, EPOCH).base == "utc"
     assert undated.dated(day, EPOCH).offset == EPOCH
@@ -79,11 +82,11 @@ def test_a_date_that_comes_later_moves_the_clock() -> None:
 def test_the_user_has_the_last_word() -> None:
     instant = start_time("2018-09-13T11:59:50Z")
     assert instant == Start(EPOCH - 10.0, True)
-    assert settle(EPOCH + 1.0, "dated", EPOCH, 120, 0.1, at(1.0), instant).offset == EPOCH - 10.0
-    undated = settle(NOON + 1.0, "undated", EPOCH, 120, 0.1, at(1.0), instant)
+    assert estimate_clock(EPOCH + 1.0, "dated", EPOCH, 120, 0.1, at(1.0), instant).offset == EPOCH - 10.0
+    undated = estimate_clock(NOON + 1.0, "undated", EPOCH, 120, 0.1, at(1.0), instant)
     assert NOON + 1.0 - undated.offset == pytest.approx(11.0)
-    assert settle(77.0, "count", EPOCH, 120, 0.1, at(1.0), start_time("70.5")).offset == 70.5
-    first = settle(EPOCH + 1.0, "dated", EPOCH, 120, 0.1, at(1.0), start_time("first"))
+    assert estimate_clock(77.0, "count", EPOCH, 120, 0.1, at(1.0), start_time("70.5")).offset == 70.5
+    first = estimate_clock(EPOCH + 1.0, "dated", EPOCH, 120, 0.1, at(1.0), start_time("first"))
     assert EPOCH + 1.0 - first.offset == pytest.approx(0.1)
     for wrong in ("noon", "nan", "inf", "2018-13-13T00:00:00Z", ""):
         with pytest.raises(StartError, match="allowed are an instant"):
@@ -92,6 +95,6 @@ def test_the_user_has_the_last_word() -> None:
 
 def test_what_is_said_can_be_given_back() -> None:
     for stamp, kind in ((EPOCH + 0.1, "dated"), (5000.1, "count")):
-        found = settle(stamp, kind, EPOCH, DURATION, PERIOD, at(0.1))
-        given = settle(stamp, kind, EPOCH, DURATION, PERIOD, at(0.1), start_time(found.option(-0.3)))
+        found = estimate_clock(stamp, kind, EPOCH, DURATION, PERIOD, at(0.1))
+        given = estimate_clock(stamp, kind, EPOCH, DURATION, PERIOD, at(0.1), start_time(found.option(-0.3)))
         np.testing.assert_allclose(given.offset, found.offset - 0.3, atol=1e-3)

@@ -14,7 +14,7 @@ import pytest
 
 from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass_integration
-from navsim.gnss.constellations.constellation import Constellation, Remembering, carriers
+from navsim.gnss.constellations.constellation import CachedConstellation, Constellation, carriers
 from navsim.gnss.constellations.nominal import design
 from navsim.gnss.constellations.systems import (
     BEIDOU,
@@ -184,7 +184,7 @@ def test_a_design_answers_all_that_is_asked(system: System) -> None:
     constellation = design(system, UTC)
     count = len(constellation.names)
     gpst = timescales.gps_from_utc(UTC + np.array([0.0, 60.0]))
-    for one in (constellation, Remembering(constellation), constellation.broadcast(UTC, UTC + 60.0)):
+    for one in (constellation, CachedConstellation(constellation), constellation.broadcast(UTC, UTC + 60.0)):
         assert {name for name in members() if not hasattr(one, name)} == set()
         assert one.system is system
         assert one.names == constellation.names

@@ -27,7 +27,7 @@ GROWTH = (1.5, 2.0)
 
 def tables(result: Result) -> list[Table | str]:
     """RMSE by phase, the claim, the sweep of ages, why the literal formula fails."""
-    said = filter_labels(result)
+    text = filter_labels(result)
     periods = result["/period"]
     parts: list[Table | str] = []
     for i, period in enumerate(periods):
@@ -38,7 +38,7 @@ def tables(result: Result) -> list[Table | str]:
         for f, name in enumerate(result["/filter"]):
             cells = [interval(values, 4) for values in result["/summary/rmse"][i, f]]
             nis = cell("{:.2f} / {:.2f}", *map(float, result["/summary/nis"][i, f]), names=("manoeuvre", "straight"))
-            errors.add(str(name), said[str(name)], *cells, nis)
+            errors.add(str(name), text[str(name)], *cells, nis)
         parts.append(errors)
     claim = Table(
         f"The paper: {CLAIM[0]:g} to {CLAIM[1]:g} times smaller in the manoeuvre",
@@ -89,12 +89,12 @@ def _growth(result: Result) -> list[Table | str]:
         f"The paper: Singer's error {GROWTH[0]:g} to {GROWTH[1]:g} times larger in the manoeuvre than straight [95 %]",
         ("T, s", "filter", "", "RMSE", "largest RMSE of a scan", "verdict"),
     )
-    said = filter_labels(result)
+    text = filter_labels(result)
     for i, period in enumerate(result["/period"]):
         for j, name in enumerate(map(str, result["/baseline"])):
             mean, peak = result["/summary/growth"][i, j], float(result["/summary/peak_growth"][i, j])
             verdict = growth_verdict(float(mean[0]), peak, result["/run"].size)
-            table.add(cell("{:g}", float(period)), name, said[name], interval(mean, 3), number(peak, 2), verdict)
+            table.add(cell("{:g}", float(period)), name, text[name], interval(mean, 3), number(peak, 2), verdict)
     if "/map/growth" not in result:
         return [table]
     sigmas = result["/map/singer_sigma"]
@@ -132,10 +132,10 @@ def _errors(result: Result) -> Figure:
     ax = fig.subplots()
     time = result["/time"]
     colours = ("#999999", COLOURS[0], "#CC79A7", "#E69F00", COLOURS[1], COLOURS[2])
-    said = filter_labels(result)
+    text = filter_labels(result)
     for name, colour in zip(("S1", "S2", "L1", "L2", "L3", "L4"), colours, strict=True):
         error = result[f"/filters/{name}/error_deg"]
-        ax.semilogy(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {said[name]}")
+        ax.semilogy(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {text[name]}")
         ax.semilogy(time, result[f"/filters/{name}/sigma_deg"], color=colour, lw=0.6, ls=":")
     roll = result["/truth/roll"] != 0.0
     ax.fill_between(result["/truth/time"], 0, 1, where=roll, color="#000000", alpha=0.06, lw=0,

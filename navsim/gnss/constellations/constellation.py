@@ -64,7 +64,7 @@ def carriers(constellation: Constellation) -> np.ndarray:
     return np.array([system.frequency(channels.get(name, 0)) for name in constellation.names])
 
 
-class Remembering:
+class CachedConstellation:
     """A constellation that works out the same times but once."""
 
     def __init__(self, constellation: Constellation) -> None:

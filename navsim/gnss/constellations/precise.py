@@ -61,11 +61,11 @@ class OrbitTable:
             few = "1 epoch is" if self.time.size == 1 else f"{self.time.size} epochs are"
             return (f"no positions: {few} too few, they are interpolated from {_POINTS}",)
         between = 0.5 * (self.time[1:] + self.time[:-1])
-        said = []
+        text = []
         if -np.inf < first < self.time[0]:
-            said.append(f"no positions before {_moment(self.time[0])} (GPS time), where the table begins")
+            text.append(f"no positions before {_moment(self.time[0])} (GPS time), where the table begins")
         if self.time[-1] < last < np.inf:
-            said.append(f"no positions after {_moment(self.time[-1])} (GPS time), where the table ends")
+            text.append(f"no positions after {_moment(self.time[-1])} (GPS time), where the table ends")
         for what, has in (("position", PreciseOrbits.has_position), ("clock", PreciseOrbits.has_clock)):
             lost: dict[tuple[tuple[float, float], ...], list[str]] = {}
             for orbits in map(self.of, systems):
@@ -75,11 +75,11 @@ class OrbitTable:
                     if reaching := tuple(span for span in spans if span[0] <= last and span[1] >= first):
                         lost.setdefault(reaching, []).append(name)
             lines = [f"no {what} of {_some(names)} {_times(spans)} (GPS time)" for spans, names in lost.items()]
-            said += lines[:_MOST_LINES]
+            text += lines[:_MOST_LINES]
             if len(lines) > _MOST_LINES:
                 others = sum(map(len, list(lost.values())[_MOST_LINES:]))
-                said.append(f"no {what} at times of {others} satellites more")
-        return tuple(said)
+                text.append(f"no {what} at times of {others} satellites more")
+        return tuple(text)
 
     def of(self, system: System) -> PreciseOrbits:
         """The satellites of a system."""

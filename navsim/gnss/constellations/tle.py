@@ -89,7 +89,7 @@ class TwoLineSets:
     @property
     def strangers(self) -> tuple[str, ...]:
         """In words, whose satellites are of no system that navsim models."""
-        said = []
+        text = []
         for told in dict.fromkeys(self.systems):
             if told not in (*NAMES, UNTITLED):
                 theirs = [i for i, system in enumerate(self.systems) if system == told]
@@ -98,10 +98,10 @@ class TwoLineSets:
                 if told == UNKNOWN:
                     known = "; ".join(TITLES)
                     told = f"{some}{more}; known are such as {known}"
-                    said.append(f"not used, of no known system by their titles: {told}")
+                    text.append(f"not used, of no known system by their titles: {told}")
                 else:
-                    said.append(f"not used, of {told}, which navsim does not model: {some}{more}")
-        return tuple(said)
+                    text.append(f"not used, of {told}, which navsim does not model: {some}{more}")
+        return tuple(text)
 
 
 @dataclass(frozen=True)

@@ -245,7 +245,7 @@ class Jamming:
         ours = np.broadcast_to(out[-1] * self.pseudolites.weight(received), (np.sum(received.ground), *out[-1].shape))
         return np.concatenate([out[:-1], ours])
 
-    def left(self, received: Received, js: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def effective_cn0(self, received: Received, js: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Effective carrier to noise density (e, s), dB-Hz, and which signals are passed and held (e, s) bool."""
         effective = jammed(received.cn0, js, self.kappas(received))
         tracked = effective

@@ -113,8 +113,8 @@ def _glance(here: View, results: Sequence[Named], colours: Sequence[str]) -> lis
     out = []
     for i, (name, result) in enumerate(results):
         shown = []
-        for label, said in here.glance(result):
-            number, _, more = str(said).partition("  ")
+        for label, text in here.glance(result):
+            number, _, more = str(text).partition("  ")
             shown.append({"label": label, "number": number, "more": more})
         out.append({"name": name, "colour": colours[i], "shown": shown})
     return out if any(each["shown"] for each in out) else []

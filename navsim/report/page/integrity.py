@@ -93,7 +93,7 @@ def levels(results: Sequence[Named]) -> Drawing | None:
     caption = (
         "Protection levels over time; dashed: the alert limit; thin: the largest error of all "
         "runs; marks at the foot: epochs at which a run has an alarm. A gap: no level."
-        + most_thinned(thinned).words("epoch")
+        + most_thinned(thinned).caption("epoch")
     )
     keys = [Key("protection level", BLUE), Key("largest error", GREEN), Key("alert limit", ORANGE, "dash")]
     more = [Key("alarm", _ALARMED)]
@@ -106,9 +106,9 @@ def stanford(results: Sequence[Named]) -> Drawing | None:
     kept = [(name, r) for name, r in results if "/integrity/status" in r]
     if not kept:
         return None
-    panels, said = [], []
+    panels, text = [], []
     for name, result in kept:
-        said.append(f"{name + ': ' if len(results) > 1 else ''}{stanford_text(result)}")
+        text.append(f"{name + ': ' if len(results) > 1 else ''}{stanford_text(result)}")
         for axis, path, most in LEVELS:
             of = counted(result, axis, path, most)
             title = f"{axis.capitalize()}{f', {name}' if len(results) > 1 else ''}"
@@ -130,7 +130,7 @@ def stanford(results: Sequence[Named]) -> Drawing | None:
                       [word for _, _, word in regions], text_align="center", x_offset=0, y_offset=0)  # fmt: skip
             panels.append(on)
     keys = [Key("alert limit", ORANGE, "dash"), Key("error equals level", GREY)]
-    caption = f"Stanford diagram. {'; '.join(said)}. Below the line an error is larger than its level."
+    caption = f"Stanford diagram. {'; '.join(text)}. Below the line an error is larger than its level."
     return Drawing("stanford", "Stanford diagram", panels, caption, keys)
 
 
@@ -164,5 +164,5 @@ def interference(results: Sequence[Named]) -> Drawing | None:
     keys = [Key("satellites", BLUE), Key("pseudolites", ORANGE),
             *(Key(f"{each} is received", colour(3 + j)) for j, each in enumerate(jammers))]  # fmt: skip
     caption = "Effective carrier to noise density of every source; bars at the foot: a jammer is received."
-    caption += most_thinned(thinned).words("epoch")
+    caption += most_thinned(thinned).caption("epoch")
     return Drawing("interference", "Interference", panels, caption, keys, 1)

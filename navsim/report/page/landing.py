@@ -137,13 +137,13 @@ def track(results: Sequence[Named]) -> Drawing:
                 ("up", "@up{0.0} m")]  # fmt: skip
         tell(on, [each for each in lines if each in on.renderers], *shown)
     tell(plan, places, ("pseudolite", "@said"), ("along", "@x{0.0} m"), ("right", "@y{0.0} m"))
-    truth = next((said for _, r in results if (said := true_for(r))), "")
+    truth = next((text for _, r in results if (text := true_for(r))), "")
     caption = (
         "The true flight over the runway (grey), seen from above and from the side, both over the distance from the "
         "threshold. Triangles: pseudolites; dashed: touchdown."
         + (" Brown: terrain, with the height of its top above the threshold; from the side where the way goes over it."
            if hilly else "") + (f" {truth.capitalize()}." if truth else "")
-        + most_thinned(thinned).words()
+        + most_thinned(thinned).caption()
     )  # fmt: skip
     keys = [Key("runway", GREY, "band"), Key("pseudolite", ORANGE if len(results) == 1 else GREY, "triangle"),
             *([Key("terrain", BROWN)] if hilly else [])]  # fmt: skip
@@ -210,8 +210,8 @@ def _sky(title: str, result: Result, sources: Sequence[SourceTrack], edge: float
                        line_color=style, fill_color=style, fill_alpha=full)
         )  # fmt: skip
     if sources:
-        across, up, said = zip(*((float(e.x[e.last]), float(e.y[e.last]), e.name) for e in sources), strict=True)
-        name_marks(on, source(**beside(across, up, said, edge)))
+        across, up, text = zip(*((float(e.x[e.last]), float(e.y[e.last]), e.name) for e in sources), strict=True)
+        name_marks(on, source(**beside(across, up, text, edge)))
     tell(on, marks, ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°"))
     return on
 
@@ -245,13 +245,13 @@ def dops(results: Sequence[Named]) -> Drawing:
                 upright(on, landed)
     for k, key in enumerate(wanted):
         reach(panels[k], largest[k])
-        said = ("used", "@sources{0}, of them @pseudolites{0} pseudolites") if key == "sources" else (
+        text = ("used", "@sources{0}, of them @pseudolites{0} pseudolites") if key == "sources" else (
             key.upper(), f"@{key}{{0.000}}")  # fmt: skip
-        tell(panels[k], marks[k], ("", "$name"), ("time", "@x{0.0} s"), said, vertical=True)
+        tell(panels[k], marks[k], ("", "$name"), ("time", "@x{0.0} s"), text, vertical=True)
     caption = (
         "Dilution of precision by unit weights, a gap where there is no fix; how many sources a fix is made of"
         + (", and of them pseudolites (dashed)" if ground else "") + "; the upright line is touchdown."
-        + most_thinned(thinned).words()
+        + most_thinned(thinned).caption()
     )  # fmt: skip
     return Drawing("dop", "Dilution of precision, number of sources", panels, caption, keys_of(results))
 
@@ -314,7 +314,7 @@ def heights(results: Sequence[Named]) -> Drawing | None:
     what += ", where the runway runs along a parallel or meridian" if turned and straight else "."
     what += " Across other axes than those of the map σ is known at the bars alone" if turned else ""
     what += ", the RMS of a covariance analysis not." if turned else ""
-    what += most_thinned(thinned).words("output")
+    what += most_thinned(thinned).caption("output")
     band = band_key("±3σ of the filter", BLUE, len(kept) > 1)
     bars = Key("±3σ of the filter: bars", BLUE if len(kept) == 1 else GREY)
     keys = keys_of(results, band if straight else bars, of=kept)
@@ -414,7 +414,7 @@ def states(results: Sequence[Named]) -> Drawing | None:
     what = "the error of the run, truth minus estimate" if all(lone) else "3 RMS over all runs"
     what = what if len(set(lone)) == 1 else "3 RMS over all runs; for a single run its error"
     caption = f"Line: {what}; {drawn_as(kept)}: 3σ of the filter. The axes fit the errors after the start has settled."
-    caption += most_thinned(thinned).words("output")
+    caption += most_thinned(thinned).caption("output")
     keys = keys_of(results, band_key("3σ of the filter", BLUE, len(kept) > 1), of=kept)
     return Drawing("states", "All states of the filter over time", panels, caption, keys, 3)
 
@@ -480,7 +480,7 @@ def consistency(results: Sequence[Named]) -> Drawing:
     caption = (
         "Squared errors by the filter's own covariance, per degree of freedom: 1 is right, more is overconfident. "
         f"{drawn_as(results).capitalize()}: the mean over these runs is inside at 95 % of instants if the filter is "
-        "right. A covariance analysis shows expected values." + most_thinned(thinned).words("output")
+        "right. A covariance analysis shows expected values." + most_thinned(thinned).caption("output")
     )
     return Drawing("consistency", "Consistency", panels, caption, keys_of(results), 3)
 
@@ -488,7 +488,7 @@ def consistency(results: Sequence[Named]) -> Drawing:
 def ratios(results: Sequence[Named]) -> Drawing | None:
     """Map of z of every state over time, a panel a result."""
     kept = having(results, "/consistency/z")
-    panels, said = [], []
+    panels, text = [], []
     for _, name, result in kept:
         of = state_ratios(result, _RATIO_COLUMNS)
         count = len(of.names)
@@ -500,13 +500,13 @@ def ratios(results: Sequence[Named]) -> Drawing | None:
         drawn = image(on, of.z, span, (0.0, float(count)), mapper, of.label)
         tell(on, [drawn], ("time", "$x{0.0} s"), (of.label, "@image{0.000}"))
         panels.append(on)
-        said.append(f"{f'{name}: ' if len(results) > 1 else ''}{state_verdict(result)}.")
+        text.append(f"{f'{name}: ' if len(results) > 1 else ''}{state_verdict(result)}.")
     if not panels:
         return None
     caption = (
         "Root mean square over runs of each state's error in units of the filter's sigma, at every output. White, 1: "
         "sigma is right; red: too small; blue: too large. For a single run: its error in sigmas. States without "
-        "uncertainty are left blank. " + " ".join(said)
+        "uncertainty are left blank. " + " ".join(text)
     )
     return Drawing("ratios", "Consistency of every state", panels, caption, keys_of(results, of=kept), 1)
 
@@ -521,7 +521,7 @@ def budget(results: Sequence[Named]) -> Drawing | None:
             share, alone = (result[f"/summary/budget/{axis}{part}"] for part in ("_share", ""))
             order = [k for k in np.argsort(-share, kind="stable") if share[k] >= 0.001]
             rest = 1.0 - float(share[order].sum())
-            said = [sources[k] for k in order] + (
+            text = [sources[k] for k in order] + (
                 [f"{len(sources) - len(order)} others"] if len(order) < len(sources) else []
             )
             shares = [float(share[k]) for k in order] + ([max(rest, 0.0)] if len(order) < len(sources) else [])
@@ -529,11 +529,11 @@ def budget(results: Sequence[Named]) -> Drawing | None:
             total = math.sqrt(float(np.sum(alone**2)))
             metres += [total * math.sqrt(s) for s in shares[len(metres) :]]
             end = 100.0 * np.cumsum(shares)
-            said, start = [*said, "in all"], [*(end - 100.0 * np.array(shares)), 0.0]
+            text, start = [*text, "in all"], [*(end - 100.0 * np.array(shares)), 0.0]
             title = f"{axis.capitalize()}{f', {name}' if len(results) > 1 else ''}: {total:.3f} m"
-            on = plot(title, "share of the mean square, %", "", 90 + 22 * len(said), y_range=said[::-1])
+            on = plot(title, "share of the mean square, %", "", 90 + 22 * len(text), y_range=text[::-1])
             on.update(x_range=Range1d(0.0, 102.0))
-            of = source(said=said, left=start, right=[*end, 100.0], share=[*(100.0 * s for s in shares), 100.0],
+            of = source(said=text, left=start, right=[*end, 100.0], share=[*(100.0 * s for s in shares), 100.0],
                         metres=[*metres, total])  # fmt: skip
             drawn = on.hbar("said", height=0.7, left="left", right="right", source=of, color=colour(i), alpha=0.85)
             on.ygrid.visible = False

@@ -105,7 +105,7 @@ def small(values: Any) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Some:
+class Thinned:
     """Instants that are drawn: every `step`-th of `of`."""
 
     step: int
@@ -114,7 +114,7 @@ class Some:
     def __call__(self, values: np.ndarray) -> np.ndarray:
         return values[:: self.step]
 
-    def words(self, what: str = "instant") -> str:
+    def caption(self, what: str = "instant") -> str:
         """A sentence for the caption; nothing where all are drawn."""
         return f" The figure shows every {_ordinal(self.step)} of {self.of} {what}s." if self.step > 1 else ""
 
@@ -124,14 +124,14 @@ def _ordinal(n: int) -> str:
     return f"{n}{ending}"
 
 
-def some(count: int, most: int = MOST_POINTS) -> Some:
+def some(count: int, most: int = MOST_POINTS) -> Thinned:
     """Thinning of `count` instants to at most `most`."""
-    return Some(max(1, -(-count // most)), count)
+    return Thinned(max(1, -(-count // most)), count)
 
 
-def most_thinned(of: Iterable[Some]) -> Some:
+def most_thinned(of: Iterable[Thinned]) -> Thinned:
     """The one with the largest step."""
-    return max(of, key=lambda each: each.step, default=Some(1, 0))
+    return max(of, key=lambda each: each.step, default=Thinned(1, 0))
 
 
 def plot(title: str, x: str, y: str, height: int = 260, **more: Any) -> figure:
@@ -143,9 +143,9 @@ def plot(title: str, x: str, y: str, height: int = 260, **more: Any) -> figure:
     )  # fmt: skip
     out.toolbar.logo = None
     out.toolbar.autohide = True
-    for axis, said in ((out.xaxis[0], x), (out.yaxis[0], fill(y, height // 7))):
+    for axis, text in ((out.xaxis[0], x), (out.yaxis[0], fill(y, height // 7))):
         axis.update(
-            axis_label=said, axis_label_text_color=TEXT, axis_label_text_font=FONT, axis_label_text_font_size="12px",
+            axis_label=text, axis_label_text_color=TEXT, axis_label_text_font=FONT, axis_label_text_font_size="12px",
             axis_label_text_font_style="normal", major_label_text_color=TEXT, major_label_text_font=FONT,
             major_label_text_font_size="11px", axis_line_color=GREY, major_tick_line_color=GREY,
             minor_tick_line_color=None,
@@ -197,13 +197,13 @@ def band_key(text: str, colour: str, several: bool = False) -> Key:
     return Key(text, GREY, "dots") if several else Key(text, colour, "band")
 
 
-def tell(on: figure, marks: Sequence[Any], *said: tuple[str, str], vertical: bool = False) -> None:
+def tell(on: figure, marks: Sequence[Any], *text: tuple[str, str], vertical: bool = False) -> None:
     """Hover text of these marks: pairs of a label and a Bokeh pattern.
 
     vertical: for all marks at the same x. The page shows the text of the nearest mark.
     """
     on.add_tools(
-        HoverTool(renderers=list(marks), tooltips=list(said), mode="vline" if vertical else "mouse", limit=1,
+        HoverTool(renderers=list(marks), tooltips=list(text), mode="vline" if vertical else "mouse", limit=1,
                   point_policy="snap_to_data", line_policy="nearest", attachment="horizontal")
     )  # fmt: skip
 
@@ -232,16 +232,16 @@ def stretch(on: figure, low: float, high: float, colour: str = GREY, upright: bo
     on.add_layout(BoxAnnotation(**ends, fill_color=colour, fill_alpha=0.15, line_color=None))
 
 
-def names(on: figure, x: Any, y: Any, said: Iterable[object], colour: str = TEXT, **style: Any) -> None:
+def names(on: figure, x: Any, y: Any, text: Iterable[object], colour: str = TEXT, **style: Any) -> None:
     """Text beside points."""
     style = {"x_offset": 6, "y_offset": 6, "text_font_size": "11px"} | style
-    of = source(x=np.atleast_1d(x), y=np.atleast_1d(y), said=[str(text) for text in said])
+    of = source(x=np.atleast_1d(x), y=np.atleast_1d(y), said=[str(text) for text in text])
     on.text("x", "y", "said", source=of, text_color=colour, text_font=value(FONT), **style)
 
 
-def labels(on: figure, x: np.ndarray, y: np.ndarray, said: Iterable[object]) -> None:
+def labels(on: figure, x: np.ndarray, y: np.ndarray, text: Iterable[object]) -> None:
     """Text beside points of a map, on any colour."""
-    names(on, x, y, said, "black", background_fill_color="white", background_fill_alpha=0.75)
+    names(on, x, y, text, "black", background_fill_color="white", background_fill_alpha=0.75)
 
 
 def image(
@@ -280,10 +280,10 @@ def about_one(limit: float) -> Any:
     return LogColorMapper(palette=list(RdBu11), low=1.0 / limit, high=limit, nan_color="rgba(0,0,0,0)")
 
 
-def ticks(on: figure, axis: Any, at: Sequence[float], said: Sequence[object]) -> None:
+def ticks(on: figure, axis: Any, at: Sequence[float], text: Sequence[object]) -> None:
     """Words in place of numbers on an axis of a plot."""
     axis.ticker = FixedTicker(ticks=list(at))
-    axis.major_label_overrides = {each: str(text) for each, text in zip(at, said, strict=True)}
+    axis.major_label_overrides = {each: str(text) for each, text in zip(at, text, strict=True)}
 
 
 def steps(on: figure, x: np.ndarray, y: np.ndarray, colour: str, **style: Any) -> Any:

@@ -31,14 +31,14 @@ def skyline(
     on.patch("x", "y", source=source(x=x, y=y), fill_color=colour, fill_alpha=alpha, line_color=None)
 
 
-def beside(x: Sequence[float], y: Sequence[float], said: Sequence[str], edge: float) -> dict[str, list[Any]]:
+def beside(x: Sequence[float], y: Sequence[float], text: Sequence[str], edge: float) -> dict[str, list[Any]]:
     """Columns with labels of marks on a `sky_paper`, for `name_marks`.
 
     Each label has the position with least overlap with marks, earlier labels and text on the paper.
     """
-    put = sides(x, y, said, edge, _NARROW, _LETTERS)
+    put = sides(x, y, text, edge, _NARROW, _LETTERS)
     return {
-        "x": list(x), "y": list(y), "said": list(said), "align": [side.align for side in put],
+        "x": list(x), "y": list(y), "said": list(text), "align": [side.align for side in put],
         "right": [side.right for side in put], "down": [side.down for side in put],
     }  # fmt: skip
 
@@ -68,8 +68,8 @@ def sky_paper(title: str, edge: float, masked: Sequence[Sector]) -> figure:
     for ring in RINGS:
         on.circle(0.0, 0.0, radius=ring, fill_color=None, line_color=GREY, line_alpha=0.5)
         names(on, 0.0, ring, [f"{90.0 - ring:g}°"], x_offset=2, y_offset=2, text_font_size="10px")
-    for said, s, c in bearings():
+    for text, s, c in bearings():
         on.segment(0.0, 0.0, edge * s, edge * c, line_color=GREY, line_alpha=0.3)
-        names(on, WRITTEN * edge * s, WRITTEN * edge * c, [said], text_align="center", text_baseline="middle",
+        names(on, WRITTEN * edge * s, WRITTEN * edge * c, [text], text_align="center", text_baseline="middle",
               x_offset=0, y_offset=0)  # fmt: skip
     return on

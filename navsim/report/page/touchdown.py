@@ -62,8 +62,8 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
     placed = judged and all("/summary/box/place" in r for _, _, r in kept)
     for across, up in (("lateral", "vertical"), ("lateral", "along")):
         zoned = placed and up == "along"
-        said = "along the runway from the threshold, m" if zoned else f"{up} error, m"
-        on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", said, 340, match_aspect=not zoned)
+        text = "along the runway from the threshold, m" if zoned else f"{up} error, m"
+        on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", text, 340, match_aspect=not zoned)
         marks = []
         for i, name, result in kept:
             which_error = "tse_run" if of_total(result) else "run"
@@ -187,7 +187,7 @@ def percentiles(results: Sequence[Named]) -> Drawing | None:
     if not kept:
         return None
     panels, dashes = [], ("solid", "dashed", "dotted", "dotdash")
-    said = [str(p) for p in kept[0][2]["/summary/percentile"]]
+    text = [str(p) for p in kept[0][2]["/summary/percentile"]]
     for axis in AXES:
         on = plot(axis.capitalize(), "height above the runway, m", "size of the error, m", 260)
         marks, values = [], []
@@ -196,17 +196,17 @@ def percentiles(results: Sequence[Named]) -> Drawing | None:
                 f"p{k}": column for k, column in enumerate(result[f"/summary/at/{axis}_percentile"].T)
             })  # fmt: skip
             values.append(result[f"/summary/at/{axis}_percentile"])
-            for k in range(len(said)):
+            for k in range(len(text)):
                 line(on, of, f"p{k}", colour(i), line_dash=dashes[k % len(dashes)])
                 marks.append(on.scatter("x", f"p{k}", source=of, size=6, color=colour(i), name=name))
         reach(on, values)
         tell(on, marks, ("", "$name"), ("height", "@x{0.0} m"),
-             *((f"{p} % of runs below", f"@p{k}{{0.000}} m") for k, p in enumerate(said)))  # fmt: skip
+             *((f"{p} % of runs below", f"@p{k}{{0.000}} m") for k, p in enumerate(text)))  # fmt: skip
         top = max(float(r["/summary/at/height"].max()) for _, _, r in kept)
         downwards(on, -0.03 * top, 1.05 * top)
         panels.append(on)
     caption = (
-        f"Navigation errors that {', '.join(said[:-1])} and {said[-1]} % of runs stay below (lowest first), at the "
+        f"Navigation errors that {', '.join(text[:-1])} and {text[-1]} % of runs stay below (lowest first), at the "
         "heights of the table. A covariance analysis assumes Gaussian errors."
     )  # fmt: skip
     return Drawing("percentiles", "Percentiles of the error", panels, caption, keys_of(results, of=kept), 3)
