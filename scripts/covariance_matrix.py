@@ -67,10 +67,10 @@ FACTORS: dict[str, dict[str, tuple[str, ...]]] = {
         "plain": (),
         "late, lever arm": ("receiver.latency_s=0.25", "receiver.lever_arm_m=[2.0, 0.5, -1.0]"),
         "smoothed": ("receiver.smoothing_s=20",),
-        "one clock": ("receiver.one_clock=true", "signals.gps_offset_ns=5"),
+        "one clock": ("receiver.single_clock=true", "signals.gps_offset_ns=5"),
         "all of it": (
             "receiver.latency_s=0.25", "receiver.lever_arm_m=[2.0, 0.5, -1.0]", "receiver.smoothing_s=20",
-            "receiver.one_clock=true",
+            "receiver.single_clock=true",
         ),
     },
     "fixes": {"position and velocity": (), "position": ("filter.velocity=false",)},

@@ -25,17 +25,17 @@ RAREST = "mhss, p_constellation: 1.0e-9"
 EXCLUSIONS: dict[str, tuple[str, ...]] = {
     "no step": (EXCLUDING % ("chi2", ""),),
     "no exclusion": (STEP, EXCLUDING % ("chi2", "")),
-    "no exclusion, `drop`": (STEP, EXCLUDING % ("chi2", ", alarmed_fixes: drop")),
-    "`residual`, `drop`": (STEP, EXCLUDING % ("chi2", ", exclusion: residual, alarmed_fixes: drop")),
-    "`rms`, `drop`": (STEP, EXCLUDING % ("chi2", ", exclusion: rms, alarmed_fixes: drop")),
+    "no exclusion, `drop`": (STEP, EXCLUDING % ("chi2", ", on_alarm: drop")),
+    "`residual`, `drop`": (STEP, EXCLUDING % ("chi2", ", exclusion: residual, on_alarm: drop")),
+    "`rms`, `drop`": (STEP, EXCLUDING % ("chi2", ", exclusion: rms, on_alarm: drop")),
     "`mhss`, `p_constellation: 1.0e-9`, `residual`, `drop`": (
-        STEP, EXCLUDING % (RAREST, ", exclusion: residual, alarmed_fixes: drop")),
+        STEP, EXCLUDING % (RAREST, ", exclusion: residual, on_alarm: drop")),
 }  # fmt: skip
 WIDE = "limits: {hal_m: 60, val_m: 90, tta_s: 6}"
 TAILS: dict[str, str] = {
     f"`{method.split(',')[0]}`{rest}, `{law}`": f"integrity={{method: {method}, {WIDE}, error_model: {law}}}"
     for method, rest in (("chi2", ""), (f"mhss, {CONSTELLATION}", f", `{CONSTELLATION}`"))
-    for law in ("gaussian", "heavier")
+    for law in ("gaussian", "heavy_tailed")
 }
 
 
@@ -120,7 +120,7 @@ def tails() -> list[str]:
     lines = [
         "## Heavier tails",
         "",
-        command(TAILS["`chi2`, `heavier`"]),
+        command(TAILS["`chi2`, `heavy_tailed`"]),
         "",
         f"| | alarms, of {tested} fixes | beyond HPL, VPL without an "
         "alarm | epochs available | approaches available | horizontal RMS of the filter, m, beside its σ |",
@@ -146,7 +146,7 @@ def probe() -> measured.Probe:
     cases = {
         "spoofed": (CHI2, *FAULTS["all satellites spoofed up, 2 m/s from 10 s"]),
         "excluded": EXCLUSIONS["`residual`, `drop`"],
-        "heavier": (TAILS[f"`mhss`, `{CONSTELLATION}`, `heavier`"],),
+        "heavy_tailed": (TAILS[f"`mhss`, `{CONSTELLATION}`, `heavy_tailed`"],),
     }
     out = {}
     for label, settings in cases.items():

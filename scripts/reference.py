@@ -114,12 +114,12 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             f"horizon_sha256: {_SUM}}}",
             f"approach={{profile: recorded, file: flight.h5, file_sha256: {_SUM}, start_s: 540, touchdown_s: 580}}",
             "runway.threshold={lat_deg: 56.02, lon_deg: 37.0}",
-            "pseudolites={frame: runway, count: 0}", "receiver.one_clock=true",
+            "pseudolites={frame: runway, count: 0}", "receiver.single_clock=true",
             "signals={system_offsets_ns: {galileo: 2.4}, system_offset_sigma_ns: 10}",
-            "signals.errors={orbit_clock: {sigma_m: 1, time_s: 9000, mapping: none}, "
-            "ionosphere: {sigma_m: 2, time_s: 1800, mapping: ionosphere}, "
-            "troposphere: {sigma_m: 0.2, time_s: 1800, mapping: troposphere}, "
-            "multipath: {sigma_m: 0.5, time_s: 100, mapping: multipath}}",
+            "signals.errors={orbit_clock: {sigma_m: 1, correlation_time_s: 9000, mapping: none}, "
+            "ionosphere: {sigma_m: 2, correlation_time_s: 1800, mapping: ionosphere}, "
+            "troposphere: {sigma_m: 0.2, correlation_time_s: 1800, mapping: troposphere}, "
+            "multipath: {sigma_m: 0.5, correlation_time_s: 100, mapping: multipath}}",
         )),
         ("track", ("approach.sigma_vertical_m=0.5",)),
     ),
@@ -155,7 +155,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
         )),
         ("recorded_flight", (
             "imu.gyro.bias_instability_deg_h=10", "imu.accelerometer.bias_instability_mg=0.3",
-            "gnss.errors=[{time_s: 1000, position_sigma_m: [2, 3]}, {time_s: 100, states: 6}]",
+            "gnss.errors=[{correlation_time_s: 1000, position_sigma_m: [2, 3]}, {correlation_time_s: 100, states: 6}]",
             "alignment.known={time_s: 10, lat_deg: 56, lon_deg: 37, height_m: 150, velocity_m_s: [29, -1, 0], "
             "attitude_deg: [0, 2, 30], gyro_bias_deg_h: [20, -5, 10], accelerometer_bias_mg: [1, 0, -2], "
             "position_sigma_m: [1, 1, 2], velocity_sigma_m_s: [0.1, 0.1, 0.2], attitude_sigma_deg: [0.5, 0.5, 2]}",
@@ -170,7 +170,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
         ("recorded_ranges", (
             "ranges.columns={source: anchor, signal_dbm: rssi}", "ranges.sigma_m=0.1", "motion.noise=[0.5, 0.1]",
             "motion.start={position_m: [60, 0, 20], sigma_m: [5, 10]}", "bias.growth={sigma_m: 0.1}",
-            "bias.wander={sigma_m: 0.05, time_s: 2}", "start_s=10", "end_s=60",
+            "bias.wander={sigma_m: 0.05, correlation_time_s: 2}", "start_s=10", "end_s=60",
             "outliers={share: 0.02, sigma_m: 3, long_share: 0.05, long_m: 1}",
         )),
         ("recorded_ranges", (

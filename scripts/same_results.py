@@ -25,8 +25,14 @@ from typing import Any
 
 import h5py
 import numpy as np
+import yaml
 
-RENAMED: dict[str, str] = {}
+from navsim.results.former_names import with_present_names
+
+RENAMED: dict[str, str] = {
+    "/front": "/pareto", "/useful": "/subsets", "/useful/subsets": "/subsets/number",
+    "/useful/subsets_of_all": "/subsets/number_of_all", "/audit": "/published", "/fit/letter": "/fit/id",
+}  # fmt: skip
 """Paths of datasets and groups in results of A, each with its path in results of B."""
 EXCEPTED = ("navsim_version", "created")
 """Attributes that name the version and the time of computation."""
@@ -189,7 +195,10 @@ def contents(file: Path) -> dict[str, Any]:
     def take(path: str, node: Any) -> None:
         found[path] = bits(node[()]) if isinstance(node, h5py.Dataset) else "group"
         for name in sorted(set(node.attrs) - set(EXCEPTED) - set(_OF_THE_FORMAT)):
-            found[f"{path}@{name}"] = bits(node.attrs[name])
+            value = node.attrs[name]
+            if name in ("scenario", "study"):  # keys by their present names, in any order
+                value = json.dumps(with_present_names(yaml.safe_load(value)), sort_keys=True, default=str)
+            found[f"{path}@{name}"] = bits(value)
 
     with h5py.File(file) as result:
         take("", result)

@@ -266,7 +266,7 @@ def _compute_result(command: str, scenario: Scenario, asked: dict[str, Any], hea
     taken = {name: value for name, value in asked.items() if name in Options.__dataclass_fields__}
     options = Options(**taken)
     source = _source(scenario, _NOUNS[command])
-    job, suffix = opening.open_job(command, source, _assignments(asked["set"]), options)
+    job, suffix = opening.open_job(command, source, _assignments(asked["set"]), options, heard.append)
     temporary = Path(tempfile.mkdtemp(prefix="navsim-")) if asked["output"] is None else None
     stem = source.stem if isinstance(source, Path) else "result"
     order = steps.JobRequest(options, asked["figures"], True, asked["force"], asked["over_budget"])

@@ -66,7 +66,7 @@ def replay(
 
     options = Options(require=required.require)
     with leaving():
-        job, suffix = open_job("replay", log, given.set_ or [], options)
+        job, suffix = open_job("replay", log, given.set_ or [], options, AT_TERMINAL.warn)
         target = target_of(given.output, log.stem + suffix)
     run_job(log, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))
 

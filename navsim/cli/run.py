@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import leaving
+from navsim.cli.common import AT_TERMINAL, leaving
 from navsim.cli.completion import UNTIL
 from navsim.cli.options import (
     FreshOption,
@@ -100,6 +100,6 @@ def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care:
         require_fix=required.require_fix, require_consistent=required.require_consistent, require=required.require,
     )  # fmt: skip
     with leaving():
-        job, suffix = open_job("run", scenario, given.set_ or [], options)
+        job, suffix = open_job("run", scenario, given.set_ or [], options, AT_TERMINAL.warn)
         target = target_of(given.output, scenario.stem + suffix)
     run_job(scenario, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import leave, leaving
+from navsim.cli.common import AT_TERMINAL, leave, leaving
 from navsim.cli.exit_status import CHECK_FAILED
 from navsim.cli.options import (
     FreshOption,
@@ -75,7 +75,7 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: O
         fresh=given.fresh, require=required.require,
     )  # fmt: skip
     with leaving():
-        job, suffix = open_job("sweep", study, given.set_ or [], options)
+        job, suffix = open_job("sweep", study, given.set_ or [], options, AT_TERMINAL.warn)
         target = target_of(given.output, study.stem + suffix)
     run_job(study, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))
 
@@ -116,7 +116,7 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: OutputOptions) 
 
     options = Options(given.seed, given.runs, scheduler=given.scheduler, time_limit=given.time_limit, fresh=given.fresh)
     with leaving():
-        job, suffix = open_job("optimize", study, given.set_ or [], options)
+        job, suffix = open_job("optimize", study, given.set_ or [], options, AT_TERMINAL.warn)
         target = target_of(given.output, study.stem + suffix)
     run_job(study, job, target, TerminalRequest(care, Required(), options, given.figures, given.dry_run, given.json_))
 

@@ -131,7 +131,7 @@ def _ridges(result: Result) -> list[dict[str, Any]]:
 
 def _placements(result: Result) -> list[dict[str, Any]]:
     """Positions of the pseudolites of a search, for each number of them."""
-    height, found = float(scenario_of(result)["runway"]["height_m"]), result.variables["/front/objective"]
+    height, found = float(scenario_of(result)["runway"]["height_m"]), result.variables["/pareto/objective"]
     out = []
     for i, k in np.argwhere(np.isfinite(result["/optimum/latitude"])):
         angles = (float(result[f"/optimum/{axis}"][i, k]) for axis in ("latitude", "longitude"))

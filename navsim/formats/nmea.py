@@ -344,7 +344,7 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped, simulated: bool = 
         undated += not assembler.dated
         rows.append(last)
     dropped.add("corrupt NMEA sentences", assembler.corrupt)
-    dropped.add(f"{_WITHOUT_CHECKSUM}: `lenient: true` reads them", assembler.no_checksum)
+    dropped.add(f"{_WITHOUT_CHECKSUM}: `skip_bad_records: true` reads them", assembler.no_checksum)
     dropped.add("lines without an NMEA sentence", assembler.foreign)
     dropped.add("NMEA epochs without a fix", assembler.empty)
     for kind, words in INSTEAD_OF_FIXES.items():

@@ -135,7 +135,7 @@ def _fix_errors(result: Result) -> dict[str, Any]:
     if not decay:
         return {}
     groups = [list(group) for _, group in itertools.groupby(decay)]
-    return {"errors": [{"time_s": min(1.0 / max(g[0], 1e-12), _LONGEST), "states": len(g)} for g in groups]}
+    return {"errors": [{"correlation_time_s": min(1.0 / max(g[0], 1e-12), _LONGEST), "states": len(g)} for g in groups]}
 
 
 def _spread(covariance: np.ndarray) -> np.ndarray:

@@ -90,7 +90,7 @@ class Effects:
     """Offset of each time scale from the first, m, by clock number."""
     offset_sigma: float = 0.0
     """1 sigma of the offsets drawn for each run, m, relative to the first time scale of the sky."""
-    one_clock: bool = False
+    single_clock: bool = False
     """The receiver treats all time scales as one."""
     smoothing: float = 0.0
     """Time constant of the carrier-smoothed code, s."""

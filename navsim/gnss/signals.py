@@ -250,7 +250,7 @@ class Environment:
 
         Zero if the receiver treats all as one: each source's offset is then an error.
         """
-        if self.effects.one_clock:
+        if self.effects.single_clock:
             return np.zeros(len(CLOCKS))
         own = self.pseudolites.delay if CLOCKS[self.pseudolites.clock] == OWN else 0.0
         return np.array(self.effects.offsets) + np.where(np.array(CLOCKS) == OWN, own, 0.0)
@@ -601,4 +601,4 @@ def fixed_with(
 
 def clock_unknowns(effects: Effects, clock: np.ndarray) -> np.ndarray:
     """The clock unknowns (s,) the receiver gives to sources by their time scales (s,)."""
-    return np.zeros_like(clock) if effects.one_clock else clock
+    return np.zeros_like(clock) if effects.single_clock else clock

@@ -281,7 +281,7 @@ def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign
         gate=gate_limits(section.gate.probability),
         max_rejected=section.gate.max_rejected,
         components=section.gaussian_sum.components,
-        widest=section.gaussian_sum.heading_deg * DEG,
+        widest=section.gaussian_sum.split_heading_sigma_deg * DEG,
         steady_force=section.steady_force,
         clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
         correlated=correlated,

@@ -111,7 +111,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         clocks |= {int(number) for number in sources.listed.clock[sources.listed.chosen]}
     if of_ground:
         clocks.add(sources.pseudolites.clock)
-    scales = 1 if sources.effects.one_clock else len(clocks)
+    scales = 1 if sources.effects.single_clock else len(clocks)
     jamming = sources.jamming
     correlated = scenario.correlated_states(names // 2)  # about half of a sky is received
     sensors = scenario.aiding()

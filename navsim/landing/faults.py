@@ -24,7 +24,7 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
     # satellites that are not to be used are among the signals all the same
     nominal = {name: section.b_nom_m for of_group, _ in _satellites(sources) for name in of_group}
     nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m)
-    drops, asked = section.alarmed_fixes == "drop", section.innovations
+    drops, asked = section.on_alarm == "drop", section.innovations
     innovations = None if asked is None else InnovationTest(asked.window_s, asked.p_fa)
     if section.method == "chi2":
         test = ChiSquareTest(section.p_fa, section.p_md)

@@ -155,15 +155,15 @@ def compute(case: Case, here: MonitoredGlide, seed: int, done: Callable[[int], N
         draft[f"/possible/{name}"] = np.array([[getattr(each, name) for each in row] for row in flags]).astype(np.int8)
     found, taken = cells(here, seed, done)
     for i, name in enumerate(("worst", "median", "hpl", "vpl")):
-        draft[f"/useful/{name}"] = found[..., i]
-    draft["/useful/subsets"] = taken
-    draft["/useful/subsets_of_all"] = np.array([math.comb(here.satellites.size, n) for n in SATELLITES])
+        draft[f"/subsets/{name}"] = found[..., i]
+    draft["/subsets/number"] = taken
+    draft["/subsets/number_of_all"] = np.array([math.comb(here.satellites.size, n) for n in SATELLITES])
     for name, numbers in (("satellite", here.satellites), ("pseudolite", here.pseudolites)):
-        draft[f"/useful/{name}"] = np.array([here.signals.names[i] for i in numbers], dtype=object)
-    draft["/useful/hal"], draft["/useful/val"] = here.requirements.limits
+        draft[f"/subsets/{name}"] = np.array([here.signals.names[i] for i in numbers], dtype=object)
+    draft["/subsets/hal"], draft["/subsets/val"] = here.requirements.limits
     if expected := here.watching.expected(here.signals):
-        draft["/useful/fault"] = np.array([fault.name for fault in expected], dtype=object)
-        draft["/useful/prior"] = np.array([fault.prior for fault in expected])
+        draft["/subsets/fault"] = np.array([fault.name for fault in expected], dtype=object)
+        draft["/subsets/prior"] = np.array([fault.prior for fault in expected])
     draft.put("/glide/time", here.signals.time, {"epochs_of_glide": here.epochs})
     out = draft.result(root_attributes("integrity-table", seed, case.scenario))
     out.variables.update(

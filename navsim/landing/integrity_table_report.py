@@ -48,7 +48,7 @@ def _pairs(result: Result, title: str, pattern: str, *names: str) -> Table:
     """A table with two numbers a cell."""
     out = _table(result, title)
     for k, added in enumerate(result["/pseudolites"]):
-        pairs = zip(*(result[f"/useful/{name}"][k].tolist() for name in names), strict=True)
+        pairs = zip(*(result[f"/subsets/{name}"][k].tolist() for name in names), strict=True)
         cells = (Cell(pattern, pair, names=names) if np.isfinite(pair).any() else ABSENT for pair in pairs)
         out.add(str(added), *cells)
     return out
@@ -60,7 +60,7 @@ def _useful(result: Result) -> list[Table]:
         result, f"Useful, {here}: share of epochs with {limits(result)}, worst / median subset",
         "{:.2f} / {:.2f}", "worst", "median",
     )  # fmt: skip
-    counts = zip(result["/useful/subsets"].tolist(), result["/useful/subsets_of_all"].tolist(), strict=True)
+    counts = zip(result["/subsets/number"].tolist(), result["/subsets/number_of_all"].tolist(), strict=True)
     names = ("count", "of")
     shares.add("subsets", *(Cell("{} of {}", pair, trials=pair[1], trial="subset", names=names) for pair in counts))
     title = "The levels themselves: HPL / VPL, m, median over epochs, median subset"
@@ -69,13 +69,13 @@ def _useful(result: Result) -> list[Table]:
 
 def limits(result: Result) -> str:
     """Limits of the levels, in words."""
-    asked = {"HPL": float(result["/useful/hal"]), "VPL": float(result["/useful/val"])}
+    asked = {"HPL": float(result["/subsets/hal"]), "VPL": float(result["/subsets/val"])}
     return " and ".join(f"{name} <= {most:g} m" for name, most in asked.items() if np.isfinite(most))
 
 
 def _explained(result: Result) -> str:
     """Text below the fractions."""
-    names = {noun: list(map(str, result[f"/useful/{noun}"])) for noun in ("satellite", "pseudolite")}
+    names = {noun: list(map(str, result[f"/subsets/{noun}"])) for noun in ("satellite", "pseudolite")}
     time = result.variables["/glide/time"]
     count, whole = time.data.shape[0], time.attributes["epochs_of_glide"]
     lines = [
@@ -86,8 +86,8 @@ def _explained(result: Result) -> str:
         f"pseudolites: in this order, {_listed(names['pseudolite'])}",
         "median subset: more than half of the subsets are as good or better",
     ]
-    if "/useful/fault" in result:
-        faults, priors = result["/useful/fault"], result["/useful/prior"]
+    if "/subsets/fault" in result:
+        faults, priors = result["/subsets/fault"], result["/subsets/prior"]
         text = (f"{prior:g} of {', '.join(map(str, faults[priors == prior]))}" for prior in np.unique(priors))
         lines.append(f"priors of faults: {'; '.join(text)}")
     return "\n".join(f"- {line}" for line in lines)
@@ -114,6 +114,6 @@ def more(result: Result) -> dict[str, Any]:
 
 
 VIEW = View(
-    one_by_one(tables), figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more,
+    one_by_one(tables), figures, ("/pseudolites", "/satellites", "/possible", "/subsets"), more,
     drawings="navsim.landing.published_tables_page:few_satellites",
 )  # fmt: skip

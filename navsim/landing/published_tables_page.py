@@ -60,7 +60,7 @@ def few_satellites(results: Sequence[Named]) -> list[Drawing]:
         for path, text in (("worst", "worst subset"), ("median", "median subset")):
             title = f"{text.capitalize()}{f', {name}' if len(results) > 1 else ''}"
             on = plot(title, "satellites", "", 240, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
-            drawn = cells(on, rows, columns, result[f"/useful/{path}"][::-1], "{:.2f}", mapper)
+            drawn = cells(on, rows, columns, result[f"/subsets/{path}"][::-1], "{:.2f}", mapper)
             tell(on, [drawn], ("satellites", "@x"), ("", "@y"), ("share", "@value{0.000}"))
             panels.append(on)
     text = "; ".join(dict.fromkeys(integrity_table.limits(result) for _, result in results))

@@ -137,7 +137,7 @@ def _read_navigation(path: Path, utc: float, scenario: Landing) -> _Read:
     from navsim.formats.rinex_nav import read_nav
 
     sky = scenario.sky
-    found = read_nav(path, sky.lenient, sky.wanted())
+    found = read_nav(path, sky.skip_bad_records, sky.wanted())
     remarks = [
         f"not used: {of.title} has {sent} alone, not {of.message}; `sky.galileo_message: {sent.lower()}` uses it"
         for of, sent in found.without_usual().items() if of not in sky.messages()
@@ -148,7 +148,7 @@ def _read_navigation(path: Path, utc: float, scenario: Landing) -> _Read:
 def _read_orbits(path: Path, utc: float, scenario: Landing) -> _Read:
     from navsim.formats.sp3 import read_sp3
 
-    table = read_sp3(path, scenario.sky.lenient)
+    table = read_sp3(path, scenario.sky.skip_bad_records)
     start = float(timescales.gps_from_utc(utc))
     missing = table.missing(start, start + scenario.duration_s, scenario.sky.wanted())
     return _Read([orbits for orbits in map(table.of, SYSTEMS) if orbits.names], [*table.left_out, *missing])
@@ -182,7 +182,7 @@ class _Files:
             read = reader(path, utc, self.scenario)
         except FileError as error:
             curable = error.salvageable and self.key in LENIENT
-            cure = "; `sky.lenient: true` takes the intact part" if curable else ""
+            cure = "; `sky.skip_bad_records: true` takes the intact part" if curable else ""
             message = f"not a usable file of satellites: {error.message}{cure}"
             raise self._wrong(name, path, message, error.line) from None
         except OSError as error:

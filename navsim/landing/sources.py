@@ -220,10 +220,10 @@ def environment(
     _check_events(scenario, document, sources)
     warnings += _excluded_elsewhere(scenario, document, sources)
     there = {*sources.systems, CLOCKS[pseudolites.clock] if pseudolites.names else ""}
-    if not scenario.receiver.one_clock and there & set(scenario.signals.system_offsets_ns):
+    if not scenario.receiver.single_clock and there & set(scenario.signals.system_offsets_ns):
         warnings.append(
             "signals.system_offsets_ns changes no position: a receiver with a clock unknown for each system does not "
-            "notice; it is for `receiver.one_clock: true`"
+            "notice; it is for `receiver.single_clock: true`"
         )
     warnings += [
         f"signals.system_offsets_ns.{name} changes nothing: no source keeps the time of {name}"

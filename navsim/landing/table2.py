@@ -284,7 +284,7 @@ def result(found: dict[Calibration, Computed], seed: int, runs: int) -> Result:
     draft["/published/error_horizontal"] = np.array([nan if r.error is None else r.error for r in ROWS])
     draft.put("/table/error_horizontal", np.stack([c.error for c in found.values()]), {"runs": runs})
     draft["/fit/parameters"] = np.array([c.parameters for c in found])
-    draft["/fit/letter"] = np.array([c.letter for c in found], dtype=object)
+    draft["/fit/id"] = np.array([c.letter for c in found], dtype=object)
     draft["/fit/meaning"] = np.array([c.meaning for c in found], dtype=object)
     draft["/fit/weighted"] = np.array([c.weighted for c in found]).astype(np.int8)
     fits = np.array(

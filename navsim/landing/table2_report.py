@@ -123,7 +123,7 @@ def _fits(result: Result) -> Table:
             which: 100.0 * float(result[f"/fit/{which}"][c]) for which in ("dop_rms", "dop_max", "sko_rms", "sko_max")
         }
         out.add(
-            f"{result['/fit/letter'][c]}  {name}",
+            f"{result['/fit/id'][c]}  {name}",
             cell("{}", int(result["/fit/parameters"][c])),
             cell("{:.1f} / {:.1f}", fit["dop_rms"], fit["dop_max"], names=("rms", "max")),
             cell("{:.1f} / {:.1f}", fit["sko_rms"], fit["sko_max"], names=("rms", "max")),
@@ -136,7 +136,7 @@ def _claims(result: Result) -> Table:
     out = Table("Claims", ("claim", "the paper says", "computed", "why"), lines=True)
     for i, name in enumerate(result["/claims/claim"]):
         verdicts = [
-            f"{result['/fit/letter'][c]}: {result['/claims/computed'][c, i]}, {'holds' if holds else 'fails'}"
+            f"{result['/fit/id'][c]}: {result['/claims/computed'][c, i]}, {'holds' if holds else 'fails'}"
             for c, holds in enumerate(result["/claims/holds"][:, i])
         ]
         out.add(str(name), str(result["/claims/says"][i]), "\n".join(verdicts), str(result["/claims/reason"][i]))
@@ -156,7 +156,7 @@ def contradiction(result: Result) -> str:
 
 def tables(result: Result) -> list[Table | str]:
     """Everything, for the terminal."""
-    title = f"Table 2: published → computed (difference), calibration {result['/fit/letter'][0]}"
+    title = f"Table 2: published → computed (difference), calibration {result['/fit/id'][0]}"
     notes = "\n".join(f"- {note}" for note in (contradiction(result), *NOTES))
     return [_compared(result, 0, title), _other_dops(result, 0)[1], _fits(result), _claims(result), notes]
 
@@ -171,7 +171,7 @@ def markdown(result: Result) -> str:
         "",
     ]
     for c, name in enumerate(result["/calibration"]):
-        lines += [f"## Calibration {result['/fit/letter'][c]}: {result['/fit/meaning'][c]} (`{name}`)", ""]
+        lines += [f"## Calibration {result['/fit/id'][c]}: {result['/fit/meaning'][c]} (`{name}`)", ""]
         lines += table.markdown(_compared(result, c))
         which, other = _other_dops(result, c)
         lines += [f"With {which} DOPs:", "", *table.markdown(other)]

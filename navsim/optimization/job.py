@@ -103,7 +103,7 @@ class OptimizeJob:
 
 def _unmet(result: Result) -> bool:
     """Whether requirements are met with none of the numbers of pseudolites, although placements had to."""
-    return "/front/met" in result and not result["/front/met"].any()
+    return "/pareto/met" in result and not result["/pareto/met"].any()
 
 
 def progress_text(progress: SearchProgress, unit: str, large: bool = False, quick: bool = False) -> str:

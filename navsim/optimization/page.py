@@ -35,7 +35,7 @@ def optima(results: Sequence[Named]) -> list[Drawing]:
     fronts = _front(results)
     return [fronts, *(_plan(k, name, result, len(results) > 1) for k, (name, result) in enumerate(results)),
             *(_requirements(k, name, result, len(results) > 1) for k, (name, result) in enumerate(results)
-              if "/front/met" in result)]  # fmt: skip
+              if "/pareto/met" in result)]  # fmt: skip
 
 
 def _front(results: Sequence[Named]) -> Drawing:
@@ -64,7 +64,7 @@ def _front(results: Sequence[Named]) -> Drawing:
         text = (report.label(mine[0][2]), "@y{0.0000}")
         tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), text, ("", "@said"))
         panels.append(on)
-    judged = any("/front/met" in r for _, r in results)
+    judged = any("/pareto/met" in r for _, r in results)
     caption = "The best found for each number of pseudolites." + (
         " Crosses: requirements are not met." if judged else ""
     )
@@ -97,7 +97,7 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
         tell(on, [stars], ("", "@said"), ("along", "@x{0.00} m"), ("right", "@y{0.00} m"))
         draw_runway(on, result, [(np.append(along, sites[0]), np.append(s, sites[1][0]).repeat(1))])
         panels.append(on)
-    unmet = ", or requirements are not met" if "/front/met" in result else ""
+    unmet = ", or requirements are not met" if "/pareto/met" in result else ""
     caption = "Stars: the placement found."
     if np.isfinite(result["/map/objective"]).any():
         shown = f"{report.label(result)}, with PL1 moved there and the others kept"

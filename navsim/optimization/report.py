@@ -31,27 +31,27 @@ def _range_text(values: np.ndarray) -> Cell | str:
 def tables(result: Result) -> list[Table | str]:
     """The front, and every placement with its neighbourhood."""
     name = str(result.attributes["objective"])
-    variable = result.variables["/front/objective"]
+    variable = result.variables["/pareto/objective"]
     none = variable.attributes["without_pseudolites"]
     heads = ("pseudolites", "objective", "better than none", "PDOP", "HDOP", "VDOP", "tried", "tightest rule")
-    judged = "/front/met" in result
+    judged = "/pareto/met" in result
     front = Table(f"{name}: {variable.long_name}", (*heads, *(("requirements",) if judged else ())))
-    front.add("0", number(none, 4), *([""] * 6), *((_met(result["/front/met_without"]),) if judged else ()))
+    front.add("0", number(none, 4), *([""] * 6), *((_met(result["/pareto/met_without"]),) if judged else ()))
     for i, count in enumerate(result["/pseudolites"]):
-        value = result["/front/objective"][i]
+        value = result["/pareto/objective"][i]
         # a maximised objective gains in the other direction
         gain = value / none - 1 if name in LARGE else 1 - value / none
         gain = cell("{:.1f} %", float(100 * gain)) if np.isfinite(gain) else ABSENT
         dops = [number(result[f"/optimum/{dop}"][i]) for dop in ("pdop", "hdop", "vdop")]
-        tried = "{} (all)" if result["/front/every_choice"][i] else "{}"
-        tried += "" if result["/front/finished"][i] else " (stopped)"
+        tried = "{} (all)" if result["/pareto/every_choice"][i] else "{}"
+        tried += "" if result["/pareto/finished"][i] else " (stopped)"
         margin = result["/optimum/violation"][i]
         room = "none given" if np.isneginf(margin) else _room(result, i, float(-margin))
-        evaluations = cell(tried, int(result["/front/evaluations"][i]))
+        evaluations = cell(tried, int(result["/pareto/evaluations"][i]))
         front.add(cell("{}", int(count)), number(value, 4), gain, *dops, evaluations, room,
-                  *((_met(result["/front/met"][i]),) if judged else ()))  # fmt: skip
+                  *((_met(result["/pareto/met"][i]),) if judged else ()))  # fmt: skip
     if judged:
-        front.notes = _fewest(int(result["/front/fewest"]))
+        front.notes = _fewest(int(result["/pareto/fewest"]))
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
     places = Table(
         "Where they stand, and how far each may be moved before the objective worsens (by direction; * to the limit of "
@@ -82,7 +82,7 @@ def flown(result: Result) -> list[Table | str]:
     for i, count in enumerate(counts):
         errors = [interval(result[f"/flown/{part}"][i], 3) for part in ("horizontal", "vertical")]
         both = (
-            [number(result["/front/objective"][i], 4), interval(result["/flown/objective"][i], 4)] if of_filter else []
+            [number(result["/pareto/objective"][i], 4), interval(result["/flown/objective"][i], 4)] if of_filter else []
         )
         out.add(cell("{}", int(count)), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
     if "/flown/verdict" in result:  # results of before have none
@@ -172,25 +172,27 @@ def _fulfilled(verdict: str, value: float, utilisation: float) -> Cell:
 
 def best_plain(result: Result) -> dict[str, Any]:
     """The optima as plain data."""
-    none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
+    none = float(result.variables["/pareto/objective"].attributes["without_pseudolites"])
     out: dict[str, Any] = {"objective": str(result.attributes["objective"])}
-    judged = "/front/met" in result
+    judged = "/pareto/met" in result
     if judged:
-        out["fewest"] = int(result["/front/fewest"]) if int(result["/front/fewest"]) >= 0 else None
+        out["fewest"] = int(result["/pareto/fewest"]) if int(result["/pareto/fewest"]) >= 0 else None
     out["without_pseudolites"] = none if np.isfinite(none) else None
     out["stopped"] = str(result.attributes["stopped"])
     out["placements"] = [
         {
             "pseudolites": int(count),
-            "value": _plain(float(result["/front/objective"][i])),
-            "finished": bool(result["/front/finished"][i]),
+            "value": _plain(float(result["/pareto/objective"][i])),
+            "finished": bool(result["/pareto/finished"][i]),
             "flown": _flown_plain(result, i),
             "sites": [
                 {"s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}
                 for k in range(int(count))
             ],
             **(
-                {"met": bool(result["/front/met"][i]), "requirements": _requirements_plain(result, i)} if judged else {}
+                {"met": bool(result["/pareto/met"][i]), "requirements": _requirements_plain(result, i)}
+                if judged
+                else {}
             ),
         }
         for i, count in enumerate(result["/pseudolites"])
@@ -261,17 +263,17 @@ def plan_title(result: Result, i: int) -> str:
     """Objective of the i-th placement, with notes."""
     count = int(result["/pseudolites"][i])
     many = "1 pseudolite" if count == 1 else f"{count} pseudolites"
-    stopped = "" if result["/front/finished"][i] else " (search stopped)"
+    stopped = "" if result["/pareto/finished"][i] else " (search stopped)"
     border = _on_border(result, i)
     where = f"; on the border of the area: {', '.join(border)}" if border else ""
-    met = f"; requirements {_met(result['/front/met'][i])}" if "/front/met" in result else ""
+    met = f"; requirements {_met(result['/pareto/met'][i])}" if "/pareto/met" in result else ""
     computed = "" if result["/map/computed"][i] or not result["/map/computed"].any() else "; map not computed"
-    return f"{many}: {result['/front/objective'][i]:.4g}{met}{stopped}{where}{computed}"
+    return f"{many}: {result['/pareto/objective'][i]:.4g}{met}{stopped}{where}{computed}"
 
 
 def label(result: Result) -> str:
     """Name of the objective, with its unit."""
-    variable = result.variables["/front/objective"]
+    variable = result.variables["/pareto/objective"]
     return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
 
 
@@ -280,12 +282,12 @@ def front_points(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray | N
 
     The last is None without requirements.
     """
-    none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
-    counts, values = result["/pseudolites"].astype(int), result["/front/objective"]
-    met = result["/front/met"].astype(bool) if "/front/met" in result else None
+    none = float(result.variables["/pareto/objective"].attributes["without_pseudolites"])
+    counts, values = result["/pseudolites"].astype(int), result["/pareto/objective"]
+    met = result["/pareto/met"].astype(bool) if "/pareto/met" in result else None
     if np.isfinite(none):
         counts, values = np.append(0, counts), np.append(none, values)
-        met = None if met is None else np.append(bool(result["/front/met_without"]), met)
+        met = None if met is None else np.append(bool(result["/pareto/met_without"]), met)
     return counts, values, met
 
 
@@ -347,7 +349,7 @@ def plan(result: Result) -> Figure:
     stopped = str(result.attributes["stopped"])
     unmapped = "maps not computed" + (f" (stopped: {stopped})" if stopped else "")
     legend_above(fig, axes[0], 3, f"colours: PL1 moved{others}" if mapped else unmapped)
-    unmet = ", or requirements not met" if "/front/met" in result else ""
+    unmet = ", or requirements not met" if "/pareto/met" in result else ""
     grey = f"; grey: not allowed{unmet}" if mapped else ""
     axes[-1].set_xlabel(f"beyond the threshold (= -l1), m{grey}")
     return fig
@@ -362,14 +364,14 @@ def front(result: Result) -> Figure:
     ax = fig.subplots()
     counts, values, met = front_points(result)
     ax.plot(counts, values, "o-", color=COLOURS[0], ms=4)
-    unfinished = np.isin(counts, result["/pseudolites"][result["/front/finished"] == 0])
+    unfinished = np.isin(counts, result["/pseudolites"][result["/pareto/finished"] == 0])
     title = None
     if unfinished.any():
         hollow: dict[str, Any] = {"color": COLOURS[0], "mfc": "white", "ms": 5, "label": "search stopped"}
         ax.plot(counts[unfinished], values[unfinished], "o", **hollow)
     if met is not None:
         ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
-        fewest = int(result["/front/fewest"])
+        fewest = int(result["/pareto/fewest"])
         title = f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none"
     legend_above(fig, ax, 1, title)
     ax.set_xticks(counts)
@@ -403,11 +405,11 @@ def utilisation(result: Result) -> Figure:
 def figures(result: Result) -> dict[str, Figure]:
     """The plan, the front, and what becomes of requirements."""
     out = {"plan": plan(result), "front": front(result)}
-    return out | ({"requirements": utilisation(result)} if "/front/met" in result else {})
+    return out | ({"requirements": utilisation(result)} if "/pareto/met" in result else {})
 
 
 def _verdicts(result: Result) -> list[Table | str]:
-    return [*flown_requirements(result), *([requirements(result)] if "/front/met" in result else [])]
+    return [*flown_requirements(result), *([requirements(result)] if "/pareto/met" in result else [])]
 
 
 VIEW = View(

@@ -413,13 +413,13 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     draft["/plan/threshold_llh"] = problem.rules.plane.threshold
     values = problem.shown(np.array([found[c].value for c in counts]))
     without = {"without_pseudolites": float(problem.shown(np.array(outcome.without)))}
-    draft.put("/front/objective", values, without, unit=unit, quantity=quantity)
-    draft["/front/evaluations"] = np.array([sum(found[c].tried.values()) for c in counts])
+    draft.put("/pareto/objective", values, without, unit=unit, quantity=quantity)
+    draft["/pareto/evaluations"] = np.array([sum(found[c].tried.values()) for c in counts])
     for fidelity in (COARSE, FULL):
-        draft[f"/front/evaluations_{fidelity}"] = np.array([found[c].tried.get(fidelity, 0) for c in counts])
+        draft[f"/pareto/evaluations_{fidelity}"] = np.array([found[c].tried.get(fidelity, 0) for c in counts])
     for path, marks in (
-        ("/front/every_choice", [found[c].every for c in counts]),
-        ("/front/finished", [found[c].finished for c in counts]),
+        ("/pareto/every_choice", [found[c].every for c in counts]),
+        ("/pareto/finished", [found[c].finished for c in counts]),
         ("/optimum/explored", [c in outcome.neighbourhoods for c in counts]),
         ("/map/computed", [c in outcome.maps for c in counts]),
     ):
@@ -542,9 +542,9 @@ def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: Sear
     draft["/requirements/decided"] = asked.decided.astype(np.int8)
     for name, data in (("value", value), ("verdict", verdict), ("utilisation", utilisation)):
         draft[f"/requirements/{name}"], draft[f"/requirements/{name}_without"] = data[1:], data[0]
-    draft["/front/met"], draft["/front/met_without"] = met[1:].astype(np.int8), np.int8(met[0])
+    draft["/pareto/met"], draft["/pareto/met_without"] = met[1:].astype(np.int8), np.int8(met[0])
     fewest = next((number for number, good in zip((0, *counts), met, strict=True) if good), -1)
-    draft["/front/fewest"] = np.int64(fewest)
+    draft["/pareto/fewest"] = np.int64(fewest)
     out = []
     for i, count in enumerate(counts, start=1):
         if met[i]:

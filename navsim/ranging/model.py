@@ -121,8 +121,8 @@ class RangeModel:
         time, sigma = np.full(wandering, settings["wander_time"]), np.full(wandering, settings["wander_sigma"])
         if self.has_no_clock:
             count = len(self.log.sources.names)
-            time[count:], sigma[count:] = place.time_s, place.sigma_m
-            time[-1], sigma[-1] = common.time_s, common.sigma_m
+            time[count:], sigma[count:] = place.correlation_time_s, place.sigma_m
+            time[-1], sigma[-1] = common.correlation_time_s, common.sigma_m
         return Dynamics(self.order, motion, len(self.clocks), noise, self.first_markov, time, sigma)
 
     def noise(self, settings: dict[str, float]) -> RangeNoise:
@@ -222,7 +222,7 @@ def _settings(scenario: RecordedRanges) -> dict[str, float]:
     if scenario.ranges.sigma_m is not None:
         out["range_sigma"] = scenario.ranges.sigma_m
     if (wander := scenario.bias.wander) is not None:
-        out |= {"wander_sigma": wander.sigma_m, "wander_time": wander.time_s}
+        out |= {"wander_sigma": wander.sigma_m, "wander_time": wander.correlation_time_s}
     if (noise := scenario.motion.noise) is not None:
         out |= {"horizontal_noise": noise[0], "vertical_noise": noise[1]}
     if scenario.motion.height == "constant":

@@ -164,7 +164,7 @@ class WanderSection(Section):
 
     sigma_m: NonNegative
     """1 sigma; 0: none"""
-    time_s: CorrelationTime
+    correlation_time_s: CorrelationTime
     """correlation time"""
 
 
@@ -177,10 +177,10 @@ class BiasSection(Section):
     """a further state for each source, for two_way"""
     wander: WanderSection | None = None
     """wandering error of each source, such as reflections; left out: tuned"""
-    place: WanderSection = WanderSection(sigma_m=0.03, time_s=30.0)
+    place: WanderSection = WanderSection(sigma_m=0.03, correlation_time_s=30.0)
     """slow error of each source that differs from place to place, such as that of antennas, for two_way. Ranges alone
     hardly show it, so it is never tuned; sigma_m 0: none"""
-    common: WanderSection = WanderSection(sigma_m=0.1, time_s=15.0)
+    common: WanderSection = WanderSection(sigma_m=0.1, correlation_time_s=15.0)
     """wandering error that all ranges share, such as the vehicle's antenna, for two_way. Ranges alone cannot tell it
     from motion, so it is never tuned"""
 

@@ -87,7 +87,7 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
         latency=scenario.gnss.latency_s,
         first=-np.inf if scenario.begin is None else scenario.begin,
         last=np.inf if scenario.end_s is None else scenario.end_s,
-        sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.lenient),
+        sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.skip_bad_records),
     )
     examined = examine(log)
     found = examined.mistakes
@@ -121,30 +121,30 @@ def _table(
     Values outside of physical limits are damage, or a wrong unit. If there are many, the checks include them, so that
     the wrong unit is found.
     """
-    rows, lost = _read(document, scenario, section, lambda path: reader(path, scenario.lenient, False))
+    rows, lost = _read(document, scenario, section, lambda path: reader(path, scenario.skip_bad_records, False))
     if lost.outside is None:
         return _Table(rows, rows, lost)
     try:
         within, left = _read(document, scenario, section, lambda path: reader(path, True, True))
     except InputError as too_few:
         lost.outside.salvageable = False
-        refusal = too_few if scenario.lenient else _refused(document, scenario, section, lost.outside)
+        refusal = too_few if scenario.skip_bad_records else _refused(document, scenario, section, lost.outside)
         return _Table(rows, rows, lost, refusal)
     judged = within if within.time.size >= (1.0 - MOST_DAMAGED) * rows.time.size else rows
-    if scenario.lenient:
+    if scenario.skip_bad_records:
         return _Table(judged, within, left)
     return _Table(judged, rows, lost, _refused(document, scenario, section, lost.outside))
 
 
 def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
     """The fixes of RINEX observations, and their ranges. Raises InputError."""
-    gnss, dropped = scenario.gnss, Dropped(scenario.lenient)
+    gnss, dropped = scenario.gnss, Dropped(scenario.skip_bad_records)
     several = []
     for i, name in enumerate(gnss.navigation or ()):
         path = document.resolve(("gnss", "navigation"), name)
         place = document.place(("gnss", "navigation"))
         try:
-            several.append(read_messages(path, scenario.lenient, dropped, gnss.wanted()))
+            several.append(read_messages(path, scenario.skip_bad_records, dropped, gnss.wanted()))
         except FileError as error:
             at = Place(str(path), error.line, 1) if error.line else place
             raise InputError([Problem(at, f"gnss.navigation[{i}]", f"{name}: {error.message}")]) from None
@@ -180,7 +180,7 @@ def _refused(document: Document, scenario: Replay, section: str, error: FileErro
     where = document.place((section, "file"))
     path = document.resolve((section, "file"), getattr(scenario, section).file)
     place = Place(str(path), error.line, 1) if error.line else where
-    cure = "; `lenient: true` takes the intact part" if error.salvageable else ""
+    cure = "; `skip_bad_records: true` takes the intact part" if error.salvageable else ""
     return InputError([Problem(place, f"{section}.file", f"{error.message} (named at {where}){cure}")])
 
 

@@ -149,7 +149,7 @@ class FixError(Section):
     """A time-correlated error of the fixes that the filter estimates: three Gauss-Markov states along north, east and
     down, or as many as the table has columns."""
 
-    time_s: CorrelationTime
+    correlation_time_s: CorrelationTime
     """correlation time"""
     position_sigma_m: PairOf[Sigma] | None = None
     """1 sigma of the positions by this error: horizontal per axis, vertical; three states"""
@@ -379,7 +379,7 @@ class Replay(Section):
     """inertial samples, and the class of their sensors"""
     gnss: Gnss
     """the fixes, or the observations they are solved from"""
-    lenient: bool = False
+    skip_bad_records: bool = False
     """use the intact part of damaged files, and warn of the rest"""
     start_s: LogTime | None = None
     """look for the alignment from here on; default: the first fix"""

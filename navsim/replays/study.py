@@ -128,7 +128,7 @@ class Recording:
             gate=gate_limits(gate.probability),
             max_rejected=NEVER if gate.max_rejected is None else gate.max_rejected,
             components=section.gaussian_sum.components,
-            widest=section.gaussian_sum.heading_deg * DEG,
+            widest=section.gaussian_sum.split_heading_sigma_deg * DEG,
             # without velocities nothing confirms those of the filter
             steady_force=section.steady_force and self.has_velocity,
             clock=self.scenario.gnss.clock.densities() if self.tight else None,
@@ -156,7 +156,7 @@ class Recording:
     def with_error(self, time: float, sigma: tuple[float, float]) -> Recording:
         """Copy whose fixes also have an estimated position error of this correlation time, s, and 1 sigma, horizontal
         and vertical, m."""
-        error = FixError(time_s=time, position_sigma_m=sigma)
+        error = FixError(correlation_time_s=time, position_sigma_m=sigma)
         gnss = self.scenario.gnss.model_copy(update={"errors": [error]})
         scenario = self.scenario.model_copy(update={"gnss": gnss})
         return replace(self, scenario=scenario, fixes=_with_effects(self.fixes, [error]))
@@ -289,7 +289,7 @@ def _correlated_blocks(errors: Sequence[FixError], step: float) -> list[states.B
     for error in errors:
         for _ in range(0, error.states or 3, 3):
             name, numbered = f"fix_error_{len(out) + 1}", error.states is not None
-            out.append(states.correlated_triple(name, FIX, error.time_s, step, 3 * len(out), numbered))
+            out.append(states.correlated_triple(name, FIX, error.correlation_time_s, step, 3 * len(out), numbered))
     return out
 
 

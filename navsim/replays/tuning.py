@@ -166,7 +166,7 @@ def wandering_errors(recording: Recording, settings: np.ndarray) -> list[str]:
     return [
         f"the position errors of the fixes wander over about {time:g} s by {horizontal} m (1 sigma). A filter that "
         f"follows them explains the innovations far better (log-likelihood higher by {gain:.0f}). Without it the "
-        f"sigmas of position are too small. Write `gnss: {{errors: [{{time_s: {time:g}, position_sigma_m: "
+        f"sigmas of position are too small. Write `gnss: {{errors: [{{correlation_time_s: {time:g}, position_sigma_m: "
         f"[{horizontal}, {vertical}]}}]}}`"
     ]
 

@@ -116,9 +116,9 @@ def _widened(table: Table, names: Sequence[str], apart: Sequence[bool]) -> Table
                 cells += _against(cells[1], cells[1 + i], apart[i])
         rows.append(Row(tuple(cells), row.heading))
     counted = any(isinstance(one, Cell) and one.trials for row in table.rows for one in row.cells)
-    text = "\n".join(filter(None, (table.notes, _APART if any(apart[1:]) else _ALIKE, _COUNTS * counted)))
+    said = "\n".join(filter(None, (table.notes, _APART if any(apart[1:]) else _ALIKE, _COUNTS * counted)))
     caption = ". ".join(filter(None, (table.caption, f"Differences from {names[0]}, and ratios to it")))
-    return replace(table, heads=tuple(heads), rows=rows, notes=text, caption=caption)
+    return replace(table, heads=tuple(heads), rows=rows, notes=said, caption=caption)
 
 
 def _against(a: Cell | str, b: Cell | str, apart: bool) -> list[Cell | str]:

@@ -128,9 +128,9 @@ def ranging_errors(result: Result) -> str:
     values += [signals.get(key) for key in _DELAYING]
     if pseudolites["count"] or pseudolites["sites"]:
         values += [pseudolites.get(key) for key in _OF_PSEUDOLITES]
-        if pseudolites.get("clock") != "own" or receiver["one_clock"]:
+        if pseudolites.get("clock") != "own" or receiver["single_clock"]:
             values.append(pseudolites["clock_offset_ns"])
-    if receiver["one_clock"]:
+    if receiver["single_clock"]:
         values += [signals["gps_offset_ns"], signals.get("system_offset_sigma_ns")]
         values += signals.get("system_offsets_ns", {}).values()
     correlated = any(any(value) if isinstance(value, list) else value for value in values)
@@ -501,7 +501,7 @@ def _range_noise(result: Result) -> Cell | str:
     section = setting(result, "integrity")
     if "error_model" not in section or section["error_model"] == "gaussian":  # earlier version, or as modelled
         return ABSENT
-    noise = section["heavier"]
+    noise = section["heavy_tailed"]
     core, tail, share = (float(noise[name]) for name in ("core", "tail", "share"))
     return cell("{:g} σ, {:g} σ of {:g} %", core, tail, 100.0 * share, names=("core", "tail", "share"))
 

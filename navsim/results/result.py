@@ -28,6 +28,7 @@ import numpy as np
 from navsim.results import files
 from navsim.results.atomic_write import clean, destination, partial_folder, replacing, settle, write_atomically
 from navsim.results.checksum import CorruptFile, checksum_trailer
+from navsim.results.former_names import present_path, with_present_names
 from navsim.results.schema import CHECKSUMS
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def _parsed(text: str) -> Any:
     """PyYAML takes 30 ms for a scenario, and a table asks for its settings one by one."""
     import yaml
 
-    return yaml.safe_load(text)
+    return with_present_names(yaml.safe_load(text))
 
 
 def check_writable(path: Path) -> None:
@@ -279,7 +280,7 @@ def _store(tree: Writer, path: str, variable: Variable) -> Any:
     """Write a variable without its attributes; returns its dataset."""
     data = variable.data
 
-    def create(dtype: Any, **how: Any) -> Any:
+    def made(dtype: Any, **how: Any) -> Any:
         if _is_coordinate(path, variable):
             return tree.coordinate(path, data.shape, dtype, **how)
         return tree.variable(path, variable.dims, data.shape, dtype, **how)
@@ -288,10 +289,10 @@ def _store(tree: Writer, path: str, variable: Variable) -> Any:
         data = np.asarray(data)
         text = data.dtype.kind in "UO"
         values = data.astype(object) if text else data
-        return create(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
+        return made(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
     with contextlib.closing(_ahead(data.blocks())) as pieces:
         first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
-        stored = create(data.dtype, **_checked(data, first))
+        stored = made(data.dtype, **_checked(data, first))
         _fill_numbers(stored, first, pieces)
     return stored
 
@@ -341,12 +342,15 @@ def _describe(node: Any, path: str, attributes: dict[str, Any]) -> None:
 
 
 def read(path: Path) -> Result:
-    """Read a result file: metadata now, numbers on request. Raises ResultError for any other file, or damage, now or
-    later."""
+    """Read a result file: metadata now, numbers on request. Former paths of variables become the present ones.
+
+    Raises ResultError for any other file, or damage, now or later.
+    """
     tree = _open_tree(path)
     with _damage_of(path):
         attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != CHECKSUMS}
-        return Result(attributes, {name: _variable(path, tree, found) for name, found in tree.datasets.items()})
+        variables = {present_path(name): _variable(path, tree, found) for name, found in tree.datasets.items()}
+        return Result(attributes, variables)
 
 
 def _variable(path: Path, tree: Tree, found: Dataset) -> Variable:

@@ -1104,14 +1104,14 @@ _OPTIMIZE = Chapter(
         _a("/pseudolite", "pseudolite", "1", "pseudolite of a placement", OPTIMIZE, WHOLE),
         _a("/bearing", "bearing", "deg", "direction from the landing direction, clockwise", OPTIMIZE),
         _a("/loss", "loss", "1", "relative loss of the objective", OPTIMIZE),
-        _a("/front/objective", "pseudolites", "{unit}", "{quantity}", OPTIMIZE, attributes=("without_pseudolites",)),
-        _a("/front/evaluations", "pseudolites", "1", "placements tried", OPTIMIZE, WHOLE),
-        _a("/front/evaluations_coarse", "pseudolites", "1", "number of placements tried by coarse covariance analysis",
+        _a("/pareto/objective", "pseudolites", "{unit}", "{quantity}", OPTIMIZE, attributes=("without_pseudolites",)),
+        _a("/pareto/evaluations", "pseudolites", "1", "placements tried", OPTIMIZE, WHOLE),
+        _a("/pareto/evaluations_coarse", "pseudolites", "1", "number of placements tried by coarse covariance analysis",
            OPTIMIZE, WHOLE),
-        _a("/front/evaluations_full", "pseudolites", "1", "number of placements tried by covariance analysis",
+        _a("/pareto/evaluations_full", "pseudolites", "1", "number of placements tried by covariance analysis",
            OPTIMIZE, WHOLE),
-        _a("/front/every_choice", "pseudolites", "1", "1: every choice was tried", OPTIMIZE, WHOLE),
-        _a("/front/finished", "pseudolites", "1", "1: the search came to its end, 0: it was stopped", OPTIMIZE, WHOLE),
+        _a("/pareto/every_choice", "pseudolites", "1", "1: every choice was tried", OPTIMIZE, WHOLE),
+        _a("/pareto/finished", "pseudolites", "1", "1: the search came to its end, 0: it was stopped", OPTIMIZE, WHOLE),
         _a("/optimum/explored", "pseudolites", "1", "1: the neighbourhood was computed", OPTIMIZE, WHOLE),
         _a("/optimum/s", "pseudolites pseudolite", "m", "right of the runway's axis", OPTIMIZE),
         _a("/optimum/l1", "pseudolites pseudolite", "m", "before the threshold", OPTIMIZE),
@@ -1163,10 +1163,10 @@ _OPTIMIZE = Chapter(
         _a("/rejected/analysed", "rejected", "{unit}", "{quantity}, by covariance analysis", OPTIMIZE,
            when=_REJECTING),
         _a("/rejected/flown", "rejected interval", "{unit}", "{quantity}, by runs", OPTIMIZE, when=_REJECTING),
-        _a("/front/met", "pseudolites", "1", "1: all decidable requirements are met", OPTIMIZE,
+        _a("/pareto/met", "pseudolites", "1", "1: all decidable requirements are met", OPTIMIZE,
            WHOLE, when=_MEETING),
-        _a("/front/met_without", "", "1", "the same without pseudolites", OPTIMIZE, WHOLE, when=_MEETING),
-        _a("/front/fewest", "", "1", "fewest pseudolites with which they are met, 0 if none are needed, -1 if no "
+        _a("/pareto/met_without", "", "1", "the same without pseudolites", OPTIMIZE, WHOLE, when=_MEETING),
+        _a("/pareto/fewest", "", "1", "fewest pseudolites with which they are met, 0 if none are needed, -1 if no "
            "number is enough", OPTIMIZE, WHOLE, when=_MEETING),
         *(
             _a(f"/requirements/{name}", "requirement", "1", meaning, OPTIMIZE, of, when=_MEETING)
@@ -1221,7 +1221,7 @@ _TABLE2 = Chapter(
         _a("/table/error_horizontal", "calibration case interval", "m", f"horizontal estimation error, {_RMS}", TABLE2,
            attributes=("runs",)),
         _a("/fit/parameters", "calibration", "1", "number of fitted parameters", TABLE2, WHOLE),
-        _a("/fit/letter", "calibration", "1", "letters", TABLE2, TEXT),
+        _a("/fit/id", "calibration", "1", "letters", TABLE2, TEXT),
         _a("/fit/meaning", "calibration", "1", "fitted quantity and its constraint", TABLE2, TEXT),
         _a("/fit/weighted", "calibration", "1",
            "1: the published DOPs are compared with weighted ones; 0: with unit-weight ones", TABLE2, WHOLE),
@@ -1263,29 +1263,33 @@ _INTEGRITY_TABLE = Chapter(
             )
         ),
         *(
-            _a(f"/useful/{name}", "pseudolites satellites", "1", "share of `/glide/time` with both levels within their "
+            _a(f"/subsets/{name}", "pseudolites satellites", "1",
+               "share of `/glide/time` with both levels within their "
                f"limits, {which}; nan if the scenario has too few sources", INTEGRITY_TABLE)
             for name, which in (
                 ("worst", "the worst subset of satellites"),
                 ("median", "the median subset: more than half of them reach it"),
             )
         ),
-        _a("/useful/{level}", "pseudolites satellites", "m", "median {LEVEL} over `/glide/time` that more than half of "
+        _a("/subsets/{level}", "pseudolites satellites", "m",
+        "median {LEVEL} over `/glide/time` that more than half of "
            "the subsets keep; inf if they have none, nan if the scenario has too few sources", INTEGRITY_TABLE,
            level=("hpl", "vpl")),
-        _a("/useful/subsets", "satellites", "1", "subsets of satellites that levels were computed for", INTEGRITY_TABLE,
+        _a("/subsets/number", "satellites", "1", "subsets of satellites that levels were computed for", INTEGRITY_TABLE,
            WHOLE),
-        _a("/useful/subsets_of_all", "satellites", "1", "number of subsets; if fewer are computed, they are drawn",
+        _a("/subsets/number_of_all", "satellites", "1", "number of subsets; if fewer are computed, they are drawn",
            INTEGRITY_TABLE, WHOLE),
-        _a("/useful/satellite", "satellite", "1", "satellites that are used throughout the glide: subsets are of these",
+        _a("/subsets/satellite", "satellite", "1",
+        "satellites that are used throughout the glide: subsets are of these",
            INTEGRITY_TABLE, TEXT),
-        _a("/useful/pseudolite", "pseudolite", "1", "pseudolites in the order in which they are added", INTEGRITY_TABLE,
+        _a("/subsets/pseudolite", "pseudolite", "1", "pseudolites in the order in which they are added",
+        INTEGRITY_TABLE,
            TEXT),
-        _a("/useful/hal", "", "m", "horizontal alert limit, inf for none", INTEGRITY_TABLE),
-        _a("/useful/val", "", "m", "vertical alert limit, inf for none", INTEGRITY_TABLE),
-        _a("/useful/fault", "fault", "1", "faults that are expected, of sources that are used", INTEGRITY_TABLE, TEXT,
+        _a("/subsets/hal", "", "m", "horizontal alert limit, inf for none", INTEGRITY_TABLE),
+        _a("/subsets/val", "", "m", "vertical alert limit, inf for none", INTEGRITY_TABLE),
+        _a("/subsets/fault", "fault", "1", "faults that are expected, of sources that are used", INTEGRITY_TABLE, TEXT,
            when=_SEPARATING),
-        _a("/useful/prior", "fault", "1", "their probabilities", INTEGRITY_TABLE, when=_SEPARATING),
+        _a("/subsets/prior", "fault", "1", "their probabilities", INTEGRITY_TABLE, when=_SEPARATING),
         _a("/glide/time", "time", "s", f"fix epochs of the glide with computed levels: all, or {MOST_LEVELS} of more, "
            "evenly spread", INTEGRITY_TABLE, attributes=("epochs_of_glide",)),
     ),
@@ -1393,11 +1397,11 @@ _ELEVATION = Chapter(
         _a("/flare/touchdown_rmse", "source rate_variance", "deg", "root mean square error at touchdown", ELEVATION),
         _a("/flare/touchdown_height_rmse", "source rate_variance", "m",
            "root mean square error at touchdown as a height over the station's plane", ELEVATION),
-        _a("/audit/statement", "statement", "1", "statement of the paper", ELEVATION, TEXT),
-        _a("/audit/published", "statement", "see unit", "the paper's value", ELEVATION),
-        _a("/audit/computed", "statement", "see unit", "the value computed", ELEVATION),
-        _a("/audit/unit", "statement", "1", "units", ELEVATION, TEXT),
-        _a("/audit/verdict", "statement", "1", "verdicts", ELEVATION, TEXT),
+        _a("/published/statement", "statement", "1", "statement of the paper", ELEVATION, TEXT),
+        _a("/published/published", "statement", "see unit", "the paper's value", ELEVATION),
+        _a("/published/computed", "statement", "see unit", "the value computed", ELEVATION),
+        _a("/published/unit", "statement", "1", "units", ELEVATION, TEXT),
+        _a("/published/verdict", "statement", "1", "verdicts", ELEVATION, TEXT),
     ),
 )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -37,9 +37,13 @@ def scenario_instead(path: Path) -> str:
     return f"{path}: is not a result but {advice(kind, path)}" if kind in OF_FILES else ""
 
 
-def open_job(command: str, source: Source, assignments: Sequence[Assignment], options: Options) -> tuple[Job, str]:
-    """Job of `command`, and the suffix of its result's name if it does not use the file's own method. Raises
-    BadInput."""
+def open_job(
+    command: str, source: Source, assignments: Sequence[Assignment], options: Options, warn: Callable[[str], None]
+) -> tuple[Job, str]:
+    """Job of `command`, and the suffix of its result's name if it does not use the file's own method.
+
+    warn: receives warnings about former names of keys. Raises BadInput.
+    """
     from navsim.kinds import KINDS, named
     from navsim.scenario.load import own_method, read_for
     from navsim.scenario.source import Setting
@@ -53,6 +57,8 @@ def open_job(command: str, source: Source, assignments: Sequence[Assignment], op
             given.append(Setting("runs", options.runs))
         section, document = read_for(command, source, given)
         job: Job = named(KINDS[document.data["kind"]].job)(section, document, options)
+        for text in document.renamed:
+            warn(text)
     return job, job.suffix or suffix
 
 
@@ -68,7 +74,7 @@ def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section,
     with translate_input_errors():
         section, document = read_any(source, assignments)
         check = KINDS[document.data["kind"]].check
-        return section, document, named(check)(section, document) if check else []
+        return section, document, [*document.renamed, *(named(check)(section, document) if check else [])]
 
 
 def target_of(output: Path | None, default: str) -> Path:

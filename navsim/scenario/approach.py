@@ -379,7 +379,7 @@ class PaperApproach(_ToTheGround):
 
     profile: Literal["paper"]
     """the paper's decelerated glide, then level at the touchdown speed"""
-    corner_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
+    transition_time_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
     """time within which the glide turns into level flight (instantaneous in the paper)"""
 
     def path(self, rise: float = 0.0) -> Path:
@@ -391,7 +391,7 @@ class PaperApproach(_ToTheGround):
             self.speed_touchdown_kmh * KMH,
             self.start_height_m,
             self.glide_slope_deg * DEG,
-            self.corner_s,
+            self.transition_time_s,
         )
         return self._ended(path)
 
@@ -538,7 +538,7 @@ class WaypointApproach(_Captured):
     ending: Literal["flare", "paper", "none"] = "flare"
     """flare: capture of the slope, glide, flare, roll-out, as with `profile: smooth`; paper: capture, then as with
     `profile: paper`; none: straight over the last waypoint, no landing"""
-    corner_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
+    transition_time_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
     """with `ending: paper`, time within which the glide turns into level flight"""
 
     @model_validator(mode="after")
@@ -597,7 +597,7 @@ class WaypointApproach(_Captured):
             bank,
             self.roll_s,
             lambda lead: captured_paper_profile(
-                last.speed, slow, last.height, slope, lead, self.capture_s, self.corner_s
+                last.speed, slow, last.height, slope, lead, self.capture_s, self.transition_time_s
             ),
         )
         return self._ended(path)

@@ -52,7 +52,7 @@ class Components(Section):
     components: Annotated[int, Field(ge=3, le=99)] = 32
     """most components at once; straight flight leaves three eighths of the room to turns. A run's time grows with those
     it has"""
-    heading_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 5.0
+    split_heading_sigma_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 5.0
     """1 sigma of heading above which a component is divided; in turns down to half of it"""
 
 

@@ -90,7 +90,7 @@ class InnovationsSection(Section):
     """probability of an alarm at an epoch without a fault"""
 
 
-class HeavierSection(Section):
+class HeavyTailedSection(Section):
     """Noise of ranges from two Gaussians, each range at each epoch from one of them; defaults: Tukey's contaminated
     normal distribution."""
 
@@ -164,7 +164,7 @@ class IntegritySection(Section):
     """source (chi2) or fault (mhss) that is excluded after an alarm, if the rest then passes its own test. `residual`:
     the one with the largest normalised residual. `rms`, as RTKLIB does: the source whose exclusion leaves the smallest
     RMS of residuals. `none`: nothing is excluded"""
-    alarmed_fixes: Literal["use", "drop"] = "use"
+    on_alarm: Literal["use", "drop"] = "use"
     """whether the filter takes fixes whose alarm no exclusion has ended"""
     p_fa: Chance = 6.666667e-5
     """chi2: probability of an alarm at an epoch without a fault"""
@@ -199,17 +199,17 @@ class IntegritySection(Section):
     """1 sigma of the ranges without a fault by the one that bounds them, which is the receiver's"""
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
     """independent samples of an approach, by which the probabilities are divided"""
-    error_model: Literal["gaussian", "heavier"] = "gaussian"
-    """noise of ranges in runs. gaussian: with the sigmas that receiver, filter and monitor assume; heavier: of
-    `heavier`, which they do not know: a test of the bound"""
-    heavier: HeavierSection = HeavierSection()
-    """the two Gaussians of `error_model: heavier`"""
+    error_model: Literal["gaussian", "heavy_tailed"] = "gaussian"
+    """noise of ranges in runs. gaussian: with the sigmas that receiver, filter and monitor assume; heavy_tailed: of
+    `heavy_tailed`, which they do not know: a test of the bound"""
+    heavy_tailed: HeavyTailedSection = HeavyTailedSection()
+    """the two Gaussians of `error_model: heavy_tailed`"""
 
     @model_validator(mode="after")
     def _sampled(self) -> Self:
-        if self.tails is not None and self.error_model == "heavier":
+        if self.tails is not None and self.error_model == "heavy_tailed":
             raise reject(
-                "samples errors that are as believed; with `error_model: heavier` count runs "
+                "samples errors that are as believed; with `error_model: heavy_tailed` count runs "
                 "(/summary/integrity/exceeded_vertical)",
                 "tails",
             )
@@ -217,8 +217,8 @@ class IntegritySection(Section):
 
     @model_validator(mode="after")
     def _worse(self) -> Self:
-        if self.error_model == "gaussian" and self.heavier != HeavierSection():
-            raise reject("is for `error_model: heavier`", "heavier")
+        if self.error_model == "gaussian" and self.heavy_tailed != HeavyTailedSection():
+            raise reject("is for `error_model: heavy_tailed`", "heavy_tailed")
         return self
 
     @model_validator(mode="after")
@@ -226,7 +226,7 @@ class IntegritySection(Section):
         if self.method == "filter":
             for name, default, why in (
                 ("exclusion", "none", "exclusion needs new fixes without the excluded source"),
-                ("alarmed_fixes", "use", "alarms of the filter come after it took the fix"),
+                ("on_alarm", "use", "alarms of the filter come after it took the fix"),
                 ("tails", None, "they are sampled of fixes"),
                 ("comparison", None, "the forms are of fixes"),
                 ("sigma_ratio_acc", 1.0, "the filter has one covariance"),

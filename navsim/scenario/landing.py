@@ -157,8 +157,8 @@ class Landing(Section):
                 assumed_sensor(getattr(self.imu, sensor), given).check(self.imu.rate_hz, "filter", "imu", sensor)
         self._checked_aiding()
         self._check_correlated()
-        if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.one_clock:
-            text = "a receiver with a clock unknown for each system does not notice: for `receiver.one_clock: true`"
+        if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.single_clock:
+            text = "a receiver with a clock unknown for each system does not notice: for `receiver.single_clock: true`"
             raise reject(text, "signals", "system_offset_sigma_ns")
         for name, value in self.signals.system_offsets_ns.items():
             if value == "broadcast" and self.sky.source != "navigation":
@@ -571,9 +571,11 @@ class Landing(Section):
             thermal_pseudolites=section.range_law == "cn0",
             offsets=signals.offsets(),
             offset_sigma=SPEED_OF_LIGHT * signals.system_offset_sigma_ns * 1e-9,
-            one_clock=self.receiver.one_clock,
+            single_clock=self.receiver.single_clock,
             smoothing=self.receiver.smoothing_s,
-            heavier=watched.heavier.model() if watched is not None and watched.error_model == "heavier" else None,
+            heavier=watched.heavy_tailed.model()
+            if watched is not None and watched.error_model == "heavy_tailed"
+            else None,
         )
 
     def unused(self) -> list[str]:

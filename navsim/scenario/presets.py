@@ -119,10 +119,10 @@ SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
         "range_sigma_m": 1.0,
         "range_law": "constant",
         "errors": {
-            "orbit_clock": {"sigma_m": 1.0, "time_s": 9000.0},
-            "ionosphere": {"sigma_m": 2.0, "time_s": 1800.0},
-            "troposphere": {"sigma_m": 0.2, "time_s": 1800.0},
-            "multipath": {"sigma_m": 0.5, "time_s": 100.0},
+            "orbit_clock": {"sigma_m": 1.0, "correlation_time_s": 9000.0},
+            "ionosphere": {"sigma_m": 2.0, "correlation_time_s": 1800.0},
+            "troposphere": {"sigma_m": 0.2, "correlation_time_s": 1800.0},
+            "multipath": {"sigma_m": 0.5, "correlation_time_s": 100.0},
         },
     },
     # Residuals after the corrections of a satellite-based augmentation: sizes chosen with the errors in view that the
@@ -131,10 +131,10 @@ SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
         "range_sigma_m": 0.3,
         "range_law": "constant",
         "errors": {
-            "orbit_clock": {"sigma_m": 0.3, "time_s": 1800.0},
-            "ionosphere": {"sigma_m": 0.3, "time_s": 1800.0},
-            "troposphere": {"sigma_m": 0.12, "time_s": 1800.0},
-            "multipath": {"sigma_m": 0.13, "time_s": 100.0},
+            "orbit_clock": {"sigma_m": 0.3, "correlation_time_s": 1800.0},
+            "ionosphere": {"sigma_m": 0.3, "correlation_time_s": 1800.0},
+            "troposphere": {"sigma_m": 0.12, "correlation_time_s": 1800.0},
+            "multipath": {"sigma_m": 0.13, "correlation_time_s": 100.0},
         },
     },
     # Residuals after the corrections of a station at the aerodrome: its own multipath and the aircraft's, and 10 parts
@@ -143,8 +143,8 @@ SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
         "range_sigma_m": 0.3,
         "range_law": "constant",
         "errors": {
-            "ionosphere": {"sigma_m": 0.05, "time_s": 1800.0},
-            "multipath": {"sigma_m": 0.18, "time_s": 100.0},
+            "ionosphere": {"sigma_m": 0.05, "correlation_time_s": 1800.0},
+            "multipath": {"sigma_m": 0.18, "correlation_time_s": 100.0},
         },
     },
 }

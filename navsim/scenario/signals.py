@@ -129,7 +129,7 @@ class CorrelatedErrorSection(Section):
 
     sigma_m: NonNegative
     """1 sigma at the zenith"""
-    time_s: CorrelationTime
+    correlation_time_s: CorrelationTime
     """correlation time"""
     mapping: Literal["none", "ionosphere", "troposphere", "multipath"] | None = None
     """increase towards the horizon: none, or as of the ionosphere, the troposphere or the multipath of an aircraft;
@@ -160,7 +160,9 @@ class CorrelatedErrorsSection(Section):
         for name, mapping in own.items():
             section: CorrelatedErrorSection | None = getattr(self, name)
             if section is not None and section.sigma_m > 0.0:
-                out.append(CorrelatedError(name, section.sigma_m, section.time_s, section.mapping or mapping))
+                out.append(
+                    CorrelatedError(name, section.sigma_m, section.correlation_time_s, section.mapping or mapping)
+                )
         return tuple(out)
 
 
@@ -516,7 +518,7 @@ class SignalsSection(Section):
     broadcast, without such a bias: gps_offset_ns, and for galileo or qzss the header of sky.navigation. The stored
     scenario has the number"""
     system_offset_sigma_ns: NonNegative = 0.0
-    """1 sigma of the random offset, in each run, of each system from the first of the sky; for `one_clock`"""
+    """1 sigma of the random offset, in each run, of each system from the first of the sky; for `single_clock`"""
 
     @model_validator(mode="after")
     def _others(self) -> Self:
@@ -600,7 +602,7 @@ class ReceiverSection(Section):
     """noise figure of the receiver and its cables, over 290 K, the reference of carrier-to-noise density ratios"""
     antenna: AntennaSection | None = None
     """the antenna's gain in body axes; left out: that of signals.tracking.gain_horizon_db, however the aircraft lies"""
-    one_clock: bool = False
+    single_clock: bool = False
     """treat all time scales as one: one unknown less, and gps_offset_ns has an effect"""
 
     def model(self, clock: ClockNoise | None = None) -> Receiver:

@@ -93,7 +93,7 @@ class Sky(Section):
     """for `source: orbits`: SP3 precise orbits, one file or a list; packed as messages may be"""
     orbits_sha256: Checksums | None = None
     """checksum of the file, or a list in their order; when given, another file is refused"""
-    lenient: bool = False
+    skip_bad_records: bool = False
     """for `source: navigation` and `orbits`: use the intact part of damaged files, and warn of the rest"""
     systems: DistinctListOf[Name] = ()
     """use only these, each with its own clock unknown; left out: GPS and GLONASS, or that of `nominal-...`"""
@@ -127,8 +127,8 @@ class Sky(Section):
         for source in SOURCES_FROM_FILES:
             if self.source == source and not getattr(self, source):
                 raise reject(f"`source: {source}` needs the file name here", source)
-        if self.lenient and self.source not in LENIENT:
-            raise reject(f"is for `source: {'` and `'.join(LENIENT)}`, not for `{self.source}`", "lenient")
+        if self.skip_bad_records and self.source not in LENIENT:
+            raise reject(f"is for `source: {'` and `'.join(LENIENT)}`, not for `{self.source}`", "skip_bad_records")
         if self.source == "directions" and not self.directions:
             raise reject("`source: directions` needs a list of azimuth_deg and elevation_deg here", "directions")
         if self.horizon is None and self.horizon_sha256 is not None:

@@ -24,6 +24,7 @@ import yaml
 
 from navsim.formats.text import MINUS_SIGNS, as_ascii, decoded
 from navsim.results import files
+from navsim.results.former_names import current, renew
 
 KeyPath = tuple[str | int, ...]
 MOST_BYTES = 1_000_000
@@ -103,6 +104,8 @@ class Document:
     keys: dict[KeyPath, Place] = field(default_factory=dict)
     values: dict[KeyPath, Place] = field(default_factory=dict)
     folders: dict[KeyPath, Path] = field(default_factory=dict)
+    renamed: list[str] = field(default_factory=list)
+    """Warnings about keys by their former names."""
 
     def __str__(self) -> str:
         return self.file
@@ -110,8 +113,9 @@ class Document:
     def copy(self) -> Document:
         """Another document with the same contents, free to be changed."""
         return Document(
-            self.file, self.folder, copy.deepcopy(self.data), dict(self.keys), dict(self.values), dict(self.folders)
-        )
+            self.file, self.folder, copy.deepcopy(self.data), dict(self.keys), dict(self.values), dict(self.folders),
+            list(self.renamed),
+        )  # fmt: skip
 
     def place(self, path: KeyPath) -> Place:
         """Place of the key of `path` if it is in the text, else of the nearest enclosing one."""
@@ -120,6 +124,31 @@ class Document:
             if found:
                 return found
         return self.values.get((), Place(self.file, 1, 1))
+
+    def renew(self) -> None:
+        """Give keys their present names (`results.former_names`), with a warning for each. Raises InputError if a key
+        is there by both names."""
+        try:
+            for former, new in renew(self.data):
+                self._rename(former, new)
+        except KeyError as error:
+            (path,) = error.args
+            raise InputError(
+                [Problem(self.place(path), dotted(path), "is given twice, also by its former name")]
+            ) from None
+
+    def note_former(self, former: KeyPath, new: KeyPath, place: Place) -> None:
+        """Warn of a key by its former name."""
+        changed = next(after for before, after in zip(former, new, strict=True) if before != after)
+        text = f"this key is called {changed} now; write the new name, a later version reads no other"
+        self.renamed.append(str(Problem(place, dotted(former), text)))
+
+    def _rename(self, former: KeyPath, new: KeyPath) -> None:
+        self.note_former(former, new, self.place(former))
+        tables: tuple[dict[KeyPath, Any], ...] = (self.keys, self.values, self.folders)
+        for places in tables:
+            for path in [path for path in places if path[: len(former)] == former]:
+                places[*new, *path[len(former) :]] = places.pop(path)
 
     def resolve(self, path: KeyPath, name: str) -> Path:
         """A file named at `path`: relative to the document, or to the working folder if set from outside."""
@@ -354,6 +383,7 @@ def parse(text: str, name: str, folder: Path) -> Document:
     if not isinstance(document.data, dict):
         message = "a scenario is a mapping of keys to values, `kind: landing` among them"
         raise InputError([Problem(Place(name, 1, 1), "", message)])
+    document.renew()
     return document
 
 
@@ -471,6 +501,7 @@ def of_data(data: Mapping[str, Any], name: str) -> Document:
     """
     document = Document(name, Path.cwd(), _taken(data, Place(name)))
     document.values[()] = Place(name)
+    document.renew()
     return document
 
 
@@ -532,6 +563,10 @@ def set_value(document: Document, key: str, value: Any, place: Place, folder: Pa
     if len(parts) > MOST_DEPTH:
         raise fail(_TOO_DEEP)
     target = document.data
+    kind = target.get("kind") if isinstance(target, dict) else None
+    if (new := current(kind, tuple(parts))) != tuple(parts):
+        document.note_former(tuple(parts), new, place)
+        parts = [str(part) for part in new]
     path: KeyPath = ()
     for depth, part in enumerate(parts):
         step: str | int = part
@@ -554,3 +589,4 @@ def set_value(document: Document, key: str, value: Any, place: Place, folder: Pa
                 target[step] = {}
                 document.keys[path] = place
             target = target[step]
+    document.renew()

@@ -189,10 +189,10 @@ def test_time_scales() -> None:
     """An offset of GPS time is the clock unknown's business, unless the receiver takes both scales for one."""
     offset = "signals.gps_offset_ns=30"
     assert np.abs(fix_errors(case(*BASE, *QUIET, offset))).max() < 1e-3
-    both = case(*BASE, *QUIET, offset, "receiver.one_clock=true")
+    both = case(*BASE, *QUIET, offset, "receiver.single_clock=true")
     assert np.abs(fix_errors(both)).max() > 1.0
     assert np.all(both.shared.dop[:, 0] < case(*BASE).shared.dop[:, 0])
-    assert np.abs(fix_errors(case(*BASE, *QUIET, "receiver.one_clock=true"))).max() < 1e-3
+    assert np.abs(fix_errors(case(*BASE, *QUIET, "receiver.single_clock=true"))).max() < 1e-3
 
 
 def test_noise_from_signal_strength() -> None:

@@ -161,7 +161,7 @@ def test_the_filter_gets_the_fix_without_the_faulty_source() -> None:
         return float(np.sqrt(np.mean(run.error[:, -12:, :3] ** 2)))
 
     clean, faulted = worst("method: chi2", []), worst("method: chi2", STEP)
-    spared = worst("method: chi2, exclusion: residual, alarmed_fixes: drop", STEP)
+    spared = worst("method: chi2, exclusion: residual, on_alarm: drop", STEP)
     assert faulted > 2.0 * clean
     assert spared < 1.15 * clean
 
@@ -180,7 +180,7 @@ def test_both_pseudolites_are_excluded_together() -> None:
 
 
 def test_a_run_does_not_depend_on_its_neighbours() -> None:
-    c = faulty("method: chi2, p_fa: 0.01, exclusion: residual, alarmed_fixes: drop", STEP)
+    c = faulty("method: chi2, p_fa: 0.01, exclusion: residual, on_alarm: drop", STEP)
     several, single = simulation.fly(c.flight, 5, range(4)).one(2), simulation.fly(c.flight, 5, [2]).one(0)
     assert (several.monitor_excluded != NOTHING).any()
     for name in ("fix_llh", "fix_velocity", "watched_error", "monitor_level", "monitor_excluded", "error", "status"):
@@ -190,7 +190,7 @@ def test_a_run_does_not_depend_on_its_neighbours() -> None:
 def test_nothing_changes_where_there_is_no_alarm() -> None:
     quiet, ready = (
         simulation.fly(brief(f"integrity={{method: chi2, p_fa: 1.0e-9{more}}}").flight, 2, [4]).one(0)
-        for more in ("", ", exclusion: residual, alarmed_fixes: drop")
+        for more in ("", ", exclusion: residual, on_alarm: drop")
     )
     assert set(ready.monitor_status) == {QUIET}
     assert quiet.monitor_excluded.size == quiet.monitor_level.size == 0
@@ -199,7 +199,7 @@ def test_nothing_changes_where_there_is_no_alarm() -> None:
 
 
 def test_the_filter_does_without_dropped_fixes() -> None:
-    c = faulty("method: chi2, alarmed_fixes: drop", STEP)
+    c = faulty("method: chi2, on_alarm: drop", STEP)
     runs = simulation.fly(c.flight, 5, range(4))
     alarms = runs.monitor_status == ALARM
     assert alarms.any()

@@ -156,7 +156,7 @@ def test_a_table_of_no_covariance_is_refused(columns: dict[str, str], words: str
     with pytest.raises(InputError, match=r"gnss\.csv:7:") as refused:
         flown(tmp_path / "log.yaml", *FIXED)
     assert words in str(refused.value)
-    log, document = read_replay(tmp_path / "log.yaml", (*FIXED, "lenient=true"))
+    log, document = read_replay(tmp_path / "log.yaml", (*FIXED, "skip_bad_records=true"))
     read = read_log(log, document)
     assert read.fixes.time.size == m - 1
     assert any("1 rows left out" in text for text in read.warnings)
@@ -175,7 +175,7 @@ def test_lasting_errors_of_fixes_are_states(tmp_path: Path) -> None:
         shifted.append(",".join([t, *(f"{angle:.10f}" for angle in place), f"{float(height) - down:.4f}", *velocity]))
     (tmp_path / "gnss.csv").write_text("\n".join([head, *shifted]) + "\n")
     given = (*FIXED, "gnss.velocity_sigma_m_s=[0.1, 0.1]", "gnss.position_sigma_m=[0.3, 0.3]")
-    lasting = "gnss.errors=[{time_s: 1000, position_sigma_m: [4, 5]}]"
+    lasting = "gnss.errors=[{correlation_time_s: 1000, position_sigma_m: [4, 5]}]"
     for start, assignments in (("aligned", ()), ("known", (known(truth, 0.02, position_sigma_m=[20, 20, 20]),))):
         ratio = {}
         for way, errors_of_fixes in (("noise", ()), ("states", (lasting,))):
@@ -194,9 +194,9 @@ def test_lasting_errors_of_fixes_are_states(tmp_path: Path) -> None:
 def test_lasting_errors_need_sigmas_or_columns(tmp_path: Path) -> None:
     write_flight(tmp_path, duration=30.0)
     for errors_, words in (
-        ("[{time_s: 100}]", "give one of position_sigma_m and states"),
-        ("[{time_s: 100, position_sigma_m: [1, 1], states: 3}]", "give one of position_sigma_m and states"),
-        ("[{time_s: 100, states: 3}]", "the header lacks error1_n, error1_e, error1_d, error1_vn"),
+        ("[{correlation_time_s: 100}]", "give one of position_sigma_m and states"),
+        ("[{correlation_time_s: 100, position_sigma_m: [1, 1], states: 3}]", "give one of position_sigma_m and states"),
+        ("[{correlation_time_s: 100, states: 3}]", "the header lacks error1_n, error1_e, error1_d, error1_vn"),
     ):
         with pytest.raises(InputError) as refused:
             flown(tmp_path / "log.yaml", *FIXED, f"gnss.errors={errors_}")

@@ -79,7 +79,7 @@ def test_presets_give_what_is_left_out() -> None:
         ((OPEN, "integrity={method: filter}"), "integrity.method"),
         ((OPEN, "integrity={method: filter}", "filter.fix_errors=none"), "integrity.method"),
         ((OPEN, "integrity={method: filter}", "filter.coupling=tight", "filter.fix_errors=none"), "integrity.method"),
-        (("signals.errors.ionosphere={sigma_m: 1}",), "time_s"),
+        (("signals.errors.ionosphere={sigma_m: 1}",), "correlation_time_s"),
         (("integrity={method: filter}", "pseudolites.survey_sigma_m=0.1"), "pseudolites.survey_sigma_m: lasts"),
         (("integrity={method: filter}", "pseudolites.clock_noise={h0: 1e-22, h_minus2: 0}"), "clock_noise: lasts"),
         (("integrity={method: filter}", "filter.coupling=tight", "pseudolites.clock_sigma_ns=1"), "clock_sigma_ns"),
@@ -95,7 +95,7 @@ def test_for_ever_they_are_constant(within: Within) -> None:
     """A correlation time of 30 years does what a constant error of each satellite's clock does."""
     lasting = case(
         *ALONE, "signals.range_sigma_m=1", "pseudolites.count=0",
-        "signals.errors.orbit_clock={sigma_m: 1.5, time_s: 1.0e9}", "filter.fix_errors=none",
+        "signals.errors.orbit_clock={sigma_m: 1.5, correlation_time_s: 1.0e9}", "filter.fix_errors=none",
     )  # fmt: skip
     # the filter of the other believes what this one's receiver says
     scale = np.hypot(1.0, 1.5)
@@ -112,7 +112,7 @@ def test_for_ever_they_are_constant(within: Within) -> None:
 
 @pytest.mark.validates("errors that last for no time", "white noise", variance="1e-9")
 def test_for_no_time_they_are_noise(within: Within) -> None:
-    short = ("signals.errors.orbit_clock={sigma_m: 1.5, time_s: 0.001}", "signals.range_sigma_m=1")
+    short = ("signals.errors.orbit_clock={sigma_m: 1.5, correlation_time_s: 0.001}", "signals.range_sigma_m=1")
     white = covariance_analysis(case(*ALONE, "pseudolites.count=0", f"signals.range_sigma_m={np.hypot(1.0, 1.5)}"))
     for how in ("none", "inflate"):
         analysis = covariance_analysis(case(*ALONE, "pseudolites.count=0", *short, f"filter.fix_errors={how}"))
@@ -228,7 +228,7 @@ def test_runs_are_as_analysed(settings: tuple[str, ...]) -> None:
 
 
 def test_a_run_is_the_same_beside_others() -> None:
-    flown = case(OPEN, "duration_s=20", "signals.errors.multipath.time_s=5")
+    flown = case(OPEN, "duration_s=20", "signals.errors.multipath.correlation_time_s=5")
     alone, beside = fly(flown.flight, 4, [5]).one(0), fly(flown.flight, 4, range(4, 8)).one(1)
     for name in ("pseudorange", "error", "sigma", "nees"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(beside, name))
@@ -395,7 +395,7 @@ def test_every_kind_follows_those_of_ranges_as_a_dense_filter_does(kind: int) ->
 
 
 def test_results_name_them(tmp_path: Path) -> None:
-    settings = ("duration_s=20", OPEN, "signals.errors.multipath.time_s=5", "receiver.rate_hz=2")
+    settings = ("duration_s=20", OPEN, "signals.errors.multipath.correlation_time_s=5", "receiver.rate_hz=2")
     brief = (*(part for setting in settings for part in ("--set", setting)), "-q")
     navsim("run", SCENARIOS / "landing.yaml", *brief, "--runs", 3, "--figures", "none", "-o", "a.h5", cwd=tmp_path)
     flown = read(tmp_path / "a.h5")

@@ -73,7 +73,7 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "approach.speed_touchdown_kmh": st.sampled_from([80.0, 120.0]),
     "approach.angle_of_attack_deg": st.sampled_from([3.0, -5.0]),
     "approach.pitch": st.sampled_from(["path", "level"]),
-    "approach.corner_s": st.sampled_from([0.5, 2.0]),
+    "approach.transition_time_s": st.sampled_from([0.5, 2.0]),
     "approach.lead_in_s": st.sampled_from([5.0, 35.0]),
     "approach.capture_s": st.sampled_from([4.0, 6.0]),
     "approach.flare_height_m": st.sampled_from([4.0, 6.0]),
@@ -197,7 +197,7 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "receiver.clock_offset_us": st.sampled_from([0.0, 100.0]),
     "receiver.clock_drift_ppb": st.sampled_from([0.0, 50.0]),
     "receiver.smoothing_s": st.sampled_from([0.0, 0.25, 1.25, 20.0, 1000.0]),
-    "receiver.one_clock": FLAG,
+    "receiver.single_clock": FLAG,
 }
 """Values of the keys a landing's signals depend on."""
 PLACED = st.sampled_from([2, 1, 0, 4]).flatmap(
@@ -250,7 +250,7 @@ ALIKE = {
     "sky.galileo_message": "a constellation as the other message makes one",
     "sky.horizon": "a mask of more sectors", "sky.horizon_sha256": "a checksum",
     "sky.almanac_system": "read as an almanac is", "sky.orbits": "a constellation as the messages make one",
-    "sky.lenient": "how files are read", "sky.almanac_warning_days": "a warning",
+    "sky.skip_bad_records": "how files are read", "sky.almanac_warning_days": "a warning",
 }  # fmt: skip
 """Keys, or (with a dot behind) sections, that are not drawn, and why."""
 
@@ -385,7 +385,7 @@ def assert_close(found: np.ndarray, expected: np.ndarray, pdop: np.ndarray) -> N
 )
 @given(st.fixed_dictionaries({}, optional=DRAWN), PLACED)
 @example(
-    {"receiver.one_clock": True, "pseudolites.clock": "gps", "sky.source": "nominal"},
+    {"receiver.single_clock": True, "pseudolites.clock": "gps", "sky.source": "nominal"},
     {"count": 2, "s_m": 80.0, "l1_m": 500.0},
 )
 @example({"receiver.smoothing_s": 0.25, "receiver.rate_hz": 10.0}, {"count": 1, "s_m": 80.0, "l1_m": 500.0})

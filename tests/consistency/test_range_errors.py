@@ -94,7 +94,9 @@ def test_corrected_ranges_raise_no_more_alarms(method: str) -> None:
         assert 0 < count <= stats.binom.ppf(0.995, tested, 1e-2 + 9e-8)
 
 
-HEAVIER = "integrity={method: chi2, p_fa: 1.0e-2, error_model: heavier, heavier: {core: 0.9, tail: 4, share: 0.2}}"
+HEAVIER = (
+    "integrity={method: chi2, p_fa: 1.0e-2, error_model: heavy_tailed, heavy_tailed: {core: 0.9, tail: 4, share: 0.2}}"
+)
 CORE, TAIL, SHARE = 0.9, 4.0, 0.2
 
 
@@ -185,7 +187,7 @@ def test_heights_and_alarms_under_heavier_noise() -> None:
 def test_exceeded_levels_are_counted(tmp_path: Path) -> None:
     """A spoofer who puts everything 200 m higher half way: whatever has no alarm from then on is beyond its level."""
     spoofed = "events=[{what: spoof, sources: [all], offset_ned_m: [0, 0, -200], at_s: 10.2}]"
-    settings = (*BRIEF, spoofed, "integrity={method: chi2, error_model: heavier}")
+    settings = (*BRIEF, spoofed, "integrity={method: chi2, error_model: heavy_tailed}")
     keys = [part for key in settings for part in ("--set", key)]
     done = navsim(
         "run", SCENARIOS / "landing.yaml", *keys, "--runs", 30, "--figures", "none", "-o", "a.h5", cwd=tmp_path
@@ -211,19 +213,19 @@ def test_exceeded_levels_are_counted(tmp_path: Path) -> None:
         (("method=covariance",), "use method monte-carlo"),
         (("method=rare", "box={lateral_m: 1}"), "use method monte-carlo"),
         (("integrity.tails={at_s: [5]}",), "count runs"),
-        (("integrity.heavier={core: 4, tail: 2}",), "the tail is the wider"),
+        (("integrity.heavy_tailed={core: 4, tail: 2}",), "the tail is the wider"),
     ],
 )
 def test_what_is_of_believed_noise_alone_is_refused(settings: tuple[str, ...], says: str) -> None:
     with pytest.raises(InputError, match=says):
-        case(*BRIEF, "integrity={error_model: heavier}", *settings)
+        case(*BRIEF, "integrity={error_model: heavy_tailed}", *settings)
 
 
 def test_availability_by_levels_alone_is_not_judged(tmp_path: Path) -> None:
     """Levels of a sweep by geometry are what they were; how many alarms come, runs alone tell."""
     limits = "limits: {hal_m: 100, val_m: 150, tta_s: 2}"
     verdicts = []
-    for model in ("gaussian", "heavier"):
+    for model in ("gaussian", "heavy_tailed"):
         study = tmp_path / f"{model}.yaml"
         study.write_text(
             f"kind: sweep\nversion: 1\nbase: {SCENARIOS / 'landing.yaml'}\n"

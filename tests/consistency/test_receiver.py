@@ -172,7 +172,7 @@ def test_every_system_has_a_clock_of_its_own() -> None:
     np.testing.assert_allclose(np.mean(run.fix_clock[:, known] - offset[:, None], axis=0), 0.0, atol=1.0)
 
 
-SHARED_CLOCK = ("sky.source=nominal", "sky.systems=[gps, galileo]", "receiver.one_clock=true", "pseudolites.count=0")
+SHARED_CLOCK = ("sky.source=nominal", "sky.systems=[gps, galileo]", "receiver.single_clock=true", "pseudolites.count=0")
 BRIEFLY = ("duration_s=20", "receiver.rate_hz=2")
 
 

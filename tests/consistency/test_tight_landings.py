@@ -181,7 +181,7 @@ def test_a_clock_that_jumps_is_forgotten(kind: str) -> None:
 def test_what_is_excluded_is_not_weighed() -> None:
     """A step that the gate would let in: the monitor excludes the satellite, and the tight filter does without it."""
     event = json.dumps([{"what": "step", "sources": ["R07"], "at_s": 20, "until_s": 60, "error_m": 120.0}])
-    watched = ("integrity={method: chi2, exclusion: residual, alarmed_fixes: drop}", "filter.gate.probability=0")
+    watched = ("integrity={method: chi2, exclusion: residual, on_alarm: drop}", "filter.gate.probability=0")
     settings = (*SHORT, "filter.kind=eskf", f"events={event}", "signals.range_sigma_m=1")
     excluded, taken = flown(case(*settings, *watched), 8), flown(case(*settings, watched[1]), 8)
     which = case(*SHORT).shared.signals.names.index("R07")

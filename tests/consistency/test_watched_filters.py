@@ -268,7 +268,7 @@ def test_levels_without_runs() -> None:
     ("wrong", "said"),
     [
         ("exclusion: residual", "integrity.exclusion"),
-        ("alarmed_fixes: drop", "integrity.alarmed_fixes"),
+        ("on_alarm: drop", "integrity.on_alarm"),
         ("tails: {at_s: [5]}", "integrity.tails"),
         ("sigma_ratio_acc: 0.5", "integrity.sigma_ratio_acc"),
     ],

@@ -414,8 +414,8 @@ def test_every_number_of_the_paper_is_reported() -> None:
     for number in (2.4, 0.042, 0.0042, 0.0002, 0.032, 17e-4, 3.6e-8, 11.5e-4, 1e-4, 50):
         assert number in printed
     result = compute(scenario(montecarlo={"experiments": 2}), 1, None)
-    assert list(result["/audit/published"]) == printed
-    computed = dict(zip(result["/audit/statement"], result["/audit/computed"], strict=True))
+    assert list(result["/published/published"]) == printed
+    computed = dict(zip(result["/published/statement"], result["/published/computed"], strict=True))
     assert computed["sigma^2 of beta'' at 5000/200, along"] == pytest.approx(2.416903e-7, rel=1e-6)
     assert computed["Q at 1 km, up"] == pytest.approx(1.86555e-4, rel=1e-5)
 

@@ -130,8 +130,9 @@ def test_cramer_rao_bound_of_a_static_layout() -> None:
     at, sigma = np.array([30.0, 10.0, 20.0]), 0.3
     away = at - POSITIONS[source]
     distance = np.linalg.norm(away, axis=1)
-    keys = "bias: {sigma_m: 0, wander: {sigma_m: 0, time_s: 1}, place: {sigma_m: 0, time_s: 1}, common: {sigma_m: 0, "
-    keys += "time_s: 1}}\nmotion: {noise: [1.0e-9, 1.0e-9], speed_sigma_m_s: 1.0e-9}\n"
+    none = "{sigma_m: 0, correlation_time_s: 1}"
+    keys = f"bias: {{sigma_m: 0, wander: {none}, place: {none}, common: {none}}}\n"
+    keys += "motion: {noise: [1.0e-9, 1.0e-9], speed_sigma_m_s: 1.0e-9}\n"
     model = model_of(time, source, distance, keys)
     settings = model.settings() | QUIET | {"range_sigma": sigma}
     start = StartState(at, (1e4, 1e4), 0.0)
@@ -152,7 +153,9 @@ def test_cramer_rao_bound_of_a_static_layout() -> None:
 
 CLOCKS = "clocks: {offset_sigma_m: 1, rate_sigma_m_s: 0.05, sources: {h0: 2.0e-21, h_minus2: 1.0e-22}, receiver: "
 CLOCKS += "{h0: 1.0e-20, h_minus2: 1.0e-20}}\n"
-BIASES = "bias: {sigma_m: 0.3, growth: {sigma_m: 0.3, distance_m: 100}, wander: {sigma_m: 0.2, time_s: 3}}\n"
+BIASES = (
+    "bias: {sigma_m: 0.3, growth: {sigma_m: 0.3, distance_m: 100}, wander: {sigma_m: 0.2, correlation_time_s: 3}}\n"
+)
 
 
 @pytest.mark.parametrize(("ranging", "keys", "size"), [("measurement: two_way", BIASES, 1.0), (ONE_WAY, CLOCKS, 20.0)])
@@ -251,7 +254,12 @@ def test_reflections_are_found_and_do_no_harm() -> None:
 
 def test_tuning_finds_the_noise_and_stays_within_bounds() -> None:
     time, source, true, ranges = circling(800, 5, sigma=0.3)
-    model = model_of(time, source, ranges, "bias: {wander: {sigma_m: 0, time_s: 1}, place: {sigma_m: 0, time_s: 1}}\n")
+    model = model_of(
+        time,
+        source,
+        ranges,
+        "bias: {wander: {sigma_m: 0, correlation_time_s: 1}, place: {sigma_m: 0, correlation_time_s: 1}}\n",
+    )
     start = StartState(true[0], (2.0, 2.0), 0.0)
     lines = tangents(model, true)
     settings = tune(model, model.settings(), start, lines, lambda: None)

@@ -252,7 +252,7 @@ def test_time_offset_of_messages(navigation: Navigation, shared: Path, within: W
     sky = f"sky={{source: navigation, navigation: [{shared / BROADCAST}], systems: [gps, galileo]}}"
     flown, document = read(SCENARIOS / "landing.yaml", [
         sky, "epoch=2020-06-25T12:00:00Z", "signals={gps_offset_ns: 1, system_offsets_ns: {galileo: broadcast}}",
-        "receiver.one_clock=true",
+        "receiver.single_clock=true",
     ])  # fmt: skip
     stored = prepare(flown, document).scenario
     now = float(timescales.gps_from_utc(flown.epoch.timestamp()))

@@ -46,7 +46,7 @@ CASES: list[tuple[str, tuple[str, str], list[str]]] = [
     ("number in quotation marks", ("  count: 2  ", '  count: "2"  '), ["pseudolites.count", "a number is needed, not the text '2'; allowed: 0, 1, 2"]),
     ("fraction for a choice", ("  count: 2  ", "  count: 2.0"), ["pseudolites.count", "expected a whole number"]),
     ("misspelt section", ("receiver:", "reciever:"), ["reciever", "did you mean 'receiver'"]),
-    ("key of the other profile", ("  corner_s: 0.5", "  flare_height_m: 6"), ["approach.flare_height_m", "unknown key"]),
+    ("key of the other profile", ("  transition_time_s: 0.5", "  flare_height_m: 6"), ["approach.flare_height_m", "unknown key"]),
     ("wrong unit in a key", ("  speed_start_kmh: 130", "  speed_start_ms: 36"), ["approach.speed_start_ms", "speed_start_kmh"]),
     ("duplicate key", ("duration_s: 120", "duration_s: 120\nduration_s: 60"), ["duration_s", "duplicate key", "on line"]),
     ("duplicate key in a section", ("  mask_deg: 5", "  mask_deg: 5\n  mask_deg: 7"), ["sky.mask_deg", "duplicate key", "on line"]),
@@ -164,8 +164,8 @@ def near(text: str) -> str:
 TOGETHER: list[tuple[str, Callable[[str], str], list[str]]] = [
     ("pseudolite inside the aircraft", near, ["s.yaml:", "pseudolites.s_m", "PL1", "10 m"]),
     ("fixes faster than the IMU", lambda t: t.replace("rate_hz: 10  ", "rate_hz: 100  ").replace("  rate_hz: 100\n", "  rate_hz: 50\n"), ["receiver.rate_hz", "faster than the IMU"]),
-    ("aircraft that stops", lambda t: t.replace("profile: paper", "profile: smooth").replace("  corner_s: 0.5 ", "  speed_is: air\n  rollout_deceleration_m_s2: 3 "), ["approach.profile", "2 m/s", "speed_is: ground"]),
-    ("flare higher than the glide", lambda t: t.replace("profile: paper", "profile: smooth").replace("  corner_s: 0.5 ", "  flare_height_m: 150 "), ["approach", "no path meets these numbers"]),
+    ("aircraft that stops", lambda t: t.replace("profile: paper", "profile: smooth").replace("  transition_time_s: 0.5 ", "  speed_is: air\n  rollout_deceleration_m_s2: 3 "), ["approach.profile", "2 m/s", "speed_is: ground"]),
+    ("flare higher than the glide", lambda t: t.replace("profile: paper", "profile: smooth").replace("  transition_time_s: 0.5 ", "  flare_height_m: 150 "), ["approach", "no path meets these numbers"]),
 ]  # fmt: skip
 
 

@@ -70,7 +70,7 @@ def test_sources_of_an_analysis() -> None:
     more = (
         "pseudolites.survey_sigma_m=0.1", "pseudolites.clock_sigma_ns=1",
         "pseudolites.clock_noise={h0: 1e-22, h_minus2: 0}", "imu.gyro.misalignment_mrad=1",
-        "signals.preset=open-sky", "signals.system_offset_sigma_ns=1", "receiver.one_clock=true",
+        "signals.preset=open-sky", "signals.system_offset_sigma_ns=1", "receiver.single_clock=true",
         "sky.source=nominal", "altimeter={}", "runway.geoid_undulation_m=15",
         "barometric_altimeter={sigma_m: 1, qnh_sigma_hpa: 1, drift_m: 1}",
     )  # fmt: skip

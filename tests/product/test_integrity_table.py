@@ -56,20 +56,20 @@ def test_printed_is_what_the_result_holds(made: tuple[Path, str]) -> None:
     result = read(place / "results" / "integrity_table.h5")
     as_declared(result)
     assert of(result) == []
-    assert list(result["/useful/subsets"]) == [28, 56, 60, 56, 28, 8]
-    assert list(result["/useful/subsets_of_all"]) == [math.comb(8, n) for n in integrity_table.SATELLITES]
+    assert list(result["/subsets/number"]) == [28, 56, 60, 56, 28, 8]
+    assert list(result["/subsets/number_of_all"]) == [math.comb(8, n) for n in integrity_table.SATELLITES]
     assert "60 of 70" in printed
     assert "HPL <= 60 m and VPL <= 70 m" in printed
     assert "60 of the 601 fix epochs" in printed
-    worst, median = (result[f"/useful/{name}"][2, 5] for name in ("worst", "median"))
+    worst, median = (result[f"/subsets/{name}"][2, 5] for name in ("worst", "median"))
     assert f"{worst:.2f} / {median:.2f}" in printed
-    assert f"{result['/useful/hpl'][2, 1]:.0f} / {result['/useful/vpl'][2, 1]:.0f}" in printed
+    assert f"{result['/subsets/hpl'][2, 1]:.0f} / {result['/subsets/vpl'][2, 1]:.0f}" in printed
     time = result["/glide/time"]
     assert (time.size, time[-1]) == (60, 60.1)
     assert np.ptp(np.diff(time)) < 0.11  # of epochs 0.1 s apart
     (detected,) = np.where(result["/possible/detection"].ravel() == 0)
-    assert np.isinf(result["/useful/hpl"].ravel()[detected]).all()
-    assert (result["/useful/median"].ravel()[detected] == 0.0).all()
+    assert np.isinf(result["/subsets/hpl"].ravel()[detected]).all()
+    assert (result["/subsets/median"].ravel()[detected] == 0.0).all()
     shown = navsim("show", "results/integrity_table.h5", cwd=place).stdout
     assert shown.splitlines() == printed.splitlines()[:-1]
 
@@ -80,8 +80,8 @@ def test_the_same_as_plain_data(made: tuple[Path, str]) -> None:
     data = json.loads(navsim("integrity-table", "--set", CHI2, "--json", "-o", "j.h5", cwd=place).stdout)
     assert (data["kind"], data["method"], data["satellites"]) == ("integrity-table", "chi2", [2, 3, 4, 5, 6, 7])
     assert data["possible"]["fix"] == result["/possible/fix"].tolist()
-    assert data["useful"]["worst"] == result["/useful/worst"].tolist()
-    assert data["useful"]["hpl"][0][:4] == [None, None, None, pytest.approx(result["/useful/hpl"][0, 3])]
+    assert data["subsets"]["worst"] == result["/subsets/worst"].tolist()
+    assert data["subsets"]["hpl"][0][:4] == [None, None, None, pytest.approx(result["/subsets/hpl"][0, 3])]
 
 
 def heard(*names: str, more: tuple[str, ...]) -> Snapshot:
@@ -140,10 +140,10 @@ def test_separation_tells_its_priors(tmp_path: Path) -> None:
     done = navsim("integrity-table", "--set", MHSS, "--set", SPARSE, "-o", "m.h5", cwd=tmp_path)
     result = read(tmp_path / "m.h5")
     as_declared(result)
-    assert dict(zip(result["/useful/fault"], result["/useful/prior"], strict=True))["glonass"] == 1e-8
+    assert dict(zip(result["/subsets/fault"], result["/subsets/prior"], strict=True))["glonass"] == 1e-8
     assert "1e-08 of glonass" in done.stdout
     assert "(mhss)" in done.stdout
-    assert result["/useful/median"][2, 5] > 0.0
+    assert result["/subsets/median"][2, 5] > 0.0
 
 
 def test_what_a_scenario_lacks_is_left_out(tmp_path: Path) -> None:
@@ -154,9 +154,9 @@ def test_what_a_scenario_lacks_is_left_out(tmp_path: Path) -> None:
     result = read(tmp_path / "results" / "integrity_table.h5")
     as_declared(result)
     assert [f.name for f in of(result)] == ["input"]
-    assert np.isnan(result["/useful/worst"][1:]).all()
-    assert np.isfinite(result["/useful/worst"][0]).all()
-    assert result["/useful/pseudolite"].size == 0
+    assert np.isnan(result["/subsets/worst"][1:]).all()
+    assert np.isfinite(result["/subsets/worst"][0]).all()
+    assert result["/subsets/pseudolite"].size == 0
     useful = done.stdout.split("Useful")[1]
     assert re.search(r"\n1 +- +- +- +- +- +- *\n", useful)
     assert "in this order, none" in useful

@@ -46,8 +46,8 @@ def test_a_landing_under_damaged_messages(version: int, tmp_path: Path) -> None:
         satellites(*chosen)
     (problem,) = caught.value.problems
     assert (problem.place.file, problem.place.line) == (str(path), at + 4)
-    assert "`sky.lenient: true` takes the intact part" in problem.message
-    names, warnings = satellites(*chosen, "sky.lenient=true")
+    assert "`sky.skip_bad_records: true` takes the intact part" in problem.message
+    names, warnings = satellites(*chosen, "sky.skip_bad_records=true")
     assert {"G01", "G03", "R01", "R02", "R03"} == set(names)
     (warning,) = warnings
     assert "1 messages left out; the first: " in warning
@@ -55,8 +55,10 @@ def test_a_landing_under_damaged_messages(version: int, tmp_path: Path) -> None:
 
 
 def test_lenient_is_for_files_that_can_be_read_in_part() -> None:
-    with pytest.raises(InputError, match=r"sky\.lenient: is for `source: navigation` and `orbits`, not for `nominal`"):
-        satellites("sky.source=nominal", "sky.lenient=true")
+    with pytest.raises(
+        InputError, match=r"sky\.skip_bad_records: is for `source: navigation` and `orbits`, not for `nominal`"
+    ):
+        satellites("sky.source=nominal", "sky.skip_bad_records=true")
 
 
 def test_a_replay_of_damaged_tables(tmp_path: Path) -> None:
@@ -66,9 +68,9 @@ def test_a_replay_of_damaged_tables(tmp_path: Path) -> None:
     (tmp_path / "imu.csv").write_text("\n".join(lines))
     (tmp_path / "gnss.csv").write_text((tmp_path / "gnss.csv").read_text()[:-25])
     log = tmp_path / "log.yaml"
-    with pytest.raises(InputError, match=r"imu\.csv:41:.*`lenient: true` takes the intact part"):
+    with pytest.raises(InputError, match=r"imu\.csv:41:.*`skip_bad_records: true` takes the intact part"):
         replay.prepare(*read_replay(log, ("tuning=none",)))
-    recording = replay.prepare(*read_replay(log, ("tuning=none", "lenient=true")))
+    recording = replay.prepare(*read_replay(log, ("tuning=none", "skip_bad_records=true")))
     said = [warning for warning in recording.warnings if "left out" in warning]
     assert len(said) == 2
     assert f"1 rows left out; the first: {tmp_path}/imu.csv:41:" in said[0]
@@ -81,7 +83,7 @@ def test_wrong_units_are_named_before_rows_are_left_out(factor: float, said: str
     """Values outside of limits by the hundred are no damage."""
     times_gyros(tmp_path, factor, slice(None))
     with pytest.raises(InputError) as caught:
-        replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", f"lenient={lenient}")))
+        replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", f"skip_bad_records={lenient}")))
     assert said in str(caught.value.problems[0])
 
 
@@ -100,24 +102,24 @@ def test_nothing_but_values_outside_of_limits(tmp_path: Path) -> None:
     times_gyros(tmp_path, 1e9, slice(None))
     log = tmp_path / "log.yaml"
     with pytest.raises(InputError, match=r"imu\.file: only 0 usable samples; 2999 rows left out; the first: "):
-        replay.prepare(*read_replay(log, ("checks=off", "lenient=true")))
+        replay.prepare(*read_replay(log, ("checks=off", "skip_bad_records=true")))
     with pytest.raises(InputError, match=r"imu\.csv:2:1: imu\.file: gx_rad_s is ") as caught:
         replay.prepare(*read_replay(log, ("checks=off",)))
-    assert "lenient" not in str(caught.value.problems[0])
+    assert "skip_bad_records" not in str(caught.value.problems[0])
 
 
 def test_a_few_values_outside_of_limits(tmp_path: Path) -> None:
     """They do not mislead the checks: refused at the first line with the way out, or left out, counted and said."""
     times_gyros(tmp_path, 1e9, slice(700, 730, 10))
     log = tmp_path / "log.yaml"
-    with pytest.raises(InputError, match=r"imu\.csv:702:.* `lenient: true` takes the intact part"):
+    with pytest.raises(InputError, match=r"imu\.csv:702:.* `skip_bad_records: true` takes the intact part"):
         replay.prepare(*read_replay(log, ("tuning=none",)))
-    recording = replay.prepare(*read_replay(log, ("tuning=none", "lenient=true")))
+    recording = replay.prepare(*read_replay(log, ("tuning=none", "skip_bad_records=true")))
     assert next(w for w in recording.warnings if "left out" in w).startswith("3 rows left out; the first: ")
     assert recording.samples.time.size < 2999
 
     lines = (tmp_path / "gnss.csv").read_text().split("\n")
     lines[30] = lines[30].replace("56.", "156.", 1)
     (tmp_path / "gnss.csv").write_text("\n".join(lines))
-    recording = replay.prepare(*read_replay(log, ("tuning=none", "lenient=true")))
+    recording = replay.prepare(*read_replay(log, ("tuning=none", "skip_bad_records=true")))
     assert sum("left out" in w for w in recording.warnings) == 2

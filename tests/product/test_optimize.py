@@ -41,8 +41,8 @@ def test_shipped_study(place: Path) -> None:
     tree = xr.open_datatree(place / "a.h5", engine="h5netcdf")
     assert tree["map/objective"].sizes == {"pseudolites": 2, "s": 61, "l1": 61}
     as_declared(result)
-    front = result["/front/objective"]
-    none = result.variables["/front/objective"].attributes["without_pseudolites"]
+    front = result["/pareto/objective"]
+    none = result.variables["/pareto/objective"].attributes["without_pseudolites"]
     assert np.all(np.diff(np.append(none, front)) < 0)
     assert np.all(result["/optimum/violation"] <= 0.01)
     np.testing.assert_allclose(result["/optimum/pdop"], front, rtol=1e-12)
@@ -57,7 +57,7 @@ def test_shipped_study(place: Path) -> None:
     for name in ("b.h5", "c.h5"):
         navsim(*shipped, "--set", "pseudolites=[1]", "-o", name, "-q", "--figures", "none", cwd=place)
     assert stored(place / "b.h5") == stored(place / "c.h5")
-    assert read(place / "b.h5")["/front/objective"] == result["/front/objective"][0]
+    assert read(place / "b.h5")["/pareto/objective"] == result["/pareto/objective"][0]
     assert "PL2" in navsim("show", "a.h5", cwd=place).stdout
 
 
@@ -182,11 +182,11 @@ def test_requirements_are_told_with_every_number(place: Path) -> None:
     done = navsim("optimize", judged(place), "--set", NUMBERS, *FEW, "-o", "judged.h5", cwd=place)
     result = read(place / "judged.h5")
     as_declared(result)
-    met, used = result["/front/met"], result["/requirements/utilisation"][:, 0]
+    met, used = result["/pareto/met"], result["/requirements/utilisation"][:, 0]
     assert met.tolist() == [0, 1, 1]
     assert (used <= 1.0).tolist() == [False, True, True]
-    assert not result["/front/met_without"]
-    assert int(result["/front/fewest"]) == 2
+    assert not result["/pareto/met_without"]
+    assert int(result["/pareto/fewest"]) == 2
     assert result["/requirements/verdict"][:, 0].tolist() == ["not met", "met", "met"]
     assert set(result["/requirements/verdict"][:, 1]) == {"undecided"}
     assert result["/requirements/decided"].tolist() == [1, 0]
@@ -218,7 +218,7 @@ def test_what_cannot_be_met_fails_with_the_nearest(place: Path) -> None:
     assert "no placement found meets the requirements, for any number of pseudolites" in done.stdout
     result = read(place / "no.h5")
     as_declared(result)
-    assert int(result["/front/fewest"]) == -1
+    assert int(result["/pareto/fewest"]) == -1
     used = result["/requirements/utilisation"][:, 0]
     assert (used > 1.0).all()
     assert (np.diff(used) < 0.0).all()
@@ -273,6 +273,6 @@ def test_a_search_under_requirements_goes_on_after_its_time(place: Path) -> None
     navsim("optimize", file, *common, "-o", "cut.h5", "--force", cwd=place)
     whole, cut = (stored(place / name) for name in ("whole.h5", "cut.h5"))
     for data in (whole, cut):
-        for name in [name for name in data if name.startswith("/front/evaluations")]:
+        for name in [name for name in data if name.startswith("/pareto/evaluations")]:
             data.pop(name)
     assert whole == cut

@@ -72,7 +72,7 @@ def test_time_limit_keeps_the_best(
     as_declared(result)
     assert result.attributes["stopped"] == "time limit"
     assert list(result["/pseudolites"]) == [1]
-    assert list(result["/front/finished"]) == [0]
+    assert list(result["/pareto/finished"]) == [0]
     assert list(result["/optimum/explored"]) == list(result["/map/computed"]) == [0]
     assert np.all(np.isnan(result["/map/objective"]))
     data = json.loads(out)
@@ -121,7 +121,7 @@ def test_interrupt_keeps_the_best(
     result = read(study.with_suffix(".h5"))
     as_declared(result)
     assert result.attributes["stopped"] == "interrupted"
-    assert np.all(np.isfinite(result["/front/objective"]))
+    assert np.all(np.isfinite(result["/pareto/objective"]))
 
 
 def test_interrupt_before_anything_is_found(

@@ -58,7 +58,7 @@ def test_tables_fit_80_columns(name: str, place: Path) -> None:
 
 
 EVERYTHING = (
-    "duration_s=65", "imu.rate_hz=20", "receiver.rate_hz=1", "receiver.one_clock=false", "title=everything",
+    "duration_s=65", "imu.rate_hz=20", "receiver.rate_hz=1", "receiver.single_clock=false", "title=everything",
     "wind={speed_m_s: 8, from_deg: 40}", "radio_altimeter={sigma_floor_m: 0.3}",
     "barometric_altimeter={sigma_m: 1, qnh_sigma_hpa: 1}", "runway.geoid_undulation_m=17",
     "box={lateral_m: 1.5, vertical_m: [-1, 2]}", "wind.response={}",

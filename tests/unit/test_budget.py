@@ -30,7 +30,7 @@ FEW = ("duration_s=65", "imu.rate_hz=20", "receiver.rate_hz=2")
         (),
         ("duration_s=10.99", "imu.rate_hz=10", "altimeter={rate_hz: 9.1}"),
         ("receiver.latency_s=0.7",),
-        ("sky.source=nominal", "receiver.one_clock=true"),
+        ("sky.source=nominal", "receiver.single_clock=true"),
         ("imu.gyro.range_deg_s=100",),
     ],
 )

@@ -265,7 +265,7 @@ def test_one_component_is_a_tfg_filter() -> None:
     """Where nothing is divided, until the corner: from there on the sum alone holds axes, since `tfg` does so only
     beyond 4 degrees of heading."""
     gentle = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=80")
-    one = case(*gentle, "filter.kind=gaussian-sum", "filter.gaussian_sum.heading_deg=90").fly(1, 0)
+    one = case(*gentle, "filter.kind=gaussian-sum", "filter.gaussian_sum.split_heading_sigma_deg=90").fly(1, 0)
     other = case(*gentle, "filter.kind=tfg").fly(1, 0)
     for name in ("error", "sigma", "nees", "innovation_squared", "status"):
         a, b = getattr(one, name)[:59], getattr(other, name)[:59]

@@ -321,7 +321,9 @@ def test_the_checksum_is_optional(tmp_path: Path) -> None:
         assert rows == []
         assert assembler.corrupt == 1
     (tmp_path / "log").write_text("\n".join(kinds))
-    with pytest.raises(FileError, match=r"16 NMEA sentences without a checksum .*optional.*`lenient: true` reads them"):
+    with pytest.raises(
+        FileError, match=r"16 NMEA sentences without a checksum .*optional.*`skip_bad_records: true` reads them"
+    ):
         read_fixes(tmp_path / "log")
     assert read_fixes(tmp_path / "log", lenient=True)[0].time.size == 8
 

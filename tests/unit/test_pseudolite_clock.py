@@ -93,7 +93,7 @@ def test_one_by_itself_on_a_scale_is_warned_of(clock: str) -> None:
 
 
 def test_a_receiver_of_one_clock_does_not_mind() -> None:
-    one = case(*BRIEF, "sky.source=nominal-gps", f"{ONE}, clock: glonass}}", "receiver.one_clock=true")
+    one = case(*BRIEF, "sky.source=nominal-gps", f"{ONE}, clock: glonass}}", "receiver.single_clock=true")
     assert not [text for text in one.warnings if "pseudolites.clock" in text]
 
 

@@ -35,7 +35,7 @@ CASES = {
         "receiver.rate_hz=1",
     ),
     "offsets": (
-        "sky.source=nominal", "sky.systems=[glonass, gps, galileo]", "receiver.one_clock=true",
+        "sky.source=nominal", "sky.systems=[glonass, gps, galileo]", "receiver.single_clock=true",
         "signals.system_offset_sigma_ns=10", "receiver.smoothing_s=20", "receiver.rate_hz=2",
     ),
     "errors that last": ("signals.preset=open-sky", "receiver.rate_hz=2"),

@@ -69,9 +69,9 @@ def tables(result: Result) -> list[Table | str]:
         more = [*_orders(result), *_criterion(result), _limits(result), _channels(result), _flare(result)]
 
     checked = Table("The paper's numbers", ("statement", "published", "computed", "unit", "verdict"))
-    for i, statement in enumerate(result["/audit/statement"]):
-        both = [cell("{:.6g}", float(result[f"/audit/{which}"][i])) for which in ("published", "computed")]
-        checked.add(str(statement), *both, str(result["/audit/unit"][i]), str(result["/audit/verdict"][i]))
+    for i, statement in enumerate(result["/published/statement"]):
+        both = [cell("{:.6g}", float(result[f"/published/{which}"][i])) for which in ("published", "computed")]
+        checked.add(str(statement), *both, str(result["/published/unit"][i]), str(result["/published/verdict"][i]))
     sure = float(setting(result, "montecarlo", "confidence"))
     note = (
         "Truth and filter share a model in the Monte Carlo: it proves the code, not that the model is adequate; the "
@@ -362,7 +362,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 _SUMMARY = ("/filter/steady", "/band_theory", "/montecarlo/fraction", "/nominal/worst", "/nominal/peak", "/order/worst",
-            "/order/peak", "/criterion", "/limit", "/azimuth/worst", "/flare/touchdown", "/audit")  # fmt: skip
+            "/order/peak", "/criterion", "/limit", "/azimuth/worst", "/flare/touchdown", "/published")  # fmt: skip
 VIEW = View(
     one_by_one(tables),
     figures,

@@ -482,7 +482,7 @@ def compute(scenario: Elevation, seed: int, runs: int | None, done: Callable[[in
     rows = audit()
     for name, kind in (("statement", object), ("published", float), ("computed", float), ("unit", object),
                        ("verdict", object)):  # fmt: skip
-        draft[f"/audit/{name}"] = np.array([getattr(row, name) for row in rows], dtype=kind)
+        draft[f"/published/{name}"] = np.array([getattr(row, name) for row in rows], dtype=kind)
     out = draft.result(root_attributes("mls-elevation", seed, scenario))
     out.variables.update(kept(_findings(proof, section.steps, count * section.experiments)))
     return out
