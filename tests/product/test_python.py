@@ -71,12 +71,10 @@ def python(code: str, cwd: Path, *options: str) -> subprocess.CompletedProcess[s
     return subprocess.run([sys.executable, *options, "-c", code], cwd=cwd, capture_output=True, text=True, timeout=600)
 
 
-def plain(error: navsim.NavsimError) -> list[str]:
-    """The problems of an error, without an option's name of the command line among them."""
+def problems(error: navsim.NavsimError) -> list[str]:
+    """The problems of an error, which are its text."""
     said = [str(problem) for problem in error.problems]
     assert str(error) == "\n".join(said)
-    assert "--" not in str(error)
-    assert "-o/" not in str(error)
     return said
 
 
@@ -168,7 +166,7 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
     done = command("validate", str(file), cwd=tmp_path, code=2)
     with pytest.raises(navsim.BadInput) as caught:
         navsim.run(file)
-    assert done.stderr.splitlines() == [f"error: {problem}" for problem in plain(caught.value)]
+    assert done.stderr.splitlines() == [f"error: {problem}" for problem in problems(caught.value)]
     lines = file.read_text().splitlines()
     assert len(caught.value.problems) >= 2
     for problem in caught.value.problems:
@@ -187,8 +185,8 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.run({"a": {"b": [1, object()]}}), "scenario: a.b.1: object is not a value for a key"),
         (lambda: navsim.run({"duration_s": float("nan")}), "scenario: duration_s: a finite number is needed, not nan"),
         (lambda: navsim.run(LANDING, set={"pseudolites.s_mm": 1}), "pseudolites.s_mm: unknown key; did you mean"),
-        (lambda: navsim.run(LANDING, set={"duration_s.x": 1}), "set['duration_s.x']: 'duration_s' is a single value"),
-        (lambda: navsim.run(LANDING, set={"duration_s": np.inf}), "set['duration_s']: a finite number is needed"),
+        (lambda: navsim.run(LANDING, set={"duration_s.x": 1}), "--set duration_s.x=1: 'duration_s' is a single value"),
+        (lambda: navsim.run(LANDING, set={"duration_s": np.inf}), "--set duration_s=inf: a finite number is needed"),
         (lambda: navsim.run(LANDING, seed=-1), "seed=-1: expected a whole number from 0 to 9223372036854775807"),
         (lambda: navsim.run(LANDING, runs=True), "runs=True: expected a whole number from 1"),
         (lambda: navsim.run(LANDING, keep="alll"), "keep='alll': allowed: errors, all, none"),  # type: ignore[arg-type]
@@ -210,7 +208,7 @@ def test_bad_input_says_so(call: Any, said: str, tmp_path: Path, monkeypatch: An
     monkeypatch.chdir(tmp_path)
     with pytest.raises(navsim.BadInput) as caught:
         call()
-    assert any(said in line for line in plain(caught.value)), plain(caught.value)
+    assert any(said in line for line in problems(caught.value)), problems(caught.value)
     assert not list(tmp_path.iterdir())
 
 
@@ -237,7 +235,7 @@ def test_what_was_required_and_is_not_so(tmp_path: Path) -> None:
     events = {"events": [{"what": "silence", "sources": ["all"], "at_s": 5, "until_s": 8}]}
     with pytest.raises(navsim.RunFailed, match="--require-fix") as caught:
         navsim.run(LANDING, set=SHORT | events, require_fix=True, output=tmp_path / "a.h5")
-    plain(caught.value)
+    problems(caught.value)
     assert caught.value.path == tmp_path / "a.h5"
     found = navsim.ResultFile(tmp_path / "a.h5").findings
     assert any("fix" in finding.against and finding.count > 0 for finding in found)
@@ -267,7 +265,7 @@ def test_what_ends_the_work_leaves_what_is_finished(stop: type[BaseException], t
         assert any("the same command continues from there" in note for note in caught.value.__notes__)
     with pytest.raises(navsim.BadInput, match="--fresh discards it") as refused:
         navsim.run(LANDING, set=SHORT, runs=runs, seed=9, output=target)
-    plain(refused.value)
+    problems(refused.value)
     seen.clear()
     made = navsim.run(LANDING, set=SHORT, runs=runs, workers=1, output=target, progress=lambda *a: seen.append(a[:2]))
     assert not (tmp_path / "a.h5.partial").exists()
