@@ -13,6 +13,7 @@ import gc
 import importlib
 import json
 import os
+import pkgutil
 import resource
 import select
 import shlex
@@ -32,6 +33,7 @@ from queue import Queue
 from types import TracebackType
 from typing import Any, Self, TextIO
 
+import navsim as navsim_package
 from tests import steps
 from tests.fork_client import HEARD, ask, received
 from tests.fork_client import __file__ as CLIENT
@@ -39,6 +41,8 @@ from tests.fork_client import __file__ as CLIENT
 ROOT = Path(__file__).resolve().parent.parent
 NAVSIM, PYTHON, DASK = "navsim", "python", "dask"
 """Programs whose commands can be forks; of Python those with `-c`."""
+RARE = ("navsim.__main__", "navsim.runner.cluster")
+"""Modules that forks load by themselves."""
 HANG_S = 10.0
 """A command that has to refuse its input and takes longer hangs."""
 MOST_MB = 1000.0
@@ -188,7 +192,7 @@ def found_first(programs: Path, tree: Path = ROOT) -> dict[str, str]:
 def shared() -> Forks:
     """The one of this test process; it ends with it."""
     landing = ROOT / "scenarios" / "landing.yaml"
-    short = ("run", landing, "--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1", "-q",
+    short = ("run", landing, "--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1",
              "--force", "--figures", "none", "-o", "warm.h5")  # fmt: skip
     warm = (
         short,
@@ -233,7 +237,9 @@ def _prepare(warm: list[list[str]], modules: list[str]) -> None:
 
 def _serve(door: str, folder: Path) -> None:
     os.chdir(folder)
-    importlib.import_module("navsim.report.page.document")  # Bokeh, a second for each report
+    for module in pkgutil.walk_packages(navsim_package.__path__, "navsim."):
+        if module.name not in RARE:
+            importlib.import_module(module.name)
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(door)
         listening.listen()
