@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.report.ridges import shown_ridges
 from navsim.report.summary_tables import setting, verdict_cell
 from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.view import View, one_by_one
@@ -305,6 +304,7 @@ def plan(result: Result) -> Figure:
     from matplotlib.patches import Rectangle
 
     from navsim.report.figures import label_points, legend_above, ridge_lines, view_from_above
+    from navsim.report.ridges import shown_ridges
     from navsim.report.printing import COLUMN, new_figure
 
     counts = result["/pseudolites"]
