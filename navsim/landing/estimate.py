@@ -27,8 +27,8 @@ from navsim.runner.estimate import (
 from navsim.scenario.filter import SMOOTHERS, SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import followed_errors, times_of
+from navsim.simulation.error_sources import SOURCES
 from navsim.simulation.inertial_states import true_states
-from navsim.simulation.landing_covariance import SOURCES
 
 STATISTICS = 288
 """Memory for the statistics of a run, bytes; three times while they are computed."""

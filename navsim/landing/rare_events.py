@@ -43,9 +43,10 @@ from navsim.runner.executor import Executor
 from navsim.runner.findings import Flaws
 from navsim.runner.merge_state import pack
 from navsim.runner.statistics import weighted_share
+from navsim.simulation.along_truth import along_truth
 from navsim.simulation.importance_sampling import ProposalShifts, proposal_shifts, shift_inputs
 from navsim.simulation.landing import draw, fly_inputs
-from navsim.simulation.landing_covariance import along_truth, analyse
+from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.sensitivity import sensitivity
 from navsim.statistics.importance_sampling import FEW
 

@@ -304,8 +304,8 @@ def plan(result: Result) -> Figure:
     from matplotlib.patches import Rectangle
 
     from navsim.report.figures import label_points, legend_above, ridge_lines, view_from_above
-    from navsim.report.ridges import shown_ridges
     from navsim.report.printing import COLUMN, new_figure
+    from navsim.report.ridges import shown_ridges
 
     counts = result["/pseudolites"]
     s, l1, maps = result["/map/s"], result["/map/l1"], result["/map/objective"]

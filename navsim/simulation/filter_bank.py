@@ -28,8 +28,9 @@ from navsim.integrity.araim import Allocation, Levels, SeparationDistances, Solu
 from navsim.integrity.fixes import ReceiverFixes, solved
 from navsim.integrity.monitoring import faults_of, fix_of
 from navsim.integrity.solution import turned
+from navsim.simulation.along_truth import AlongTruth, along_design
 from navsim.simulation.landing import Flight
-from navsim.simulation.landing_covariance import AlongTruth, along_design, excess, responses, route_of_filter
+from navsim.simulation.landing_covariance import excess, responses, route_of_filter
 
 _ROUNDING = 1e-5
 """A negative variance of a difference is rounding if it is above this fraction of that without some sources."""

@@ -18,8 +18,9 @@ from navsim.filter.measurement_models import FIX, RANGE
 from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.simulation.aiding import Aid
+from navsim.simulation.along_truth import AlongTruth, along_truth
 from navsim.simulation.landing import Flight, Inputs, exact_clock
-from navsim.simulation.landing_covariance import AlongTruth, along_truth, analyse, systematic
+from navsim.simulation.landing_covariance import analyse, systematic
 from navsim.simulation.shared_truth import SharedTruth, without_noise
 
 

@@ -14,7 +14,7 @@ from navsim.landing.study import Case, covariance_analysis, covariance_result, f
 from navsim.runner.batches import Ensemble
 from navsim.runner.executor import threads
 from navsim.simulation import landing_covariance
-from navsim.simulation.landing_covariance import SOURCES
+from navsim.simulation.error_sources import SOURCES
 from tests.helpers import case, in_brief
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")

@@ -12,7 +12,7 @@ import pytest
 from navsim.landing.case import rms_window
 from navsim.landing.study import Case, covariance_analysis, prepare
 from navsim.scenario.load import read
-from navsim.simulation.landing_covariance import CURVATURE
+from navsim.simulation.error_sources import CURVATURE
 from tests.conftest import SCENARIOS
 from tests.helpers import in_brief, load_script
 

@@ -9,7 +9,7 @@ import pytest
 
 from navsim.gnss.pseudolite_clock import WanderingClocks
 from navsim.landing.study import covariance_analysis
-from navsim.simulation.landing_covariance import along_truth
+from navsim.simulation.along_truth import along_truth
 from navsim.simulation.measurements import measured
 from navsim.simulation.sensitivity import carried, sensitivity
 from tests.helpers import case

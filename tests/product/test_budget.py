@@ -23,7 +23,7 @@ from navsim.runner.executor import threads
 from navsim.runner.job import Job, Opener, Options
 from navsim.scenario import shipped
 from navsim.scenario.load import read, read_for
-from navsim.simulation.landing_covariance import SOURCES
+from navsim.simulation.error_sources import SOURCES
 from tests.conftest import LANDINGS, SCENARIOS
 from tests.helpers import case, in_brief
 

@@ -10,7 +10,7 @@ from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter.sensitivity_propagation import LinearisedHistory, propagate_columns, propagate_covariances
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, SENSORS
 from navsim.gnss.clock_noise import step_covariance
-from navsim.simulation.landing_covariance import along_truth
+from navsim.simulation.along_truth import along_truth
 from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.shared_truth import without_noise
 from tests.helpers import case

@@ -9,9 +9,10 @@ import pytest
 
 from navsim.compiler.lanes import WIDTH
 from navsim.landing.study import Case
+from navsim.simulation.along_truth import along_truth
 from navsim.simulation.first_order import FirstOrder
 from navsim.simulation.landing import draw, fly
-from navsim.simulation.landing_covariance import along_truth, analyse
+from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.sensitivity import deviations
 from navsim.simulation.shared_truth import smoothed
 from tests.helpers import case

@@ -1,0 +1,102 @@
+"""The filter of a landing, linearised along the truth or along its own model of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.filter import states
+from navsim.filter.linearised import Linearised, Steps, empty, linearise, steps_of
+from navsim.filter.measurement_models import FixTable, RangeTable
+from navsim.filter.records import ImuData
+from navsim.filter.states import MAX_MEASUREMENT_SIZE
+from navsim.integrity.fix_slopes import slopes
+from navsim.simulation.inertial_states import TrueState, true_states
+from navsim.simulation.landing import Flight, exact_clock, exact_start, initial_state, with_clock
+from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
+from navsim.simulation.measurements import receiver_fixes
+from navsim.simulation.shared_truth import assumed_measurements, without_noise
+
+FIRST_MARKOV = 6
+"""The first of six Markov biases among the states of `true_states`."""
+
+
+class AlongTruth(NamedTuple):
+    """The filter of a flight, linearised along the truth."""
+
+    steps: Steps
+    """Steps of its events (`filter.linearised`)."""
+    lin: Linearised
+    """Likewise."""
+    by_range: np.ndarray
+    """(m, MOST, s) derivatives of the measurements by pseudoranges: m fixes, one an epoch, or m ranges, one a
+    source."""
+    by_rate: np.ndarray
+    """(m, MOST, s) derivatives by range rates."""
+    epoch: np.ndarray
+    """(m,) epoch of each measurement."""
+    true: tuple[TrueState, ...]
+    """True errors of the inertial sensors."""
+
+
+def noise_densities(flight: Flight) -> np.ndarray:
+    """True densities of the sensor noises (NOISES,), with flicker noise as of `Triad.merged`."""
+    gyro, accel = flight.gyro.merged(), flight.accel.merged()
+    return np.array([gyro.noise_density**2, accel.noise_density**2, gyro.drive(), accel.drive()])
+
+
+def along_design(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongTruth:
+    """Linearise a filter along measurements without any error (`shared_truth.assumed_measurements`), with noise-free
+    sensors.
+
+    without: (s,) bool, sources that are missing.
+    """
+    ranges, rates = assumed_measurements(flight.shared)
+    return _along(flight, np.where(without, np.nan, ranges), rates, noisy=False)
+
+
+def along_truth(flight: Flight) -> AlongTruth:
+    """Fly the filter of a flight along the truth, without noise."""
+    return _along(flight, *without_noise(flight.shared))
+
+
+def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = True) -> AlongTruth:
+    """Linearise along these measurements (e, s); noisy: whether to compute the added sensor noise."""
+    shared, design, gyro, accel = flight.shared, flight.design, flight.gyro, flight.accel
+    own: FixTable | RangeTable
+    if design.tight:
+        epoch, source = np.nonzero(shared.signals.used)
+        by_range, by_rate = (
+            np.zeros((epoch.size, MAX_MEASUREMENT_SIZE, shared.signals.used.shape[1])) for _ in range(2)
+        )
+        by_range[np.arange(epoch.size), 0, source] = by_rate[np.arange(epoch.size), 1, source] = 1.0
+        own = table_of_ranges(flight, ranges, rates)
+    else:
+        llh, velocity, clocks, cov = receiver_fixes(shared, ranges, rates)
+        epoch = np.arange(shared.signals.time.size)
+        by_range, by_rate = slopes(shared.signals, ranges, rates, (llh, velocity, clocks))
+        own = table_of_all_fixes(flight, llh, velocity, cov)
+    true = true_states(gyro, accel)
+    truth = states.declared([state.block for state in true])
+    of_unit_drive = truth.copy()
+    of_unit_drive["drive"] = 1.0
+    mine = flight.model.declared
+    steps = steps_of(float(shared.imu_time[0]), flight.events)
+    lin = empty(steps, shared.filter_time.size, flight.model.states, truth)
+    linearise(
+        ImuData(shared.imu_time, shared.dtheta, shared.dv),
+        measurements(flight, own, [aid.exact for aid in shared.aids]),
+        flight.events,
+        steps,
+        initial_state(
+            flight, with_clock(flight, exact_start(shared.at_filter), exact_clock(flight)[0]), flight.covariance
+        ),
+        flight.model,
+        np.concatenate([mine, of_unit_drive]),
+        mine.size + FIRST_MARKOV,
+        (noise_densities(flight) > 0.0) & noisy,
+        lin,
+    )
+    return AlongTruth(steps, lin, by_range, by_rate, epoch, true)
