@@ -155,12 +155,16 @@ def test_velocity_is_not_taken_across_a_pause() -> None:
 
 @pytest.mark.parametrize(
     ("case", "assignments"),
-    [
-        ("replay-gap-csv25", ()),
-        ("replay-gap-csv5-novd", ()),
-        ("replay-gap-late-novd", ()),
-        ("replay-gap-none-novd", ()),
-    ],
+    in_brief(
+        [
+            ("replay-gap-csv25", ()),
+            ("replay-gap-csv5-novd", ()),
+            ("replay-gap-late-novd", ()),
+            ("replay-gap-none-novd", ()),
+        ],
+        0,
+        3,
+    ),
 )
 def test_the_cases_start_where_they_do_without_the_gap(
     case: str, assignments: tuple[str, ...], shared: Path, tmp_path: Path

@@ -35,7 +35,6 @@ DOWN, DOWN_RATE = states.R_D, states.V_D
             ("altimeter={sigma_m: 2, offset_m: 1.5}", "receiver.smoothing_s=20", "filter.gate.probability=0"),
         ],
         0,
-        2,
         whole=True,
     ),
     ids=["as believed", "late fixes, believed worse", "offset, smoothed code"],

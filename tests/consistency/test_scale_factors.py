@@ -48,7 +48,7 @@ def test_a_filter_that_does_not_know_of_them_is_worse_and_untrue() -> None:
     assert ignorant["nees"].mean(axis=0)[late].mean() / 15 > 1.3
 
 
-@pytest.mark.parametrize("settings", [(FOLLOWED,), (IGNORED,)], ids=["followed", "ignored"])
+@pytest.mark.parametrize("settings", in_brief([(FOLLOWED,), (IGNORED,)], 0, whole=True), ids=["followed", "ignored"])
 def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     """Every component of position and velocity at every 10 s, 400 runs within 16 % (4.5 sigma of the sampling)."""
     small = ("imu.gyro.scale_ppm=5000", "imu.accelerometer.scale_ppm=5000")

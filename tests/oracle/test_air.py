@@ -16,6 +16,7 @@ from navsim.trajectory import air
 from navsim.trajectory.air import Process
 from tests.conftest import DATA, Within
 from tests.formulas import dryden_spectrum
+from tests.helpers import in_brief
 
 STEP = 0.02
 """Of the samples that spectra are made of, s: 50 Hz."""
@@ -59,7 +60,7 @@ def ratios(samples: np.ndarray, transverse: bool) -> np.ndarray:
     return np.array([power[b].mean() / expected[b].mean() for b in bands])
 
 
-@pytest.mark.parametrize("transverse", [False, True])
+@pytest.mark.parametrize("transverse", in_brief([False, True], 1))
 @pytest.mark.validates("Dryden turbulence: spectrum", "its closed form, Welch, V/L = 0.3", spectrum="10 %")
 def test_spectrum_of_turbulence(transverse: bool, within: Within) -> None:
     process, row = air.dryden(1.0 / 0.3, transverse)

@@ -19,7 +19,7 @@ from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.sensors import barometer
 from tests.conftest import DATA, Within
-from tests.helpers import case, scenario
+from tests.helpers import case, in_brief, scenario
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
 BARO = "barometric_altimeter={sigma_m: 0.5, %s}"
@@ -119,7 +119,7 @@ LASTING = BARO % "rate_hz: 2, drift_m: 3, drift_time_s: 40, qnh_sigma_hpa: 0.5, 
 FOLLOWED = ("filter.barometric_altimeter={errors: states, qnh_sigma_hpa: 0.5}", "duration_s=61")
 
 
-@pytest.mark.parametrize("kind", [("eskf", "loose"), ("gaussian-sum", "tight")])
+@pytest.mark.parametrize("kind", in_brief([("eskf", "loose"), ("gaussian-sum", "tight")], 1, whole=True))
 def test_a_filter_follows_errors_that_last(kind: tuple[str, str]) -> None:
     """Errors of all states are as large as the filter believes, and as the covariance analysis says; without the
     states those of velocity and position are not, and the analysis says so too."""

@@ -28,6 +28,7 @@ from navsim.ranging.study import RangeStudy, compute, prepare, solve
 from navsim.results.findings import of as findings_of
 from navsim.scenario.base import validated
 from navsim.scenario.source import parse
+from tests.helpers import in_brief
 
 POSITIONS = np.array([[0.0, 200.0, 5.0], [180.0, -20.0, 40.0], [-150.0, -120.0, 10.0], [60.0, 90.0, 120.0]])
 NAMES = ("a", "b", "c", "d")
@@ -158,7 +159,9 @@ BIASES = (
 )
 
 
-@pytest.mark.parametrize(("ranging", "keys", "size"), [("measurement: two_way", BIASES, 1.0), (ONE_WAY, CLOCKS, 20.0)])
+@pytest.mark.parametrize(
+    ("ranging", "keys", "size"), in_brief([("measurement: two_way", BIASES, 1.0), (ONE_WAY, CLOCKS, 20.0)], 0)
+)
 def test_every_state_is_consistent(ranging: str, keys: str, size: float) -> None:
     """RMS of error over sigma over 800 simulated recordings, filter and smoother."""
     runs, step = 800, 0.5

@@ -79,7 +79,7 @@ def test_the_simulators_own_fixes_give_the_simulated_run(flown) -> None:  # type
     np.testing.assert_allclose(ours["sigma"], result["/filter/sigma"][0, 1:], rtol=1e-2)
 
 
-@pytest.mark.parametrize("how", ["states", "inflate"])
+@pytest.mark.parametrize("how", in_brief(["states", "inflate"], 0))
 def test_errors_that_last_are_followed_as_in_a_landing(how: str, tmp_path: Path) -> None:
     """By the geometry of the scenario's epoch; a table that does not say what they do to fixes is never read."""
     c = case(*SHORT, "signals.preset=open-sky", f"filter.fix_errors={how}")
@@ -815,7 +815,7 @@ def test_standard_input_may_stay_open(flown, tmp_path: Path) -> None:  # type: i
         assert "the scenario's time is over" in process.stderr.read()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", in_brief([signal.SIGINT, signal.SIGTERM], 1))
 def test_signals_keep_what_came(flown, number: signal.Signals, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     _, _, table, _ = flown
     with started("-o", "a.h5", cwd=tmp_path) as process:

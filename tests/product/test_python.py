@@ -25,6 +25,7 @@ from navsim.cli.run import RunOptions
 from navsim.cli.studies import OptimizeOptions, SweepOptions
 from navsim.runner.batches import BATCH
 from tests.conftest import ROOT, SCENARIOS
+from tests.helpers import in_brief
 from tests.product.test_run import navsim as command
 from tests.product.test_run import stored
 
@@ -91,11 +92,15 @@ def test_a_landing_is_the_one_of_the_command_line(words: list[str], options: dic
 
 @pytest.mark.parametrize(
     ("scenario", "options", "given"),
-    [
-        ("landing", {"method": "covariance"}, SHORT),
-        ("landing_smooth", {"method": "rare", "runs": 32}, {"box": BOX}),
-        ("mls_elevation", {}, {"montecarlo.experiments": 5}),
-    ],
+    in_brief(
+        [
+            ("landing", {"method": "covariance"}, SHORT),
+            ("landing_smooth", {"method": "rare", "runs": 32}, {"box": BOX}),
+            ("mls_elevation", {}, {"montecarlo.experiments": 5}),
+        ],
+        0,
+        2,
+    ),
 )
 def test_other_jobs_are_those_of_the_command_line(
     scenario: str, options: dict[str, Any], given: dict[str, Any], tmp_path: Path
@@ -245,7 +250,7 @@ class Enough(Exception):
     """Raised out of the progress of a study."""
 
 
-@pytest.mark.parametrize("stop", [KeyboardInterrupt, Enough])
+@pytest.mark.parametrize("stop", in_brief([KeyboardInterrupt, Enough], 1))
 def test_what_ends_the_work_leaves_what_is_finished(stop: type[BaseException], tmp_path: Path) -> None:
     """And the same call continues from there, to the same result."""
     target, runs = tmp_path / "a.h5", 2 * BATCH
