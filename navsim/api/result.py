@@ -178,9 +178,10 @@ class ResultFile:
         RunFailed
             The file was damaged meanwhile.
         """
+        from navsim.results.former_names import present_path
         from navsim.results.result import ResultError
 
-        whole = "/" + path.strip("/")
+        whole = present_path("/" + path.strip("/"))
         if whole not in self._result:
             near = difflib.get_close_matches(whole, self._result.variables, n=1)
             raise KeyError(f"{path}{f'; did you mean {near[0][1:]!r}?' if near else ''}")

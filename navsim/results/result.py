@@ -280,7 +280,7 @@ def _store(tree: Writer, path: str, variable: Variable) -> Any:
     """Write a variable without its attributes; returns its dataset."""
     data = variable.data
 
-    def made(dtype: Any, **how: Any) -> Any:
+    def create(dtype: Any, **how: Any) -> Any:
         if _is_coordinate(path, variable):
             return tree.coordinate(path, data.shape, dtype, **how)
         return tree.variable(path, variable.dims, data.shape, dtype, **how)
@@ -289,10 +289,10 @@ def _store(tree: Writer, path: str, variable: Variable) -> Any:
         data = np.asarray(data)
         text = data.dtype.kind in "UO"
         values = data.astype(object) if text else data
-        return made(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
+        return create(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
     with contextlib.closing(_ahead(data.blocks())) as pieces:
         first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
-        stored = made(data.dtype, **_checked(data, first))
+        stored = create(data.dtype, **_checked(data, first))
         _fill_numbers(stored, first, pieces)
     return stored
 
