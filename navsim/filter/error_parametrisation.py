@@ -131,3 +131,15 @@ def _error_in_filter_coordinates(chart, nav, error, out):
     if chart.instance_class is LeftInvariant:
         return lambda chart, nav, error, out: left_invariant.error_in_filter_coordinates(error, out, chart.straight)
     return lambda chart, nav, error, out: tfg.error_in_filter_coordinates(nav, error, out, chart.straight, chart.body)
+
+
+def error_of_output(chart, nav, error, out):
+    """`error_in_filter_coordinates` of an output: a sum has the covariance of plain positions and velocities."""
+    raise NotImplementedError("error_of_output is for kernels")
+
+
+@in_kernels(error_of_output)
+def _error_of_output(chart, nav, error, out):
+    if chart.instance_class is GaussianSum:
+        return lambda chart, nav, error, out: tfg.error_in_filter_coordinates(nav, error, out, 2, chart.body)
+    return lambda chart, nav, error, out: error_in_filter_coordinates(chart, nav, error, out)

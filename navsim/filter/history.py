@@ -3,8 +3,8 @@
 An output consists of the navigation state and the covariance. A history stores both. An error history evaluates them at
 once, while they are in the processor's cache: the errors, and whether the filter's sigmas agree with them.
 
-NEES uses the coordinates in which the filter is Gaussian (`error_parametrisation.error_in_filter_coordinates`). Source:
-Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), section 5.4.2.
+NEES uses the coordinates of the covariance (`error_parametrisation.error_of_output`). Source: Bar-Shalom, Li &
+Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), section 5.4.2.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from navsim.compiler.jit import in_kernels, kernel
 from navsim.compiler.lanes import alloc, as_simd, where
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import normalised_square
-from navsim.filter.error_parametrisation import error_in_filter_coordinates
+from navsim.filter.error_parametrisation import error_of_output
 from navsim.filter.eskf import plain_error
 from navsim.filter.records import NOT_USED, REJECTED, USED, History, OutputErrors, Truth
 from navsim.filter.states import ATT, MAX_MEASUREMENT_SIZE, POS
@@ -92,7 +92,7 @@ def _write_errors(chart, nav, p, record, row):
     n = p.shape[0]
     error = out.error[row]
     plain_error(truth.llh[row], truth.velocity[row], truth.quaternion[row], truth.sensors[row], nav, error)
-    error_in_filter_coordinates(chart, nav, error, filter_error)
+    error_of_output(chart, nav, error, filter_error)
     for i in range(n):
         record.sigma[row, i] = math.sqrt(p[i, i])
     for k in range(2):

@@ -105,6 +105,17 @@ def test_feedback_is_the_retraction(kind: str, straight: int) -> None:
     np.testing.assert_allclose(np.delete(nav, range(6, 10)), np.delete(expected, range(6, 10)), rtol=1e-10, atol=1e-12)
 
 
+def test_without_its_chart_left_invariant_is_the_error_state_filter() -> None:
+    """With positions and velocities added, nothing is left of the group: same estimate, same covariance."""
+    reached = []
+    for correct in (left_invariant.correct, eskf.correct):
+        nav, p = start(), some_covariance()
+        correct(nav, p, X, workshop(2))
+        reached.append((nav, p))
+    np.testing.assert_array_equal(reached[0][0], reached[1][0])
+    np.testing.assert_allclose(reached[0][1], reached[1][1], rtol=1e-12, atol=1e-15)
+
+
 @pytest.mark.parametrize("straight", [0, 1])
 @pytest.mark.parametrize("kind", KINDS)
 def test_own_error_inverts_the_retraction(kind: str, straight: int) -> None:
@@ -180,3 +191,22 @@ def test_no_kind_is_judged_or_flown_as_another() -> None:
     )
     with pytest.raises(ValueError, match="no kind"):
         evaluation.evaluate(none, history, truth)
+
+
+@pytest.mark.parametrize("steady_force", [True, False])
+def test_a_sum_is_judged_in_the_coordinates_of_its_covariance(steady_force: bool) -> None:
+    """Positions and velocities of its output are plain: where heading is 30 degrees off and one direction of position
+    is known ten times as well as the other, NEES is that of the plain error, whatever chart the components have."""
+    nav, truth = start(), start()
+    plain = np.concatenate([[0.1, 20.0, 0.0, 0.1, 2.0, 0.0, 0.0, 0.0, 0.5], np.zeros(6)])
+    eskf.inject(truth, plain)
+    p = np.diag([0.1, 20.0, 0.1, 0.1, 2.0, 0.1, 0.01, 0.01, 0.5, *np.full(6, 0.1)]) ** 2
+    history = records.empty_history(1, 0, N)
+    history.navigation[0], history.covariance[0] = nav, p
+    model = records.FilterModel(
+        records.GAUSSIAN_SUM, np.zeros((1, 2)), states.declared(states.biases()),
+        np.ones(states.MAX_MEASUREMENT_SIZE + 1), 0, steady_force=steady_force,
+    )  # fmt: skip
+    parts = slice(0, 3), slice(3, 6), slice(6, 10), slice(states.NAV_SENSORS, None)
+    judged = evaluation.evaluate(model, history, records.Truth(*(truth[None, part] for part in parts)))
+    assert judged.nees[0] == pytest.approx(5.0, abs=0.1)
