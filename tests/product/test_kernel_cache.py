@@ -196,7 +196,7 @@ def test_without_the_linker_numba_compiles_the_same(tmp_path: Path) -> None:
     code = (
         "import numpy as np; from navsim.compiler import linker\n"
         "from navsim.geodesy import attitude_kernels as attitude\n"
-        "q = np.array([1.0, 0.0, 0.0, 0.0]); attitude.rotate_left(q, 0.2, 0.1, -0.3)\n"
+        "q = np.array([1.0, 0.0, 0.0, 0.0]); attitude.rotate_in_nav_axes(q, 0.2, 0.1, -0.3)\n"
         "print(linker.LINKED); print(q.tobytes().hex())"
     )
     said = {}
@@ -221,7 +221,7 @@ def test_what_kernels_call_is_a_piece_of_them(tmp_path: Path) -> None:
         "print(kinds(), np.allclose(made, (np.sin(0.1) / 0.2, np.cos(0.1)), rtol=1e-15))"
     )
     right = [math.cos(0.1), math.sin(0.1), 0.0, 0.0]
-    for name, hits in (("rotate_left", 0), ("rotate_left", None), ("rotate_right", 1)):
+    for name, hits in (("rotate_in_nav_axes", 0), ("rotate_in_nav_axes", None), ("rotate_in_body_axes", 1)):
         done = subprocess.run(
             [sys.executable, "-c", code.format(name)], env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
             capture_output=True, text=True, timeout=120, check=True,
