@@ -22,7 +22,7 @@ author = "The navsim developers"
 project_copyright = author
 version = release = navsim.__version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinxcontrib.bibtex"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinxcontrib.bibtex"]
 exclude_patterns = ["_build"]
 highlight_language = "none"  # a block without a language is a formula, a table or a command
 myst_enable_extensions: list[str] = []
@@ -30,7 +30,10 @@ myst_heading_anchors = 4
 nb_execution_mode = "force"  # pages with code cells alone are executed: those in notebooks/
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
-autodoc_typehints = "description"
+autodoc_typehints = "none"  # docstrings have the types
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+default_role = "literal"  # of docstrings
 
 bibtex_bibfiles = ["../navsim/report/sources.bib"]
 bibtex_default_style = "unsrt"
@@ -67,9 +70,9 @@ def link_reference(_: Sphinx, __: str, source: list[str]) -> None:
 
 
 def add_tree(_: Sphinx, name: str, source: list[str]) -> None:
-    """Give a contents page the tree that its list of links is: a page is listed once, readable on a forge."""
+    """Give a contents page the tree that its links are: a page is listed once, readable on a forge."""
     if name.startswith((CONTENTS, "result-file")):
-        pages = re.findall(r"^(?:-|\|.*\|) \[[^\]]+\]\(([^)#]+)\.md\)", source[0], re.MULTILINE)
+        pages = re.findall(r"^(?:-|\|(?:.*\|)?) \[[^\]]+\]\(([^)#]+)\.md\)", source[0], re.MULTILINE)
         source[0] += "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(pages) + "\n```\n"
 
 

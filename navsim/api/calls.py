@@ -73,12 +73,22 @@ def run(scenario: Scenario, /, **given: Unpack[RunArguments]) -> ResultFile:
 
     Other Parameters
     ----------------
-    output, figures : path, optional
-        Result file, default a temporary one that is deleted with the returned object; folder for figures, default none.
-    force, fresh, over_budget : bool
-        Overwrite a result of a different kind; discard partial work; compute even if this machine seems too small.
-    require_fix, require_consistent, require : bool
-        Raise RunFailed unless every epoch has a fix; the filter is consistent; the result meets all requirements.
+    output : path, optional
+        Result file. Default: a temporary one, deleted with the returned object.
+    figures : path, optional
+        Folder for figures. Default: no figures.
+    force : bool
+        Overwrite a result of a different kind.
+    fresh : bool
+        Discard partial work of an earlier attempt.
+    over_budget : bool
+        Compute even if this machine seems too small.
+    require_fix : bool
+        Raise RunFailed unless every epoch has a fix.
+    require_consistent : bool
+        Raise RunFailed unless the filter is consistent.
+    require : bool
+        Raise RunFailed unless the result meets all requirements.
     workers : int, optional
         Threads, default all cores.
     scheduler : str or path, optional

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from navsim.gnss.pseudorange import Signals
     from navsim.gnss.signals import Environment
 
+_USUAL_MASK = 20.0
+"""Mask up to which the sky of a whole satellite system leaves enough sources for a fix, deg."""
 _ROUGH = 50
 _STEP = 0.2
 """Interval between positions that are compared with ridges, s."""
@@ -367,9 +369,23 @@ def _needs_sources(scenario: Landing) -> bool:
     sections = (
         sky.source in SOURCES_FROM_FILES, sky.systems, sky.exclude, sky.horizon, scenario.terrain, scenario.box,
         scenario.events, scenario.integrity, scenario.interference, scenario.receiver.antenna,
-        scenario.signals.system_offsets_ns, scenario.pseudolites.placed(), sky.mask_deg < 0.0,
+        scenario.signals.system_offsets_ns, scenario.pseudolites.placed(), not 0.0 <= sky.mask_deg <= _USUAL_MASK,
     )  # fmt: skip
     return isinstance(scenario.approach, FileApproach) or any(sections)
+
+
+def _without_fix(signals: Signals) -> list[str]:
+    """Warning about epochs with fewer sources than a fix has unknowns: three of position, one for each clock."""
+    clocks = [len(set(signals.clock[used].tolist())) for used in signals.used]
+    short = signals.used.sum(axis=1) < 3 + np.maximum(clocks, 1)
+    if not short.any():
+        return []
+    many = int(signals.used.sum(axis=1)[short].max())
+    return [
+        f"no fix at {short.sum()} of {short.size} fix epochs, the first at {signals.time[short][0]:.1f} s: {many} sources "
+        "or fewer. A fix needs four, and one more for each further clock. Lower sky.mask_deg, or add satellite "
+        "systems or pseudolites"
+    ]
 
 
 def warnings_of(scenario: Landing, document: Document) -> list[str]:
@@ -388,7 +404,7 @@ def warnings_of(scenario: Landing, document: Document) -> list[str]:
     outputs = np.concatenate([[0.0], fixes + receiver.latency])
     ahead = PreflightChecks(scenario, trajectory, sources, signals, outputs)
     ahead.check(document)
-    return [*warnings, *ahead.warnings]
+    return [*warnings, *ahead.warnings, *_without_fix(signals)]
 
 
 def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> list[float]:

@@ -93,7 +93,7 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
         else:
             assert attitude is not None
             begin, end = start - 1.0, start + scenario.duration_s + 1.0
-            _refuse_worthless(path, begin, end)
+            _refuse_unusable(path, begin, end)
             keep = (time >= begin) & (time <= end)
             moving = recorded_trajectory(time[keep] - start, llh[keep], dcm_from_rpy(attitude[keep]), frame, events)
     except ValueError as error:
@@ -123,8 +123,8 @@ def _read_replay(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]
     return time, llh, attitude
 
 
-def _refuse_worthless(path: Path, begin: float, end: float) -> None:
-    """Raise ValueError where the output of a replay is worthless at some time within begin .. end, s."""
+def _refuse_unusable(path: Path, begin: float, end: float) -> None:
+    """Raise ValueError where the output of a replay is unusable at some time within begin .. end, s."""
     from navsim.results.result import read
 
     result = read(path)
@@ -134,7 +134,7 @@ def _refuse_worthless(path: Path, begin: float, end: float) -> None:
     each = [f"{a:.1f} to {b:.1f} s ({why})" for a, b, why in spans if b > begin and a < end]
     if each:
         raise ValueError(
-            f"its output is worthless at {', '.join(each)}, within the {begin:.1f} to {end:.1f} s that the flight "
+            f"its output is unusable at {', '.join(each)}, within the {begin:.1f} to {end:.1f} s that the flight "
             "needs. Choose approach.start_s and duration_s so that the flight, with a second before and after it, is "
             "beside these times"
         )

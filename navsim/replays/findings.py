@@ -93,13 +93,13 @@ def _few(each: list[str]) -> str:
 
 
 def _of_lost(lost: replay.LostSpan) -> Finding:
-    """The finding of a time at which the output is worthless."""
+    """The finding of a time at which the output is unusable."""
     if lost.why == replay.GAP:
         text = f"no samples for {lost.end - lost.begin:.1f} s, longer than the attitude survives: there is no output"
     else:
         jump = float(np.linalg.norm(lost.jump))
         apart = f", {jump:.3g} m apart at the end" if np.isfinite(jump) else " twice, and the fixes came back"
-        text = f"the filter contradicted its fixes{apart}: its output is worthless"
+        text = f"the filter contradicted its fixes{apart}: its output is unusable"
     after = "nothing after it is flown, since no alignment was found" if lost.ended else "then the filter restarts"
     text += f" from {lost.begin:.1f} to {lost.end:.1f} s; {after}"
     return Finding("lost", text, (CONSISTENT,), 1, 1, 1, lost.begin)

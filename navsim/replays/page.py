@@ -84,12 +84,12 @@ def _track(results: Sequence[Named]) -> Drawing:
 
 
 def _shade_lost(panels: Sequence[figure], results: Sequence[Named]) -> list[Key]:
-    """Shade the times at which the output is useless; returns the text of the legend."""
+    """Shade the times at which the output is unusable; returns the text of the legend."""
     spans = [(i, span) for i, (_, result) in enumerate(results) for span in report.lost_spans(result)]
     for on in panels:
         for i, (begin, end) in spans:
             stretch(on, begin, end, GREY if len(results) == 1 else colour(i), upright=True)
-    return [Key("output worthless", GREY, "band")] if spans else []
+    return [Key("output unusable", GREY, "band")] if spans else []
 
 
 def _flat(points: np.ndarray) -> dict[str, np.ndarray]:

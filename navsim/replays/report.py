@@ -52,7 +52,7 @@ def tables(result: Result) -> list[Table | str]:
         text += "; flown " + " of the recording's ".join(spans)
     if unseen := str(alignment.get("not_judged", "")):
         text += f"\nnot judged: {unseen}"
-    every: list[Table | str] = [seen, tuned, *_worthless(result)]
+    every: list[Table | str] = [seen, tuned, *_unusable(result)]
     if not result["/outages/start"].size:
         return [*every, text]
     lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest"))
@@ -82,11 +82,11 @@ def _of_all_fixes(result: Result) -> tuple[np.ndarray, np.ndarray, float]:
     return rms[0], rms[1], nis
 
 
-def _worthless(result: Result) -> list[Table]:
-    """The times at which the output is worthless, if there are any."""
+def _unusable(result: Result) -> list[Table]:
+    """The times at which the output is unusable, if there are any."""
     if not lost_spans(result).size:
         return []
-    out = Table("Worthless output", ("from, s", "to, s", "why"))
+    out = Table("Unusable output", ("from, s", "to, s", "why"))
     for begin, end, why in zip(*(result[f"/lost/{name}"] for name in ("start", "end", "cause")), strict=True):
         out.add(number(begin, 1), number(end, 1), str(why))
     return [out]
@@ -170,7 +170,7 @@ def _innovations(result: Result) -> Figure:
 
 
 def lost_spans(result: Result) -> np.ndarray:
-    """Begin and end (k, 2), s, of the times at which the output is worthless."""
+    """Begin and end (k, 2), s, of the times at which the output is unusable."""
     if "/lost/start" not in result:  # results of earlier versions lack it
         return np.empty((0, 2))
     return np.stack([result["/lost/start"], result["/lost/end"]], axis=1)
@@ -187,9 +187,9 @@ def after_hole(result: Result, time: np.ndarray) -> np.ndarray:
 
 
 def _shade_lost(ax: Axes, result: Result) -> None:
-    """Shade the times at which the output is worthless."""
+    """Shade the times at which the output is unusable."""
     for k, (begin, end) in enumerate(lost_spans(result)):
-        ax.axvspan(begin, end, color="0.85", lw=0, zorder=0, label="" if k else "output worthless")
+        ax.axvspan(begin, end, color="0.85", lw=0, zorder=0, label="" if k else "output unusable")
 
 
 def _attitude(result: Result) -> Figure:

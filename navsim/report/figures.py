@@ -477,8 +477,10 @@ def consistency(result: Result) -> Figure:
         ax.axvline(landed, color="black", lw=0.8, ls="--")
         dashed = "; dashed: touchdown"
     flown = result.attributes["method"] != "covariance"
-    lines = "; lines: 99.9 % band" if flown and not of.alone else ""
-    fig.suptitle(f"{runs_of(result)}\n×: largest{lines}{dashed}")
+    colours = "dark red: large errors" if of.alone else "red: errors larger than σ, blue: smaller"
+    marked = flown and not of.alone and (band[0] > 1.0 / of.limit or band[1] < of.limit)
+    lines = "; lines on the scale: 99.9 % of chance" if marked else ""
+    fig.suptitle(f"{runs_of(result)}\n{colours}\n×: largest{dashed}{lines}")
     return fig
 
 

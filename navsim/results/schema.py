@@ -826,7 +826,7 @@ _REPLAY = Chapter(
                when=_TIGHT_REPLAY)
             for name, units in (("range_sigma", "m"), ("range_rate_sigma", "m/s"))
         ),
-        _a("/lost/span", "span", "1", "number of the time at which the output is worthless", REPLAY, WHOLE),
+        _a("/lost/span", "span", "1", "number of the time at which the output is unusable", REPLAY, WHOLE),
         _a("/lost/start", "span", "s", "when the filter was lost", REPLAY),
         _a("/lost/end", "span", "s", "time of the restart, or end of the flight", REPLAY),
         _a("/lost/cause", "span", "1", "reason: no samples, and no output of that time; or the filter contradicted its "

@@ -99,7 +99,7 @@ def test_wild_fixes_do_not_tune_the_noise(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", in_brief(["tfg", "gaussian-sum", "rts"], 1, 2))
 def test_fixes_that_are_off_for_long_are_named(kind: str, tmp_path: Path) -> None:
-    """25 m for half a minute: which fixes are right nobody knows by then; from when to when the output is worthless is
+    """25 m for half a minute: which fixes are right nobody knows by then; from when to when the output is unusable is
     said, and outside of it the sigmas are those of the errors."""
     truth = write_flight(tmp_path)
     shifted(tmp_path / "gnss.csv", 40.0, 70.0, 25.0)
@@ -107,7 +107,7 @@ def test_fixes_that_are_off_for_long_are_named(kind: str, tmp_path: Path) -> Non
     np.testing.assert_allclose(result["/lost/start"], [40.12])
     np.testing.assert_allclose(result["/lost/end"], [80.12])
     text = told(result, "lost")
-    assert text.startswith("the filter contradicted its fixes twice, and the fixes came back: its output is worthless")
+    assert text.startswith("the filter contradicted its fixes twice, and the fixes came back: its output is unusable")
     assert "from 40.1 to 80.1 s" in text
     z, time = scaled(result, truth)
     assert time.max() > 98.0
@@ -210,7 +210,7 @@ def test_the_table_and_the_exit_code_know_of_a_lost_filter(tmp_path: Path) -> No
     strict = CliRunner().invoke(app, [*command, "--require-consistent"])
     assert strict.exit_code == 3, strict.output
     result = flown(tmp_path / "log.yaml", *GIVEN)
-    (worthless,) = [table for table in tables(result) if getattr(table, "title", "") == "Worthless output"]
+    (worthless,) = [table for table in tables(result) if getattr(table, "title", "") == "Unusable output"]
     assert "40.1" in str(worthless.rows)
     drawn = figures(result)
     names = [text.get_text() for text in drawn["track"].legends[0].get_texts()]
@@ -228,7 +228,7 @@ def pierced(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return flown(folder / "log.yaml", *GIVEN)
 
 
-def test_figures_and_page_shade_worthless_output(pierced: Result) -> None:
+def test_figures_and_page_shade_unusable_output(pierced: Result) -> None:
     """In each panel against time; no line crosses the time without output."""
     spans = lost_spans(pierced)
     assert spans.shape == (2, 2)
@@ -238,7 +238,7 @@ def test_figures_and_page_shade_worthless_output(pierced: Result) -> None:
         assert [len(each) for each in shaded if each] == [2] * count, name
     track, innovations, attitude = replays([("one", pierced)])
     for drawing, panels in ((track, track.panels[1:]), (innovations, innovations.panels), (attitude, attitude.panels)):
-        assert "output worthless" in [key.text for key in drawing.keys]
+        assert "output unusable" in [key.text for key in drawing.keys]
         for panel in panels:
             boxes = [(box.left, box.right) for box in panel.center if isinstance(box, BoxAnnotation)]
             np.testing.assert_allclose(boxes, spans, err_msg=str(panel.name))

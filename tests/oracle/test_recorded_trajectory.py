@@ -100,7 +100,7 @@ def test_recordings_that_cannot_be_flown(change: str, fragment: str, tmp_path: P
 
 
 @pytest.mark.parametrize("fault", ["a hole", "fixes that are off"])
-def test_worthless_output_is_not_flown(fault: str, tmp_path: Path) -> None:
+def test_unusable_output_is_not_flown(fault: str, tmp_path: Path) -> None:
     """A replay whose samples have a hole, or whose filter contradicted its fixes: the times are named, and beside them
     the flight can be had."""
     write_flight(tmp_path)
@@ -111,6 +111,6 @@ def test_worthless_output_is_not_flown(fault: str, tmp_path: Path) -> None:
     write(tmp_path / "flight.h5", replay.compute(replay.prepare(*read_replay(tmp_path / "log.yaml", GIVEN))))
     (tmp_path / "landing.yaml").write_text(REPLAYED.format(file="flight.h5"))
     cause = r"no samples" if fault == "a hole" else r"the filter contradicted its fixes"
-    with pytest.raises(InputError, match=rf"worthless at 40.* \({cause}\), within the 19.0 to 81.0 s .*start_s and"):
+    with pytest.raises(InputError, match=rf"unusable at 40.* \({cause}\), within the 19.0 to 81.0 s .*start_s and"):
         landing.prepare(*read(tmp_path / "landing.yaml"))
     landing.prepare(*read(tmp_path / "landing.yaml", ("approach.start_s=66", "duration_s=25")))

@@ -249,6 +249,8 @@ def warnings_of(done: subprocess.CompletedProcess[str]) -> list[str]:
 def test_epochs_without_a_fix(place: Path) -> None:
     """Jammed but for the pseudolites: warned, exit 0, DOPs nan, sigma growing; --require-fix exits 3."""
     jam = ("--set", "sky.mask_deg=89.9", *SHORT, "-o", place / "jam.h5")
+    ahead = navsim("validate", SCENARIOS / "landing.yaml", *jam[:2], *SHORT, cwd=place)
+    assert any(w.startswith("warning: no fix at 650 of 650 fix epochs, the first at 0.1 s") for w in warnings_of(ahead))
     done = navsim("run", SCENARIOS / "landing.yaml", *jam, cwd=place)
     assert any("no fix at all" in w for w in warnings_of(done))
     assert f"{len(warnings_of(done))} warning(s)" in done.stderr
