@@ -88,7 +88,7 @@ def test_results_take_the_narrower_interval(made: Result) -> None:
 def test_the_table_has_both(made: Result) -> None:
     table = summary_table([("a", made)])
     rows = {str(row.cells[0]).strip(): str(row.cells[1]) for row in table.rows if len(row.cells) > 1}
-    assert "as good as runs" in rows["The same by first-order errors, m"]
+    assert "equivalent runs" in rows["RMS by control variates, m"]
     value, low, high = made["/summary/controlled/rms/vertical"]
     assert rows["vertical, 20 s"].startswith(f"{value:.4f}  [{low:.4f}, {high:.4f}]  ")
     assert max(len(f"{name:<40} {text}") for name, text in rows.items() if ", 20 s" in name) <= 80
