@@ -382,8 +382,8 @@ def _without_fix(signals: Signals) -> list[str]:
         return []
     many = int(signals.used.sum(axis=1)[short].max())
     return [
-        f"no fix at {short.sum()} of {short.size} fix epochs, the first at {signals.time[short][0]:.1f} s: {many} sources "
-        "or fewer. A fix needs four, and one more for each further clock. Lower sky.mask_deg, or add satellite "
+        f"no fix at {short.sum()} of {short.size} fix epochs, the first at {signals.time[short][0]:.1f} s: {many} "
+        "sources or fewer. A fix needs four, and one more for each further clock. Lower sky.mask_deg, or add satellite "
         "systems or pseudolites"
     ]
 
