@@ -189,7 +189,7 @@ def test_a_replay_hears_of_excluded_ranges(tmp_path: Path) -> None:
     write(code)
     fixes, _ = read_ranges(tmp_path / "a.obs", messages, OPTIONS, 4, 0.0, dropped)
     assert np.linalg.norm(ecef_from_llh(fixes.llh) - ecef_from_llh(HERE), axis=1).max() < 20.0
-    assert any(line.startswith("1 ranges excluded at 1 epochs") for line in dropped.said())
+    assert any(line.startswith("1 ranges excluded at 1 epochs") for line in dropped.reasons())
     code[:, 5:] = np.nan
     code[:, 0] += 80e3
     write(code)

@@ -30,7 +30,7 @@ vary:
 
 def begun(file: Path, target: Path, pieces: int) -> CheckpointStore:
     """Leave pieces of a sweep as a killed attempt does; returns where."""
-    job, _ = opening.open_job("sweep", file, [], Options())
+    job, _ = opening.open_job("sweep", file, [], Options(), print)
     job.prepare(threads(1), lambda *_, **__: None)
     store = CheckpointStore(partial_folder(target), job.key(), fresh=False)
     for i in range(pieces):

@@ -311,8 +311,8 @@ def test_unused_satellites_are_in_the_result(place: Path) -> None:
 def test_long_histories_are_thinned_and_told_of() -> None:
     which = some(10 * MOST_POINTS)
     assert which(np.arange(10 * MOST_POINTS)).size == MOST_POINTS
-    assert which.words() == f" The figure shows every 10th of {10 * MOST_POINTS} instants."
-    assert some(MOST_POINTS).words() == ""
+    assert which.caption() == f" The figure shows every 10th of {10 * MOST_POINTS} instants."
+    assert some(MOST_POINTS).caption() == ""
 
 
 @pytest.mark.parametrize("name", ["one", "runs", "evil", "covariance"])

@@ -94,8 +94,8 @@ def test_arrays_hold_all() -> None:
 def test_a_sweep_by_covariance_can_leave_its_best_unflown() -> None:
     """`--runs 0` is of the verification; the study's own runs are another number."""
     study = SCENARIOS / "placement_sweep.yaml"
-    job, _ = open_job("sweep", study, [], Options(1, 0, method="covariance"))
+    job, _ = open_job("sweep", study, [], Options(1, 0, method="covariance"), print)
     assert isinstance(job, SweepJob)
     assert job.confirming == 0
     with pytest.raises(BadInput, match="at least"):
-        open_job("sweep", study, [], Options(1, 0, method="monte-carlo"))
+        open_job("sweep", study, [], Options(1, 0, method="monte-carlo"), print)

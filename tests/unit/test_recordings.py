@@ -123,7 +123,7 @@ def test_one_bad_row_of_a_table(bad: str, tmp_path: Path) -> None:
     assert caught.value.salvageable
     samples, dropped = read_imu(path, lenient=True)
     assert samples.time.size == 29
-    (said,) = dropped.said()
+    (said,) = dropped.reasons()
     assert said.startswith("1 rows left out; the first: ")
     assert "log:5:" in said
 
