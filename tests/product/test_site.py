@@ -95,6 +95,9 @@ QUESTIONS = {
     "S and L1": "glossary", "how to cite": "citing", "lever arm": "glossary", "latency sign": "glossary",
     "file formats": "how-to/files", "almanac": "how-to/files", "NMEA": "replay", "xarray": "python",
     "gust": "reference/landing/wind", "Monte Carlo": "glossary",
+    "recorded ranges": "how-to/ranges", "beacon positions": "how-to/ranges", "two-way ranging": "how-to/ranges",
+    "magnetometer": "how-to/sensor", "hard iron": "glossary", "control variates": "theory/control-variates",
+    "python interface": "python-interface",
 }  # fmt: skip
 """What users look for, and the page that has the answer."""
 
