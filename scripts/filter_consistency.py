@@ -483,7 +483,7 @@ def results(rows: Sequence[Row]) -> list[str]:
         "",
         *(f"- {line}" for line in against),
         "",
-        f"Cases of `{DEFAULT}` that are above no fixes by more than 2 sigma:",
+        f"Cases of `{DEFAULT}` with errors larger than without fixes by more than 2 sigma:",
         "",
         *(f"- {line}" for line in above or ["none"]),
         "",
@@ -519,7 +519,7 @@ def page() -> list[str]:
     lines = [
         "# Consistency of the filter kinds, measured",
         "",
-        "Is the sigma of a filter the size of its errors? This page compares navsim's default with published filters,",
+        "Does the sigma of a filter match its errors? This page compares navsim's default with published filters,",
         "state by state. Theory: [the filters](theory/filter.md), [the test](theory/consistency.md).",
         "",
         f"Each row has {' or '.join(map(str, counts))} runs; the full size is {RUNS * len(SEEDS)}, hours of processor",
@@ -556,7 +556,7 @@ def page() -> list[str]:
         ),
         "",
         "`first-estimates` and `observability-constrained` come from visual-inertial navigation. Beside fixes of",
-        "position and velocity they are too sure ([theory](theory/first-estimates.md)).",
+        "position and velocity they are overconfident ([theory](theory/first-estimates.md)).",
         "",
     ]
     for section in dict.fromkeys(row.study.section for row in rows):
