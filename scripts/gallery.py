@@ -23,7 +23,7 @@ COLOURS = 200
 HEAD = """# Gallery
 
 Each section has a command and pictures of its result; `navsim plot RESULT.h5` draws all figures of a result.
-[Figures for print](figures.md) lists them. Made by `scripts/gallery.py`.
+[Figures for print](figures.md) lists them.
 """
 START = "navsim init -o my.yaml"
 PLANNER = "navsim plan my.yaml"
@@ -45,15 +45,15 @@ SECTIONS = (
         "track": "Plan and side view of the approach, with the pseudolites",
         "sky": "Satellites and pseudolites seen from the aircraft",
         "dop": "Dilutions of precision over time",
-        "fixes": "Fixes about the antenna",
+        "fixes": "Errors of the position fixes",
         "errors": "Errors of all states, with ±3σ of the filter",
-        "nees": "NEES and NIS, with the bands of a right filter",
+        "nees": "NEES and NIS, with the bands of a consistent filter",
     }),
     Section("Many landings", ("navsim run scenarios/landing.yaml --runs 20 -q -o results/many.h5",), "many", {
         "touchdown": "Position errors of all runs at touchdown, with ellipses",
         "spread_time": "Spread of the errors over time: half of the runs, 95 % of them, RMS, σ of the filter",
         "histogram": "Distribution of the errors",
-        "consistency": "z of every state over time",
+        "consistency": "Error over sigma (z) of every state over time",
     }),
     Section("Error budget", ("navsim run scenarios/landing.yaml --method covariance",), "landing_covariance", {
         "budget": "Share of each source of error",
@@ -82,7 +82,7 @@ SECTIONS = (
         "outages": "Drift in simulated outages",
     }),
     Section("A companion system", ("navsim run scenarios/azimuth_tracking.yaml",), "azimuth_tracking", {
-        "map": "Where load factors help a tracking radar",
+        "map": "Map of where load factors help a tracking radar",
     }),
 )  # fmt: skip
 
@@ -135,7 +135,7 @@ def text() -> str:
             lines += [f"![{caption}](images/{section.result}_{name}.png)", "", f"{caption}.", ""]
     for title, commands, picture, caption in (
         ("The report", (REPORT,), "report", "[The report](report.md): one page for any browser, figures with numbers"),
-        ("The planner", (START, PLANNER), "planner", "[The planner](planner.md): what a move of a pseudolite changes"),
+        ("The planner", (START, PLANNER), "planner", "[The planner](planner.md): the effect of moving a pseudolite"),
         ("Outages", (), "outages", "[Tight and loose coupling in outages](outages-measured.md): drift of the position"),
     ):
         typed = [*(f"    {command}" for command in commands), ""] if commands else []
