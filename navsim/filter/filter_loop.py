@@ -57,9 +57,12 @@ _NO_NOISE = 1e-30
 
 
 class PropagationBuffers(NamedTuple):
-    """Work space: sums, mid (MID_N,), phi (9, 9 + k), a (n, 9), c_nb (3, 3) of `advance`, of k sensor states; diagonal,
-    column (b, 3, 3), turned (n, 3 b), columns (n, 3) of `correct`, b blocks up to the last vector of the body;
-    straight, body: as of `error_parametrisation`."""
+    """Work space of one filter.
+
+    `advance` uses sums, mid (MID_N,), phi (9, 9 + k), a (n, 9) and c_nb (3, 3), with k sensor states. `correct` uses
+    diagonal and column (b, 3, 3), turned (n, 3 b) and columns (n, 3), with b blocks up to the last vector of the body.
+    straight, body: as of `error_parametrisation`.
+    """
 
     sums: StepSums
     mid: np.ndarray
