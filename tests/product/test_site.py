@@ -97,7 +97,8 @@ QUESTIONS = {
     "gust": "reference/landing/wind", "Monte Carlo": "glossary",
     "recorded ranges": "how-to/ranges", "beacon positions": "how-to/ranges", "two-way ranging": "how-to/ranges",
     "magnetometer": "how-to/sensor", "hard iron": "glossary", "control variates": "theory/control-variates",
-    "python interface": "python-interface",
+    "python interface": "python-interface", "pseudolite clock": "how-to/pseudolite-clock",
+    "pseudolite terrain": "how-to/pseudolite-reception",
 }  # fmt: skip
 """What users look for, and the page that has the answer."""
 
