@@ -80,7 +80,7 @@ def _numbered(path: Path) -> list[tuple[int, str]]:
     """Lines that are not blank, each with its number. Raises FileError if there is none, or too many."""
     lines = read_lines(path)
     if len(lines) > _MOST_LINES:
-        raise FileError(0, f"{len(lines):,} lines are no almanac; the longest have {_MOST_LINES:,}", path)
+        raise FileError(0, f"the file has {len(lines):,} lines; an almanac has at most {_MOST_LINES:,}", path)
     numbered = [(n, line) for n, line in enumerate(lines, 1) if line.strip()]
     if not numbered:
         raise FileError(0, "the file is empty", path)
@@ -109,7 +109,7 @@ def _agl(path: Path, lines: list[tuple[int, str]]) -> glonass.GlonassAlmanac:
 def _threes(path: Path, lines: list[tuple[int, str]]) -> list[list[tuple[int, str]]]:
     blocks = [lines[first : first + 3] for first in range(0, len(lines), 3)]
     if len(blocks[-1]) < 3:
-        raise FileError(blocks[-1][-1][0], "the file ends within a record: three lines a satellite are due", path)
+        raise FileError(blocks[-1][-1][0], "the file ends within a satellite: each has three lines", path)
     return blocks
 
 
@@ -153,7 +153,7 @@ def _agp(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Keplerian
 def _iac_numbers(path: Path, block: list[tuple[int, str]], due: dict[str, int]) -> dict[str, list[float]]:
     (line_a, a), (line_b, b), (line_c, c) = block
     if len(_numbers(path, line_a, a)) != 4:
-        raise FileError(line_a, "expected day month year and seconds of receipt", path)
+        raise FileError(line_a, "expected day, month, year and seconds of receipt", path)
     out = {}
     for line, text, name in ((line_b, b, "b"), (line_c, c, "c")):
         out[name] = _numbers(path, line, text)
@@ -189,7 +189,7 @@ def _yuma(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Kepleria
                 lines[at][0], "expected a headline such as ******** Week 866 almanac for PRN-01 ********", path
             )
         if "GLO" in lines[at][1].upper():
-            raise FileError(lines[at][0], "a YUMA file of GLONASS satellites has no slots; use .agl", path)
+            raise FileError(lines[at][0], "YUMA files of GLONASS give no slots; use an .agl file", path)
         block = lines[at + 1 : at + 1 + len(_YUMA)]
         values = []
         for due, (line, text) in zip(_YUMA, block, strict=False):
@@ -198,7 +198,7 @@ def _yuma(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Kepleria
                 raise FileError(line, f"expected '{due}: value'", path)
             values.append(number(path, line, value, due))
         if len(values) < len(_YUMA):
-            raise FileError(lines[-1][0], f"the record breaks off: {len(_YUMA)} lines are due after a headline", path)
+            raise FileError(lines[-1][0], f"the satellite has too few lines: {len(_YUMA)} follow each headline", path)
         prn, health, e, toa, i, omega_dot, sqrt_a, omega0, omega, m0, af0, af1, week = values
         rows.append(((block[0][0], block[2][0]), (prn, health, week, toa, e, i, omega_dot, sqrt_a, omega0, omega, m0,
                      af0, af1)))  # fmt: skip
@@ -217,7 +217,7 @@ def _sem(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Keplerian
     count = integer(path, lines[0][0], lines[0][1].split()[0], "the number of records")
     within(path, lines[0][0], count, 1, GPS.highest, "the number of records")
     if len(lines) < 2:
-        raise FileError(lines[0][0], "the file breaks off after its headline", path)
+        raise FileError(lines[0][0], "the file ends after its headline", path)
     head = _numbers(path, *lines[1])
     if len(head) != 2:
         raise FileError(lines[1][0], "expected the week and the time of applicability", path)
@@ -226,9 +226,7 @@ def _sem(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Keplerian
     for record in range(count):
         block = lines[2 + len(_SEM_LINES) * record : 2 + len(_SEM_LINES) * (record + 1)]
         if len(block) < len(_SEM_LINES):
-            raise FileError(
-                lines[-1][0], f"the file breaks off: {count} records are announced, {record} are whole", path
-            )
+            raise FileError(lines[-1][0], f"the headline announces {count} satellites, {record} are complete", path)
         values: list[float] = []
         for due, (line, text) in zip(_SEM_LINES, block, strict=True):
             found = _numbers(path, line, text)
@@ -239,7 +237,7 @@ def _sem(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Keplerian
         rows.append(((block[0][0], block[3][0]), (prn, health, week, toa, e, np.pi * (_SEM_INCLINATION + i),
                      np.pi * omega_dot, sqrt_a, np.pi * omega0, np.pi * omega, np.pi * m0, af0, af1)))  # fmt: skip
     if len(lines) > 2 + len(_SEM_LINES) * count:
-        raise FileError(lines[2 + len(_SEM_LINES) * count][0], f"more than the {count} records announced", path)
+        raise FileError(lines[2 + len(_SEM_LINES) * count][0], f"more satellites than the announced {count}", path)
     return _gps(path, rows, near)
 
 
@@ -300,14 +298,14 @@ def _tle(path: Path, lines: list[tuple[int, str]]) -> tle.TwoLineSets:
             at += 1
         pair = lines[at : at + 2]
         if len(pair) < 2:
-            raise FileError(lines[-1][0], "the file ends within a record: two lines of elements are due", path)
+            raise FileError(lines[-1][0], "the file ends within a satellite: each has two lines of elements", path)
         for due, (line, text) in zip("12", pair, strict=True):
             text = text.rstrip()
             if not text.startswith(due + " ") or len(text) != 69 or "_" in text:
-                raise FileError(line, f"expected line {due} of two-line elements, 69 characters", path)
+                raise FileError(line, f"expected line {due} of two-line elements with 69 characters", path)
             digits = sum(int(c) if c.isdecimal() else c == "-" for c in text[:68])
             if text[68] != str(digits % 10):
-                raise FileError(line, f"the checksum is {text[68]}, computed {digits % 10}", path)
+                raise FileError(line, f"the checksum is {text[68]}, the sum of the line {digits % 10}", path)
         name = tle.short_name(title, pair[0][1])
         if name in names:
             raise FileError(pair[0][0], f"{name} occurs twice in the file", path)

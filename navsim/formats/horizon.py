@@ -23,15 +23,15 @@ def read_horizon(path: Path) -> Horizon:
     dropped = Dropped()
     there = TextTable.of(path, read_lines(path, dropped))
     if len(there.numbers) > _MOST:
-        raise FileError(0, f"{len(there.numbers):,} lines are no horizon; the longest have {_MOST:,}", path)
+        raise FileError(0, f"the file has {len(there.numbers):,} lines; a horizon has at most {_MOST:,}", path)
     table, lines = there.read(COLUMNS, (), (), dropped)
     for i, line in enumerate(lines):
         for value, name, (low, high) in zip(table[i], COLUMNS, ((0.0, 360.0), (-90.0, 90.0)), strict=True):
             within(path, int(line), float(value), low, high, name)
         if i and table[i, 0] <= table[i - 1, 0]:
-            raise FileError(int(line), "azimuths have to grow from row to row", path)
+            raise FileError(int(line), "the azimuth does not increase; sort the rows by azimuth", path)
     if table[-1, 0] == 360.0 and len(table) > 1 and table[0, 0] == 0.0:
         if table[-1, 1] != table[0, 1]:
-            raise FileError(int(lines[-1]), "the elevation at 360 degrees is not the one at 0", path)
+            raise FileError(int(lines[-1]), "at 0 and 360 degrees elevations differ; write one of both rows", path)
         table = table[:-1]
     return Horizon(*np.radians(table).T)

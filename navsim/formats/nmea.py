@@ -344,18 +344,18 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped, simulated: bool = 
         undated += not assembler.dated
         rows.append(last)
     dropped.add("corrupt NMEA sentences", assembler.corrupt)
-    dropped.add(f"{_WITHOUT_CHECKSUM}: `skip_bad_records: true` reads them", assembler.no_checksum)
+    dropped.add(f"{_WITHOUT_CHECKSUM}; write `skip_bad_records: true` to read them", assembler.no_checksum)
     dropped.add("lines without an NMEA sentence", assembler.foreign)
     dropped.add("NMEA epochs without a fix", assembler.empty)
     for kind, words in INSTEAD_OF_FIXES.items():
-        key = ": `gnss.simulator_fixes: true`" if kind == "simulated" else ""
+        key = "; write `gnss.simulator_fixes: true` to use them" if kind == "simulated" else ""
         dropped.add(words + key, getattr(assembler, kind))
     dropped.add("NMEA fixes without a height (no GGA or GNS, or none in it)", assembler.no_height)
     dropped.add("NMEA fixes that contradict another of their epoch", assembler.contradicting)
     if not rows:
-        text = "; ".join(dropped.reasons()) or "no GGA, GNS, RMC, VTG or GLL"
-        raise FileError(0, f"no NMEA fix with a height among {len(lines)} lines: {text}", path)
-    reason = "NMEA fixes without a geoid separation; their heights, over the geoid, pass for heights over the ellipsoid"
+        text = "; ".join(dropped.reasons()) or "the file has no GGA, GNS, RMC, VTG or GLL"
+        raise FileError(0, f"no NMEA fix with a height in {len(lines)} lines: {text}", path)
+    reason = "NMEA fixes without a geoid separation; navsim takes their heights as heights above the ellipsoid"
     dropped.add(reason, assembler.no_separation)
     dropped.add("NMEA sentences without a time of day (a leap second has none)", assembler.untimed)
     table = np.array(rows)
@@ -374,7 +374,7 @@ def _one_recording(path: Path, time: np.ndarray, after: list[int], dated: bool) 
     before, then = (timescales.utc_text(t) if dated else f"{t:.3f} s of the day" for t in time[k : k + 2])
     rollovers = round(float(step[k]) / (1024 * timescales.WEEK))
     if rollovers and abs(step[k] - 1024 * timescales.WEEK * rollovers) < timescales.DAY:
-        cause = "by 1024 weeks: the receiver's count of GPS weeks rolled over; correct the dates of one part"
+        cause = "by 1024 weeks: the receiver's GPS week count rolled over; correct the dates before or after this line"
     else:
-        cause = "two recordings in one file? Split it here"
+        cause = "so the file seems to have two recordings; split it here"
     raise FileError(after[k], f"the time goes from {before} to {then}, {cause}", path)

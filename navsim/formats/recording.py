@@ -65,7 +65,7 @@ def read_imu(
         table[:, first : first + 3] = factor * turned
     table, _ = _limited(path, table, lines, IMU_COLUMNS, _IMU_LIMITS, dropped, limited)
     silent = np.all(table[:, 1:] == 0.0, axis=1)
-    dropped.add("samples of zeros alone (a sensor not yet awake)", silent.sum())
+    dropped.add("samples that are all zero (the sensor was starting)", silent.sum())
     table = _in_order(table[~silent], dropped, "samples")
     if table.shape[0] < 10:
         raise _too_few(path, table, "sample", dropped)
@@ -181,7 +181,7 @@ def _agreeing(path: Path, spread: np.ndarray, numbers: np.ndarray, dropped: Drop
         for row in np.flatnonzero(missing.any(axis=1) & ~missing.all(axis=1)):
             names = FIX_SIGMAS[part]
             there = ", ".join(name for name, gone in zip(names, missing[row], strict=True) if not gone)
-            message = f"{there} alone: give all of {', '.join(names)} of a fix, or none"
+            message = f"the fix has only {there}; give all of {', '.join(names)}, or none"
             dropped.damaged("rows left out", FileError(int(numbers[row]), message, path))
             keep[row] = False
     correlation = _covariances(np.column_stack([np.ones_like(sigma), spread[:, len(FIX_AXES) :]]))
@@ -189,7 +189,7 @@ def _agreeing(path: Path, spread: np.ndarray, numbers: np.ndarray, dropped: Drop
     for row in np.flatnonzero(keep & (smallest < _CONTRADICTORY)):
         given = np.flatnonzero(np.isfinite(spread[row, len(FIX_AXES) :]))
         names = ", ".join(FIX_CORRELATIONS[i] for i in given)
-        message = f"no covariance has the correlations {names} of this fix: their matrix has the negative eigenvalue "
+        message = f"the correlations {names} of this fix are impossible: their matrix has the negative eigenvalue "
         message += f"{smallest[row]:.2g}; leave them out, or give those of the receiver"
         dropped.damaged("rows left out", FileError(int(numbers[row]), message, path))
         keep[row] = False
@@ -273,8 +273,8 @@ def _too_few(path: Path, table: np.ndarray, what: str, dropped: Dropped) -> File
 
 def _in_order(table: np.ndarray, dropped: Dropped, what: str) -> np.ndarray:
     """Rows by time, each time once."""
-    dropped.add(f"{what} out of order, sorted", int(np.sum(np.diff(table[:, 0]) < 0.0)))
+    dropped.add(f"{what} out of order; navsim sorted them", int(np.sum(np.diff(table[:, 0]) < 0.0)))
     table = table[np.argsort(table[:, 0], kind="stable")]
     twice = np.diff(table[:, 0], prepend=-np.inf) <= 0.0
-    dropped.add(f"{what} with the time of another", twice.sum())
+    dropped.add(f"{what} with the time of another one", twice.sum())
     return table[~twice]

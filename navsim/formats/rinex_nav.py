@@ -151,15 +151,15 @@ def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUA
     if not records:
         none = " and ".join(f"no {of.title}" for of in wanted)
         sought = ", ".join(dict.fromkeys(m for of in wanted for m in (of.message, *of.other_messages)))
-        others = f"; skipped were {', '.join(skipped)}" if skipped else ""
+        others = f"; navsim skipped {', '.join(skipped)}" if skipped else ""
         has = [of.name for of in _READ if of not in wanted and any(name.split()[0] == of.letter for name in skipped)]
-        cure = f"; `systems: [{', '.join(has)}]` uses those" if has and set(wanted) == set(USUAL) else ""
-        raise FileError(0, f"holds {none} message ({sought}){others}{cure}", path)
+        cure = f"; write `systems: [{', '.join(has)}]` to use them" if has and set(wanted) == set(USUAL) else ""
+        raise FileError(0, f"the file has {none} message ({sought}){others}{cure}", path)
     elements = {key: _elements(found) for key, found in records.items() if key[0] is not GLONASS}
     for (of, message), rows in elements.items():
         unknown = np.isnan(rows.tgd)
         names = ", ".join(of.satellite(prn) for prn in np.unique(rows.prn[unknown]))
-        what = f"{message} messages with a blank group delay, which is taken as 0: ranges of {names} may be off by"
+        what = f"{message} messages with a blank group delay; navsim takes it as 0, so ranges of {names} may be off by"
         dropped.add(f"{what} up to {_LARGEST_DELAY_M} m", unknown.sum())
     return Navigation(
         elements,
@@ -182,7 +182,7 @@ def _header(path: Path, lines: list[str]) -> _Header:
     kind = lines[0][20:21]
     of_old_files = {of.old_file: of.letter for of in SYSTEMS if of.old_file}
     if kind not in of_old_files or (version >= 3.0 and kind != _NAVIGATION):
-        raise FileError(1, f"a RINEX file of type '{lines[0][20:40].strip()}', not navigation data", path)
+        raise FileError(1, f"a RINEX file of '{lines[0][20:40].strip()}'; give one of navigation messages", path)
     if version < 3.0:
         system = of_old_files[kind]
     corrections: dict[str, np.ndarray] = {}
@@ -223,7 +223,7 @@ def time_offset(path: Path, index: int, line: str) -> TimeOffset:
         for (first, last), name in zip(places, names, strict=True)
     )
     if week == 0.0:
-        raise FileError(index, "TIME SYSTEM CORR has no reference time", path)
+        raise FileError(index, "TIME SYSTEM CORR has no reference time: its week is 0", path)
     return TimeOffset(a0, a1, week * timescales.WEEK + second)
 
 
@@ -233,7 +233,7 @@ def rinex_version(path: Path, lines: list[str]) -> tuple[float, str]:
         raise FileError(1, "not a RINEX file: the first line is not RINEX VERSION / TYPE", path)
     version = number(path, 1, lines[0][:9], "the RINEX version")
     if not 2.0 <= version < _LATEST:
-        raise FileError(1, f"RINEX version {version:g} is not read; 2, 3 and 4 are", path)
+        raise FileError(1, f"RINEX version {version:g}; navsim reads versions 2, 3 and 4", path)
     return version, lines[0][40:41].strip() or GPS.letter
 
 
@@ -251,7 +251,7 @@ def _blocks(
     end = _end(lines, first, len(lines))
     starts = [index for index in range(first, end) if lines[index][:3].strip()]
     if end > first and (not starts or starts[0] > first):
-        error = FileError(first + 1, "expected a record that begins with a satellite", path)
+        error = FileError(first + 1, "expected a message that begins with a satellite such as G01", path)
         dropped.damaged("messages left out", error)
     for start, stop in itertools.pairwise([*starts, end]):
         letter = system if version < 3.0 else lines[start][0]
@@ -270,7 +270,7 @@ def _framed(
     end = _end(lines, first, len(lines))
     starts = [index for index in range(first, end) if lines[index].startswith(">")]
     if end > first and (not starts or starts[0] > first):
-        error = FileError(first + 1, "expected a record, a line such as > EPH G01 LNAV", path)
+        error = FileError(first + 1, "expected a line such as > EPH G01 LNAV, which begins a message", path)
         dropped.damaged("messages left out", error)
     for start, stop in itertools.pairwise([*starts, end]):
         try:
@@ -281,10 +281,10 @@ def _framed(
                 raise FileError(start + 1, message, path)
             block = _numbered(lines, start + 1, stop)
             if not block:
-                raise FileError(start + 1, "the record breaks off: it has no lines", path)
+                raise FileError(start + 1, "no lines follow this line", path)
             satellite = block[0][1][:3].replace(" ", "0")
             if words[0] == "EPH" and satellite != words[1]:
-                raise FileError(start + 2, f"{words[1]} is announced, '{satellite}' follows", path)
+                raise FileError(start + 2, f"the line before announces {words[1]}, here is '{satellite}'", path)
         except FileError as error:
             dropped.damaged("messages left out", error)
             continue
@@ -302,10 +302,10 @@ def _check_length(path: Path, record: _Record, due: tuple[int, ...], margin: int
     last, text = record.lines[-1]
     lines_due = " or ".join(str(number_of) for number_of in due)
     if there < min(due):
-        raise FileError(last, f"the record breaks off: {lines_due} lines are due, here are {there}", path)
+        raise FileError(last, f"the message ends early: it has {there} of {lines_due} lines", path)
     if there not in due:
         line = record.lines[max(due)][0]
-        raise FileError(line, f"the record is too long: {lines_due} lines are due, here are {there}", path)
+        raise FileError(line, f"the message is too long: it has {there} lines, allowed are {lines_due}", path)
     if record.ends_file and (len(text.rstrip()) - margin) % 19:
         raise FileError(last, "the file ends within a value", path)
 
@@ -455,10 +455,10 @@ def _is_of_inav(path: Path, line: int, source: int, dropped: Dropped) -> bool:
     inav_clock, fnav_clock = source & _INAV_CLOCK > 0, source & _FNAV_CLOCK > 0
     if inav_clock != fnav_clock:
         taken = "I/NAV" if inav_clock else "F/NAV"
-        dropped.add(f"Galileo messages whose data sources, {source}, are of both kinds: {taken} by their clock", 1)
+        dropped.add(f"Galileo messages whose data sources, {source}, name both kinds; the clock is {taken}", 1)
         return inav_clock
     scale = "both I/NAV and F/NAV" if by_inav else "neither I/NAV nor F/NAV"
-    message = f"the data sources, {source}, tell {scale}, and bits 8 and 9 do not say whose clock it is"
+    message = f"the data sources {source} name {scale}, and bits 8 and 9 do not name the clock"
     dropped.damaged("Galileo messages taken as I/NAV", FileError(line, message, path))
     return True
 

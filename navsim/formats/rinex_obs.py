@@ -86,7 +86,7 @@ def read_obs(path: Path, lenient: bool = False) -> Observations:
     lines = read_lines(path, dropped)
     version, system = rinex_version(path, lines)
     if lines[0][20:21] != "O":
-        raise FileError(1, f"a RINEX file of type '{lines[0][20:40].strip()}', not observations", path)
+        raise FileError(1, f"a RINEX file of '{lines[0][20:40].strip()}'; give one of observations", path)
     header = _Header(path, version, system)
     first = header.read(lines)
     reader = _Reader(path, lines, header, dropped)
@@ -165,11 +165,11 @@ class _Header:
             codes = self._codes[letter]
             if len(codes) != due:
                 of = f" of {letter}" if letter else ""
-                message = f"{due} observation types{of} are announced, {len(codes)} are named up to line {line}"
+                message = f"the header announces {due} observation types{of} and names {len(codes)} up to line {line}"
                 raise FileError(where, message, self.path)
             twice = sorted({code for code in codes if codes.count(code) > 1})
             if twice:
-                raise FileError(where, f"observation types named twice: {', '.join(twice)}", self.path)
+                raise FileError(where, f"the header names observation types twice: {', '.join(twice)}", self.path)
         self._due = {}
         for letter, codes in self._codes.items():
             whole_system = self._of_system.get(letter, 1)
@@ -197,7 +197,7 @@ class _Header:
             scale = line[48:51].strip()
             if scale and scale not in timescales.NAMES:
                 known = ", ".join(timescales.NAMES)
-                raise FileError(index, f"time system {scale} is not known; {known} are", self.path)
+                raise FileError(index, f"unknown time system {scale}; navsim knows {known}", self.path)
             self.scale = scale or BY_LETTER.get(self.system, GPS).time_system
         elif label == "APPROX POSITION XYZ":
             self.position = self._three(index, line, label)
@@ -215,7 +215,7 @@ class _Header:
 
     def _system(self, index: int, letter: str) -> str:
         if letter not in LETTERS:
-            raise FileError(index, f"no such satellite system: {letter}", self.path)
+            raise FileError(index, f"unknown satellite system {letter!r}; RINEX has {', '.join(LETTERS)}", self.path)
         return letter
 
     def _announce(self, index: int, letter: str, text: str) -> None:
@@ -226,41 +226,41 @@ class _Header:
     def _types(self, index: int, line: str) -> None:
         if self._types_of is None or self._types_of not in self._due:
             what = "a satellite system" if self.version >= 3.0 else "their number"
-            raise FileError(index, f"observation types without {what}", self.path)
+            raise FileError(index, f"the line names observation types, but not {what}", self.path)
         codes, due = self._codes[self._types_of], self._due[self._types_of][1]
         codes += line[6:60].split()
         if len(codes) > due:
-            raise FileError(index, f"more observation types than the {due} announced", self.path)
+            raise FileError(index, f"the header names more than the announced {due} observation types", self.path)
 
     def _scaled(self, index: int, letter: str, factor: str, count: str, codes: list[str]) -> None:
         """A scale factor, or more of the types it is for."""
         if not letter and not factor.strip() and not count.strip():
             if self._scaling is None:
-                raise FileError(index, "types to be scaled without a factor", self.path)
+                raise FileError(index, "the line names observation types to scale, but no factor", self.path)
             of, value, due, where = self._scaling
         else:
             self._check_scaled()
             if self.version >= 3.0 and not letter:
-                raise FileError(index, "a scale factor without a satellite system", self.path)
+                raise FileError(index, "the line has a scale factor, but no satellite system", self.path)
             of = self._system(index, letter) if letter else ""
             value, where = integer(self.path, index, factor, "the scale factor"), index
             if value not in _FACTORS:
                 allowed = ", ".join(str(known) for known in _FACTORS)
-                raise FileError(index, f"the scale factor is {value}; allowed are {allowed}", self.path)
+                raise FileError(index, f"the scale factor is {value}; RINEX allows {allowed}", self.path)
             name = "the number of scaled types"
             due = int(within(self.path, index, integer(self.path, index, count.strip() or "0", name), 0, 200, name))
             if not due and not codes:
                 self._of_system[of] = value
                 return
         if len(codes) > due:
-            raise FileError(index, f"more scaled types than the {due} announced on line {where}", self.path)
+            raise FileError(index, f"the header names more scaled types than line {where} announces", self.path)
         self._of_code |= {(of, code): value for code in codes}
         self._scaling = of, value, due - len(codes), where
 
     def _check_scaled(self) -> None:
         """Check that no types of the last scale factor are missing."""
         if self._scaling is not None and self._scaling[2]:
-            raise FileError(self._scaling[3], f"{self._scaling[2]} of the scaled types are missing", self.path)
+            raise FileError(self._scaling[3], f"the header lacks {self._scaling[2]} of these scaled types", self.path)
         self._scaling = None
 
 
@@ -314,7 +314,7 @@ class _Reader:
         """Take the epoch at line index `at`; returns that of the next one."""
         line = self.lines[at]
         if not line.startswith(">"):
-            raise FileError(at + 1, "expected an epoch, a line that begins with >", self.path)
+            raise FileError(at + 1, "expected an epoch: a line that begins with >", self.path)
         parts = [line[2:6], line[7:9], line[10:12], line[13:15], line[16:18], line[18:29]]
         # some programs write the flag a column too early; blank is 0
         epoch = self._head(at, line[29:32].strip() or "0", line[32:35], parts)
@@ -373,7 +373,7 @@ class _Reader:
         end = self._next_2(first, due)
         if due > end == len(self.lines) and self.ends_whole and due - end < per_satellite:
             # blank lines at the very end are often trimmed: those of the last satellite's missing values
-            self.dropped.add(f"lines missing at the end of {self.path.name}, taken for trimmed blank ones", due - end)
+            self.dropped.add(f"missing lines at the end of {self.path.name}; navsim takes them as blank", due - end)
             self.lines += [""] * (due - end)
             end = due
         if due + 1 == end == len(self.lines) and _begins_epoch_2(self.lines[due]):
@@ -395,7 +395,7 @@ class _Reader:
             row = first + index * per_satellite
             try:
                 if name[0] not in LETTERS or not name[1:].isdecimal():
-                    raise FileError(at + 1, f"expected a satellite, found '{name}'", self.path)
+                    raise FileError(at + 1, f"expected a satellite such as G01, found '{name}'", self.path)
                 self._row(row, name, seen, layout, self.lines[row : row + per_satellite])
             except FileError as error:
                 self.dropped.damaged("satellites left out", error)
@@ -429,7 +429,7 @@ class _Reader:
         """All that was read, by epoch and satellite. Raises FileError where that is nothing."""
         h, path = self.header, self.path
         if not self.time:
-            raise FileError(len(self.lines), "the file has no epoch", path)
+            raise FileError(len(self.lines), "the file has a header, but no epoch", path)
         satellites = tuple(sorted({row.name for row in self.rows}))
         place = {name: i for i, name in enumerate(satellites)}
         shape = len(self.time), len(satellites)
@@ -466,17 +466,17 @@ class _Reader:
         """Header lines between the epochs; returns the line index of the next epoch."""
         first, end = epoch.at + 1, epoch.at + 1 + epoch.count
         if end > len(self.lines):
-            raise FileError(len(self.lines), f"the file ends within an event: {epoch.count} lines are due", self.path)
+            raise FileError(len(self.lines), f"the file ends within an event of {epoch.count} lines", self.path)
         self.events += 1
         self.header.change(first + 1, self.lines[first:end])
         return end
 
     def _miscounted(self, epoch: _Epoch, found: str, ends: bool) -> FileError:
         """Error for an epoch with a wrong number of lines; ends: the file ends early."""
-        announced = f"{epoch.count} satellites are announced"
+        announced = f"the epoch announces {epoch.count} satellites"
         if not ends:
             return FileError(epoch.at + 1, f"{announced}, {found}", self.path)
-        message = f"the file ends within an epoch: {announced} on line {epoch.at + 1}, {found}"
+        message = f"the file ends within an epoch: line {epoch.at + 1} announces {epoch.count} satellites, {found}"
         return FileError(len(self.lines), message, self.path)
 
     def _begin(self, epoch: _Epoch) -> None:

@@ -63,7 +63,7 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
                 scale = GPS.time_system if told == _NO_SCALE else told
                 if scale not in timescales.NAMES:
                     known = ", ".join(timescales.NAMES)
-                    raise FileError(index, f"time system {scale} is not known; {known} are", path)
+                    raise FileError(index, f"unknown time system {scale}; navsim knows {known}", path)
         elif line.startswith("*"):
             usable = False
             try:
@@ -85,7 +85,7 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
                 if name in records[-1]:
                     raise FileError(index, f"{name} occurs twice in this epoch", path)
                 if name not in listed[:satellites]:
-                    raise FileError(index, f"{name} is not in the header's list", path)
+                    raise FileError(index, f"the header does not list {name}", path)
             except FileError as error:
                 dropped.damaged("positions left out", error)
                 continue
@@ -95,15 +95,15 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
             break
     names = [name for name in listed[:satellites] if name != _PAD]
     if len(names) != satellites:
-        wrong = FileError(0, f"{satellites} satellites are announced, {len(names)} are listed", path)
+        wrong = FileError(0, f"the header announces {satellites} satellites and lists {len(names)}", path)
         dropped.damaged("wrong numbers of satellites", wrong)
     if not ended:
-        dropped.damaged("end of the file missing", FileError(len(lines), "the file breaks off: no EOF line", path))
+        dropped.damaged("end of the file missing", FileError(len(lines), "the file ends early: no line EOF", path))
     if len(time) != epochs:
-        wrong = FileError(len(lines), f"{epochs} epochs are announced, {len(time)} are there", path)
+        wrong = FileError(len(lines), f"the header announces {epochs} epochs, the file has {len(time)}", path)
         dropped.damaged("wrong number of epochs", wrong)
     if not time:
-        raise FileError(len(lines), "the file has no epoch", path)
+        raise FileError(len(lines), "the file has a header, but no epoch", path)
     check_table(path, len(time), len(names), 7)
     table = np.full((len(time), len(names), 7), np.nan)
     for epoch, record in enumerate(records):
@@ -115,9 +115,9 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     # a missing clock is all nines
     clocks = np.where(clock_us >= _NO_CLOCK, np.nan, 1e-6 * clock_us)
     poor = [f"{name} (2^{code} mm)" for name, code in zip(names, codes, strict=False) if code > _POOR]
-    dropped.add(f"satellites whose orbits are poor by the header: {', '.join(poor)}", len(poor))
+    dropped.add(f"satellites with inaccurate orbits, as the header says: {', '.join(poor)}", len(poor))
     manoeuvres, clock_events, predicted = (table[..., i] == 1.0 for i in (4, 5, 6))
-    dropped.add("positions that are predicted, not measured", predicted.sum())
+    dropped.add("predicted positions", predicted.sum())
     gpst = _gpst(np.array(time), scale)
     return OrbitTable(tuple(names), gpst, position, clocks, manoeuvres, clock_events, dropped.reasons())
 

@@ -196,7 +196,7 @@ def _open(source: str, parts: SplitResult) -> _Source:
         device = serial.serial_for_url(parts.path, baudrate=int(baud), timeout=_POLL)
         return _Source(lambda: device.read(max(1, device.in_waiting)), device.close, f"{parts.path} at {baud} baud")
     if parts.scheme and parts.scheme != "file" and len(parts.scheme) > 1:
-        raise ValueError("known are -, udp://, tcp://, tcp-listen://, serial:// and files")
+        raise ValueError("write -, udp://, tcp://, tcp-listen://, serial:// or a file")
     if source == "-":
         return _descriptor(0, lambda: None, "standard input")
     path = parts.path if parts.scheme == "file" else source
@@ -207,7 +207,7 @@ def _open(source: str, parts: SplitResult) -> _Source:
 
 def _port(parts: SplitResult) -> int:
     if parts.port is None:
-        raise ValueError("a port is missing, as in udp://0.0.0.0:5000")
+        raise ValueError("the port is missing; write it as in udp://0.0.0.0:5000")
     return parts.port
 
 

@@ -60,7 +60,7 @@ class TextTable:
         header = index
         if _is_of_numbers(text):
             if not comment:
-                raise FileError(index, "the table has no header, a line that names its columns", path)
+                raise FileError(index, "the table has no header; begin it with a line that names the columns", path)
             header = comment  # the last comment before the first row
         head = lines[header - 1].strip().lstrip("".join(_COMMENT)).strip() if header == comment else lines[header - 1]
         separator = separator or _separator(head)
@@ -100,7 +100,7 @@ class TextTable:
         if missing:
             there = ", ".join(self.names)
             needed = ", ".join(wanted)
-            message = f"the header lacks {', '.join(missing)}; needed are {needed}; it has {there[:300]}"
+            message = f"the header lacks {', '.join(missing)}; navsim needs {needed}; the header has {there[:300]}"
             raise FileError(self.header, message, self.path)
         columns = {name: place for name, place in found.items() if place is not None}
         if not self.numbers:
@@ -168,7 +168,7 @@ class TextTable:
             cure = ""
             if self.separator == "," and len(cells) > due:
                 cure = "; if the decimals have commas, separate the cells by semicolons"
-            raise FileError(line, f"{due} cells are due by the header, here are {len(cells)}{cure}", self.path)
+            raise FileError(line, f"the row has {len(cells)} cells, the header {due}{cure}", self.path)
         return cells
 
     def _check_decimals(self, cells: list[str], line: int, marks: dict[str, int]) -> None:
@@ -178,7 +178,7 @@ class TextTable:
                 marks.setdefault(mark, line)
         if len(marks) > 1:
             comma, point = marks[","], marks["."]
-            message = f"decimal commas on line {comma}, points on line {point}; write one of them in all numbers"
+            message = f"decimal commas on line {comma}, points on line {point}; write the same in all numbers"
             raise FileError(line, message, self.path)
 
     def _value(self, line: int, cell: str, name: str, may_be_empty: Collection[str]) -> float:
@@ -249,7 +249,7 @@ def _cells(path: Path, line: int, text: str, separator: str | None) -> list[str]
             return next(csv.reader([text.replace("\t", " ").strip()], delimiter=" ", skipinitialspace=True), [])
         return next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
     except csv.Error as error:
-        raise FileError(line, f"not a row of a table: {error}", path) from None
+        raise FileError(line, f"this line is no row of a table: {error}", path) from None
 
 
 def _is_of_numbers(text: str) -> bool:

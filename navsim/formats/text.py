@@ -152,7 +152,7 @@ def check_table(path: Path, *shape: int) -> None:
     """
     if 8 * math.prod(shape) > MOST_BYTES:
         rows = " x ".join(f"{n:,}" for n in shape)
-        raise FileError(0, f"its values fill a table of {rows}, more than {MOST_BYTES:,} bytes in memory", path)
+        raise FileError(0, f"its table of {rows} needs more than {MOST_BYTES:,} bytes of memory; split the file", path)
 
 
 class _Reading:
@@ -192,7 +192,7 @@ class _Reading:
             if len(held) > _LONGEST_LINE:
                 raise FileError(len(out) + 1, f"a line of more than {_LONGEST_LINE:,} bytes", self.path)
         if not out and not held and self.cost:
-            raise FileError(1, "not a text file: it holds zero bytes alone", self.path)
+            raise FileError(1, "not a text file: it has zero bytes only", self.path)
         if self.cut:
             return [*out, ""]
         return out + self._decoded(held.replace(b"\r", b"\n"))
@@ -252,7 +252,7 @@ class _Reading:
                 return pieces
             self.packed = True
             pieces = unpack(self, pieces)
-        raise FileError(0, f"packed more than {_MOST_LAYERS - 1} times", self.path)
+        raise FileError(0, f"the file is compressed more than {_MOST_LAYERS - 1} times; decompress it", self.path)
 
     def ends_early(self, what: str, message: str) -> None:
         """Truncated compressed file: raise its error, or continue with what there is. Raises FileError."""
@@ -284,7 +284,7 @@ def _recoded(reading: _Reading, pieces: Iterator[bytes], encoding: str) -> Itera
                 yield text.encode()
         decoder.decode(b"", True)
     except UnicodeDecodeError as error:
-        message = f"not a text file: it begins with the mark of {encoding.upper()} and is none ({error.reason})"
+        message = f"not a text file: it begins like {encoding.upper()}, but is not ({error.reason})"
         raise FileError(0, message, reading.path) from None
 
 
@@ -382,7 +382,7 @@ def _inflated(
                 return
             if not rest.startswith(magic):
                 after = len(rest) + sum(map(len, pieces))
-                message = f"cannot be unpacked: {after} bytes after the end of the {kind} data"
+                message = f"cannot be unpacked: {after} bytes follow the end of the {kind} data"
                 raise FileError(0, message, reading.path)
             member, members = unpacker(), members + 1
             if members > _MOST_MEMBERS:
@@ -409,14 +409,14 @@ def _unzip(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
     path = reading.path
     data = reading.gathered(pieces)
     if data.count(_ENTRY) > _MOST_MEMBERS:  # each would take half a kilobyte
-        raise FileError(0, f"the zip archive holds more than {_MOST_MEMBERS:,} files; allowed is exactly one", path)
+        raise FileError(0, f"the zip archive has more than {_MOST_MEMBERS:,} files; give one with a single file", path)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [member for member in archive.infolist() if not member.is_dir()]
             if len(members) != 1:
                 some = ", ".join(member.filename for member in members[:3]) + (", ..." if len(members) > 3 else "")
                 text = f"{len(members)} files ({some})" if members else "no file"
-                raise FileError(0, f"the zip archive holds {text}; allowed is exactly one", path)
+                raise FileError(0, f"the zip archive has {text}; give one with a single file", path)
             with archive.open(members[0]) as file:
                 while out := file.read(_CHUNK):
                     yield out
@@ -570,7 +570,7 @@ def integer(path: Path, line: int, text: str, name: str) -> int:
 def within(path: Path, line: int, value: float, low: float, high: float, name: str) -> float:
     """The value, when it is in the range. Raises FileError."""
     if not low <= value <= high:
-        raise FileError(line, f"{name} is {value:g}, allowed is {low:g} to {high:g}", path)
+        raise FileError(line, f"{name} is {value:g}; allowed: {low:g} to {high:g}", path)
     return value
 
 
@@ -587,4 +587,4 @@ def date_and_time(path: Path, line: int, parts: list[str]) -> float:
     try:
         return timescales.posix(year, month, day, hour, minute, second)
     except (ValueError, OverflowError) as error:
-        raise FileError(line, f"no such time: {error}", path) from None
+        raise FileError(line, f"invalid time: {error}", path) from None

@@ -954,7 +954,7 @@ COUNTS = {
     "strangers": "datagrams of other senders, left out",
     "untimed": "NMEA sentences without a time of day",
     "no_height": "fixes without a height: none in GGA or GNS, or neither of them",
-    "no_separation": "fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid",
+    "no_separation": "fixes without a geoid separation; navsim takes their heights as heights above the ellipsoid",
     "other": "valid sentences of kinds without a fix",
 }
 """Counters of a live run for its stream."""

@@ -139,12 +139,12 @@ def origin(result: Result, name: str) -> str:
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ({"sigma_n_m": "1", "sigma_e_m": "1"}, "give all of sigma_n_m, sigma_e_m, sigma_d_m of a fix, or none"),
+        ({"sigma_n_m": "1", "sigma_e_m": "1"}, "give all of sigma_n_m, sigma_e_m, sigma_d_m, or none"),
         (dict.fromkeys(SIGMAS[:3], "-1"), "sigma_n_m"),
         (dict.fromkeys(SIGMAS[:3], "1") | {"corr_n_e": "2"}, "corr_n_e"),
         (
             dict.fromkeys(SIGMAS[:3], "1") | {"corr_n_e": "0.9", "corr_n_d": "0.9", "corr_e_d": "-0.9"},
-            "no covariance has the correlations corr_n_e, corr_n_d, corr_e_d of this fix",
+            "the correlations corr_n_e, corr_n_d, corr_e_d of this fix are impossible",
         ),
     ],
 )

@@ -316,7 +316,7 @@ def test_messages(written: Written, tmp_path: Path) -> None:
     )
     for assignments, match in (
         (("gnss.navigation=nowhere.nav",), r"gnss.navigation\[0\]: nowhere.nav: cannot be read"),
-        ((f"gnss.navigation={tmp_path}/empty.nav",), "holds no GPS and no GLONASS message"),
+        ((f"gnss.navigation={tmp_path}/empty.nav",), "has no GPS and no GLONASS message"),
         (("gnss.navigation=flight.obs",), "gnss.navigation"),
         (("gnss.file=imu.csv",), "gnss.file"),
         (("epoch=2001-01-01T00:00:00Z",), "no common time"),

@@ -667,7 +667,7 @@ def test_heights_over_the_geoid_are_warned_of(flown) -> None:  # type: ignore[no
     fixes = expected["/geometry/time"].size
     assert session.counts["used"] == session.counts["no_separation"] == fixes
     assert warned == [
-        f"{fixes} fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid"
+        f"{fixes} fixes without a geoid separation; navsim takes their heights as heights above the ellipsoid"
     ]
 
 

@@ -103,9 +103,9 @@ def test_files_put_together_keep_no_marks(tmp_path: Path) -> None:
     [
         ("a\n1\n".encode("utf-16-le"), r"seems to be UTF-16 \(little-endian\) without a byte order mark"),
         ("a\n1\n".encode("utf-16-be"), r"seems to be UTF-16 \(big-endian\) without a byte order mark"),
-        (codecs.BOM_UTF16_LE + b"\x00\xd8a\x00", "begins with the mark of UTF-16 and is none"),
+        (codecs.BOM_UTF16_LE + b"\x00\xd8a\x00", "begins like UTF-16, but is not"),
         (b"a\n\x00b\n", "file:2: not a text file"),
-        (bytes(10), "file:1: not a text file: it holds zero bytes alone"),
+        (bytes(10), "file:1: not a text file: it has zero bytes only"),
     ],
 )
 def test_what_is_no_text_is_named(content: bytes, said: str, tmp_path: Path) -> None:
@@ -171,7 +171,9 @@ def test_a_group_delay_that_is_not_known(field: str, tmp_path: Path) -> None:
     assert found.gps is not None
     np.testing.assert_array_equal(np.isnan(found.gps.tgd), found.gps.prn == 2)
     (said,) = found.left_out
-    assert said.startswith("1 LNAV messages with a blank group delay, which is taken as 0: ranges of G02 may be off by")
+    assert said.startswith("1 LNAV messages with a blank group delay; navsim takes it as 0, so ranges of G02 may be")
+        "1 LNAV messages with a blank group delay; navsim takes it as 0, so ranges of G02 may be off by"
+    )
     (constellation,) = (c for c in found.constellations() if c.system is GPS)
     assert np.isfinite(constellation.clock(found.gps.toe[:1])[0]).all()
     path.write_text("\n".join(rinex_write.navigation_lines({GPS: found.gps}, None, [], "made", at=found.gps.toe[0])))
@@ -202,11 +204,11 @@ def test_galileo_messages_need_the_group_delay_of_their_own_clock(tmp_path: Path
     [
         (513, "INAV", ""), (516, "INAV", ""), (517, "INAV", ""), (1, "INAV", ""), (4, "INAV", ""),
         (258, "FNAV", ""), (2, "FNAV", ""), (256, "FNAV", ""),
-        (263, "FNAV", "1 Galileo messages whose data sources, 263, are of both kinds: F/NAV by their clock"),
-        (519, "INAV", "1 Galileo messages whose data sources, 519, are of both kinds: I/NAV by their clock"),
-        (515, "INAV", "I/NAV by their clock"), (261, "FNAV", "F/NAV by their clock"),
-        (3, None, "1 Galileo messages taken as I/NAV; the first: .*the data sources, 3, tell both I/NAV and F/NAV"),
-        (0, None, "tell neither I/NAV nor F/NAV"), (775, None, "bits 8 and 9 do not say whose clock it is"),
+        (263, "FNAV", "1 Galileo messages whose data sources, 263, name both kinds; the clock is F/NAV"),
+        (519, "INAV", "1 Galileo messages whose data sources, 519, name both kinds; the clock is I/NAV"),
+        (515, "INAV", "the clock is I/NAV"), (261, "FNAV", "the clock is F/NAV"),
+        (3, None, "1 Galileo messages taken as I/NAV; the first: .*the data sources 3 name both I/NAV and F/NAV"),
+        (0, None, "name neither I/NAV nor F/NAV"), (775, None, "bits 8 and 9 do not name the clock"),
     ],
 )  # fmt: skip
 def test_galileo_messages_by_their_data_sources(sources: int, message: str | None, said: str, tmp_path: Path) -> None:
@@ -364,16 +366,16 @@ def test_names_of_columns_that_are_not_ascii(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "line", "said"),
     [
-        (lambda text: text.replace("h_m", "h_m [ft]"), 1, "the header lacks h_m; needed are .*; it has .*h_m .ft."),
+        (lambda text: text.replace("h_m", "h_m [ft]"), 1, "lacks h_m; navsim needs .*; the header has .*h_m .ft."),
         (lambda text: text.replace("h_m", "t_s"), 1, "several columns are called t_s"),
         (lambda text: text.split("\n", 1)[1], 1, "the table has no header"),
         (lambda text: text.replace("h_m", "alt"), 1, "the header lacks h_m"),
         # the first of several numbers would be taken for a cell each
         (lambda text: text.split("\n")[0] + "\n" + text.split("\n", 1)[1].replace(".", ","), 2,
-         "7 cells are due by the header, here are 14; if the decimals have commas, separate the cells by semicolons"),
+         "the row has 14 cells, the header 7; if the decimals have commas, separate the cells by semicolons"),
         (lambda text: text.replace(",", ";").replace("150.503", "150,503"), 5,
-         "decimal commas on line 5, points on line 2; write one of them"),
-        (lambda text: text.replace(",", ";").replace("150.503", "1.150,503"), 5, "write one of them"),
+         "decimal commas on line 5, points on line 2; write the same"),
+        (lambda text: text.replace(",", ";").replace("150.503", "1.150,503"), 5, "write the same"),
     ],
 )  # fmt: skip
 def test_tables_that_may_mean_two_things_are_refused(

@@ -41,19 +41,20 @@ def test_straight_lines_and_through_north(tmp_path: Path) -> None:
         (
             "az,el\n0,5\n",
             1,
-            "the header lacks azimuth_deg, elevation_deg; needed are azimuth_deg, elevation_deg; it has az, el",
+            "the header lacks azimuth_deg, elevation_deg; "
+            "navsim needs azimuth_deg, elevation_deg; the header has az, el",
         ),
         (HEAD, 1, "the table has no rows"),
         (
             f"{HEAD}0,5,7\n",
             2,
-            "2 cells are due by the header, here are 3; if the decimals have commas, separate the cells by semicolons",
+            "the row has 3 cells, the header 2; if the decimals have commas, separate the cells by semicolons",
         ),
-        (f"{HEAD}0,5\n\n361,5\n", 4, "azimuth_deg is 361, allowed is 0 to 360"),
-        (f"{HEAD}0,95\n", 2, "elevation_deg is 95, allowed is -90 to 90"),
+        (f"{HEAD}0,5\n\n361,5\n", 4, "azimuth_deg is 361; allowed: 0 to 360"),
+        (f"{HEAD}0,95\n", 2, "elevation_deg is 95; allowed: -90 to 90"),
         (f"{HEAD}0,high\n", 2, "expected a number for elevation_deg, found 'high'"),
-        (f"{HEAD}10,5\n10,6\n", 3, "azimuths have to grow from row to row"),
-        (f"{HEAD}0,5\n360,6\n", 3, "the elevation at 360 degrees is not the one at 0"),
+        (f"{HEAD}10,5\n10,6\n", 3, "the azimuth does not increase; sort the rows by azimuth"),
+        (f"{HEAD}0,5\n360,6\n", 3, "at 0 and 360 degrees elevations differ; write one of both rows"),
     ],
 )
 def test_what_is_refused(text: str, line: int, said: str, tmp_path: Path) -> None:

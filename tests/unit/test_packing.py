@@ -69,15 +69,15 @@ def test_no_packing_unpacks_to_more_than_allowed(
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (zipped(("a", DATA), ("b", DATA)), r"holds 2 files \(a, b\); allowed is exactly one"),
-        (zipped(), "holds no file; allowed is exactly one"),
+        (zipped(("a", DATA), ("b", DATA)), r"has 2 files \(a, b\); give one with a single file"),
+        (zipped(), "has no file; give one with a single file"),
         (zipped(("a", DATA))[:-30], "cannot be unpacked"),
         (PACKED["zip, stored"].replace(b"line 17\n", b"line 71\n"), "cannot be unpacked: Bad CRC"),
-        (gzip.compress(DATA) + b"more", "4 bytes after the end of the gzip data"),
+        (gzip.compress(DATA) + b"more", "4 bytes follow the end of the gzip data"),
         (bz2.compress(DATA)[:-9], "the bzip2 file ends too early"),
         (gzip.compress(DATA)[:-9], "the gzip file ends too early"),
         (gzip.compress(DATA)[:-8] + bytes(8), "cannot be unpacked"),
-        (gzip.compress(gzip.compress(gzip.compress(gzip.compress(DATA)))), "packed more than 3 times"),
+        (gzip.compress(gzip.compress(gzip.compress(gzip.compress(DATA)))), "compressed more than 3 times"),
     ],
 )
 def test_what_is_wrong_with_a_packed_file_is_said(data: bytes, said: str, tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_lines_are_the_same_however_the_pieces_fall(tmp_path: Path, monkeypatch:
 
 def test_a_table_larger_than_the_memory_is_refused() -> None:
     text.check_table(Path("a"), 1000, 1000, 100)
-    with pytest.raises(FileError, match="a table of 1,000,000 x 1,000 x 4"):
+    with pytest.raises(FileError, match="its table of 1,000,000 x 1,000 x 4"):
         text.check_table(Path("a"), 1_000_000, 1000, 4)
 
 

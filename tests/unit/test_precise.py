@@ -154,8 +154,8 @@ def test_marks_of_manoeuvres_and_jumps_of_clocks(tmp_path: Path) -> None:
     path.write_text(sp3(whole, marks, "  5 14  0"))
     found = read_sp3(path)
     assert found.left_out == (
-        "1 satellites whose orbits are poor by the header: G02 (2^14 mm)",
-        "1 positions that are predicted, not measured",
+        "1 satellites with inaccurate orbits, as the header says: G02 (2^14 mm)",
+        "1 predicted positions",
     )
     time = between(whole)
     wrong, clock = error(found, time), found.of(GPS).clock(time)[0]
