@@ -178,7 +178,7 @@ class TextTable:
                 marks.setdefault(mark, line)
         if len(marks) > 1:
             comma, point = marks[","], marks["."]
-            message = f"decimal commas on line {comma}, points on line {point}; write the same in all numbers"
+            message = f"decimal commas on line {comma}, points on line {point}; write one kind in all numbers"
             raise FileError(line, message, self.path)
 
     def _value(self, line: int, cell: str, name: str, may_be_empty: Collection[str]) -> float:
