@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import gzip
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -16,6 +15,8 @@ import numpy as np
 from measured import row
 from scipy.spatial.transform import Rotation
 
+from navsim.formats.logs.reading import read_logs
+from navsim.formats.logs.tables import log_files
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study
 from navsim.results.result import Result
@@ -99,8 +100,7 @@ def uav(*settings: str) -> dict[str, list[float]]:
 def car(*settings: str) -> dict[str, list[float]]:
     """The car: standard deviations against its pose reference after ten seconds, and NIS in motion."""
     with tempfile.TemporaryDirectory() as folder:
-        script = measured.ROOT / "scripts" / "convert_comma2k19.py"
-        subprocess.run([sys.executable, script, CAR, folder], check=True)
+        log_files(read_logs([CAR]), CAR.name).write(Path(folder))
         log = Path(folder) / "log.yaml"
         found = replayed(log, *(settings or as_tuned(log, "car")))
     clock, t = np.load(CAR / "global_pose_frame_times.npy"), found["/filter/time"]
@@ -169,7 +169,7 @@ def main() -> int:
         "",
         "## A car",
         "",
-        "`comma2k19_ex1`; `python scripts/convert_comma2k19.py FOLDER OUT` makes its CSV, without vertical velocity. "
+        "`comma2k19_ex1`; `navsim import FOLDER -o OUT` makes its CSV, without vertical velocity. "
         "Standard deviations against the pose reference after 10 s:",
         "",
         "| | navsim | plain filter |",

@@ -24,6 +24,7 @@ PLACES = {
     "integrity-table": "navsim.cli.studies:integrity_table",
     "sweep": "navsim.cli.studies:sweep",
     "optimize": "navsim.cli.studies:optimize",
+    "import": "navsim.cli.imports:import_log",
     "replay": "navsim.cli.recorded:replay",
     "live": "navsim.cli.recorded:live",
     "plan": "navsim.cli.plan:plan",

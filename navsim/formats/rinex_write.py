@@ -27,7 +27,7 @@ KINDS = "CDS"
 
 @dataclass(frozen=True)
 class Epochs:
-    """Simulated observations of a receiver."""
+    """Observations of a receiver."""
 
     start: float
     """Full GPS s from 1980-01-06."""
@@ -45,7 +45,9 @@ class Epochs:
     """s."""
 
 
-def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made: str) -> list[str]:
+def observation_lines(
+    epochs: Epochs, marker: str, comments: Iterable[str], made: str, receiver: str = "simulated"
+) -> list[str]:
     """Lines of an observation file [1]; marker: its name, comments: sentences, which are wrapped, made: program."""
     first = _calendar(epochs.start, epochs.tag[0], 7)
     last = _calendar(epochs.start, epochs.tag[-1], 7)
@@ -57,8 +59,8 @@ def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made
         _label(marker[:60], "MARKER NAME"),
         _label("GEODETIC" if epochs.tag.size == 0 else "AIRBORNE", "MARKER TYPE"),
         _label("navsim", "OBSERVER / AGENCY"),
-        _label(f"{'1':20s}{'simulated':20s}{'1':20s}", "REC # / TYPE / VERS"),
-        _label(f"{'1':20s}{'simulated':20s}", "ANT # / TYPE"),
+        _label(f"{'1':20s}{receiver:20s}{'1':20s}", "REC # / TYPE / VERS"),
+        _label(f"{'1':20s}{receiver:20s}", "ANT # / TYPE"),
         _label("".join(f"{x:14.4f}" for x in epochs.position), "APPROX POSITION XYZ"),
         _label("".join(f"{0.0:14.4f}" for _ in range(3)), "ANTENNA: DELTA H/E/N"),
         *(

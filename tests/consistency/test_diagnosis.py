@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,6 +14,8 @@ from typer.testing import CliRunner
 from navsim.cli.main import app
 from navsim.formats import conventions
 from navsim.formats.conventions import BODY_AXES, GnssConvention, ImuConvention
+from navsim.formats.logs.reading import read_logs
+from navsim.formats.logs.tables import log_files
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.recording import read_fixes, read_imu
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
@@ -575,7 +575,7 @@ def thor(whole_thor: tuple[Samples, Fixes]) -> tuple[Samples, Fixes]:
 def comma(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Samples, Fixes]:
     out = tmp_path_factory.mktemp("comma")
     folder = shared / "data/comma2k19_ex1"
-    subprocess.run([sys.executable, ROOT / "scripts/convert_comma2k19.py", folder, out], check=True)
+    log_files(read_logs([folder]), folder.name).write(out)
     return read_imu(out / "imu.csv")[0], read_fixes(out / "gnss.csv")[0]
 
 

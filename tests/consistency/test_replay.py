@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,8 @@ import pytest
 
 from navsim.filter.records import REJECTED, TFG
 from navsim.formats.conventions import FIX_SIGMAS
+from navsim.formats.logs.reading import read_logs
+from navsim.formats.logs.tables import log_files
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
@@ -35,7 +35,6 @@ from tests.recordings import (
     write_recording,
 )
 
-ROOT = Path(__file__).resolve().parents[2]
 GIVEN = ("tuning=none", f"gnss.latency_s={LATENCY}", "gnss.velocity_sigma_m_s=[0.1, 0.1]")
 """What fixes of `write_flight` have, which tuning would find."""
 
@@ -439,9 +438,9 @@ def test_thor_drift_without_fixes(thor: tuple[Result, Any]) -> None:
 
 
 def test_comma_against_its_pose(shared: Path, tmp_path: Path) -> None:
-    """A car, converted by the script: standard deviations against the pose reference after ten seconds."""
+    """A car, imported: standard deviations against the pose reference after ten seconds."""
     folder = shared / "data/comma2k19_ex1"
-    subprocess.run([sys.executable, ROOT / "scripts/convert_comma2k19.py", folder, tmp_path], check=True)
+    log_files(read_logs([folder]), folder.name).write(tmp_path)
     result = flown(tmp_path / "log.yaml")
     assert 0.7 < result["/summary/nis"][1] < 1.4
     from scipy.spatial.transform import Rotation

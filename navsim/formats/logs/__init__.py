@@ -1,0 +1,1 @@
+"""Logs of autopilots, receivers and recorders, read into one form (`contents`) and written as tables (`tables`)."""
