@@ -8,7 +8,7 @@ It rejects one whose runs are worse than the analysis, and flies the next best w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,12 +18,13 @@ from navsim.results.builder import ResultBuilder
 from navsim.results.estimates import estimate
 from navsim.results.findings import CONSISTENT, Finding, of, several
 from navsim.results.result import Result
-from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS
+from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS, NOT_MET
 from navsim.runner.checkpoint import Arrays
 from navsim.runner.executor import Executor
 
 if TYPE_CHECKING:
     from navsim.landing.case import Case
+    from navsim.landing.requirements import Statement
 
 RUNS = 200
 """Runs of a recommended flight: the interval of an RMS error is 10 % wide to each side."""
@@ -51,6 +52,24 @@ class FlownRequirements(NamedTuple):
         if f"{branch}/verdict" not in found:
             return FlownRequirements()
         return FlownRequirements(*(found[f"{branch}/{name}"] for name in FlownRequirements._fields))
+
+
+def put_requirements(
+    draft: ResultBuilder, asked: Sequence[Statement], found: Sequence[FlownRequirements | None]
+) -> list[list[str]]:
+    """Write the verdicts of runs on the scenario's requirements, a row for each of several choices; None: it was not
+    flown. Returns the requirements that each misses, in words."""
+    shape = len(found), len(asked)
+    value, more_runs, verdict = np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, "", dtype=object)
+    for i, row in enumerate(found):
+        if row is not None:
+            value[i], verdict[i], more_runs[i] = row.value, row.verdict, row.more_runs
+    branch = "/flown/requirements"
+    draft[f"{branch}/requirement"] = np.arange(1, len(asked) + 1)
+    draft[f"{branch}/statement"] = np.array([one.text for one in asked], dtype=object)
+    draft[f"{branch}/limit"] = np.array([one.limit for one in asked])
+    draft[f"{branch}/value"], draft[f"{branch}/verdict"], draft[f"{branch}/more_runs"] = value, verdict, more_runs
+    return [[one.text for one, each in zip(asked, row, strict=True) if each == NOT_MET] for row in verdict]
 
 
 class OfRuns(NamedTuple):

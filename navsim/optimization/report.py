@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.report.summary_tables import setting, verdict_cell
+from navsim.report.flown_requirements import flown_requirements, plain_requirements
+from navsim.report.summary_tables import setting
 from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.view import View, one_by_one
 from navsim.results.findings import several
@@ -65,7 +66,7 @@ def tables(result: Result) -> list[Table | str]:
             reach = [_range_text(row) if explored else "not computed" for row in around]
             where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
             places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
-    return [front, *flown(result), *flown_requirements(result), *([requirements(result)] if judged else []), places]
+    return [front, *flown(result), *_judged(result), *([requirements(result)] if judged else []), places]
 
 
 def flown(result: Result) -> list[Table | str]:
@@ -105,21 +106,9 @@ def flown(result: Result) -> list[Table | str]:
     return [out, against]
 
 
-def flown_requirements(result: Result) -> list[Table | str]:
-    """Verdicts of runs on the base scenario's requirements, by number of pseudolites."""
-    branch = "/flown/requirements"
-    if branch + "/verdict" not in result:
-        return []
+def _judged(result: Result) -> list[Table | str]:
     counts = [several(int(count), "pseudolite") for count in result["/pseudolites"]]
-    out = Table("Requirements of the best placements, by runs (verdict: value [95 %])", ("requirement", *counts))
-    for k, statement in enumerate(result[f"{branch}/statement"]):
-        found = (result[f"{branch}/{name}"][:, k] for name in ("verdict", "value", "more_runs"))
-        cells = (
-            verdict_cell(str(word), value, float(more)) if word else ABSENT
-            for word, value, more in zip(*found, strict=True)
-        )
-        out.add(str(statement), *cells)
-    return [out]
+    return flown_requirements(result, "Requirements of the best placements", counts)
 
 
 def _room(result: Result, i: int, left: float) -> Cell | str:
@@ -207,19 +196,7 @@ def _flown_plain(result: Result, i: int) -> dict[str, Any] | None:
     names = ("objective", "horizontal", "vertical")
     errors = {name: [_plain(float(x)) for x in result[f"/flown/{name}"][i]] for name in names}
     verdict = {"verdict": str(result["/flown/verdict"][i])} if "/flown/verdict" in result else {}
-    branch = "/flown/requirements"
-    if branch + "/verdict" not in result:
-        return {"runs": runs} | errors | verdict
-    requirements = [
-        {
-            "statement": str(statement),
-            "verdict": str(result[f"{branch}/verdict"][i, k]),
-            "limit": float(result[f"{branch}/limit"][k]),
-            "value": [_plain(float(x)) for x in result[f"{branch}/value"][i, k]],
-        }
-        for k, statement in enumerate(result[f"{branch}/statement"])
-    ]
-    return {"runs": runs} | errors | verdict | {"requirements": requirements}
+    return {"runs": runs} | errors | verdict | plain_requirements(result, i)
 
 
 def _plain(value: float) -> float | None:
@@ -409,7 +386,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 def _verdicts(result: Result) -> list[Table | str]:
-    return [*flown_requirements(result), *([requirements(result)] if "/pareto/met" in result else [])]
+    return [*_judged(result), *([requirements(result)] if "/pareto/met" in result else [])]
 
 
 VIEW = View(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.geodesy.earth import llh_from_ecef
-from navsim.landing.confirmation import Candidate, Confirmation, confirm
+from navsim.landing.confirmation import Candidate, Confirmation, confirm, put_requirements
 from navsim.landing.requirements import statements
 from navsim.optimization.placement import ObjectiveFunction
 from navsim.optimization.prefetch import ObjectiveFunctions, Prefetcher
@@ -32,7 +32,7 @@ from navsim.optimization.search_log import SearchLog
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.result import Result
-from navsim.results.schema import MET, NOT_MET, OBJECTIVE_QUANTITIES, OPTIMIZE
+from navsim.results.schema import MET, OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.runner import findings as judging
 from navsim.runner.attributes import root_attributes
 from navsim.runner.checkpoint import Arrays, code_key
@@ -501,23 +501,12 @@ def _flown_requirements(draft: ResultBuilder, problem: PlacementProblem, outcome
     asked, counts = statements(problem.scenario), sorted(outcome.found)
     if not asked or not outcome.confirmed:
         return []
-    value, more_runs = np.full((len(counts), len(asked), 3), np.nan), np.full((len(counts), len(asked)), np.nan)
-    verdict = np.full(more_runs.shape, "", dtype=object)
-    out = []
-    for i, count in enumerate(counts):
-        if count not in outcome.confirmed:
-            continue
-        found = outcome.confirmed[count].best.requirements
-        value[i], verdict[i], more_runs[i] = found.value, found.verdict, found.more_runs
-        if missed := [one.text for one, each in zip(asked, found.verdict, strict=True) if each == NOT_MET]:
-            text = f"{named(count)}: runs of the best placement don't meet: {'; '.join(missed)}"
-            out.append(Finding("requirements", text, (), len(missed), len(asked)))
-    branch = "/flown/requirements"
-    draft[f"{branch}/requirement"] = np.arange(1, len(asked) + 1)
-    draft[f"{branch}/statement"] = np.array([one.text for one in asked], dtype=object)
-    draft[f"{branch}/limit"] = np.array([one.limit for one in asked])
-    draft[f"{branch}/value"], draft[f"{branch}/verdict"], draft[f"{branch}/more_runs"] = value, verdict, more_runs
-    return out
+    best = [outcome.confirmed[count].best.requirements if count in outcome.confirmed else None for count in counts]
+    return [
+        Finding("requirements", f"{named(count)}: runs of the best placement don't meet: {'; '.join(missed)}", (),
+                len(missed), len(asked))
+        for count, missed in zip(counts, put_requirements(draft, asked, best), strict=True) if missed
+    ]  # fmt: skip
 
 
 def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:

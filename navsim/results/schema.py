@@ -1029,6 +1029,26 @@ SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
 """Outcome of a combination of a sweep, by number."""
 
+_JUDGED_BY_RUNS = "where the base scenario has `requirements` and the best {} were flown"
+
+
+def _flown_requirements(dim: str, whose: str, layout: str) -> tuple[Entry, ...]:
+    """Verdicts of runs of the best placements or combinations on the base scenario's requirements."""
+    return tuple(
+        _a(f"/flown/requirements/{name}", dims, "1", meaning, layout, of, when=_JUDGED_BY_RUNS.format(f"{whose}s"))
+        for name, dims, meaning, of in (
+            ("requirement", "requirement", "numbers of the statements, in order", WHOLE),
+            ("statement", "requirement", "requirement of the base scenario, in words", TEXT),
+            ("limit", "requirement", "required limit", NUMBER),
+            ("value", f"{dim} requirement interval", f"value by runs of the best {whose}, in the unit of the "
+             "statement; nan if unknown", NUMBER),
+            ("verdict", f"{dim} requirement", "met, not met or undecided, by the interval; empty without runs", TEXT),
+            ("more_runs", f"{dim} requirement", "number of further runs for a decision, if they are like these; nan if "
+             "none would be enough, or if it is decided", NUMBER),
+        )
+    )  # fmt: skip
+
+
 _OF_REQUIREMENTS = "where `requirements` is one of `outputs`"
 _CONFIRMED = "with method covariance, where it is one of `outputs`, unless `--runs 0`"
 _REJECTING = "where runs spoke against a choice"
@@ -1069,6 +1089,9 @@ _SWEEP = Chapter(
                    when=_CONFIRMED),
             )
         ),
+        _a("/flown/requirements/output", "output", "1", "output that the combination is the best for", SWEEP, TEXT,
+           when=_JUDGED_BY_RUNS.format("combinations")),
+        *_flown_requirements("output", "combination", SWEEP),
         *(
             _a(f"/rejected/{name}", dims, units, meaning, SWEEP, of, when=_REJECTING)
             for name, dims, units, meaning, of in (
@@ -1095,7 +1118,6 @@ _SWEEP = Chapter(
 )  # fmt: skip
 
 _MEETING = "with `constraints.requirements`"
-_JUDGED_BY_RUNS = "where the base scenario has `requirements` and best placements were flown"
 _OPTIMIZE = Chapter(
     "Best placements",
     "By number of pseudolites; a placement of fewer than the most is filled up with nan.",
@@ -1141,20 +1163,7 @@ _OPTIMIZE = Chapter(
                "nan without runs", OPTIMIZE)
             for part in ("horizontal", "vertical")
         ),
-        *(
-            _a(f"/flown/requirements/{name}", dims, "1", meaning, OPTIMIZE, of, when=_JUDGED_BY_RUNS)
-            for name, dims, meaning, of in (
-                ("requirement", "requirement", "numbers of the statements, in order", WHOLE),
-                ("statement", "requirement", "requirement of the base scenario, in words", TEXT),
-                ("limit", "requirement", "required limit", NUMBER),
-                ("value", "pseudolites requirement interval", "value by runs of the best placement, in the unit of the "
-                 "statement; nan if unknown", NUMBER),
-                ("verdict", "pseudolites requirement", "met, not met or undecided, by the interval; empty without "
-                 "runs", TEXT),
-                ("more_runs", "pseudolites requirement", "number of further runs for a decision, if they are like "
-                 "these; nan if none would be enough, or if it is decided", NUMBER),
-            )
-        ),
+        *_flown_requirements("pseudolites", "placement", OPTIMIZE),
         _a("/rejected/rejected", "rejected", "1", "numbers of placements that runs spoke against", OPTIMIZE, WHOLE,
            when=_REJECTING),
         _a("/rejected/pseudolites", "rejected", "1", "number of pseudolites", OPTIMIZE, WHOLE, when=_REJECTING),

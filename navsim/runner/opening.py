@@ -74,7 +74,8 @@ def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section,
     with translate_input_errors():
         section, document = read_any(source, assignments)
         check = KINDS[document.data["kind"]].check
-        return section, document, [*document.renamed, *(named(check)(section, document) if check else [])]
+        warnings = named(check)(section, document) if check else []  # it reads a study's base, whose keys may be former
+        return section, document, [*document.renamed, *warnings]
 
 
 def target_of(output: Path | None, default: str) -> Path:

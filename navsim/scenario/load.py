@@ -119,9 +119,9 @@ def base_of(study: OverLandings, document: Document) -> Document:
     except InputError as error:
         where = f" (named at {document.place(('base',))})"
         raise InputError([Problem(p.place, p.key, p.message + where) for p in error.problems]) from None
-    document.renamed.extend(base.renamed)
     for key, value in study.set.items():
         set_value(base, key, copy.deepcopy(value), document.place(("set", key)), document.folder)
+    document.renamed.extend(base.renamed)
     if base.data.get("kind") != "landing":
         message = f"the base of a study is a landing scenario; {study.base} is of kind {base.data.get('kind')!r}"
         raise InputError([Problem(document.place(("base",)), "base", message)])

@@ -137,6 +137,12 @@ class Document:
                 [Problem(self.place(path), dotted(path), "is given twice, also by its former name")]
             ) from None
 
+    def present(self, former: KeyPath, place: Place, of: Any) -> KeyPath:
+        """Path of a key of a kind of file by its present name, with a warning if that is another one."""
+        if (new := current(of, former)) != former:
+            self.note_former(former, new, place)
+        return new
+
     def note_former(self, former: KeyPath, new: KeyPath, place: Place) -> None:
         """Warn of a key by its former name."""
         changed = next(after for before, after in zip(former, new, strict=True) if before != after)
@@ -564,9 +570,7 @@ def set_value(document: Document, key: str, value: Any, place: Place, folder: Pa
         raise fail(_TOO_DEEP)
     target = document.data
     kind = target.get("kind") if isinstance(target, dict) else None
-    if (new := current(kind, tuple(parts))) != tuple(parts):
-        document.note_former(tuple(parts), new, place)
-        parts = [str(part) for part in new]
+    parts = [str(part) for part in document.present(tuple(parts), place, kind)]
     path: KeyPath = ()
     for depth, part in enumerate(parts):
         step: str | int = part

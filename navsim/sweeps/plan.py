@@ -30,6 +30,7 @@ from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.placement_geometry import Geometry, glide_geometry
 from navsim.sweeps.scenario import (
+    FILTER_OUTPUTS,
     LEVEL_OUTPUTS,
     REQUIREMENTS,
     WATCHED_OUTPUTS,
@@ -185,6 +186,12 @@ class Plan:
         """Requirements that every combination is evaluated by; empty if they are no output."""
         return statements(self.first[0]) if REQUIREMENTS in self.study.wanted() else []
 
+    @property
+    def common_requirements(self) -> list[Statement]:
+        """Requirements of all combinations; empty if they differ."""
+        varied = any(key.split(".")[0] == REQUIREMENTS for vary in self.study.vary for key in vary.names())
+        return [] if varied else statements(self.first[0])
+
     @cached_property
     def trajectory(self) -> Trajectory:
         """The aircraft's motion in the first combination."""
@@ -258,7 +265,15 @@ class Plan:
         _, scenario, warnings = self._environment
         moves = any(key.startswith("pseudolites.") for axis in self.axes for key in axis.keys)
         fixed = [] if moves else one_direction(scenario, self.trajectory)  # its DOPs evaluate the moved pseudolites
-        return [*warnings, *implausible(scenario, self.trajectory), *fixed]
+        unused = []
+        if scenario.requirements and REQUIREMENTS not in self.study.wanted():
+            flies = self.study.method == "covariance" and set(self.study.wanted()) & set(FILTER_OUTPUTS)
+            but = "; navsim judges by them only the best combinations that it flies" if flies else ""
+            unused = [
+                f"the sweep has no verdicts on the requirements of {self.study.base}{but}. For a verdict on each "
+                "combination, add `requirements` to `outputs`"
+            ]
+        return [*warnings, *implausible(scenario, self.trajectory), *fixed, *unused]
 
     def warnings_of(self, case: Case) -> list[str]:
         """Warnings about the input of a combination that are not the study's."""
@@ -332,6 +347,9 @@ def _checksum(document: Document, key: KeyPath, name: str) -> str:
 
 def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
     """Check that the keys can be varied at all, and read the files. Raises InputError."""
+    for i, vary in enumerate(study.vary):
+        for key in vary.names():
+            document.present(tuple(key.split(".")), document.place(("vary", i)), base.data.get("kind"))
     if study.method != "dop":
         base = base.copy()
         set_value(base, "method", study.method, document.place(("method",)), document.folder)

@@ -12,6 +12,7 @@ from navsim.formats.ridges import WHOLE, varied
 from navsim.formats.sweep_rows import VERDICT, dimensions, heads, key_path, keys, outputs, rows, setting
 from navsim.formats.units import unit_of, without_unit
 from navsim.report import table
+from navsim.report.flown_requirements import flown_requirements, plain_requirements
 from navsim.report.ridges import shown_ridges
 from navsim.report.summary_tables import setting as scenario_setting
 from navsim.report.table import Cell, Table, as_text, cell
@@ -124,7 +125,7 @@ def tables(result: Result) -> list[Table | str]:
         out.add(text, *spread, *places)
     out.notes = "\n".join(dict.fromkeys(notes))
     judged = requirements(result)
-    return [out, *flown(result), *([] if judged is None else [judged])]
+    return [out, *flown(result), *_flown_verdicts(result), *([] if judged is None else [judged])]
 
 
 def flown(result: Result) -> list[Table | str]:
@@ -152,6 +153,14 @@ def flown(result: Result) -> list[Table | str]:
         both = table.number(result["/rejected/analysed"][i], 4), table.interval(result["/rejected/flown"][i], 4)
         against.add(label(result, name), *both, *places)
     return [out, against]
+
+
+def _flown_verdicts(result: Result) -> list[Table | str]:
+    if (path := "/flown/requirements/output") not in result:
+        return []
+    return flown_requirements(
+        result, "Requirements of the best combinations", [label(result, str(name)) for name in result[path]]
+    )
 
 
 def requirements(result: Result) -> Table | None:
@@ -199,6 +208,8 @@ def best_plain(result: Result) -> dict[str, object]:
                 by_runs = {"flown": [float(x) for x in result[path]], "runs": int(result["/flown/runs"])}
                 if (verdict := f"{path}_verdict") in result:
                     by_runs["verdict"] = str(result[verdict])
+                if (judged := "/flown/requirements/output") in result:
+                    by_runs |= plain_requirements(result, [str(each) for each in result[judged]].index(name))
             value = float(cube[index])
             out[name] = {"value": value, **by_runs, **place, "alike": int(tied.sum()), "at_end_of_range": ends}
     return out
@@ -606,7 +617,7 @@ def _texts(result: Result, target: Path) -> dict[Path, str]:
 
 def _verdicts(result: Result) -> list[Table | str]:
     judged = requirements(result)
-    return [] if judged is None else [judged]
+    return [*_flown_verdicts(result), *([] if judged is None else [judged])]
 
 
 VIEW = View(

@@ -28,6 +28,7 @@ from navsim.landing.confirmation import (
     filter_outputs,
     fly_case,
     of_runs,
+    put_requirements,
 )
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.landing.result_groups import geometry_summary
@@ -309,7 +310,7 @@ def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirm
         else:
             draft[f"/sweep/{name}"] = cube
     _places(draft, planned, found)
-    _flown(draft, confirmed)
+    unmet = _flown(draft, planned, confirmed)
     outcome = found.per_run("outcome")
     draft["/outcome/combination"] = outcome.reshape(planned.shape)
     root = root_attributes(
@@ -329,17 +330,26 @@ def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirm
         for name, one in confirmed.items()
         for each in one.findings(name, lambda choice: _label(planned, int(choice[0])))
     ]
-    out.variables.update(kept(_findings(planned, found, outcome) + flown))
+    out.variables.update(kept(_findings(planned, found, outcome) + flown + unmet))
     return out
 
 
-def _flown(draft: ResultBuilder, confirmed: Mapping[str, Confirmation]) -> None:
-    """Write results of runs of the best combinations, and of those that runs contradicted."""
+def _flown(draft: ResultBuilder, planned: Plan, confirmed: Mapping[str, Confirmation]) -> list[Finding]:
+    """Write results of runs of the best combinations, and of those that runs contradicted; return the best ones that
+    miss requirements."""
     for name, one in confirmed.items():
         draft["/flown/runs"] = np.int64(one.runs)
         draft[f"/flown/{name}"] = one.best.errors[0]
         draft[f"/flown/{name}_combination"] = np.int64(one.best.choice[0])
         draft[f"/flown/{name}_verdict"] = one.best.verdict
+    out = []
+    if confirmed and planned.common_requirements:
+        draft["/flown/requirements/output"] = np.array(list(confirmed), dtype=object)
+        best = [one.best.requirements for one in confirmed.values()]
+        for name, missed in zip(confirmed, put_requirements(draft, planned.common_requirements, best), strict=True):
+            if missed:
+                text = f"{name}: runs of the best combination don't meet: {'; '.join(missed)}"
+                out.append(Finding("requirements", text, (), len(missed), len(planned.common_requirements)))
     rejected = [(name, one) for name, confirmation in confirmed.items() for one in confirmation.rejected]
     if rejected:
         draft["/rejected/rejected"] = np.arange(1, len(rejected) + 1)
@@ -347,6 +357,7 @@ def _flown(draft: ResultBuilder, confirmed: Mapping[str, Confirmation]) -> None:
         draft["/rejected/combination"] = np.array([int(one.choice[0]) for _, one in rejected])
         draft["/rejected/analysed"] = np.array([one.analysed for _, one in rejected])
         draft["/rejected/flown"] = np.array([one.errors[0] for _, one in rejected])
+    return out
 
 
 def _label(planned: Plan, index: int) -> str:

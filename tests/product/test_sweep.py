@@ -232,6 +232,43 @@ outputs: [pdop, horizontal, vertical_200ft]
     assert "PDOP" in navsim("show", "covariance.h5", cwd=place).stdout
 
 
+def test_runs_of_the_best_judge_requirements_that_are_no_output(place: Path) -> None:
+    """In the table, in the result, as JSON; a warning names those that a best combination misses, another how to have a
+    verdict on each.
+
+    Seen before: no word of the base's requirements.
+    """
+    text = """
+method: covariance
+set:
+  receiver.rate_hz: 1
+  duration_s: 65
+  requirements: [{what: rms, of: vertical, below_m: 90}, {what: rms, of: horizontal, below_m: 0.001}]
+vary: [{keys: [pseudolites.count, pseudolites.s_m, pseudolites.l1_m], values: [[0, 0, 0], [2, 200, 1000]]}]
+outputs: [pdop, horizontal, vertical]
+"""
+    file = study(place, "judged", text)
+    done = navsim("sweep", file, "--runs", 8, "-o", "judged.h5", "--figures", "none", cwd=place)
+    said = " ".join(done.stderr.split())
+    assert f"the sweep has no verdicts on the requirements of {BASE}; navsim judges by them only the best" in said
+    missed = "runs of the best combination don't meet: horizontal RMS error before touchdown below 0.001 m"
+    assert f"horizontal: {missed}" in said
+    result = read(place / "judged.h5")
+    as_declared(result)
+    assert result["/flown/requirements/output"].tolist() == ["horizontal", "vertical"]
+    assert result["/flown/requirements/verdict"].tolist() == [["met", "not met"]] * 2
+    value, low, high = result["/flown/requirements/value"][0, 1]
+    assert 0.001 < low < value < high
+    assert value == pytest.approx(result["/flown/horizontal"][0])
+    assert "Requirements of the best combinations, by runs" in done.stdout
+    best = json.loads(navsim("show", "judged.h5", "--json", cwd=place).stdout)
+    assert [one["verdict"] for one in best["horizontal"]["requirements"]] == ["met", "not met"]
+    varied = text.replace("vary: [", "vary: [{key: requirements.1.below_m, values: [1, 2]}, ")
+    file = study(place, "varied", varied)
+    navsim("sweep", file, "--runs", 8, "-o", "varied.h5", "-q", cwd=place)
+    assert "/flown/requirements/verdict" not in read(place / "varied.h5")
+
+
 def test_latin_hypercube(place: Path) -> None:
     text = """
 samples: 10

@@ -10,6 +10,7 @@ from navsim.results import former_names
 from navsim.results.former_names import present_path
 from navsim.results.result import Result, Variable, read, scenario_of, write
 from navsim.results.schema import SECTIONS
+from navsim.runner.opening import checked
 from navsim.scenario.load import read_any, resolved_yaml
 from navsim.scenario.source import InputError, load, parse, set_value
 
@@ -66,6 +67,23 @@ def test_a_study_may_vary_a_former_key() -> None:
     set_value(base, "approach.corner_s", 0.9, base.place(()), Path())
     assert base.data["approach"]["transition_time_s"] == 0.9
     assert "corner_s" not in base.data["approach"]
+
+
+@pytest.mark.parametrize(
+    ("text", "new"),
+    [
+        ("set: {approach.corner_s: 0.9}\nvary: [{key: pseudolites.s_m, values: [1, 2]}]", "transition_time_s"),
+        ("set: {sky: {lenient: false}}\nvary: [{key: pseudolites.s_m, values: [1, 2]}]", "skip_bad_records"),
+        ("vary: [{key: approach.corner_s, values: [0.4, 0.9]}]", "transition_time_s"),
+        ("vary: [{keys: [pseudolites.s_m, approach.corner_s], values: [[1, 0.4]]}]", "transition_time_s"),
+    ],
+)
+def test_a_study_tells_once_of_its_former_keys(text: str, new: str, tmp_path: Path) -> None:
+    """Those of `set` and `vary` were renamed without a word."""
+    file = tmp_path / "study.yaml"
+    file.write_text(f"kind: sweep\nversion: 1\nmethod: dop\nbase: {LANDING.resolve()}\n{text}\n")
+    (told,) = [one for one in checked(file, ())[2] if f"is called {new} now" in one]
+    assert told.startswith(f"{file}:5:")
 
 
 def test_present_keys_exist() -> None:
