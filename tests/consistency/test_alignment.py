@@ -90,7 +90,7 @@ def test_flying_straight_without_fixes_is_no_standstill() -> None:
     flight = ride(90.0, lambda t: np.full_like(t, 25.0), lambda t: smooth_steps(t, [60.0, 70.0], [0.0, 0.2, 0.0]),
                   np.zeros_like)  # fmt: skip
     for velocities in ("ned", "none"):
-        samples, fixes = record(flight, 5, velocities=velocities, gyro_bias=1e-4, accel_bias=0.01)  # type: ignore[arg-type]
+        samples, fixes = record(flight, 5, velocities=velocities, gyro_bias=1e-4, accel_bias=0.01)
         lost = without(fixes, 10.0, 40.0)
         assert alignment.standstill(samples, lost.with_velocity()[0], 5.0, 45.0, SEARCH) is None
 

@@ -38,7 +38,7 @@ def test_processes_fly_what_threads_fly(kept: bool, tmp_path: Path) -> None:
 
 def _none(workers: int) -> ProcessPoolExecutor:
     class Idle(ProcessPoolExecutor):
-        def submit(self, *_: object, **__: object) -> None:  # type: ignore[override]
+        def submit(self, *_: object, **__: object) -> None:
             pytest.fail("all batches are in the store")
 
     return Idle(workers)

@@ -346,6 +346,6 @@ def test_fixes_rejected_while_lost_are_counted_apart() -> None:
     lost = SimpleNamespace(begin=4.0, end=7.0)
     states = {"status": np.zeros(10), "range_status": np.empty((0, 0))}
     flown = SimpleNamespace(rejected=np.array([0, 1, 0, 0, 1, 1, 1, 1, 0, 0]), lost=[lost], **states)
-    (found,) = find_outliers(flight, flown)  # type: ignore[arg-type]
+    (found,) = find_outliers(flight, flown)
     assert found.text.startswith("1 of ")
     assert found.text.endswith("; 4 more were rejected while the filter was lost")

@@ -16,12 +16,12 @@ mode_s: Any = load_script("mode_s")
 
 
 @pytest.fixture(scope="module")
-def found(shared: Path):  # type: ignore[no-untyped-def]
+def found(shared: Path) -> Any:
     del shared  # skips where the recording is absent
     return script.tracked(200)
 
 
-def test_received_reports_never_do_much_harm(found) -> None:  # type: ignore[no-untyped-def]
+def test_received_reports_never_do_much_harm(found: Any) -> None:
     """In no 60 s worse than 1.10 times either Singer filter, in azimuth and range; better in the turn."""
     tracks, _, counted = found
     stretches = script.windows(tracks, counted)
@@ -32,7 +32,7 @@ def test_received_reports_never_do_much_harm(found) -> None:  # type: ignore[no-
                 assert ratio(errors["received"][:, inside], errors[baseline][:, inside])[0] < 1.10, (begin, baseline)
 
 
-def test_reports_each_second_beat_singer_in_the_turn(found) -> None:  # type: ignore[no-untyped-def]
+def test_reports_each_second_beat_singer_in_the_turn(found: Any) -> None:
     """95 % intervals apart."""
     tracks, _, _ = found
     turn = (tracks.time >= script.TURN[0]) & (tracks.time < script.TURN[1])

@@ -407,4 +407,4 @@ def test_a_system_that_is_lost_makes_levels_grow_and_not_jump() -> None:
     assert levels[20.0] < 1.1 * levels[19.5]
     assert levels[22.0] < 2.0 * levels[19.5]
     assert levels[24.5] > levels[22.0]
-    assert (bank.found.unmonitored <= c.flight.watching.test.p_unmonitored).all()  # type: ignore[union-attr]
+    assert (bank.found.unmonitored <= c.flight.watching.test.p_unmonitored).all()

@@ -555,7 +555,7 @@ def test_levels_in_axes_of_the_runway_hold(fault: int | None) -> None:
 def test_priors_of_pseudolites(given: str, prior: float, tmp_path: Path) -> None:
     """As the specification rounds them; the table shows what was taken."""
     section = f"integrity={{p_pseudolite: {given}, p_constellations: {{glonass: 1.0e-8}}}}"
-    faults = {fault.name: fault.prior for fault in brief(section).flight.watching.faults}  # type: ignore[union-attr]
+    faults = {fault.name: fault.prior for fault in brief(section).flight.watching.faults}
     assert faults["PL1"] == pytest.approx(prior, rel=0.01)
     settings = ("--set", section, "--set", "duration_s=30", "--set", "receiver.rate_hz=1", "--method", "covariance")
     done = navsim("run", SCENARIOS / "landing.yaml", *settings, "--figures", "none", "-o", "p.h5", cwd=tmp_path)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
@@ -96,16 +98,16 @@ def test_counts() -> None:
 
 
 @pytest.fixture(scope="module", params=[250, pytest.param(1000, marks=pytest.mark.long)])
-def result(request):  # type: ignore[no-untyped-def]
+def result(request: Any) -> Any:
     """The study of the data link has its own test."""
     return compute(scenario(link={"study_runs": 0}, runs=request.param), 1, None)
 
 
-def at(result, path: str, case: str, *index: int) -> np.ndarray:  # type: ignore[no-untyped-def]
+def at(result: Any, path: str, case: str, *index: int) -> np.ndarray:
     return result[path][(list(result["/case"]).index(case), *index)]
 
 
-def test_decoupled_against_full(result) -> None:  # type: ignore[no-untyped-def]
+def test_decoupled_against_full(result: Any) -> None:
     for case in result["/case"]:
         for level in ("speed", "path_angle", "track", "elevation", "azimuth"):
             value = at(result, "/summary/decoupled_to_full", case, 0, 0, NAMES.index(level), 0)
@@ -116,7 +118,7 @@ def test_decoupled_against_full(result) -> None:  # type: ignore[no-untyped-def]
     assert abs(at(result, "/summary/decoupled_to_full", "T1_rates", 0, 0, 0, 0) - 0.913) <= wider(result) * 0.025
 
 
-def test_singer_against_onboard(result) -> None:  # type: ignore[no-untyped-def]
+def test_singer_against_onboard(result: Any) -> None:
     """Tolerances are 3.5 sd at 1000 runs."""
     d, rate = at(result, "/summary/singer_to_adapt", "T1_angles", 0)[:, 0]
     assert abs(d - 1.749) <= wider(result) * 0.025
@@ -133,14 +135,14 @@ EXPECTED = {
 
 
 @pytest.mark.parametrize("case", EXPECTED)
-def test_errors_in_the_manoeuvre(result, case: str) -> None:  # type: ignore[no-untyped-def]
+def test_errors_in_the_manoeuvre(result: Any, case: str) -> None:
     """The table, of another 1000 runs: within 3 % of 1000."""
     for m, row in enumerate(EXPECTED[case]):
         found = at(result, "/summary/rmse", case)[:4, 0, m, 0]
         np.testing.assert_allclose(found, row, rtol=wider(result) * 0.03)
 
 
-def test_cartesian_filter(result) -> None:  # type: ignore[no-untyped-def]
+def test_cartesian_filter(result: Any) -> None:
     """4.2 m, 0.55 m/s, 0.017 deg at 1 s; 8.5 m, 0.68 m/s at 4 s."""
     one, four = (at(result, "/summary/rmse", case, 4, 0) for case in ("T1_angles", "T4_angles"))
     assert one[0, 0] == pytest.approx(4.2, rel=wider(result) * 0.05)
@@ -174,7 +176,7 @@ def test_update_by_a_full_row() -> None:
     assert nis == pytest.approx(0.16 / s)
 
 
-def vector_kalman(z, r, period, decay, rate_variance, age):  # type: ignore[no-untyped-def]
+def vector_kalman(z: Any, r: Any, period: Any, decay: Any, rate_variance: Any, age: Any) -> Any:
     """Estimates (k,) of a level from reports `age` old: a plain filter at their time, predicted over the age."""
     phi, q = np.array([[1.0, period], [0.0, decay]]), np.diag([0.0, rate_variance])
     h = np.array([1.0, 0.0])

@@ -5,6 +5,8 @@ The figures: `docs/theory/circuit.md`, section 4; `docs/theory/azimuth.md`, sect
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import simpson
@@ -82,20 +84,20 @@ SMALL = {"periods_s": [1.0, 2.0, 10.0], "latencies_s": [0.5]}
 
 
 @pytest.fixture(scope="module", params=[250, pytest.param(1000, marks=pytest.mark.long)])
-def result(request):  # type: ignore[no-untyped-def]
+def result(request: Any) -> Any:
     return compute(scenario(runs=request.param, map=SMALL if request.param < 1000 else {}), 1, None)
 
 
-def wider(result) -> float:  # type: ignore[no-untyped-def]
+def wider(result: Any) -> float:
     """How many times wider tolerances are than those of 1000 runs."""
     return float(np.sqrt(1000 / result["/run"].size))
 
 
-def rmse(result, name: str, period: int = 0, window: int = 0) -> float:  # type: ignore[no-untyped-def]
+def rmse(result: Any, name: str, period: int = 0, window: int = 0) -> float:
     return float(result["/summary/rmse"][period, list(result["/filter"]).index(name), window, 0])
 
 
-def test_acceptance_at_one_second(result) -> None:  # type: ignore[no-untyped-def]
+def test_acceptance_at_one_second(result: Any) -> None:
     """`docs/theory/azimuth.md`, section 4; tolerances of 1000 runs."""
     for name, expected, reach in (("S1", 0.0618, 0.0010), ("S2", 0.0548, 0.0009), ("L4", 0.0351, 0.0010)):
         assert abs(rmse(result, name) - expected) <= wider(result) * reach, name
@@ -112,7 +114,7 @@ def test_acceptance_at_one_second(result) -> None:  # type: ignore[no-untyped-de
         assert abs(rmse(result, name, window=1) - expected) <= wider(result) * 0.001, name
 
 
-def test_acceptance_at_four_seconds(result) -> None:  # type: ignore[no-untyped-def]
+def test_acceptance_at_four_seconds(result: Any) -> None:
     """The claim is not met."""
     s1, s2 = result["/summary/ratio_to_l4"][1, :, 0, 0]
     assert abs(s1 - 1.453) <= wider(result) * 0.033
@@ -148,7 +150,7 @@ def growth_by_covariance(period: float, sigma_a: float) -> tuple[float, float]:
     return float(np.sqrt(square[turning].mean()) / level), float(np.sqrt(square[turning].max()) / level)
 
 
-def test_growth_in_a_manoeuvre(result) -> None:  # type: ignore[no-untyped-def]
+def test_growth_in_a_manoeuvre(result: Any) -> None:
     """The paper's "1.5 to 2 times larger" does not hold of the mean for the paper's own acceleration."""
     for i, period in enumerate((1.0, 4.0)):
         for j, sigma_a in enumerate((1.074264684, 2.504689245)):
@@ -181,7 +183,7 @@ def test_verdict_on_growth(mean: float, peak: float, runs: int, expected: str) -
     assert growth_verdict(mean, peak, runs) == expected
 
 
-def test_ages_of_reports(result) -> None:  # type: ignore[no-untyped-def]
+def test_ages_of_reports(result: Any) -> None:
     """Monotone, and knowing the age helps."""
     for i, (expected, reach) in enumerate(
         (((0.0300, 0.0350, 0.0470, 0.0778), 0.0010), ((0.0543, 0.0557, 0.0609, 0.0791), 0.0015))
@@ -194,12 +196,12 @@ def test_ages_of_reports(result) -> None:  # type: ignore[no-untyped-def]
     assert abs(result["/summary/latency_rmse"][0, 2, 1] - 0.0336) <= wider(result) * 0.0012
 
 
-def test_roll_and_track_rate_do_as_well(result) -> None:  # type: ignore[no-untyped-def]
+def test_roll_and_track_rate_do_as_well(result: Any) -> None:
     for name in ("L4 roll", "L4 track rate"):
         assert rmse(result, name) < 1.05 * rmse(result, "L4")
 
 
-def test_map_has_the_claim_where_a_second_program_finds_it(result) -> None:  # type: ignore[no-untyped-def]
+def test_map_has_the_claim_where_a_second_program_finds_it(result: Any) -> None:
     """Best Singer over best L4 within 6 % of a second program's map (its runs and grids are others)."""
     expected = {
         0.5: (1.51, 1.59, 1.67, 1.79, 1.96), 1.0: (1.44, 1.52, 1.61, 1.75, 1.97), 2.0: (1.32, 1.42, 1.53, 1.69, 1.88),

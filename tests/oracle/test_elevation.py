@@ -5,6 +5,8 @@ The figures: `docs/theory/elevation.md`, sections 1 to 4.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
@@ -146,7 +148,7 @@ ANGLES = [
     differences="1e-6",
 )
 @pytest.mark.parametrize(("leg", "t", "expected"), ANGLES)
-def test_angles(leg, t: float, expected: tuple[float, float, float], within: Within) -> None:  # type: ignore[no-untyped-def]
+def test_angles(leg: Any, t: float, expected: tuple[float, float, float], within: Within) -> None:
     values = [float(x[0]) for x in mls.elevation(leg(np.array([t])))]
     np.testing.assert_allclose(values, expected, rtol=0, atol=within["angles"])
     step = 1e-3
@@ -220,7 +222,7 @@ def test_nominal_approach() -> None:
     assert flown.noise[0, -1] == pytest.approx(0.015418, rel=1e-4)
 
 
-def kalman(phi, q, r, p0, x0, angle):  # type: ignore[no-untyped-def]
+def kalman(phi: Any, q: Any, r: Any, p0: Any, x0: Any, angle: Any) -> Any:
     """A plain Kalman filter of one measured angle: bias (k,) without noise, and 1 sigma (k,) of what noise adds, which
     is the root of the sum of its squared responses to a unit error of each measurement."""
     n = len(x0)
@@ -398,7 +400,7 @@ def test_flare_guidance(result: Result, within: Within) -> None:
     assert {row.texts()[-1] for row in titled(result, "flare").rows} == {"within"}
 
 
-def kalman_end(phi, q, r, measured):  # type: ignore[no-untyped-def]
+def kalman_end(phi: Any, q: Any, r: Any, measured: Any) -> Any:
     """The last estimate of the angle of each run; measured (run, k)."""
     r = np.broadcast_to(r, measured.shape[1:])
     x, p = np.tile([[0.365], [-0.06]], len(measured)), P0

@@ -197,7 +197,7 @@ def test_auto_writes_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
         seen.append((lat, lon))
         return 15.504
 
-    model.undulation = undulation  # type: ignore[attr-defined]
+    model.undulation = undulation
     assert scenario(*auto).runway.geoid_undulation_m == 15.5
     assert seen == [(56, 37)]
     monkeypatch.setitem(sys.modules, "egm96", None)

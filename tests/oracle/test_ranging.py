@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -360,7 +361,7 @@ def study_of(text: str) -> RangeStudy:
     "two-way ranges of UWB anchors: position and biases", "RTK truth of a public recording",
     filter="0.85 m", smoother="0.65 m", bias="0.1 m",
 )  # fmt: skip
-def test_uwb_yard(shared: Path, within) -> None:  # type: ignore[no-untyped-def]
+def test_uwb_yard(shared: Path, within: Any) -> None:
     study = study_of(YARD.format(shared / "data" / "uwb_yard"))
     result = compute(study)
     for name in ("filter", "smoother"):
@@ -398,7 +399,7 @@ end_s: 20500
     "pseudoranges of five free clocks: residual and clock rates", "own least squares of a public recording",
     residual="0.55 m", rate="0.02 m/s",
 )  # fmt: skip
-def test_pseudolite_uav(shared: Path, within) -> None:  # type: ignore[no-untyped-def]
+def test_pseudolite_uav(shared: Path, within: Any) -> None:
     """On the circles: a place and the receiver's clock free in every epoch, offset and rate for each source, one
     height."""
     columns = ", ".join(f'"codePseudorange{i}[m]": "{i}"' for i in range(1, 6))

@@ -164,7 +164,7 @@ def test_a_magnetic_bearing(monkeypatch: pytest.MonkeyPatch) -> None:
             return types.SimpleNamespace(d=11.2434)
 
     model = types.ModuleType("pygeomag")
-    model.GeoMag = GeoMag  # type: ignore[attr-defined]
+    model.GeoMag = GeoMag
     monkeypatch.setitem(sys.modules, "pygeomag", model)
     auto = scenario(*settings, "runway.declination_deg=auto", "runway.bearing_year=2018.5", "runway.height_m=150")
     assert (auto.runway.declination_deg, auto.runway.heading_deg) == (11.243, pytest.approx(6.243))

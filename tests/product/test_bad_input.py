@@ -265,6 +265,16 @@ def test_output_refused(open_executor: Path) -> None:
         assert other["x"][()] == 1.0
 
 
+def test_a_folder_for_a_result_is_made(tmp_path: Path) -> None:
+    """As results/ is by default. Seen before: `-o results/x.h5` in an empty folder was refused."""
+    (tmp_path / "s.yaml").write_text(LANDING)
+    navsim("run", "s.yaml", "-o", "results/x.h5", "--figures", "none", "-q", cwd=tmp_path)
+    assert (tmp_path / "results/x.h5").is_file()
+    refused = navsim("run", "s.yaml", "-o", "folder/deeper/x.h5", cwd=tmp_path)
+    assert "folder/deeper: no such folder" in refused.stderr
+    assert not (tmp_path / "folder").exists()
+
+
 @pytest.mark.parametrize("command", ["show", "plot", "report", "cite"])
 def test_result_refused(command: str, open_executor: Path) -> None:
     with h5py.File(open_executor / "other.h5", "w") as other:

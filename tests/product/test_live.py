@@ -51,7 +51,7 @@ SCENARIO = ("live", str(SCENARIOS / "landing.yaml"), *(x for a in SHORT for x in
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A landing, its result, and its fixes as lines of CSV and NMEA."""
     folder = tmp_path_factory.mktemp("live")
     c = case(*SHORT)
@@ -67,7 +67,7 @@ def lines_of(text: str) -> Lines:
     return lines
 
 
-def test_the_simulators_own_fixes_give_the_simulated_run(flown) -> None:  # type: ignore[no-untyped-def]
+def test_the_simulators_own_fixes_give_the_simulated_run(flown: Any) -> None:
     """The chain cut at the receiver and put together again is the chain."""
     c, result, table, _ = flown
     session = Session(c, "receiver", 1)
@@ -99,7 +99,7 @@ def test_errors_that_last_are_followed_as_in_a_landing(how: str, tmp_path: Path)
             estimate(still, bare, at, session.filter.state, flight.model)
 
 
-def test_fixes_that_cannot_be_weighed_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+def test_fixes_that_cannot_be_weighed_are_no_result(flown: Any) -> None:
     c, _, table, _ = flown
     session = Session(c, "receiver", 1)
     session.noise[...] = np.diag([25.0, 25.0, 25.0, -1e9, -1e9, -1e9])
@@ -107,7 +107,7 @@ def test_fixes_that_cannot_be_weighed_are_no_result(flown) -> None:  # type: ign
     assert "none of the 120 fixes could be used" in session.result().attributes["verdict"]
 
 
-def test_a_header_names_the_columns(flown) -> None:  # type: ignore[no-untyped-def]
+def test_a_header_names_the_columns(flown: Any) -> None:
     """A receiver's table has columns of its own in between; a header of other names is spoken of."""
     c, result, table, _ = flown
     head, *rows = table.read_text().splitlines()
@@ -124,7 +124,7 @@ def test_a_header_names_the_columns(flown) -> None:  # type: ignore[no-untyped-d
     ]
 
 
-def test_nmea_in_place_of_the_receiver(flown) -> None:  # type: ignore[no-untyped-def]
+def test_nmea_in_place_of_the_receiver(flown: Any) -> None:
     c, result, _, nmea = flown
     session = Session(c, "receiver", 1)
     session.pump(lines_of(nmea.read_text()), 1.0)
@@ -202,7 +202,7 @@ def navsim(*arguments: str, cwd: Path, text: str | None = None) -> subprocess.Co
     return subprocess.run(command, cwd=cwd, input=text, capture_output=True, text=True, check=False, timeout=120)
 
 
-def test_standard_input_and_files(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_standard_input_and_files(flown: Any, tmp_path: Path) -> None:
     _, result, table, nmea = flown
     done = navsim(*SCENARIO, "--receiver", "-", "-o", "a.h5", "--json", cwd=tmp_path, text=table.read_text())
     assert done.returncode == 0, done.stderr
@@ -297,7 +297,7 @@ def test_sources_that_cannot_be_opened(source: str) -> None:
         pass
 
 
-def test_a_silent_source_ends_the_run(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_silent_source_ends_the_run(flown: Any, tmp_path: Path) -> None:
     port = free_port()
     done = navsim(*SCENARIO, "--receiver", f"udp://127.0.0.1:{port}", "--silence", "1", "-o", "a.h5", cwd=tmp_path)
     assert done.returncode == 3
@@ -305,7 +305,7 @@ def test_a_silent_source_ends_the_run(flown, tmp_path: Path) -> None:  # type: i
     assert "no message could be used" in done.stderr
 
 
-def test_real_time_holds_lines_back(flown) -> None:  # type: ignore[no-untyped-def]
+def test_real_time_holds_lines_back(flown: Any) -> None:
     c, _, table, _ = flown
     session = Session(c, "receiver", 1, realtime=True)
     first = "\n".join(table.read_text().splitlines()[:5]) + "\n"
@@ -446,7 +446,7 @@ def test_other_separators_are_read(flown: Any, separator: str, headed: bool) -> 
 
 
 @pytest.mark.parametrize("kind", ["csv", "nmea"])
-def test_a_lost_first_line_shifts_nothing(flown, kind: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_lost_first_line_shifts_nothing(flown: Any, kind: str) -> None:
     c, result, table, nmea = flown
     lines = table.read_text().splitlines()[2:] if kind == "csv" else nmea.read_text().splitlines()[3:]
     session, ours, warned = flew(c, lines)
@@ -456,7 +456,7 @@ def test_a_lost_first_line_shifts_nothing(flown, kind: str) -> None:  # type: ig
     assert not flying.failures(ours)
 
 
-def test_a_count_from_anywhere_begins_with_the_first_line(flown) -> None:  # type: ignore[no-untyped-def]
+def test_a_count_from_anywhere_begins_with_the_first_line(flown: Any) -> None:
     """Where only the first line tells the time, its loss shows along the track, and is said with the cure."""
     c, result, table, _ = flown
     rows = later(table.read_text().splitlines()[1:], 5000.0)
@@ -491,7 +491,7 @@ def test_the_shift_is_as_sure_as_it_says() -> None:
         assert 0.6 < np.sqrt(np.mean(sigma**2)) / shift.std() < 1.6
 
 
-def test_a_source_that_begins_before_the_flight_is_waited_for(flown) -> None:  # type: ignore[no-untyped-def]
+def test_a_source_that_begins_before_the_flight_is_waited_for(flown: Any) -> None:
     c, result, table, _ = flown
     rows = table.read_text().splitlines()[1:]
     epoch = c.scenario.epoch.timestamp()
@@ -502,7 +502,7 @@ def test_a_source_that_begins_before_the_flight_is_waited_for(flown) -> None:  #
     np.testing.assert_allclose(ours["/innovations/time"], result["/geometry/time"], atol=1e-6)
 
 
-def test_nmea_joined_in_mid_epoch(flown) -> None:  # type: ignore[no-untyped-def]
+def test_nmea_joined_in_mid_epoch(flown: Any) -> None:
     """Fixes come before the first date: they count by the time of day, and go on by the date."""
     c, result, _, nmea = flown
     lines = nmea.read_text().splitlines()
@@ -520,7 +520,7 @@ def test_nmea_joined_in_mid_epoch(flown) -> None:  # type: ignore[no-untyped-def
         assert not warned
 
 
-def test_a_receiver_whose_weeks_rolled_over(flown) -> None:  # type: ignore[no-untyped-def]
+def test_a_receiver_whose_weeks_rolled_over(flown: Any) -> None:
     c, result, _, nmea = flown
     old = (c.scenario.epoch - datetime.timedelta(weeks=1024)).strftime(",%d%m%y,")
     now = c.scenario.epoch.strftime(",%d%m%y,")
@@ -532,7 +532,7 @@ def test_a_receiver_whose_weeks_rolled_over(flown) -> None:  # type: ignore[no-u
     assert any("rolled over" in line for line in said)
 
 
-def test_a_garbled_first_line_settles_no_clock(flown) -> None:  # type: ignore[no-untyped-def]
+def test_a_garbled_first_line_settles_no_clock(flown: Any) -> None:
     """A line joined in its first number is a row like any other, of another time."""
     c, result, table, _ = flown
     rows = later(table.read_text().splitlines()[1:], 5000.0)
@@ -543,7 +543,7 @@ def test_a_garbled_first_line_settles_no_clock(flown) -> None:  # type: ignore[n
     assert session.counts["used"] == result["/geometry/time"].size - 1
 
 
-def test_a_stream_past_the_end_of_the_flight_ends_the_run(flown) -> None:  # type: ignore[no-untyped-def]
+def test_a_stream_past_the_end_of_the_flight_ends_the_run(flown: Any) -> None:
     """Without the last fix of the flight, and with a sender that goes on for ever."""
     c, _, table, _ = flown
     rows = table.read_text().splitlines()[1:-1]
@@ -557,7 +557,7 @@ def test_a_stream_past_the_end_of_the_flight_ends_the_run(flown) -> None:  # typ
 # --- what is no landing
 
 
-def test_another_country_is_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+def test_another_country_is_no_result(flown: Any) -> None:
     c, _, table, _ = flown
     _, result, warned = flew(c, of_another_place(table.read_text().splitlines()[1:]))
     assert not any("along the track" in line for line in warned)
@@ -567,7 +567,7 @@ def test_another_country_is_no_result(flown) -> None:  # type: ignore[no-untyped
     assert str(result.attributes["verdict"]).startswith("no result: half of the fixes lie more than")
 
 
-def test_another_time_of_the_flight_is_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+def test_another_time_of_the_flight_is_no_result(flown: Any) -> None:
     """Ten seconds are named as such, and with them taken off it is one."""
     c, _, table, _ = flown
     rows = table.read_text().splitlines()[1:]
@@ -581,7 +581,7 @@ def test_another_time_of_the_flight_is_no_result(flown) -> None:  # type: ignore
     assert not flying.failures(result)
 
 
-def test_two_senders_at_once_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+def test_two_senders_at_once_are_no_result(flown: Any) -> None:
     """Of one time; of two times; and as sentences of one epoch."""
     c, _, table, nmea = flown
     rows = table.read_text().splitlines()[1:]
@@ -602,7 +602,7 @@ def test_two_senders_at_once_are_no_result(flown) -> None:  # type: ignore[no-un
     assert any("two senders at once" in line for line in flying.failures(result))
 
 
-def test_what_was_left_out_is_said(flown) -> None:  # type: ignore[no-untyped-def]
+def test_what_was_left_out_is_said(flown: Any) -> None:
     c, _, table, _ = flown
     session = Session(c, "receiver", 1)
     source = lines_of(table.read_text())
@@ -617,7 +617,7 @@ def test_what_was_left_out_is_said(flown) -> None:  # type: ignore[no-untyped-de
     ]
 
 
-def test_a_few_good_lines_among_many_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+def test_a_few_good_lines_among_many_are_no_result(flown: Any) -> None:
     """As through a serial line of the wrong rate."""
     c, _, table, _ = flown
     rows = table.read_text().splitlines()[1:]
@@ -637,7 +637,7 @@ def without(line: str, kind: str, place: int) -> str:
     return sentence(",".join(body)).strip()
 
 
-def test_sentences_without_a_time_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+def test_sentences_without_a_time_are_no_result(flown: Any) -> None:
     """A receiver that never learns the time: none of its fixes can be used, and that is what is said."""
     c, _, _, nmea = flown
     lines = [without(without(line, "GGA", 1), "RMC", 1) for line in nmea.read_text().splitlines()]
@@ -650,7 +650,7 @@ def test_sentences_without_a_time_are_no_result(flown) -> None:  # type: ignore[
     assert any("messages and corrupt lines only 4 could be used" in line for line in flying.failures(result))
 
 
-def test_lines_without_a_fix_are_not_called_none(flown) -> None:  # type: ignore[no-untyped-def]
+def test_lines_without_a_fix_are_not_called_none(flown: Any) -> None:
     c, _, _, _ = flown
     assert flying.failures(flew(c, [])[1]) == ["no message could be used: none came"]
     satellites = sentence("GPGSV,1,1,01,05,40,083,46").strip()
@@ -661,7 +661,7 @@ def test_lines_without_a_fix_are_not_called_none(flown) -> None:  # type: ignore
     assert flying.failures(flew(c, [course] * 3)[1]) == ["no message could be used: 3 lines received"]
 
 
-def test_heights_over_the_geoid_are_warned_of(flown) -> None:  # type: ignore[no-untyped-def]
+def test_heights_over_the_geoid_are_warned_of(flown: Any) -> None:
     c, expected, _, nmea = flown
     session, _, warned = flew(c, [without(line, "GGA", 11) for line in nmea.read_text().splitlines()])
     fixes = expected["/geometry/time"].size
@@ -684,7 +684,7 @@ def of_quality(line: str, quality: int, mode: str) -> str:
 @pytest.mark.parametrize(
     ("quality", "mode", "kind"), in_brief([(6, "E", "estimated"), (7, "M", "manual"), (8, "S", "simulated")], 1)
 )
-def test_what_is_no_fix_of_the_receiver_is_left_out(flown, quality: int, mode: str, kind: str) -> None:  # type: ignore[no-untyped-def]
+def test_what_is_no_fix_of_the_receiver_is_left_out(flown: Any, quality: int, mode: str, kind: str) -> None:
     c, _, _, nmea = flown
     lines = nmea.read_text().splitlines()
     mixed = [*lines[:120], *(of_quality(line, quality, mode) for line in lines[120:180]), *lines[180:]]
@@ -700,7 +700,7 @@ def test_what_is_no_fix_of_the_receiver_is_left_out(flown, quality: int, mode: s
     assert (kind == "simulated") == (not warned)
 
 
-def test_sentences_without_checksums_are_read_when_lenient(flown) -> None:  # type: ignore[no-untyped-def]
+def test_sentences_without_checksums_are_read_when_lenient(flown: Any) -> None:
     c, _, _, nmea = flown
     lines = nmea.read_text().splitlines()
     bare = [line.split("*")[0] for line in lines]
@@ -717,7 +717,7 @@ def test_sentences_without_checksums_are_read_when_lenient(flown) -> None:  # ty
     np.testing.assert_array_equal(result["/filter/error"], expected["/filter/error"])
 
 
-def test_messages_of_ships_are_not_corrupt(flown) -> None:  # type: ignore[no-untyped-def]
+def test_messages_of_ships_are_not_corrupt(flown: Any) -> None:
     """Of live streams as of files: encapsulated sentences are of another kind, what only begins like one is not."""
     c, expected, _, nmea = flown
     ship = "!AIVDM,1,1,,A,13u?etPv2;0n:dDPwUM1U1Cb069D,0*23"
@@ -730,7 +730,7 @@ def test_messages_of_ships_are_not_corrupt(flown) -> None:  # type: ignore[no-un
     assert not warned
 
 
-def test_every_line_twice_is_a_result(flown) -> None:  # type: ignore[no-untyped-def]
+def test_every_line_twice_is_a_result(flown: Any) -> None:
     c, expected, table, _ = flown
     rows = table.read_text().splitlines()[1:]
     session, result, warned = flew(c, [row for row in rows for _ in range(2)])
@@ -749,7 +749,7 @@ def test_samples_of_another_flight_are_no_result() -> None:
     assert flying.failures(session.result())
 
 
-def test_the_gate_lets_go_as_in_a_landing(flown) -> None:  # type: ignore[no-untyped-def]
+def test_the_gate_lets_go_as_in_a_landing(flown: Any) -> None:
     """After `max_rejected` fixes in a row one is taken: also where each fix is a call of its own."""
     c, _, table, _ = flown
     rows = table.read_text().splitlines()[1:]
@@ -797,7 +797,7 @@ def _listening() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def test_quiet_says_nothing_but_warnings(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_quiet_says_nothing_but_warnings(flown: Any, tmp_path: Path) -> None:
     told = navsim(*SCENARIO, "--receiver", str(flown[2]), "-o", "a.h5", cwd=tmp_path)
     assert "ended: the scenario's time is over" in told.stderr
     done = navsim(*SCENARIO, "--receiver", str(flown[2]), "-o", "a.h5", "-q", cwd=tmp_path)
@@ -805,7 +805,7 @@ def test_quiet_says_nothing_but_warnings(flown, tmp_path: Path) -> None:  # type
     assert done.stdout == done.stderr == ""
 
 
-def test_standard_input_may_stay_open(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_standard_input_may_stay_open(flown: Any, tmp_path: Path) -> None:
     _, _, table, _ = flown
     with started("-o", "a.h5", cwd=tmp_path) as process:
         assert process.stdin is not None
@@ -816,7 +816,7 @@ def test_standard_input_may_stay_open(flown, tmp_path: Path) -> None:  # type: i
 
 
 @pytest.mark.parametrize("number", in_brief([signal.SIGINT, signal.SIGTERM], 1))
-def test_signals_keep_what_came(flown, number: signal.Signals, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_signals_keep_what_came(flown: Any, number: signal.Signals, tmp_path: Path) -> None:
     _, _, table, _ = flown
     with started("-o", "a.h5", cwd=tmp_path) as process:
         assert process.stdin is not None
@@ -834,7 +834,7 @@ def test_signals_keep_what_came(flown, number: signal.Signals, tmp_path: Path) -
     assert kept["/innovations/time"].size > 0
 
 
-def test_a_terminal_that_hangs_up(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_terminal_that_hangs_up(flown: Any, tmp_path: Path) -> None:
     """The result is written though every word, and the progress bar, would fail; kernels may be compiled first."""
     _, _, table, _ = flown
     ours, theirs = pty.openpty()
@@ -858,7 +858,7 @@ def test_a_terminal_that_hangs_up(flown, tmp_path: Path) -> None:  # type: ignor
     assert read(tmp_path / "a.h5").attributes["verdict"] == "flown"
 
 
-def test_ignored_signals_stay_ignored(flown) -> None:  # type: ignore[no-untyped-def]
+def test_ignored_signals_stay_ignored(flown: Any) -> None:
     """Under nohup a hangup is no reason to end; what was set before is set again after."""
     session = Session(flown[0], "receiver", 1)
     before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM)}
@@ -876,7 +876,7 @@ def test_ignored_signals_stay_ignored(flown) -> None:  # type: ignore[no-untyped
         signal.signal(signal.SIGHUP, before[signal.SIGHUP])
 
 
-def test_no_result_is_exit_3_and_kept(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_no_result_is_exit_3_and_kept(flown: Any, tmp_path: Path) -> None:
     _, _, table, _ = flown
     (tmp_path / "other.csv").write_text("\n".join(of_another_place(table.read_text().splitlines()[1:])))
     done = navsim(*SCENARIO, "--receiver", "other.csv", "-o", "a.h5", cwd=tmp_path)

@@ -93,7 +93,7 @@ def test_the_list_of_names_is_that_of_the_models() -> None:
 def test_what_until_is_offered_is_taken() -> None:
     for expression in UNTIL:
         rare = expression.startswith("probability")
-        (rare_rule if rare else stopping_rule)(lambda: None, expression)  # type: ignore[arg-type, return-value]
+        (rare_rule if rare else stopping_rule)(lambda: None, expression)
 
 
 # --- navsim keys

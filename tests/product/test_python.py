@@ -83,10 +83,10 @@ def problems(error: navsim.NavsimError) -> list[str]:
 def test_a_landing_is_the_one_of_the_command_line(words: list[str], options: dict[str, int], tmp_path: Path) -> None:
     """One run with all that is kept, and several: from a file, and from its contents."""
     command("run", str(LANDING), *SHORT_WORDS, *words, "-o", "cli.h5", "--figures", "none", cwd=tmp_path)
-    made = navsim.run(LANDING, set=SHORT, output=tmp_path / "api.h5", **options)  # type: ignore[misc]
+    made = navsim.run(LANDING, set=SHORT, output=tmp_path / "api.h5", **options)
     same(tmp_path / "cli.h5", made.path)
     contents = yaml.safe_load(LANDING.read_text())  # with a datetime: PyYAML reads YAML 1.1
-    again = navsim.run(contents, set=SHORT, **options)  # type: ignore[misc]
+    again = navsim.run(contents, set=SHORT, **options)
     same(made.path, again.path)
 
 
@@ -194,7 +194,7 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.run(LANDING, set={"duration_s": np.inf}), "--set duration_s=inf: a finite number is needed"),
         (lambda: navsim.run(LANDING, seed=-1), "seed=-1: expected a whole number from 0 to 9223372036854775807"),
         (lambda: navsim.run(LANDING, runs=True), "runs=True: expected a whole number from 1"),
-        (lambda: navsim.run(LANDING, keep="alll"), "keep='alll': allowed: errors, all, none"),  # type: ignore[arg-type]
+        (lambda: navsim.run(LANDING, keep="alll"), "keep='alll': allowed: errors, all, none"),
         (lambda: navsim.run(LANDING, until="soon"), "--until 'soon': expected `rms_horizontal within 2%`"),
         (lambda: navsim.run(LANDING, first_run=2**63 - 1), "--first-run 9223372036854775807: the last of 1 run(s)"),
         (lambda: navsim.run(LANDING, method="covariance", runs=5), "--runs: only for method monte-carlo"),
@@ -202,7 +202,7 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.run(LANDING, output=ROOT / "README.md"), "not a readable HDF5 file; it is not overwritten"),
         (lambda: navsim.sweep(LANDING), f"use navsim run {LANDING} or navsim validate "),
         (lambda: navsim.run("absent.yaml"), "absent.yaml: there is no such file; 'navsim init' writes a"),
-        (lambda: navsim.run(3), "expected the path of a file, or a mapping with its contents"),  # type: ignore[arg-type]
+        (lambda: navsim.run(3), "expected the path of a file, or a mapping with its contents"),
         (lambda: navsim.load(ROOT / "README.md"), "README.md: not a readable HDF5 file"),
         (lambda: navsim.ResultFile("absent.h5"), "absent.h5: no such file"),
         (lambda: navsim.ResultFile(LANDING), "is not a result but a scenario of kind landing: use navsim run "),
@@ -219,7 +219,7 @@ def test_bad_input_says_so(call: Any, said: str, tmp_path: Path, monkeypatch: An
 
 def test_an_unknown_keyword_is_pythons_own_error() -> None:
     with pytest.raises(TypeError, match="unexpected keyword argument 'runz'"):
-        navsim.run(LANDING, runz=3)  # type: ignore[call-arg]
+        navsim.run(LANDING, runz=3)
 
 
 def test_what_must_stay_is_refused_with_the_option_that_helps(tmp_path: Path) -> None:

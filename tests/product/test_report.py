@@ -607,9 +607,9 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     # the mesh reaches from edge to edge of the panel, half a cell beyond the first and the last combination
     assert ax.get_xlim() == pytest.approx((-525.0, 525.0), abs=0.5)
     assert ax.get_ylim() == pytest.approx((105.0, -105.0), abs=0.5)
-    corners = ax.collections[0].get_coordinates()  # type: ignore[attr-defined]
+    corners = ax.collections[0].get_coordinates()
     assert np.ptp(np.diff(corners[:, :, 0], axis=1)) < 1e-6
-    assert sweep_report.best_plain(result)["pdop"]["at_end_of_range"] == ["l1_m"]  # type: ignore[index]
+    assert sweep_report.best_plain(result)["pdop"]["at_end_of_range"] == ["l1_m"]
     flat = np.where(np.isnan(values), np.nan, 1.0)
     pdop = replace(result.variables["/sweep/pdop"], data=flat)
     alike = Result(result.attributes, result.variables | {"/sweep/pdop": pdop})

@@ -57,7 +57,7 @@ def test_a_scenario_is_asked_about_before_its_arrays_are_made(monkeypatch: pytes
     monkeypatch.setattr(preparing, "world_of", lambda *_: pytest.fail("arrays were made"))
     scenario, document = read_any(SCENARIOS / "landing.yaml")
     with pytest.raises(Refused):
-        landing.prepare(scenario, document, refuse)  # type: ignore[arg-type]
+        landing.prepare(scenario, document, refuse)
 
 
 # --- what there is
@@ -224,4 +224,4 @@ def test_until_ends_early_so_that_its_most_is_only_told(tmp_path: Path, monkeypa
 
 def test_steps_and_scans_are_those_of_the_study() -> None:
     usual, _ = read_any(SCENARIOS / "mls_elevation.yaml")
-    assert elevation.nominal(usual).time.size == usual.nominal_steps  # type: ignore[arg-type, attr-defined]
+    assert elevation.nominal(usual).time.size == usual.nominal_steps

@@ -43,7 +43,7 @@ ODD: dict[str, Callable[[Path], Path]] = {
     "memory map": lambda folder: Path("/proc/self/pagemap"),
     "memory": lambda folder: Path("/proc/self/mem"),
     "messages of the kernel": lambda folder: Path("/proc/kmsg"),
-    "link": lambda folder: (folder / "link").symlink_to("/proc/self/pagemap") or folder / "link",  # type: ignore[func-returns-value]
+    "link": lambda folder: (folder / "link").symlink_to("/proc/self/pagemap") or folder / "link",
 }
 
 

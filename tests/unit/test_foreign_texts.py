@@ -75,7 +75,7 @@ def plain(value: object) -> object:
     if isinstance(value, list | tuple):
         return [plain(one) for one in value]
     if type(value).__name__ == "Satrec":
-        return value.jdsatepoch, value.inclo, value.mo  # type: ignore[attr-defined]
+        return value.jdsatepoch, value.inclo, value.mo
     return plain(vars(value)) if hasattr(value, "__dict__") else str(value)
 
 

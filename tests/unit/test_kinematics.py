@@ -70,7 +70,7 @@ def test_rates_are_derivatives_of_the_attitude(name: str) -> None:
     ahead, behind, here = (trajectory.motion(T + d) for d in (step, -step, 0.0))
 
     def inertial(m: object, t: np.ndarray) -> Rotation:
-        c_eb = np.swapaxes(earth.ned_matrix(m.llh), 1, 2) @ m.c_nb  # type: ignore[attr-defined]
+        c_eb = np.swapaxes(earth.ned_matrix(m.llh), 1, 2) @ m.c_nb
         return Rotation.from_rotvec(np.outer(t, [0, 0, earth.RATE])) * Rotation.from_matrix(c_eb)
 
     turn = (inertial(behind, T - step).inv() * inertial(ahead, T + step)).as_rotvec() / (2 * step)

@@ -371,7 +371,7 @@ def test_neighbours_really_are_rejected_and_lost() -> None:
 def test_the_hot_loop_is_vector_code() -> None:
     """The prediction works on whole registers, with fused multiplications and no calls."""
     matrix = lanes.array_type(lanes.WIDTH, 2)
-    again = numba.njit(nogil=True, error_model="numpy")(_transition_rows.py_func)  # type: ignore[attr-defined]
+    again = numba.njit(nogil=True, error_model="numpy")(_transition_rows.py_func)
     signature = (matrix, numba.int64, matrix, numba.int64, matrix)
     again.compile(signature)
     code = again.inspect_asm(signature)

@@ -135,7 +135,7 @@ WHERE = "4807.0300000,N,01131.0000000,E"
 
 def epoch(quality: int | str = 1, *others: str) -> list[str]:
     """GGA of one epoch and other sentences of it, as `RMC,A,A`: kind, status, mode letter."""
-    return [gga("120001.00", quality=quality), *(one(*other.split(",")) for other in others)]  # type: ignore[arg-type]
+    return [gga("120001.00", quality=quality), *(one(*other.split(",")) for other in others)]
 
 
 def one(kind: str, status: str = "A", mode: str = "A", speed: str = "22.4", course: str = "84.4") -> str:

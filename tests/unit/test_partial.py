@@ -378,7 +378,7 @@ class Short:
 def test_a_line_written_in_part_hides_none_after_it(tmp_path: Path) -> None:
     places = np.arange(40.0).reshape(10, 2, 2)
     journal = SearchLog(CheckpointStore(tmp_path / "p", KEY, fresh=False))
-    journal._file = Short(journal._file)  # type: ignore[assignment]  # passes all but one write on to the real one
+    journal._file = Short(journal._file)  # passes all but one write on to the real one
     judge = journal.remembering("full", twice)
     with pytest.raises(CheckpointError, match="No space left"):
         judge(places)

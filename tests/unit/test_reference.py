@@ -90,7 +90,7 @@ SETS = [(kind, *one) for kind, sets in reference.EXAMPLES.items() for one in set
 @pytest.mark.parametrize(("kind", "name", "assignments"), SETS)
 def test_examples_are_valid(kind: str, name: str, assignments: tuple[str, ...]) -> None:
     scenario, _ = read_any(shipped.path(name), assignments)
-    assert scenario.kind == kind  # type: ignore[attr-defined]
+    assert scenario.kind == kind
 
 
 WITHOUT_UNIT = {

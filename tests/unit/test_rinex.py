@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -283,7 +284,7 @@ def test_health_flags_of_the_fifth_line_count(
         (lambda t: t.replace("     4.00", "     5.00"), "version 5; navsim reads versions 2, 3 and 4"),
     ],
 )  # fmt: skip
-def test_damaged_files_of_version_4_are_refused(change, said: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_damaged_files_of_version_4_are_refused(change: Any, said: str, tmp_path: Path) -> None:
     text = change(made_4())
     (tmp_path / "nav").write_text(text)
     with pytest.raises(FileError, match=said.replace("(", r"\(")) as caught:

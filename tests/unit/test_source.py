@@ -114,7 +114,7 @@ def test_only_regular_files_are_read(name: str, said: str, tmp_path: Path) -> No
         options = [f"sky.source={source_of}", f"{key}={tmp_path / name}"]
         scenario, document = read_any(shipped.path("landing"), options)
         with pytest.raises(InputError, match=f"{key}: .*cannot be read"):
-            prepare(scenario, document)  # type: ignore[arg-type]
+            prepare(scenario, document)
 
 
 def test_the_folder_of_nobody(tmp_path: Path) -> None:

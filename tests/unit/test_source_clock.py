@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ NOON = 43200.0
 DURATION, PERIOD = 120.0, 0.1
 
 
-def at(true: float):  # type: ignore[no-untyped-def]
+def at(true: float) -> Any:
     """A fix from where the flight is at a time: 36 m/s, 10 m of noise."""
     return lambda t: abs(t - true) * 36.0 / 10.0
 
