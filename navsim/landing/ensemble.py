@@ -35,6 +35,7 @@ from navsim.runner.findings import Flaws
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
 from navsim.simulation.first_order import FirstOrder
+from navsim.simulation.landing import LOOP_TOLERANCE
 from navsim.simulation.run import Run
 from navsim.statistics.consistency import sum_ratios
 
@@ -63,7 +64,7 @@ HISTORIES = {
         "monitor_level",
         "deviation",
     ),
-    "all": tuple(name for name in Run.__dataclass_fields__ if name not in ("clipped", "first_order")),
+    "all": tuple(name for name in Run.__dataclass_fields__ if name not in ("clipped", "first_order", "loop_gap")),
 }
 """Histories of a run that are stored, by `--keep`."""
 
@@ -81,7 +82,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "start_llh": (3,), "start_velocity": (3,), "start_rpy": (3,),
     "filter_fix_llh": ("loose", 3), "filter_fix_velocity": ("loose", 3),
     "filter_fix_covariance": ("loose", MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE),
-    "clipped": ("limited",), "first_order": ("linear", 3),
+    "clipped": ("limited",), "first_order": ("linear", 3), "loop_gap": ("steered",),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
@@ -164,6 +165,7 @@ class LandingStudy:
                     "inside": _inside(runs),
                     **technical(self.case, crossings, runs),
                     **({"clipped": runs.clipped} if self.case.flight.limited else {}),
+                    **({"loop_gap": runs.loop_gap[:, 0]} if self.case.scenario.steered else {}),
                     **(self._linear(runs.first_order) if linear else {}),
                 }
             )
@@ -365,6 +367,8 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
     if case.flight.limited:
         samples = runs * (case.shared.imu_time.size - 1)
         out += judging.clipped(ensemble.per_run("clipped"), samples)
+    if case.scenario.steered:
+        out += judging.open_loops(ensemble.per_run("loop_gap"), LOOP_TOLERANCE)
     weighed = int(ensemble.per_run("weighed").sum())
     if weighed:
         mean = float(ensemble.per_run("innovations").sum()) / weighed
@@ -501,7 +505,7 @@ def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:
     """Deviation of each run from the route (run, h, 3); with guidance by estimates, the deviation of the estimate."""
     off = at_times(case, when, runs.deviation)
     ways = case.shared.ways
-    return off if ways is None or not ways.follows else off - at_heights(case, when, runs.error)
+    return off if ways is None or not ways.steered else off - at_heights(case, when, runs.error)
 
 
 def judged(case: Case, when: list[float], runs: Run) -> np.ndarray:

@@ -82,6 +82,8 @@ class Extent:
     """Inertial sensors have errors beyond those that are drawn with the noise."""
     ways: bool = False
     """Each run has its own trajectory. Discrete gusts are not drawn."""
+    steered: bool = False
+    """Estimates steer the runs."""
     interfering: int | None = None
     """Signals that interfere with the sources', None without interference."""
     single: int = 0
@@ -96,7 +98,7 @@ class Extent:
             "settled": self.settled,
             "ranged": self.ranged, "loose": 0 if self.ranged else self.epochs,
             "tried": self.tried,
-            "limited": self.limited, "sample": self.samples, "linear": 0,
+            "limited": self.limited, "sample": self.samples, "linear": 0, "steered": int(self.steered),
             "deviating": self.epochs + 1 if self.ways else 0, "met": self.epochs if self.ways else 0,
         }  # fmt: skip
 
@@ -131,6 +133,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         2 if scenario.imu.limited() else 0,
         any(triad.further.there for triad in scenario.imu.triads()),
         scenario.air() is not None,
+        scenario.steered,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
         (correlated if scenario.filter.tight else 0) + sum(size for size in of_aids if size < 3),
     )  # fmt: skip

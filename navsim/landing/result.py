@@ -226,6 +226,8 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     if case.flight.limited:
         for name, total in zip(("gyro", "accelerometer"), ensemble.per_run("clipped").sum(axis=0), strict=True):
             draft[f"/summary/count/clipped_{name}"] = np.int64(total)
+    if case.scenario.steered:
+        draft["/summary/guidance/loop_gap"] = float(ensemble.per_run("loop_gap").max())
     for name, value in (
         ("runs", ensemble.runs),
         ("fixes", int(ensemble.per_run("fixes").sum())),

@@ -52,6 +52,7 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
         "the innovation gate rejected measurements of an aiding sensor",
     ),
     "clipped_samples": ((CONSISTENT,), "samples of inertial sensors are beyond their range and cut off"),
+    "open_loop": ((CONSISTENT,), "trajectories are not those that guidance by the estimate gives"),
 }
 """Possible findings of simulated landings: violated conditions, and text."""
 
@@ -162,6 +163,19 @@ def clipped(count: np.ndarray, of: int) -> list[Finding]:
             text = f"{total} of {several(of, 'sample')} of the {name} are beyond their range and cut off, {where}"
             out.append(Finding("clipped_samples", text, against, total, of, runs))
     return out
+
+
+def open_loops(gap: np.ndarray, tolerance: float) -> list[Finding]:
+    """Findings of runs (run,) whose trajectory differs by a gap, m, from the one that guidance by its estimate
+    gives."""
+    against, _ = LANDING["open_loop"]
+    if not (wrong := int(np.count_nonzero(~(gap <= tolerance)))):
+        return []
+    text = (
+        f"the loop through guidance is not closed in {wrong} of {several(gap.size, 'run')}: trajectories are up to "
+        f"{np.max(gap):.3g} m off those that guidance by the estimate gives"
+    )
+    return [Finding("open_loop", text, against, wrong, gap.size, wrong)]
 
 
 def notes(texts: Iterable[str]) -> list[Finding]:

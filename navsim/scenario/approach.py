@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -29,6 +29,7 @@ from navsim.scenario.base import (
 if TYPE_CHECKING:
     from navsim.trajectory.air import Deviation
     from navsim.trajectory.approach import Taxi
+    from navsim.trajectory.autopilot import Autopilot
     from navsim.trajectory.path import Path
     from navsim.trajectory.waypoints import Waypoint
 
@@ -262,17 +263,73 @@ class FlightTechnicalErrorSection(Section):
     vertical: DeviationSection | None = None
     """in height; it ends on the ground; null: none"""
     bank_lag_s: Annotated[float, Field(ge=0.1, le=5.0)] = 0.3
-    """time constant of each of two lags of the bank behind the lateral acceleration, and with follow_estimate_s of the
-    trajectory behind guidance commands"""
-    follow_estimate_s: Annotated[float, Field(ge=1.0, le=300.0)] | None = None
-    """time constant of a guidance that keeps the estimate on the route, so that navigation errors take the aircraft off
-    it (each run flies twice); null: guidance has the truth"""
+    """time constant of each of two lags of the bank behind the lateral acceleration"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _moved(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "follow_estimate_s" in data:
+            text = "the autopilot has its own section now: write approach.guidance: estimate, and time constants"
+            raise reject(f"{text} below approach.autopilot", "follow_estimate_s")
+        return data
 
     @model_validator(mode="after")
     def _some(self) -> Self:
-        parts = (self.lateral, self.along, self.vertical, self.follow_estimate_s)
-        if all(part is None for part in parts):
-            raise reject("there is none: give lateral, along, vertical or follow_estimate_s")
+        if all(part is None for part in (self.lateral, self.along, self.vertical)):
+            raise reject("there is none: give lateral, along or vertical")
+        return self
+
+
+class AutopilotSection(Section):
+    """Autopilot that steers an aircraft by the estimate; the defaults are examples, of no aircraft in particular."""
+
+    lateral_time_constant_s: Annotated[float, Field(ge=0.5, le=300.0)] = 5.0
+    """T of the lateral loop: acceleration -(d/T + 2 damping d')/T for the estimated deviation d"""
+    vertical_time_constant_s: Annotated[float, Field(ge=0.5, le=300.0)] = 5.0
+    """likewise in height, where d is the deviation from the glide path at the estimated place"""
+    speed_time_constant_s: Annotated[float, Field(ge=0.5, le=300.0)] = 5.0
+    """T of the speed loop: acceleration -d'/T for the estimated deviation d' from the route's speed"""
+    damping: Annotated[float, Field(ge=0.5, le=2.0)] = 1.0
+    """damping ratio of the lateral and vertical loops without the aircraft's lags"""
+    bank_lag_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.3
+    """time constant of each of two lags of the bank, and so of the lateral acceleration, behind its command"""
+    pitch_lag_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.3
+    """time constant of each of two lags of the vertical acceleration behind its command"""
+    thrust_lag_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
+    """time constant of each of two lags of the acceleration along the course behind its command"""
+    bank_limit_deg: Annotated[float, Field(ge=1.0, le=60.0)] = 25.0
+    """largest bank that guidance commands"""
+    bank_rate_limit_deg_s: Annotated[float, Field(ge=0.5, le=180.0)] = 20.0
+    """largest rate of the commanded bank"""
+    load_factor_limit: Annotated[float, Field(ge=0.01, le=2.0)] = 0.2
+    """largest change of the load factor that guidance commands, up or down"""
+    acceleration_limit_m_s2: Annotated[float, Field(ge=0.05, le=10.0)] = 1.5
+    """largest acceleration along the course that guidance commands"""
+
+    def model(self) -> Autopilot:
+        """The autopilot."""
+        from navsim.trajectory.air import GRAVITY
+        from navsim.trajectory.autopilot import Autopilot, Channel
+
+        bank, rate = GRAVITY * math.tan(self.bank_limit_deg * DEG), GRAVITY * self.bank_rate_limit_deg_s * DEG
+        return Autopilot((
+            Channel(self.lateral_time_constant_s, self.damping, self.bank_lag_s, bank, rate),
+            Channel(self.speed_time_constant_s, None, self.thrust_lag_s, self.acceleration_limit_m_s2),
+            Channel(self.vertical_time_constant_s, self.damping, self.pitch_lag_s, self.load_factor_limit * GRAVITY),
+        ))  # fmt: skip
+
+    @model_validator(mode="after")
+    def _damped(self) -> Self:
+        if not self.model_fields_set:
+            return self
+        from navsim.trajectory.autopilot import LEAST_DAMPING
+
+        names, lags = ("lateral", "speed", "vertical"), ("bank_lag_s", "thrust_lag_s", "pitch_lag_s")
+        for name, lag, channel in zip(names, lags, self.model().channels, strict=True):
+            if channel.least_damping < LEAST_DAMPING:
+                has = f"the {name} loop has a damping ratio of {channel.least_damping:.2f}"
+                text = f"with {lag} {channel.lag:g} s {has}; at least {LEAST_DAMPING:g} is allowed: give a longer time"
+                raise reject(text, f"{name}_time_constant_s")
         return self
 
 
@@ -295,6 +352,17 @@ class _Approach(Section):
     """path: the nose follows the path; level: it keeps angle_of_attack_deg above the horizon"""
     flight_technical_error: FlightTechnicalErrorSection | None = None
     """deviation of each run from the route; null: all fly the route"""
+    guidance: Literal["reference", "estimate"] = "reference"
+    """what steers the aircraft: the route itself, whatever the filter estimates; or an autopilot by the filter's
+    estimate of each run, so that navigation errors take the aircraft off the route and change its measurements"""
+    autopilot: AutopilotSection = AutopilotSection()
+    """the autopilot of guidance by the estimate"""
+
+    @model_validator(mode="after")
+    def _steered(self) -> Self:
+        if self.guidance == "reference" and self.autopilot.model_fields_set:
+            raise reject("is for `guidance: estimate`", "autopilot")
+        return self
 
 
 S_TURN_LASTS = 3600.0

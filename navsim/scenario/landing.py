@@ -197,11 +197,11 @@ class Landing(Section):
             except KeyedError as error:
                 raise reject(str(error), "interference", *error.path) from None
         if self.box is not None and self.box.error == "total" and self.air() is None:
-            text = "all runs fly the route: give approach.flight_technical_error, wind.turbulence or wind.gusts"
-            raise reject(text, "box", "error")
+            text = "all runs fly the route: give approach.guidance: estimate, approach.flight_technical_error"
+            raise reject(f"{text}, wind.turbulence or wind.gusts", "box", "error")
         if self.steered and self.filter.kind in SMOOTHERS:
-            text = f"{self.filter.kind} is a smoother, with output after the flight; use null, or another filter.kind"
-            raise reject(text, "approach", "flight_technical_error", "follow_estimate_s")
+            text = f"{self.filter.kind} is a smoother, with output after the flight; use another filter.kind"
+            raise reject(text, "approach", "guidance")
         there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
         there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
         for i, requirement in enumerate(self.requirements):
@@ -659,10 +659,11 @@ class Landing(Section):
 
     def air(self) -> tuple[Air, tuple[tuple[str, ...], ...]] | None:
         """Disturbances that move runs off the route, and their keys; None if all fly it."""
-        wind, technical = self.wind, None
+        wind, technical, autopilot = self.wind, None, None
         if not isinstance(self.approach, FileApproach):
             technical = self.approach.flight_technical_error
-        if technical is None and not wind.buffets:
+            autopilot = self.approach.autopilot.model() if self.approach.guidance == "estimate" else None
+        if technical is None and autopilot is None and not wind.buffets:
             return None
         from navsim.trajectory.air import Air  # only if any of it is present
 
@@ -671,19 +672,21 @@ class Landing(Section):
         gusts = tuple(gust.model() for gust in wind.gusts)
         acting = {"turbulence": wind.turbulence is not None, "gusts": bool(wind.gusts)}
         keys = tuple(("wind", name) for name, acts in acting.items() if acts)
+        if autopilot is not None:
+            keys = ("approach", "guidance"), *keys
         if technical is None:
-            return Air(response, turbulence=turbulence, gusts=gusts), keys
+            return Air(response, turbulence=turbulence, gusts=gusts, autopilot=autopilot), keys
         parts = (technical.lateral, technical.along, technical.vertical)
         lateral, along, vertical = (None if part is None else part.model() for part in parts)
         own = replace(response, bank_lag=technical.bank_lag_s)
         keys = ("approach", "flight_technical_error"), *keys
-        return Air(own, lateral, along, vertical, turbulence, gusts, technical.follow_estimate_s), keys
+        return Air(own, lateral, along, vertical, turbulence, gusts, autopilot), keys
 
     @property
     def steered(self) -> bool:
         """Whether aircraft are steered by their estimates."""
         air = self.air()
-        return air is not None and air[0].follow is not None
+        return air is not None and air[0].autopilot is not None
 
     def trajectory_draws(self) -> int:
         """Random numbers at each IMU sample for the trajectory of a run."""

@@ -133,26 +133,26 @@ class Dispersion:
         )  # fmt: skip
 
     @property
-    def follows(self) -> bool:
+    def steered(self) -> bool:
         """Whether aircraft are steered by their estimates."""
-        return self.disturbance.air.follow is not None
+        return self.disturbance.air.autopilot is not None
 
     def known(self, error: np.ndarray) -> GuidanceErrors:
-        """Position of the runs according to guidance, from position errors (o, 3, W), truth minus estimate, NED, m, at
-        the filter's outputs."""
+        """Errors of the estimates that guidance has, from errors of position and velocity (o, 6, W), truth minus
+        estimate, NED, m and m/s, at the filter's outputs."""
         samples = self.disturbance.time
         since = np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
         turn = self.trajectory.frame.axes.T @ earth.ned_matrix(self.at_filter.llh).swapaxes(1, 2)
-        return GuidanceErrors.of(since, np.einsum("oaj,ojw->oaw", turn, error))
+        outputs, _, lanes = error.shape
+        turned = np.einsum("oaj,opjw->opaw", turn, error.reshape(outputs, 2, 3, lanes))
+        return GuidanceErrors.of(since, turned.reshape(error.shape))
 
-    def flown(
-        self, seed: int, runs: Sequence[int], lanes: int, known: GuidanceErrors | None = None
-    ) -> DispersedTrajectories:
-        """Trajectories of the runs, in the first of so many lanes; further lanes repeat the last run.
+    def departure(self, seed: int, runs: Sequence[int], lanes: int, known: GuidanceErrors | None = None) -> Departure:
+        """Deviations of the runs from the route, in the first of so many lanes; further lanes repeat the last run.
 
-        known: errors that guidance follows, None before they are known.
+        known: errors of the estimates that steer, None before they are known.
         """
-        frame, others = self.trajectory.frame, lanes - len(runs)
+        others = lanes - len(runs)
         rngs = {}
         for number in self.disturbance.walks:
             own = [generator(seed, run, "air", number) for run in runs]
@@ -160,6 +160,11 @@ class Dispersion:
         departure = self.disturbance.drawn(rngs, len(runs), lanes, known)
         for each in (departure.way, departure.turn, departure.gust):
             each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
+        return departure
+
+    def flown(self, departure: Departure) -> DispersedTrajectories:
+        """Trajectories of runs with these deviations."""
+        frame, lanes = self.trajectory.frame, departure.way.shape[2]
         dtheta, dv = (np.empty((*m.shape, lanes)) for m in self.increments)
         along, step = self.disturbance, float(self.disturbance.time[1] - self.disturbance.time[0])
         deviate(

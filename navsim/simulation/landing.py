@@ -58,7 +58,7 @@ from navsim.simulation.range_curvature import (
 from navsim.simulation.run import MonitorOutput, Run
 from navsim.simulation.shared_truth import ClockErrors, SharedTruth, smoothed
 from navsim.statistics.random_streams import generator
-from navsim.trajectory.guidance import GuidanceErrors
+from navsim.trajectory.dispersion import Departure
 from navsim.trajectory.kinematics import Motion
 
 
@@ -462,15 +462,18 @@ class Inputs:
     """Trajectories of the runs; None if all fly the route."""
 
 
-def draw(flight: Flight, seed: int, runs: Sequence[int], known: GuidanceErrors | None = None) -> Inputs:
+def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | None = None) -> Inputs:
     """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.
 
-    known: see `Dispersion.flown`. Raises ValueError for more.
+    departure: their deviations from the route where an autopilot has steered them; None: it has not. Raises ValueError
+    for more.
     """
     if not 0 < len(runs) <= WIDTH:
         raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
     shared, design = flight.shared, flight.design
-    flown = None if shared.ways is None else shared.ways.flown(seed, runs, WIDTH, known)
+    flown = None
+    if shared.ways is not None:
+        flown = shared.ways.flown(shared.ways.departure(seed, runs, WIDTH) if departure is None else departure)
     initial = np.empty((states.SENSORS, WIDTH))
     aided, aided_exact = (tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in shared.aids) for _ in range(2))
     for lane, run in enumerate(runs):
@@ -561,6 +564,12 @@ def _clock_states(
     return clock, np.concatenate([sensors, true], axis=1)
 
 
+LOOP_TOLERANCE = 0.01
+"""Largest distance between the trajectory that a run flew and the one that guidance by its estimates gives, m."""
+MOST_FLIGHTS = 20
+"""Flights of a run at most for that."""
+
+
 class Linear(Protocol):
     """Computes first-order errors of runs (`simulation.first_order`)."""
 
@@ -573,14 +582,27 @@ def fly(
 ) -> Run:
     """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; measured: with their measurements;
     first_order: computes their first-order errors, None if they are not requested.
-    Where aircraft are steered by their estimates they fly twice: first without that, to know their errors. Raises
-    ValueError for more."""
-    inputs, ways = draw(flight, seed, runs), flight.shared.ways
-    if ways is not None and ways.follows:
-        before = fly_inputs(flight, inputs, len(runs)).error[..., states.SLICES["position"]]
-        of_lanes = before[np.minimum(np.arange(WIDTH), len(runs) - 1)].transpose(1, 2, 0)
-        inputs = draw(flight, seed, runs, ways.known(of_lanes))
-    return fly_inputs(flight, inputs, len(runs), measured, first_order)
+
+    Aircraft that their estimates steer fly until the loop closes: guidance acts on the past alone, so each flight is
+    right for longer than the one before, and the trajectory that reproduces itself is the only one. Raises ValueError
+    for more."""
+    inputs = draw(flight, seed, runs)
+    flown = fly_inputs(flight, inputs, len(runs), measured, first_order)
+    if flight.shared.ways is None or not flight.shared.ways.steered:
+        return flown
+    gap, ways = np.full(WIDTH, np.inf), flight.shared.ways
+    for flights in range(1, MOST_FLIGHTS + 1):
+        assert inputs.flown is not None
+        errors = flown.error[..., states.POS : states.ATT]
+        of_lanes = errors[np.minimum(np.arange(WIDTH), len(runs) - 1)].transpose(1, 2, 0)
+        before, now = inputs.flown.departure, ways.departure(seed, runs, WIDTH, ways.known(of_lanes))
+        # a run whose loop is closed flies the same again, whoever flies beside it
+        gap = np.where(gap <= LOOP_TOLERANCE, gap, np.abs(now.way[:, :3] - before.way[:, :3]).max(axis=(0, 1)))
+        if gap.max() <= LOOP_TOLERANCE or flights == MOST_FLIGHTS:
+            break
+        inputs = draw(flight, seed, runs, before.where(gap <= LOOP_TOLERANCE, now))
+        flown = fly_inputs(flight, inputs, len(runs), measured, first_order)
+    return replace(flown, loop_gap=gap[: len(runs), None])
 
 
 NO_FIXES = FixTable(
@@ -682,6 +704,7 @@ def fly_inputs(
         filter_fix_covariance=of_runs(of_filter.covariance),
         clipped=of_runs(inputs.clipped).astype(np.int64) if flight.limited else np.empty((count, 0), np.int64),
         first_order=np.empty((count, 0, 3)) if linear is None else of_runs(linear),
+        loop_gap=np.empty((count, 0)),
     )  # fmt: skip
 
 

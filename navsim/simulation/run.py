@@ -110,6 +110,9 @@ class Run:
     """(2,) samples of gyros and of accelerometers beyond their range; empty without a range."""
     first_order: np.ndarray
     """(o, 3) first-order error of position, NED, m, truth minus estimate; empty if not requested."""
+    loop_gap: np.ndarray
+    """(1,) largest distance between the flown trajectory and the one that guidance by this estimate gives, m. Empty if
+    the estimate does not steer."""
 
     def one(self, which: int) -> Run:
         """One of several runs."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from navsim.statistics.linear_processes import stationary
 from navsim.trajectory.approach import TOUCHDOWN
+from navsim.trajectory.autopilot import Autopilot
 from navsim.trajectory.kinematics import Trajectory, faded
 from navsim.trajectory.path import AnyPath
 
@@ -417,8 +418,7 @@ class Response:
     loop: float
     """Time constant of the guidance that corrects deviations by gusts, s."""
     bank_lag: float = 0.3
-    """Each of two lags, s: of the bank behind the lateral acceleration of flight-technical error, and of the trajectory
-    behind guidance commands."""
+    """Each of two lags of the bank behind the lateral acceleration of flight-technical error, s."""
 
     def lags(self, airspeed: np.ndarray) -> np.ndarray:
         """`gust_lag` across the course, along it and in height (3, n), s, at airspeeds (n,), m/s: drag, by V^2, changes
@@ -489,8 +489,8 @@ class Air:
     """Drawn for each run."""
     gusts: tuple[Gust, ...] = ()
     """The same for all runs."""
-    follow: float | None = None
-    """Time constant of the guidance that steers by the estimate, s; None if it steers by the truth."""
+    autopilot: Autopilot | None = None
+    """Steers each run by its own estimate; None: guidance has the truth."""
 
     @property
     def draws(self) -> int:

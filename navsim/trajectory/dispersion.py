@@ -1,4 +1,4 @@
-"""Deviations of runs from a reference: flight-technical error, turbulence, gusts, and guidance by wrong estimates.
+"""Deviations of runs from a reference: flight-technical error, turbulence, gusts, errors of an autopilot's estimates.
 
 `Air` describes the causes (`navsim.trajectory.air`). Along a trajectory it becomes a `Disturbance`, which draws a
 `Departure` for each run; `deviated` is the resulting motion. Equations: `docs/theory/air.md`, sections 3 to 5.
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.geodesy import earth
-from navsim.trajectory.air import GRAVITY, Air, Deviation, Process, through, two_lags
-from navsim.trajectory.guidance import GuidanceErrors, acceleration, steered
+from navsim.trajectory.air import GRAVITY, Air, Deviation, through, two_lags
+from navsim.trajectory.guidance import GuidanceErrors, steered
 from navsim.trajectory.gust_response import Buffeting, buffeting
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 from navsim.trajectory.track_frame import ALONG, LATERAL, VERTICAL, Course, Walk
@@ -40,6 +40,11 @@ class Departure:
     """(k, 6, W) Gibbs vector of the attitude in the reference's body axes, and its rate."""
     gust: np.ndarray
     """(k, 3, W) wind minus the mean wind, m/s, to the right of the course, along it, up."""
+
+    def where(self, kept: np.ndarray, other: Departure) -> Departure:
+        """These deviations in the lanes (W,) that are kept, and others elsewhere."""
+        pairs = ((getattr(self, name), getattr(other, name)) for name in ("way", "turn", "gust"))
+        return Departure(self.time, *(np.where(kept, own, new) for own, new in pairs))
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`way` and `turn` at times (m,): between samples the quintic, and the cubic, of both ends."""
@@ -96,6 +101,8 @@ class Disturbance:
     """By axis."""
     gradient: np.ndarray
     """(k, 3, 3) gravity gradient along path axes, 1/s2."""
+    slope: np.ndarray
+    """(2, k) climb of the route per metre ahead, and its rate, 1/s."""
     pitches: bool
     """Whether the nose follows the path."""
 
@@ -116,7 +123,7 @@ class Disturbance:
         position = trajectory.path.jet(time)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin
         return cls(
             time, trajectory.frame, course, air, walks, buffeted, _gradient(position, trajectory.frame),
-            trajectory.pitch_follows_path,
+            _slope(trajectory, time), trajectory.pitch_follows_path,
         )  # fmt: skip
 
     def drawn(
@@ -128,8 +135,7 @@ class Disturbance:
     ) -> Departure:
         """Departures of the first `count` of so many runs, W.
 
-        rngs: W generators for each of the walks. known: estimation errors that guidance follows, None without such
-        guidance.
+        rngs: W generators for each of the walks. known: estimation errors of the autopilot, None: it has none.
         """
         way, turn = np.zeros((self.time.size, 9, lanes)), np.zeros((self.time.size, 6, lanes))
         course, air = self.course, self.air
@@ -152,7 +158,9 @@ class Disturbance:
             gust[:, axis] = met.blowing(own)
             self._buffeted(axis, met, own, way, turn)
         if known is not None:
-            self._steered(known, way, turn)
+            assert air.autopilot is not None
+            step = float(self.time[1] - self.time[0])
+            steered(air.autopilot, known, course, self.slope, step, self.pitches, way, turn)
         return Departure(self.time, way, turn, gust)
 
     def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:
@@ -186,31 +194,6 @@ class Disturbance:
             self._turn(turn, 2, *nose)
             self._bank(turn, met.guided(moved), met.guided(moved[1:]))
 
-    def _steered(self, known: GuidanceErrors, way: np.ndarray, turn: np.ndarray) -> None:
-        """Add the effect of guidance by estimates; nose and bank as for a flight-technical error."""
-        loop, lag = self.air.follow, self.air.response.bank_lag
-        assert loop is not None
-        step, row = float(self.time[1] - self.time[0]), acceleration(lag)
-        across, else_ = steered(loop, lag, lag), steered(loop, lag, None)
-
-        def moved(process: Process, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Place with two derivatives (3, k, W) along unit vectors (m, 3), and all states (n, k, W)."""
-            amount = np.einsum("maw,ma->mw", known.values, direction)
-            states = known.drives(process, amount, self.time.size, step).transpose(1, 0, 2)
-            return np.stack([states[1], states[2], np.tensordot(row, states[:3], axes=1)]), states
-
-        right, states = moved(across, self.course.right[0, known.first])
-        _add(way, right, self.course.right)
-        self._turn(turn, 2, right[1], right[2])
-        self._bank(turn, states[3], states[4])
-        _add(way, moved(else_, self.course.ahead[0, known.first])[0], self.course.ahead)
-        high, _ = moved(else_, np.broadcast_to([0.0, 0.0, -1.0], (known.first.size, 3)))
-        up = _product(self.course.airborne[..., None], high)
-        for order in range(3):
-            way[:, 3 * order + 2] -= up[order]
-        if self.pitches:
-            self._turn(turn, 1, up[1], up[2])
-
     def _bank(self, turn: np.ndarray, acceleration: np.ndarray, rate: np.ndarray) -> None:
         """Add the bank for an acceleration to the right (k, W), m/s2, and its rate, m/s3, while the aircraft is
         airborne."""
@@ -241,6 +224,15 @@ def _gradient(position: np.ndarray, frame: Frame) -> np.ndarray:
         for axis in frame.axes.T
     ]
     return np.ascontiguousarray(frame.axes.T @ np.stack(columns, axis=-1))
+
+
+def _slope(trajectory: Trajectory, time: np.ndarray) -> np.ndarray:
+    """Climb per metre ahead, and its rate, 1/s (2, k), at times (k,)."""
+    jet = trajectory.path.jet(time)
+    velocity, acceleration = jet[:, 1], jet[:, 2]
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    faster = np.sum(velocity[:, :2] * acceleration[:, :2], axis=1) / speed
+    return np.stack([-velocity[:, 2] / speed, (velocity[:, 2] * faster / speed - acceleration[:, 2]) / speed])
 
 
 def deviated(reference: Motion, frame: Frame, way: np.ndarray, turn: np.ndarray) -> Motion:

@@ -1,7 +1,7 @@
-"""Guidance by the estimate: effect of navigation errors on the trajectory.
+"""Guidance by estimates: effect of navigation errors on the trajectory.
 
-Guidance corrects the estimated deviation from the route, not the true one. The aircraft therefore follows the error of
-the estimate, with the lag of the guidance loop. Equations: `docs/theory/air.md`, section 6.
+Guidance corrects the estimated deviation from the route, not the true one. Navigation errors therefore take the
+aircraft off the route. Equations: `docs/theory/air.md`, section 6.
 """
 
 from __future__ import annotations
@@ -11,38 +11,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.statistics.linear_processes import exponential
-from navsim.trajectory.air import Process, through, two_lags
-
-
-def steered(loop: float, lag: float, bank_lag: float | None) -> Process:
-    """Linear model of an aircraft whose guidance follows a wrong estimate; the estimate's error, m, drives it.
-
-    - The command of the guidance, with the lag of its `loop`, s.
-    - Position, m, and velocity, m/s, behind two lags of `lag` s.
-    - With bank_lag, the bank for the lateral acceleration, as m/s2, behind two lags of its own, and its rate.
-    """
-    own = through(Process(np.array([[-1.0 / loop]]), np.array([1.0 / loop])), np.ones(1), two_lags(lag))
-    return own if bank_lag is None else through(own, acceleration(lag), two_lags(bank_lag))
-
-
-def acceleration(lag: float) -> np.ndarray:
-    """The row (3,) that makes an acceleration, m/s2, of the first states of `steered`."""
-    return np.array([1.0, -1.0, -2.0 * lag]) / lag**2
+from navsim.trajectory.autopilot import Autopilot
+from navsim.trajectory.track_frame import ALONG, LATERAL, VERTICAL, Course
 
 
 @dataclass(frozen=True)
 class GuidanceErrors:
-    """Errors of estimates as guidance knows them, truth - estimate: values (m, 3, W), m, along path axes, each from one
-    of the samples `first` (m,), increasing from 0 on, until the next."""
+    """Errors of estimates as guidance has them, truth - estimate."""
 
     first: np.ndarray
+    """(m,) samples, increasing, from which each counts until the next."""
     values: np.ndarray
+    """(m, 6, W) errors of position, m, and velocity, m/s, along path axes."""
 
     @classmethod
     def of(cls, first: np.ndarray, values: np.ndarray) -> GuidanceErrors:
         """Hold outputs at samples (m,), which may repeat: the last one counts.
 
-        An estimate that is nan holds the last valid one. Before the first valid one the estimate is unknown.
+        An estimate that is nan holds the last valid one. Before the first valid one the estimate has no error.
         """
         known = np.where(np.isfinite(values).all(axis=1), np.arange(first.size)[:, None], -1)
         last = np.maximum.accumulate(known, axis=0)
@@ -50,19 +36,46 @@ class GuidanceErrors:
         of_samples = np.append(first[1:] != first[:-1], True)
         return cls(first[of_samples], np.where(last[:, None] >= 0, kept, 0.0)[of_samples])
 
-    def drives(self, process: Process, amount: np.ndarray, samples: int, step: float) -> np.ndarray:
-        """States (samples, n, W) of a process from rest, driven by amounts (m, W) of these errors, at samples so many s
-        apart.
-
-        Exact.
-        """
-        n, lengths = process.a.shape[0], np.diff(np.append(self.first, samples - 1))
-        # powers of the transition and the additions of a held error, as one matrix
-        both = np.zeros((n + 1, n + 1))
-        both[:n, :n], both[:n, n] = process.a, process.b
-        powers = exponential(both * (step * np.arange(1, int(lengths.max(initial=1)) + 1)[:, None, None]))
-        out = np.zeros((samples, n, amount.shape[1]))
-        for first, length, held in zip(self.first, lengths, amount, strict=True):
-            since = powers[:length, :n]
-            out[first + 1 : first + 1 + length] = since[..., :n] @ out[first] + since[..., n:] * held
+    def along_course(self, course: Course) -> np.ndarray:
+        """Along axes of the course, which turn (m, 3, 2, W): errors of position, m, and their rates, m/s."""
+        out = np.empty((self.first.size, 3, 2, self.values.shape[2]))
+        position, velocity = np.split(self.values, 2, axis=1)
+        for axis, unit in ((LATERAL, course.right), (ALONG, course.ahead)):
+            direction, turning = unit[:2, self.first]
+            out[:, axis, 0] = np.einsum("maw,ma->mw", position, direction)
+            out[:, axis, 1] = np.einsum("maw,ma->mw", velocity, direction)
+            out[:, axis, 1] += np.einsum("maw,ma->mw", position, turning)
+        out[:, VERTICAL, 0], out[:, VERTICAL, 1] = -position[:, 2], -velocity[:, 2]
         return out
+
+
+def steered(
+    autopilot: Autopilot,
+    known: GuidanceErrors,
+    course: Course,
+    slope: np.ndarray,
+    step: float,
+    pitches: bool,
+    way: np.ndarray,
+    turn: np.ndarray,
+) -> None:
+    """Add the effect of an autopilot that has estimates to deviations `way`, `turn` at the samples of a course.
+
+    - slope: (2, k) climb of the route per metre ahead, and its rate, 1/s.
+    - step: s between samples.
+    - pitches: the nose follows the path.
+    - way, turn: (k, 9, W), (k, 6, W), see `Departure`. The nose follows the trajectory, the bank its acceleration.
+    """
+    from navsim.trajectory.autopilot_kernels import steer  # compiled code only when something is really simulated
+
+    both = np.zeros((3, 5, 5))
+    for each, channel in zip(both, autopilot.channels, strict=True):
+        each[:4, :4], each[:4, 4] = channel.aircraft
+    both = exponential(both * step)
+    gain = np.stack([channel.gain for channel in autopilot.channels])
+    limits, rates = (np.array([getattr(c, name) for c in autopilot.channels]) for name in ("limit", "rate"))
+    steer(
+        step, known.first, known.along_course(course), slope, gain, limits, rates,
+        np.ascontiguousarray(both[:, :4, :4]), np.ascontiguousarray(both[:, :4, 4]), course.right, course.ahead,
+        course.airborne, course.slowness, pitches, way, turn,
+    )  # fmt: skip
