@@ -67,7 +67,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "geoid_undulation_m: 15.5}",
             "approach.flight_technical_error={lateral: {sigma_m: 3, reference_height_m: 100, floor_m: 1}, "
             "along: {sigma_m: 5, reference_height_m: 100, floor_m: 1}, "
-            "vertical: {sigma_m: 2, reference_height_m: 100, floor_m: 0.5}, follow_estimate_s: 5}",
+            "vertical: {sigma_m: 2, reference_height_m: 100, floor_m: 0.5}}", "approach.guidance=estimate",
             "integrity={limits: {operation: LPV-200, tta_s: 6}, tails: {at_s: [30, 55]}, decision_height_m: 30, "
             "comparison: {gbas: {receivers: 4, ground_sigma_m: 0.2, b_m: 0.1, glide_path_deg: 5}}, "
             "p_constellations: {glonass: 1e-4}, ground_groups: [{members: [PL1, PL2]}]}",

@@ -783,8 +783,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
                 path = f"/summary/at/{name}_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i))
     if any("/summary/at/lateral_tse" in r for _, r in results):
-        errors = "navigation, flight-technical, total"
-        section("System errors at height, m", lambda r: errors if single(r) else f"{errors}: RMS")
+        section("System errors at height, m", _of_system_errors)
         for i, label in enumerate(labels):
             for name in ("lateral", "along", "vertical"):
                 row(f"  {label}, {name}", lambda r, n=name, i=i: _total(r, n, i))
@@ -837,8 +836,17 @@ def _of_track(result: Result, name: str, scale: float, digits: int) -> Cell | st
     return number(scale * float(result[path]), digits) if path in result else ABSENT
 
 
+def _of_system_errors(result: Result) -> str:
+    """The numbers of `_total`."""
+    errors = "navigation, flight-technical, total"
+    if single(result):
+        return errors
+    return f"{errors}: RMS" + ("; correlation" if "/summary/guidance/loop_gap" in result else "")
+
+
 def _total(result: Result, axis: str, height: int) -> Cell | str:
-    """Navigation, flight-technical and total system error at a height."""
+    """Navigation, flight-technical and total system error at a height; of runs that are steered by their estimates also
+    the correlation, about zero, of the first two."""
     path = f"/summary/at/{axis}"
     if f"{path}_tse" not in result:
         return ABSENT
@@ -847,7 +855,11 @@ def _total(result: Result, axis: str, height: int) -> Cell | str:
     found = one if single(result) else [float(result[f"{path}{kind}"][height, 0]) for kind in kinds]
     if not np.isfinite(found).all():
         return ABSENT
-    return Cell("{:.3f}  {:.3f}  {:.3f}", tuple(found), names=("nse", "fte", "tse"))
+    if single(result) or "/summary/guidance/loop_gap" not in result:
+        return Cell("{:.3f}  {:.3f}  {:.3f}", tuple(found), names=("nse", "fte", "tse"))
+    navigation, technical, total = found
+    both = (total**2 - navigation**2 - technical**2) / (2.0 * navigation * technical)
+    return Cell("{:.3f}  {:.3f}  {:.3f}  {:+.2f}", (*found, both), names=("nse", "fte", "tse", "correlation"))
 
 
 _WIND = (

@@ -69,7 +69,7 @@ def test_everything_on_is_mechanised_and_felt_as_predicted(within: Within) -> No
     world = case(FTE, *WIND, STRONG, GUSTS, name="landing_smooth").shared
     ways = ways_of(world)
     assert world.filter_time[-1] == pytest.approx(world.imu_time[-1])
-    flown = ways.flown(1, range(WIDTH), WIDTH)
+    flown = ways.flown(ways.departure(1, range(WIDTH), WIDTH))
     for lane in range(WIDTH):
         assert np.less(mechanised(world, flown, lane), most_off(world, flown, lane)).all()
     middle = 0.5 * (ways.disturbance.time[1:] + ways.disturbance.time[:-1])

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete, dlsim, tf2ss
 from scipy.stats import binom, binomtest, norm
 
 from navsim.compiler.lanes import WIDTH
@@ -14,19 +13,16 @@ from navsim.filter import states, strapdown
 from navsim.geodesy import attitude_kernels as attitude
 from navsim.geodesy import earth
 from navsim.gnss.signals import build_signals
-from navsim.landing.ensemble import LandingStudy
 from navsim.landing.result import result as summarised
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories, Dispersion
-from navsim.simulation.landing import fly
 from navsim.simulation.shared_truth import SharedTruth
 from navsim.trajectory.dispersion import Departure
-from navsim.trajectory.guidance import GuidanceErrors, steered
 from navsim.trajectory.kinematics import integrate
-from tests.conftest import SCENARIOS, Within
+from tests.conftest import SCENARIOS
 from tests.helpers import case, scenario
 from tests.layout import as_declared
 from tests.product.test_run import navsim
@@ -82,7 +78,7 @@ def test_the_mechanised_way_is_the_flown_one(name: str, seconds: float) -> None:
     """At 100 Hz, in wind; where the approach ends in a bend, which no two samples follow, up to it."""
     world = case(FTE, *WIND, f"duration_s={seconds}", name=name).shared
     assert world.filter_time[-1] == pytest.approx(world.imu_time[-1])
-    flown = ways_of(world).flown(1, range(WIDTH), WIDTH)
+    flown = ways_of(world).flown(ways_of(world).departure(1, range(WIDTH), WIDTH))
     assert np.abs(flown.deviation).max() > 3.0
     for lane in range(WIDTH):
         assert np.less(mechanised(world, flown, lane), most_off(world, flown, lane)).all()
@@ -92,7 +88,7 @@ def test_increments_are_integrals_of_the_motion() -> None:
     """The kernel's against Gauss' rule over the motion that numpy makes of the same departure."""
     world = case(FTE, *WIND, "duration_s=20").shared
     ways = ways_of(world)
-    flown = ways.flown(3, [5], WIDTH)
+    flown = ways.flown(ways.departure(3, [5], WIDTH))
     way = ways.of_run(flown, 0)
     dtheta, dv = integrate(way.motion, ways.trajectory.path.knots, world.imu_time)
     np.testing.assert_allclose(flown.dtheta[..., 0], dtheta, atol=2e-12)
@@ -103,7 +99,7 @@ def test_what_is_felt_is_the_derivative_of_the_way() -> None:
     """Velocity, specific force and angular rate by differences of positions and attitudes, between samples too."""
     world = case(FTE, *WIND, "duration_s=20").shared
     ways = ways_of(world)
-    way = ways.of_run(ways.flown(3, [5], WIDTH), 0)
+    way = ways.of_run(ways.flown(ways.departure(3, [5], WIDTH)), 0)
     t, step = 0.5033 + 0.5 * np.arange(38), 1e-4  # a jerk jumps at samples
     ahead, behind, here = (way.motion(t + d) for d in (step, -step, 0.0))
     np.testing.assert_array_equal(way.llh(t), here.llh)
@@ -123,7 +119,7 @@ def test_ranges_are_those_of_the_antenna() -> None:
     flown_case = case(FTE, "duration_s=20", "receiver.lever_arm_m=[2, 0.5, -1]", "pseudolites.height_m=20")
     world = flown_case.shared
     ways = ways_of(world)
-    flown = ways.flown(3, [5], WIDTH)
+    flown = ways.flown(ways.departure(3, [5], WIDTH))
     motion = ways.of_run(flown, 0).motion(world.signals.time)
     anew = build_signals(motion, flown_case.scenario.epoch.timestamp(), flown_case.environment)
     there = world.signals.used & anew.used
@@ -140,7 +136,7 @@ def test_sigmas_of_deviations() -> None:
     ways = ways_of(world)
     time = ways.disturbance.time
     some = np.searchsorted(time, [0.0, 20.0, 40.0])
-    drawn = [ways.flown(7, range(first, first + WIDTH), WIDTH).departure for first in range(0, 400, WIDTH)]
+    drawn = [ways.departure(7, range(first, first + WIDTH), WIDTH) for first in range(0, 400, WIDTH)]
     way = np.concatenate([d.way for d in drawn], axis=2)
     lateral = way[some][:, [1, 4, 7]].swapaxes(0, 1).reshape(3, -1)
     expected = np.array([3.0, 3.0 * 0.8 / 3.0 / np.sqrt(3.0), 3.0 * (0.8 / 3.0) ** 2])
@@ -152,71 +148,10 @@ def test_sigmas_of_deviations() -> None:
     assert way[time > 66.0, 1].any()
 
 
-STEERED = "approach.flight_technical_error={follow_estimate_s: 5}"
-
-
-@pytest.mark.validates("an aircraft that is steered by its estimate", "transfer functions (scipy)", value="1e-9 m")
-def test_the_truth_goes_where_the_estimate_is_off(within: Within) -> None:
-    """Behind three lags, and twice differentiably: the errors of the flight before, held between outputs; the errors of
-    this flight are nearly the same."""
-    guided, before = (case(*more, *GENTLE, "runway.heading_deg=75") for more in ((STEERED,), ()))
-    ways, runs, time = ways_of(guided.shared), range(WIDTH), guided.shared.imu_time
-    flown, blind = (fly(one.flight, 1, runs, measured=False) for one in (guided, before))
-    error = blind.error[..., states.SLICES["position"]]
-    # the earth's curve turns verticals by 0.7 mrad on the way
-    start = earth.llh_from_ecef(ways.trajectory.frame.origin)
-    axes = earth.heading_axes(start, np.radians(75.0))[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
-    off = np.einsum("roj,ojk->rok", error, earth.ned_matrix(guided.shared.at_filter.llh) @ axes)
-    held = off[:, np.searchsorted(guided.shared.filter_time, time + 1e-6, side="right") - 1]
-    loop = ([1.0], np.polymul([5.0, 1.0], np.polymul([0.3, 1.0], [0.3, 1.0])))
-    sampled = cont2discrete(tf2ss(*loop), time[1] - time[0], method="zoh")
-    for axis in range(3):
-        for lane in runs:
-            (way,) = dlsim(sampled, held[lane, :, axis])[1].T
-            at = np.interp(guided.shared.filter_time, time, way)[:60]  # the ground ends it
-            np.testing.assert_allclose(flown.deviation[lane, :60, axis], at, atol=within["value"])
-    change = (flown.error - blind.error)[..., states.SLICES["position"]]
-    assert np.sqrt(np.mean(change**2)) < 0.02 * np.sqrt(np.mean(error**2))
-    assert np.abs(flown.deviation).max() > 0.3
-    known = ways.known(blind.error[..., states.SLICES["position"]].transpose(1, 2, 0))
-    position, turn = mechanised(guided.shared, ways.flown(1, runs, WIDTH, known), 0)
-    assert position < 0.01
-    assert turn < 1e-6
-
-
-def test_errors_of_steered_runs() -> None:
-    """What the truth is off the route is the total system error, and what the estimate is off it flight-technical."""
-    guided = case(STEERED, *GENTLE, "box={error: total, lateral_m: 5, vertical_m: 5}")
-    flown = fly_all(guided, 1, 0, WIDTH, threads(2), keep="all")
-    judged = summarised(guided, flown, 1, keep="all")
-    as_declared(judged)
-    at = LandingStudy(guided, 1, "all").crossings
-    for axis, name in enumerate(("lateral", "along", "vertical")):
-        off = [np.interp(at, guided.shared.filter_time, one) for one in judged[f"/filter/deviation_{name}"]]
-        np.testing.assert_allclose(judged[f"/summary/at/{name}_tse_run"], off, atol=1e-9)
-        np.testing.assert_allclose(judged["/summary/box/error_run"][:, axis], np.array(off)[:, 0], atol=1e-9)
-        parts = judged[f"/summary/at/{name}_fte_run"] + judged[f"/summary/at/{name}_run"]
-        np.testing.assert_allclose(judged[f"/summary/at/{name}_tse_run"], parts, atol=1e-12)
-
-
-def test_an_estimate_that_is_lost_is_held() -> None:
-    """Guidance keeps what it knew last; before it knows anything it does nothing; of two outputs at one sample the
-    later counts."""
-    first, values = np.array([0, 0, 10, 20]), np.zeros((4, 3, 2))
-    values[0], values[1], values[2], values[3] = 9.0, 1.0, np.nan, 3.0
-    values[:2, :, 1] = np.nan
-    held = GuidanceErrors.of(first, values)
-    np.testing.assert_array_equal(held.first, [0, 10, 20])
-    np.testing.assert_array_equal(held.values[:, 0], [[1.0, 0.0], [1.0, 0.0], [3.0, 3.0]])
-    out = held.drives(steered(5.0, 0.3, None), held.values[:, 0], 40, 0.01)
-    assert not out[:21, :, 1].any()
-    np.testing.assert_allclose(out[:21, 0, 0], 1.0 - np.exp(-0.002 * np.arange(21)), atol=1e-15)
-
-
 def test_a_run_is_its_own() -> None:
     """Its way depends on its number alone, not on those that fly beside it; lanes left over repeat the last."""
     ways = ways_of(case(FTE, "duration_s=10").shared)
-    alone, beside = ways.flown(1, [2], WIDTH), ways.flown(1, range(WIDTH), WIDTH)
+    alone, beside = ways.flown(ways.departure(1, [2], WIDTH)), ways.flown(ways.departure(1, range(WIDTH), WIDTH))
     np.testing.assert_array_equal(alone.dv[..., 0], beside.dv[..., 2])
     np.testing.assert_array_equal(alone.dv[..., 0], alone.dv[..., WIDTH - 1])
     assert np.abs(beside.deviation[..., 0] - beside.deviation[..., 2]).max() > 0.1
@@ -283,7 +218,12 @@ def test_covariance_analysis_is_of_the_route() -> None:
         (("box={lateral_m: 3, error: total}",), "box.error"),
         (("box={lateral_m: 3, error: total}", "method=covariance", FTE), "box.error"),
         (("approach.flight_technical_error={}",), "approach.flight_technical_error"),
-        ((STEERED, "filter.kind=rts"), "approach.flight_technical_error.follow_estimate_s"),
+        (("approach.guidance=estimate", "filter.kind=rts"), "approach.guidance"),
+        (("approach.flight_technical_error={follow_estimate_s: 5}",),
+         "approach.flight_technical_error.follow_estimate_s"),
+        (("approach.autopilot={lateral_time_constant_s: 7}",), "approach.autopilot"),
+        (("approach.guidance=estimate", "approach.autopilot={lateral_time_constant_s: 1, bank_lag_s: 1}"),
+         "approach.autopilot.lateral_time_constant_s"),
         (("approach.flight_technical_error={lateral: {sigma_m: 30, correlation_time_s: 2}}",),
          "approach.flight_technical_error.lateral.correlation_time_s"),
         (("approach.flight_technical_error={vertical: {sigma_m: 3, floor_m: 1}}",),

@@ -233,6 +233,7 @@ ALIKE = {
     "receiver.clock.": "noise that each run draws",
     "signals.errors.": "those of signals.preset",
     "approach.flight_technical_error.": "the ways of runs, whose route is the same",
+    "approach.guidance": "the same", "approach.autopilot.": "the same",
     "wind.turbulence.": "the same", "wind.gusts": "the same", "wind.response.": "the same",
     "wind.roughness_m": "of wind.profile", "wind.exponent": "the same", "wind.levels": "the same",
     "approach.profile": "by the shipped scenarios", "approach.points": "a circuit is of them",
