@@ -12,6 +12,14 @@ from numba.core import event
 
 _SAY_EVERY_S = 5.0
 
+PARTS = {
+    "companions": "the tracking filters", "compiler": "arithmetic", "filter": "the navigation filter",
+    "geodesy": "positions and attitudes on the Earth", "gnss": "the satellite receiver",
+    "integrity": "protection levels", "ranging": "the filter of ranges", "sensors": "the inertial sensors",
+    "simulation": "the simulated measurements", "statistics": "noise and statistics",
+}  # fmt: skip
+"""What the kernels of each package compute, in the words of a navigator."""
+
 
 class _InHand(event.Listener):
     """Kernels that are being compiled: one that Python calls, and those within it."""
@@ -28,14 +36,14 @@ class _InHand(event.Listener):
 
 @contextmanager
 def announced(say: Callable[[str], None], every: float = _SAY_EVERY_S) -> Iterator[None]:
-    """Context that says every few seconds (`every`) which kernel is being compiled, and how long it has taken so far;
-    nothing while none is."""
+    """Context that says every few seconds (`every`) which part of navsim is being compiled, and for how long so far."""
     ended, begun, in_hand = Event(), time.monotonic(), _InHand()
 
     def watch() -> None:
         while not ended.wait(every):
             for module in in_hand.modules[:1]:
-                say(f"compiling the kernels, {time.monotonic() - begun:.0f} s so far: now those of {module}")
+                part = PARTS.get(module.removeprefix("navsim.").partition(".")[0], "this computation")
+                say(f"compiling the kernels of {part}, {time.monotonic() - begun:.0f} s so far")
 
     watcher = Thread(target=watch, daemon=True)
     watcher.start()

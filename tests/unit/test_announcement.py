@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from numba.core import event
 
-from navsim.compiler.announcement import announced
+import navsim
+from navsim.compiler.announcement import PARTS, announced
 from navsim.compiler.kernel_pieces import Kernel, KernelCompiler
 
 
@@ -29,9 +31,14 @@ def test_compilation_says_whose_kernel_and_for_how_long() -> None:
         during = len(said)
         time.sleep(0.02)
     assert before == 0 < during == len(said)
-    assert {re.sub(r"\d+ s", "0 s", line) for line in said} == {
-        f"compiling the kernels, 0 s so far: now those of {__name__}"
-    }
+    assert {re.sub(r"\d+ s", "0 s", line) for line in said} == {"compiling the kernels of this computation, 0 s so far"}
+
+
+def test_each_package_with_kernels_has_a_name_for_navigators() -> None:
+    package = Path(navsim.__file__).parent
+    having = {f.relative_to(package).parts[0] for f in package.rglob("*.py") if "@kernel" in f.read_text("utf-8")}
+    assert having - {"compiler"} <= PARTS.keys()
+    assert len(having) > 5
 
 
 def test_a_compilation_that_began_before_may_end() -> None:
