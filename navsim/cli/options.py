@@ -127,7 +127,7 @@ class OutputOptions:
         typer.Option(
             "--log",
             metavar="FILE",
-            help="Append a log to this file, one JSON object a line: start, progress, warnings, end.",
+            help="Append a log to this file, one JSON object per line: start, progress, warnings, end.",
             show_default=False,
         ),
     ] = None
@@ -153,7 +153,7 @@ class Required:
     ] = False
     require: Annotated[
         bool,
-        typer.Option("--require", help="Exit with code 3 if a requirement of the scenario is not met or undecided."),
+        typer.Option("--require", help="Exit with code 3 if a requirement of the scenario is not met, or undecided."),
     ] = False
 
 

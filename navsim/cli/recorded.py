@@ -58,9 +58,9 @@ def replay(
     required: Required,
     care: OutputOptions,
 ) -> None:
-    """Run recorded IMU and GNSS data through the filter.
+    """Run recorded IMU and GNSS data, or ranges, through the filter.
 
-    Aligns the INS, tunes the noise, and reports innovations and the drift during simulated outages.
+    navsim aligns the INS, tunes the noise, and reports innovations and the drift during simulated outages.
     """
     from navsim.runner.job import Options
 

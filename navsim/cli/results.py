@@ -177,7 +177,7 @@ def plot(
         typer.Option(
             "--format",
             metavar="png|svg|pdf",
-            help="Format of the files; one figure a file.",
+            help="Format of the files; one figure per file.",
             autocompletion=lambda: ["png", "svg", "pdf"],
         ),
     ] = "png",
@@ -268,7 +268,7 @@ def export(
         bool, typer.Option("--csv", help="Truth, fixes, errors of the filter and of runs at heights.")
     ] = False,
     imu: Annotated[
-        bool, typer.Option("--imu", help="Inertial samples and fixes, and the log with which navsim replay flies them.")
+        bool, typer.Option("--imu", help="Inertial samples and fixes, and the log for navsim replay.")
     ] = False,
     run: Annotated[
         int | None, number_option(int, 0, "Which run of an ensemble, by its number. Default: the first.")

@@ -421,7 +421,7 @@ def _with_requirements(
 
     warnings = [*problem.warnings]
     if left:
-        warnings.append(f"requirements that runs alone decide (navsim run) are no constraint here: {'; '.join(left)}")
+        warnings.append(f"the search ignores requirements that only runs decide (use `navsim run`): {'; '.join(left)}")
     return replace(
         problem, warnings=warnings, requirements=asked, load=judge(asked.judge), coarse_load=judge(asked.coarse)
     )

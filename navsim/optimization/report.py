@@ -54,8 +54,8 @@ def tables(result: Result) -> list[Table | str]:
         front.notes = _fewest(int(result["/pareto/fewest"]))
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
     places = Table(
-        "Where they stand, and how far each may be moved before the objective worsens (by direction; * to the limit of "
-        "area or rules in some)",
+        "Positions, and how far each may move before the objective worsens (smallest and largest over directions; "
+        "*: up to the limit of area or rules)",
         ("of", "name", "s, m", "l1, m", "latitude, °", "longitude, °", *losses),
     )
     for i, count in enumerate(result["/pseudolites"]):
@@ -78,7 +78,7 @@ def flown(result: Result) -> list[Table | str]:
     of_filter = name in FILTER_QUANTITIES
     heads = ("pseudolites", *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",
              "vertical, m", "runs")  # fmt: skip
-    out = Table("The best placements, flown (RMS [95 %])", heads)
+    out = Table("Runs of the best placements (RMS [95 %])", heads)
     for i, count in enumerate(counts):
         errors = [interval(result[f"/flown/{part}"][i], 3) for part in ("horizontal", "vertical")]
         both = (
@@ -87,7 +87,7 @@ def flown(result: Result) -> list[Table | str]:
         out.add(cell("{}", int(count)), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
     if "/flown/verdict" in result:  # results of before have none
         text = {several(int(count), "pseudolite"): str(result["/flown/verdict"][i]) for i, count in enumerate(counts)}
-        out.notes = "\n".join(f"States with {whose}: {verdict}" for whose, verdict in text.items() if verdict)
+        out.notes = "\n".join(f"All states, {whose}: {verdict}" for whose, verdict in text.items() if verdict)
     if "/rejected/rejected" not in result:
         return [out]
     against = Table(

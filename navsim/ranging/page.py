@@ -87,7 +87,7 @@ def _residuals(results: Sequence[Named]) -> Drawing:
                 seen.append(1.5 * np.percentile(np.abs(residual[usual]), [99.0]))
         reach(on, seen, symmetric=True)
         panels.append(on)
-    caption = "Range less distance, clocks and biases. Stars: outliers, ranges that do not have the usual noise."
+    caption = "Range less distance, clocks and biases. Stars: outliers, ranges with more than the usual noise."
     caption += most_thinned(thinned).caption("range")
     keys = keys_of(results, Key("outlier", colour(3), "star"))
     return Drawing("residuals", "Residuals by source", panels, caption, keys)

@@ -27,7 +27,7 @@ def _sources(result: Result) -> Table:
     table = Table(
         f"Ranges by source (residuals of the {'smoother' if smoothed else 'filter'})",
         ("source", "ranges", "outliers", "residual RMS, m", "NIS", "lag-1 of innovations"),
-        notes="outliers: ranges that probably do not have the usual noise; the other numbers are without them",
+        notes="outliers: ranges with probably more than the usual noise; the other columns omit them",
     )
     for i, name in enumerate(result["/source"]):
         counts = [cell("{}", int(result[f"/summary/{what}"][i])) for what in ("ranges", "outliers")]
@@ -50,7 +50,7 @@ def _errors(result: Result) -> Table | None:
     table = Table(
         "Errors against the reference, m",
         ("", "horizontal RMS", "z", "vertical RMS", "z", "mean x y z"),
-        notes=f"z: RMS of error over sigma, true between 0.8 and 1.25; {offset:+.3f} s added to the reference's times",
+        notes=f"z: RMS of error over sigma, true between 0.8 and 1.25; reference times moved by {offset:+.3f} s",
     )
     for name in ("filter", "smoother"):
         if f"/summary/{name}_error_rms" not in result:

@@ -168,8 +168,8 @@ def _tuned(out: ResultBuilder, model: RangeModel, settings: dict[str, float]) ->
     if not at_bound:
         return []
     text = (
-        f"tuned to a bound: {', '.join(at_bound)}. The ranges do not show it, or another error is taken for it; "
-        "give it in the file if you know it"
+        f"the tuning ended at its bound: {', '.join(at_bound)}. The ranges do not show it, or it absorbs another "
+        "error; write it in the file if you know it"
     )
     return [Finding("tuning", text, count=len(at_bound), of=len(tuned))]
 

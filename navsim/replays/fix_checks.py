@@ -63,7 +63,7 @@ def interpretations(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         if not np.isfinite(log.fixes.velocity[:, axes]).all(axis=1).any():
             unseen.append(f"{what}: the fixes have no such velocity")
         elif np.isnan(_relative_residual(way[:, axes], summed[:, axes], shortest)[0]):
-            unseen.append(f"{what}: fewer than three pieces of {WINDOW:g} s are longer than {shortest[1]:g} m")
+            unseen.append(f"{what}: fewer than three intervals of {WINDOW:g} s change by more than {shortest[1]:g} m")
     turned = any(set(remedy) == {"gnss.velocity_axes"} for mistake in more for remedy in mistake.remedies[:1])
     if turned and not (known and _climbs(log)):
         # east, north, down is rare, but the vertical velocity does not show it

@@ -43,15 +43,15 @@ def tables(result: Result) -> list[Table | str]:
     known = (scenario_of(result).get("alignment") or {}).get("known")
     start = "aligned at {:.2f} s with data up to {:.2f} s" if known is None else "known at {:.2f} s"
     text = (
-        f"{start.format(begin, until)}: tilt to {max(sigma[:2]):.1f}, heading to "
-        f"{sigma[2]:.1f} degrees (1 sigma); {several(counts['samples'], 'sample')}, {several(counts['fixes'], 'fix')}, "
+        f"{start.format(begin, until)}: 1 sigma of tilt {max(sigma[:2]):.1f}, of heading "
+        f"{sigma[2]:.1f} degrees; {several(counts['samples'], 'sample')}, {several(counts['fixes'], 'fix')}, "
         f"{counts['rejected']} rejected, {several(counts['gaps'], 'gap')}"
     )
     if "flown_s" in alignment:  # results of earlier versions lack it
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
-        text += "; flown " + " of the recording's ".join(spans)
+        text += "; used " + " of the recording's ".join(spans)
     if unseen := str(alignment.get("not_judged", "")):
-        text += f"\nnot judged: {unseen}"
+        text += f"\nnot checked: {unseen}"
     every: list[Table | str] = [seen, tuned, *_unusable(result)]
     if not result["/outages/start"].size:
         return [*every, text]

@@ -109,7 +109,7 @@ def _unit_mean(result: Result, name: str) -> Cell | str:
 def _fixes(result: Result) -> Cell:
     runs, fixes = result["/run"].size, int(result["/summary/count/fixes"])
     if runs > 1:
-        return Cell("{}  ({:.6g} a run)", (fixes, fixes / runs), trials=runs, names=("count", "a run"),
+        return Cell("{}  ({:.6g} per run)", (fixes, fixes / runs), trials=runs, names=("count", "a run"),
                     units=("", "1/run"))  # fmt: skip
     return Cell("{}", (fixes,), trials=runs, names=("count",))
 
@@ -136,7 +136,7 @@ def ranging_errors(result: Result) -> str:
     correlated = any(any(value) if isinstance(value, list) else value for value in values)
     if not correlated and receiver["smoothing_s"] == 0.0:
         return "white"
-    return "some last" if signals["preset"] == "white" else f"some last ({signals['preset']})"
+    return "some time-correlated" + ("" if signals["preset"] == "white" else f" ({signals['preset']})")
 
 
 def _named(results: Sequence[Result], path: str) -> list[str]:
@@ -317,7 +317,11 @@ def _shares(result: Result, name: str) -> tuple[float, float]:
 
 def source_title(name: str) -> str:
     """Name of a source of error in reports."""
-    return name.replace("satellite_lasting_", "time-correlated ").replace("_", " ")
+    return (
+        name.replace("satellite_lasting_", "time-correlated ")
+        .replace("orbit_clock", "orbits, clocks")
+        .replace("_", " ")
+    )
 
 
 def _budget_rows(results: Sequence[Result]) -> dict[str, list[str]]:

@@ -134,7 +134,7 @@ def flown(result: Result) -> list[Table | str]:
     if not names:
         return []
     runs = int(result["/flown/runs"])
-    out = Table(f"The best, flown {runs} times", ("output", "covariance analysis", "runs [95 %]"))
+    out = Table(f"Runs of the best combinations ({runs} each)", ("output", "covariance analysis", "runs [95 %]"))
     for name in names:
         analysed = result[f"/sweep/{name}"].flat[int(result[f"/flown/{name}_combination"])]
         out.add(label(result, name), table.number(analysed, 4), table.interval(result[f"/flown/{name}"], 4))

@@ -402,7 +402,7 @@ def test_results_name_them(tmp_path: Path) -> None:
     as_declared(flown)
     groups = ["fix_error_slow", "fix_error_slow_more", "fix_error_fast", "fix_error_fast_more"]
     assert list(flown["/summary/consistency/group"])[-4:] == groups
-    assert "ranging errors some last (open-sky)" in words(navsim("show", "a.h5", cwd=tmp_path).stdout)
+    assert "ranging errors some time-correlated (open-sky)" in words(navsim("show", "a.h5", cwd=tmp_path).stdout)
     more = ("--method", "covariance", "-o", "c.h5", "--figures", ".")
     navsim("run", SCENARIOS / "landing.yaml", *brief, *more, cwd=tmp_path)
     analysed = read(tmp_path / "c.h5")

@@ -133,15 +133,15 @@ def test_no_mast_over_ground_that_reflects_is_told() -> None:
     ("settings", "said"),
     [
         ((), "white"),
-        (("pseudolites.survey_error_m=[0, 0.5, 0]",), "some last"),
-        (("pseudolites.clock_offset_ns=3",), "some last"),
+        (("pseudolites.survey_error_m=[0, 0.5, 0]",), "some time-correlated"),
+        (("pseudolites.clock_offset_ns=3",), "some time-correlated"),
         (("pseudolites.clock_offset_ns=3", "pseudolites.clock=own"), "white"),
         (("pseudolites.clock_offset_ns=3", "pseudolites.count=0"), "white"),
         (("signals.gps_offset_ns=20", "signals.system_offsets_ns={galileo: 5}"), "white"),
-        (("signals.system_offsets_ns={galileo: 5}", "receiver.single_clock=true"), "some last"),
-        (("signals.system_offset_sigma_ns=5", "receiver.single_clock=true"), "some last"),
-        (("pseudolites.multipath={}",), "some last"),
-        (("pseudolites.clock_noise={h0: 1e-22, h_minus2: 0}",), "some last"),
+        (("signals.system_offsets_ns={galileo: 5}", "receiver.single_clock=true"), "some time-correlated"),
+        (("signals.system_offset_sigma_ns=5", "receiver.single_clock=true"), "some time-correlated"),
+        (("pseudolites.multipath={}",), "some time-correlated"),
+        (("pseudolites.clock_noise={h0: 1e-22, h_minus2: 0}",), "some time-correlated"),
     ],
 )  # fmt: skip
 def test_whether_ranging_errors_are_white(settings: tuple[str, ...], said: str) -> None:

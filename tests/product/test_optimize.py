@@ -75,7 +75,7 @@ def test_json(place: Path) -> None:
     assert flown["objective"] == [None] * 3, "runs have no VDOP"
     assert flown["verdict"].startswith("sigma ")
     shown = navsim("show", "json.h5", cwd=place).stdout
-    assert f"States with 1 pseudolite: {flown['verdict']}" in " ".join(shown.split())
+    assert f"All states, 1 pseudolite: {flown['verdict']}" in " ".join(shown.split())
 
 
 def test_none_is_flown_where_that_is_asked_for(place: Path) -> None:
@@ -192,7 +192,7 @@ def test_requirements_are_told_with_every_number(place: Path) -> None:
     assert result["/requirements/decided"].tolist() == [1, 0]
     assert f"met: 1 ({100 * (1 - used[1]):.1f} %)" in done.stdout
     assert "the fewest pseudolites with which the requirements are met: 2" in done.stdout
-    assert "runs alone decide (navsim run) are no constraint here: hazardously misleading information" in done.stderr
+    assert "only runs decide (use `navsim run`): hazardously misleading information" in done.stderr
     assert (
         "1 pseudolite: no placement meets the requirements (every choice of sites was tried); the nearest"
         in done.stderr

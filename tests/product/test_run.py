@@ -18,6 +18,7 @@ from PIL import Image
 
 from navsim.filter import states
 from navsim.gnss.dop import dops
+from navsim.results.findings import several
 from navsim.results.result import Result, read
 from tests import forks
 from tests.conftest import ROOT, SCENARIOS
@@ -253,7 +254,7 @@ def test_epochs_without_a_fix(place: Path) -> None:
     assert any(w.startswith("warning: no fix at 650 of 650 fix epochs, the first at 0.1 s") for w in warnings_of(ahead))
     done = navsim("run", SCENARIOS / "landing.yaml", *jam, cwd=place)
     assert any("no fix at all" in w for w in warnings_of(done))
-    assert f"{len(warnings_of(done))} warning(s)" in done.stderr
+    assert several(len(warnings_of(done)), "warning") in done.stderr
     r = read(place / "jam.h5")
     assert np.all(np.isnan(r["/geometry/pdop"]))
     assert np.all(np.isnan(r["/receiver/position_llh"]))

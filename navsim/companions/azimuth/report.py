@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WORDS = {
-    "L1": "the paper's (14), literally",
+    "L1": "the paper's (14) as printed",
     "L2": "tangential component", "L3": "rigorous, held", "L4": "rigorous, first-order hold",
     "L4 stamped": "L4, age of reports known", "L4 roll": "L4 from BDS 5,0 roll",
     "L4 track rate": "L4 from BDS 5,0 track rate", "L4 roll stamped": "L4 from roll, age known",
@@ -61,7 +61,7 @@ def tables(result: Result) -> list[Table | str]:
     rms = result["/summary/acceleration_rms"]
     than_zero = "more" if rms[0, 1] > rms[0, 0] else "less"
     parts.append(
-        f"Why the literal (14) fails: it takes the north component for the tangential one and drops 2 Dh' az'. In the "
+        f"Why (14) as printed fails: it takes the north component for the tangential one and drops 2 Dh' az'. In the "
         f"manoeuvre azimuth'' is {rms[0, 0]:.4f} deg/s² rms and the error of (14) {rms[0, 1]:.4f}, {than_zero} than "
         f"that of assuming zero; that of the tangential component without Coriolis is {rms[0, 2]:.4f}. Mode S does not "
         "carry load factors: roll and track rate of BDS 5,0 do as well."

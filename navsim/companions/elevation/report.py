@@ -134,7 +134,7 @@ def _criterion(result: Result) -> list[Table | str]:
     sigma, period = float(result["/order/sigma"][0]), float(result.variables["/step"].attributes["period_s"])
     table = Table(
         f"The criterion σ ≫ ½T²β''max for a second-order filter: σ = {measured:g} deg, T = {period:g} s",
-        ("stretch", "β''max, deg/s²", "½T²β'', deg", "σ over it", f"½T²β'' with T = {memory:.3f} s, deg",
+        ("part", "β''max, deg/s²", "½T²β'', deg", "σ over it", f"½T²β'' with T = {memory:.3f} s, deg",
          f"σ of the filter, {sigma:.4f} deg, over it", "verdict"),
     )  # fmt: skip
     for i, name in enumerate(result["/criterion/stretch"]):
@@ -165,9 +165,9 @@ def _limits(result: Result) -> Table:
     table = Table(
         "The exact model by T/τ: differences from its limits",
         ("τ, s", "T/τ", "A from constant velocity", "A from constant acceleration", "Q from a white acceleration",
-         "drive left, share of σ²", "P11 over the paper's model", "nearer limit of A"),
+         "noise, share of σ²", "P11 over the paper's model", "nearer limit of A"),
         notes="A: last column as shares of T²/2, T, 1; Q: of angle and rate, largest relative difference; "
-        "T/τ → ∞: the first and third go to 0, T/τ → 0: the second and the drive",
+        "T/τ → ∞: the first and third go to 0, T/τ → 0: the second and the noise",
     )  # fmt: skip
     for i, tau in enumerate(result["/limit/correlation_time"]):
         velocity, acceleration, white, drive, angle = (
