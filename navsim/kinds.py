@@ -28,12 +28,14 @@ class Kind:
     check: str = ""
     """Warnings about a file, which reads the files that it names as the job does (`runner.job.Check`); "" if the
     section checks everything."""
+    ensemble: str = ""
+    """Verifies results by some of their runs (`runner.verification.EnsembleCheck`), "" for kinds without runs."""
 
 
 KINDS = {
     "landing": Kind(
         "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.landing.job:job",
-        check="navsim.landing.preflight:warnings_of",
+        check="navsim.landing.preflight:warnings_of", ensemble="navsim.landing.verification:check_ensemble",
     ),
     "mls-elevation": Kind(
         "run", "navsim.companions.elevation.report:VIEW", "navsim.companions.elevation.scenario:Elevation",
@@ -63,8 +65,10 @@ KINDS = {
         "replay", "navsim.ranging.report:VIEW", "navsim.ranging.scenario:RecordedRanges", "navsim.ranging.job:RangeJob",
         "log", "navsim.ranging.job:check",
     ),
-    "table2": Kind("table2", "navsim.landing.table2_report:VIEW"),
-    "integrity-table": Kind("integrity-table", "navsim.landing.integrity_table_report:VIEW"),
+    "table2": Kind("table2", "navsim.landing.table2_report:VIEW", job="navsim.landing.table2_job:job"),
+    "integrity-table": Kind(
+        "integrity-table", "navsim.landing.integrity_table_report:VIEW", job="navsim.landing.integrity_table_job:job"
+    ),
     "live": Kind("live", "navsim.replays.live_report:VIEW"),
 }  # fmt: skip
 OF_FILES = tuple(name for name, kind in KINDS.items() if kind.section)

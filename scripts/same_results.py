@@ -34,8 +34,8 @@ RENAMED: dict[str, str] = {
     "/useful/subsets_of_all": "/subsets/number_of_all", "/audit": "/published", "/fit/letter": "/fit/id",
 }  # fmt: skip
 """Paths of datasets and groups in results of A, each with its path in results of B."""
-EXCEPTED = ("navsim_version", "created")
-"""Attributes that name the version and the time of computation."""
+EXCEPTED = ("navsim_version", "created", "contents", "/provenance")
+"""Attributes and groups that name the version, the time of computation, the code and the machine."""
 _OF_THE_CLOCK = re.compile(
     rb"^compiling the kernels.*\n|^.* s used.*\n|^.*PGM / RUN BY / DATE *\n|about [\d.]+ s on this .*?timed\), ",
     re.MULTILINE,
@@ -193,6 +193,8 @@ def contents(file: Path) -> dict[str, Any]:
         return array.tolist() if array.dtype.hasobject else (array.dtype.str, array.shape, array.tobytes())
 
     def take(path: str, node: Any) -> None:
+        if path.startswith(EXCEPTED):
+            return
         found[path] = bits(node[()]) if isinstance(node, h5py.Dataset) else "group"
         for name in sorted(set(node.attrs) - set(EXCEPTED) - set(_OF_THE_FORMAT)):
             value = node.attrs[name]

@@ -34,6 +34,7 @@ PLACES = {
     "plot": "navsim.cli.results:plot",
     "export": "navsim.cli.results:export",
     "report": "navsim.cli.reports:report",
+    "verify": "navsim.cli.verify:verify",
     "cite": "navsim.cli.reports:cite",
     "validate": "navsim.cli.files:validate",
     "schema": "navsim.cli.files:schema",

@@ -38,7 +38,7 @@ class CompanionJob:
         if foreign := options.foreign("runs"):
             text = f"only for `kind: landing`; {document.file} is of kind {section.kind}"
             raise OptionError(f"{', '.join(foreign)}: {text}")
-        self.section, self.options = section, options
+        self.section, self.document, self.options = section, document, options
         self.sort, self.kernels = ResultKind(section.kind), section.kind
         self.unit, self.extent, self.even = unit, extent, even
         self._compute, self._budget = compute, budget

@@ -142,7 +142,7 @@ class LandingStudy:
             fixes = fix_flaws(runs, self.case.solvable, self.case.design, self.case.flight.drops)
             outputs = output_flaws(runs)
             error = runs.error[:, window]
-            squares, rpy, turn = _mean_square(error), route_rpy, to_rpy
+            squares, rpy, turn = mean_square(error), route_rpy, to_rpy
             if self.case.shared.ways is not None:
                 rpy = runs.attitude[:, window]
                 turn = rpy_jacobian(rpy)
@@ -154,8 +154,8 @@ class LandingStudy:
                     "fixes": np.sum(~np.isnan(runs.fix_llh[..., 0]), axis=1),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
-                    "nees_mean": _finite_means(runs.nees[:, 1:]) / every,
-                    "nees_position_velocity_mean": _finite_means(runs.nees_position_velocity[:, 1:]) / moving,
+                    "nees_mean": finite_means(runs.nees[:, 1:]) / every,
+                    "nees_position_velocity_mean": finite_means(runs.nees_position_velocity[:, 1:]) / moving,
                     "innovations": np.nansum(runs.innovation_squared, axis=1),
                     "weighed": runs.degrees.sum(axis=1),
                     "weighed_ranges": np.sum(runs.range_status != NOT_USED, axis=(1, 2)),
@@ -171,12 +171,12 @@ class LandingStudy:
             )
             added = {
                 "mean_square": squares,
-                "rpy_square": _mean_square(rpy_error(rpy, error[..., states.SLICES["attitude"]])),
-                "variance": _mean_square(runs.sigma[:, window]),
+                "rpy_square": mean_square(rpy_error(rpy, error[..., states.SLICES["attitude"]])),
+                "variance": mean_square(runs.sigma[:, window]),
                 "rpy_variance": _mean(turned_variances(turn, covariances(runs, "attitude", window))),
                 "at_variance": variances_at_heights(self.case, crossings, covariances(runs, "position")),
             }
-            add_ratios(ratios, first + flown, runs)
+            add_ratios(ratios, first + flown, runs.error, runs.sigma)
             for i in range(runs.nees.shape[0]):
                 nis = runs.innovation_squared[i] / np.maximum(runs.degrees[i], 1)
                 sums.add(
@@ -202,19 +202,19 @@ class LandingStudy:
     def _linear(self, error: np.ndarray) -> Arrays:
         """Statistics of first-order errors (run, o, 3)."""
         return {
-            FIRST_ORDER: _mean_square(error[:, self.window]),
+            FIRST_ORDER: mean_square(error[:, self.window]),
             "first_order_mean": _mean(error[:, self.window]),
             "first_order_at_height": beside_times(self.case, self.crossings, error @ to_runway(self.case).T),
             "first_order_at_box": beside_times(self.case, self.box_time, error @ to_runway(self.case).T),
         }
 
 
-def add_ratios(sums: Sums, first: int, runs: Run) -> None:
-    """Add the ratios of errors to sigma of runs from `first` on (`statistics.consistency`) to sums."""
+def add_ratios(sums: Sums, first: int, errors: np.ndarray, sigmas: np.ndarray) -> None:
+    """Add the ratios of errors to sigmas (run, o, n) of runs from `first` on (`statistics.consistency`) to sums."""
     limits = np.array(LIMITS)
-    for start, length in blocks(first, runs.error.shape[0]):
+    for start, length in blocks(first, errors.shape[0]):
         part = slice(start - first, start - first + length)
-        error, sigma = runs.error[part], runs.sigma[part]
+        error, sigma = errors[part], sigmas[part]
         shape = error.shape[1:]
         squares, known = np.empty(shape), np.empty(shape, np.int32)
         beyond, steps = np.empty((limits.size, *shape), np.int32), np.empty(shape[1])
@@ -410,7 +410,7 @@ def _finite_mean(values: np.ndarray) -> float:
     return float(finite.mean()) if finite.size else math.nan
 
 
-def _finite_means(values: np.ndarray) -> np.ndarray:
+def finite_means(values: np.ndarray) -> np.ndarray:
     """`_finite_mean` of each row (run, t)."""
     if np.isfinite(values).all() and values.shape[1]:
         return np.asarray(values.mean(axis=1))
@@ -431,7 +431,7 @@ def _mean(values: np.ndarray) -> np.ndarray:
     return np.mean(values, axis=1)
 
 
-def _mean_square(error: np.ndarray) -> np.ndarray:
+def mean_square(error: np.ndarray) -> np.ndarray:
     """Mean square over time (run, t, m) -> (run, m); nan for no time at all."""
     return _mean(error**2)
 

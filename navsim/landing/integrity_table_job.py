@@ -11,12 +11,17 @@ from navsim.results.schema import MOST_LEVELS
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import NUMBER, TEXTS, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import JobError, Outcome, Progress, ResourceCheck
+from navsim.runner.job import JobError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 
 _LEVEL_MEMORY = 200
 """A pair of sources at an epoch then, bytes."""
+
+
+def job(section: Landing, document: Document, options: Options) -> IntegrityTableJob:
+    """The job that computes a stored table again."""
+    return IntegrityTableJob(section, document, options.seed)
 
 
 class IntegrityTableJob:

@@ -20,7 +20,7 @@ from navsim.landing.ensemble import FIRST_ORDER, LandingStudy
 from navsim.landing.result import result
 from navsim.results.findings import several
 from navsim.results.result import BLOCK_BYTES, Result, Stream, Variable
-from navsim.results.schema import FINDINGS, PART, SCHEMA_VERSION
+from navsim.results.schema import FINDINGS, INPUTS, PART, PROVENANCE, SCHEMA_VERSION
 from navsim.runner.batches import Batch
 from navsim.runner.job import OptionError
 from navsim.runner.merge_state import batch_of, mergeable, together
@@ -69,13 +69,17 @@ def ordered(given: Parts) -> Parts:
     return parts
 
 
+def keep_of(one: Result) -> str:
+    """The `--keep` that a result was flown with."""
+    return next((keep for keep, path in _KEEPS.items() if path in one), "none")
+
+
 def _identity(one: Result) -> dict[str, str]:
     """Data that parts must agree in, by name."""
     a = one.attributes
-    keep = next((keep for keep, path in _KEEPS.items() if path in one), "none")
     return {
         "navsim": str(a["navsim_version"]), "schema": str(a["schema_version"]), "method": str(a["method"]),
-        "seed": str(a["seed"]), "--keep": keep, "scenario of SHA-256": str(a["scenario_sha256"])[:12],
+        "seed": str(a["seed"]), "--keep": keep_of(one), "scenario of SHA-256": str(a["scenario_sha256"])[:12],
     }  # fmt: skip
 
 
@@ -127,6 +131,8 @@ def merged(parts: Parts, case: Case) -> Result:
     for path, variable in first.variables.items():
         if variable.dims[:1] == ("run",) and path not in whole:
             whole.variables[path] = _one_after_the_other(path, parts)
+        elif path.startswith(INPUTS):
+            whole.variables[path] = variable
         elif _shared(path):
             whole.variables.setdefault(path, variable)
             for other_file, other in parts:
@@ -153,7 +159,8 @@ def _batches(parts: Parts, case: Case, seed: int) -> list[Batch]:
 
 def _shared(path: str) -> bool:
     """Whether a variable is the same in all parts."""
-    return path != "/run" and not path.startswith(("/summary/", "/consistency/", "/rare/", f"{PART}/", f"{FINDINGS}/"))
+    own = ("/summary/", "/consistency/", "/rare/", f"{PART}/", f"{FINDINGS}/", f"{PROVENANCE}/")
+    return path != "/run" and not path.startswith(own)
 
 
 def _same(one: Variable, other: Variable) -> bool:

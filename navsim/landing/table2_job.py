@@ -11,9 +11,19 @@ from navsim.runner.batches import BATCH
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import NUMBER, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import Outcome, Progress, ResourceCheck
+from navsim.runner.job import Options, Outcome, Progress, ResourceCheck
+from navsim.scenario.landing import Landing
 from navsim.scenario.load import read
 from navsim.scenario.shipped import path
+from navsim.scenario.source import Document
+
+DEFAULT_RUNS = 400
+"""Runs of each row."""
+
+
+def job(section: Landing, document: Document, options: Options) -> Table2Job:
+    """The job that computes a stored table again; its scenarios are the shipped ones."""
+    return Table2Job(options.seed, options.runs or DEFAULT_RUNS)
 
 
 class Table2Job:

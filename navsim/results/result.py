@@ -13,6 +13,7 @@ import contextlib
 import functools
 import io
 import itertools
+import json
 import os
 import re
 import sys
@@ -28,8 +29,9 @@ import numpy as np
 from navsim.results import files
 from navsim.results.atomic_write import clean, destination, partial_folder, replacing, settle, write_atomically
 from navsim.results.checksum import CorruptFile, checksum_trailer
+from navsim.results.contents import VariableDigest, attribute_digest
 from navsim.results.former_names import present_path, with_present_names
-from navsim.results.schema import CHECKSUMS
+from navsim.results.schema import CHECKSUMS, CONTENTS
 
 if TYPE_CHECKING:
     from navsim.results.hdf5 import Dataset, Tree
@@ -38,6 +40,10 @@ if TYPE_CHECKING:
 
 class ResultError(Exception):
     """A file that is not a navsim result, or cannot be written."""
+
+
+class DamagedResult(ResultError):
+    """A result file whose content is not as it was written."""
 
 
 @dataclass(frozen=True)
@@ -259,6 +265,7 @@ def _fill(file: Path | io.BytesIO, result: Result) -> None:
     from navsim.results.netcdf import Writer
 
     own = {CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"}
+    contents = {f"@{name}": attribute_digest(value) for name, value in result.attributes.items()}
     with Writer(file) as tree:
         _describe(tree.root, "/", own | result.attributes)
         # coordinates first: they are the dimensions that their neighbours use; else by name, so that numbers of
@@ -267,8 +274,11 @@ def _fill(file: Path | io.BytesIO, result: Result) -> None:
             result.variables.items(), key=lambda item: (not _is_coordinate(*item), item[0].count("/"), item[0])
         )
         for path, variable in ordered:
-            own = {"units": variable.units, "long_name": variable.long_name}
-            _describe(_store(tree, path, variable), path, own | variable.attributes)
+            own = {"units": variable.units, "long_name": variable.long_name} | variable.attributes
+            digest = VariableDigest(variable.data.shape, variable.data.dtype, variable.dims, own)
+            _describe(_store(tree, path, variable, digest), path, own)
+            contents[path] = digest.text()
+        _describe(tree.root, "/", {CONTENTS: json.dumps(contents, sort_keys=True, indent=0)})
         tree.finish()
 
 
@@ -276,8 +286,8 @@ def _is_coordinate(path: str, variable: Variable) -> bool:
     return variable.dims == (path.rsplit("/", 1)[-1],)
 
 
-def _store(tree: Writer, path: str, variable: Variable) -> Any:
-    """Write a variable without its attributes; returns its dataset."""
+def _store(tree: Writer, path: str, variable: Variable, digest: VariableDigest) -> Any:
+    """Write a variable without its attributes; returns its dataset. digest: receives the data."""
     data = variable.data
 
     def create(dtype: Any, **how: Any) -> Any:
@@ -287,13 +297,14 @@ def _store(tree: Writer, path: str, variable: Variable) -> Any:
 
     if not isinstance(data, Stream) or data.dtype.kind in "UO" or not data.shape:
         data = np.asarray(data)
+        digest.add(data)
         text = data.dtype.kind in "UO"
         values = data.astype(object) if text else data
         return create(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
     with contextlib.closing(_ahead(data.blocks())) as pieces:
         first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
         stored = create(data.dtype, **_checked(data, first))
-        _fill_numbers(stored, first, pieces)
+        _fill_numbers(stored, first, pieces, digest)
     return stored
 
 
@@ -307,10 +318,11 @@ def _ahead(blocks: Iterable[np.ndarray]) -> Generator[np.ndarray, None, None]:
             yield block
 
 
-def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:
+def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray], digest: VariableDigest) -> None:
     """Numbers, block after block along their first axis."""
     start = 0
     for block in itertools.chain([first], others):
+        digest.add(block)
         if block.size:
             stored[start : start + block.shape[0]] = block
         start += block.shape[0]
@@ -348,9 +360,51 @@ def read(path: Path) -> Result:
     """
     tree = _open_tree(path)
     with _damage_of(path):
-        attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != CHECKSUMS}
+        attributes = {k: v for k, v in tree.attributes.items() if not _is_of_file(k)}
         variables = {present_path(name): _variable(path, tree, found) for name, found in tree.datasets.items()}
         return Result(attributes, variables)
+
+
+def _is_of_file(name: str) -> bool:
+    """Whether a root attribute belongs to the file instead of the result."""
+    return name.startswith("_NC") or name in (CHECKSUMS, CONTENTS)
+
+
+def read_unchecked(path: Path) -> tuple[Result, dict[str, str] | None, list[str]]:
+    """Read a result for `navsim verify`, also without the checksums that it was written with.
+
+    Returns the result, the digests of its contents as written (None in files of earlier versions), and what is wrong
+    with the file. Raises ResultError for anything but a result that can be read.
+    """
+    tree = _open_tree(path, whole=False)
+    with _damage_of(path):
+        attributes = {k: v for k, v in tree.attributes.items() if not _is_of_file(k)}
+        variables = {name: _variable(path, tree, found) for name, found in tree.datasets.items()}
+        lost = CHECKSUMS in tree.attributes and not tree.sealed
+        stated = tree.attributes.get(CONTENTS)
+    wrong = ["its checksums are gone: it was cut off, or another program has written to it"] if lost else []
+    try:
+        contents = None if stated is None else {str(k): str(v) for k, v in json.loads(str(stated)).items()}
+    except (ValueError, AttributeError):
+        contents = None
+        wrong.append(f"its root attribute {CONTENTS} is damaged")
+    return Result(attributes, variables), contents, wrong
+
+
+def contents_of(result: Result) -> dict[str, str]:
+    """Digests of root attributes ("@name") and variables of a result; "" for damaged ones."""
+    out = {f"@{name}": attribute_digest(value) for name, value in result.attributes.items()}
+    for path, v in result.variables.items():
+        about = {"units": v.units, "long_name": v.long_name} | v.attributes
+        digest = VariableDigest(v.data.shape, v.data.dtype, v.dims, about)
+        try:
+            whole = not isinstance(v.data, Stream) or v.data.dtype.kind in "UO" or not v.data.shape
+            for block in [np.asarray(v.data)] if whole else v.data.blocks():
+                digest.add(block)
+            out[path] = digest.text()
+        except ResultError:
+            out[path] = ""
+    return out
 
 
 def _variable(path: Path, tree: Tree, found: Dataset) -> Variable:
@@ -374,7 +428,8 @@ def read_kind(path: Path) -> ResultKind:
         return ResultKind(tree.attributes["kind"], method, runs, count)
 
 
-def _open_tree(path: Path) -> Tree:
+def _open_tree(path: Path, whole: bool = True) -> Tree:
+    """whole: refuse a file that lost its checksums."""
     from navsim.results.hdf5 import SIGNATURE, Tree
 
     try:
@@ -396,7 +451,7 @@ def _open_tree(path: Path) -> Tree:
             value = tree.attributes[name]
             if not isinstance(value, str) or not _WORD.fullmatch(value):
                 raise ResultError(f"{path}: not a navsim result: {name} is {str(value)[:40]!r}")
-        if CHECKSUMS in tree.attributes and not tree.sealed:
+        if whole and CHECKSUMS in tree.attributes and not tree.sealed:
             raise CorruptFile("its checksums are gone: cut off, or another program has written to it")
         return tree
 
@@ -406,4 +461,4 @@ def _damage_of(path: Path) -> Iterator[None]:
     try:
         yield
     except CorruptFile as error:
-        raise ResultError(f"{path}: a damaged HDF5 file ({error})") from None
+        raise DamagedResult(f"{path}: a damaged HDF5 file ({error})") from None

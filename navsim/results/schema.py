@@ -1586,15 +1586,34 @@ _FINDINGS = Chapter(
     ),
 )  # fmt: skip
 
+PROVENANCE = "/provenance"
+INPUTS, SOFTWARE = f"{PROVENANCE}/input", f"{PROVENANCE}/item"
+_PROVENANCE = Chapter(
+    "Provenance",
+    "Files that were read and software that computed, in every result but those of `navsim live`. `navsim verify` "
+    "compares them with what is there.",
+    tuple(
+        _a(path, dim, units, meaning, [layout for layout in LAYOUTS if layout != LIVE], of, when="of a file on disk")
+        for path, dim, units, meaning, of in (
+            (INPUTS, "input", "1", "names of the files that were read, as the scenario has them", TEXT),
+            (f"{INPUTS}_key", "input", "1", "keys that name them; empty for the scenario or study itself", TEXT),
+            (f"{INPUTS}_sha256", "input", "1", "SHA-256 of each file", TEXT),
+            (f"{INPUTS}_bytes", "input", "byte", "size of each file", WHOLE),
+            (SOFTWARE, "item", "1", "software, machine and options", TEXT),
+            (f"{PROVENANCE}/value", "item", "1", "version, digest or name of each", TEXT),
+        )
+    ),
+)
+
 SECTIONS = (
     _AXES, _TRUTH, _RECEIVER, _FILTER, _CONSISTENCY, _ANALYSIS, _SUMMARY, _CONTROLLED, _BOX, _INTERFERENCE,
     _INTEGRITY, _REQUIREMENTS, _NAVIGATION, _REPLAY, _RANGES, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE,
-    _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _PART, _FINDINGS,
+    _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _PART, _FINDINGS, _PROVENANCE,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 
-CHECKSUMS = "checksums"
-"""Root attribute of files with checksums; `results.result` writes it."""
+CHECKSUMS, CONTENTS = "checksums", "contents"
+"""Root attributes of files, which `results.result` writes."""
 ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "kind": (tuple(LAYOUTS), "kind of result; landing for landing, covariance and rare"),
     "schema_version": (tuple(LAYOUTS), "version of this page's contents"),
@@ -1628,9 +1647,10 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "least_pdop_of_case_6_from_cases_1_and_2": ((TABLE2,), "bound on case 6 from the paper's cases 1 and 2"),
     "largest_pdop_of_case_6_printed": ((TABLE2,), "the paper's printed value for case 6, rounding in its favour"),
     CHECKSUMS: (tuple(LAYOUTS), "marks a file with checksums"),
+    CONTENTS: (tuple(LAYOUTS), "digest of each variable and root attribute, JSON"),
 }
 """Root attributes: layouts and meanings."""
-LATE = ("verdict", CHECKSUMS)
+LATE = ("verdict", CHECKSUMS, CONTENTS)
 """Root attributes that are given when the rest of the result is there."""
 
 

@@ -67,13 +67,18 @@ class CheckpointError(Exception):
     """A folder of partial work that belongs to another study, or cannot be written."""
 
 
-def code_key() -> dict[str, object]:
-    """Part of every key that identifies the code."""
+def code_digest() -> str:
+    """SHA-256 of all sources of the package."""
     package = Path(navsim.__file__).parent
     sources = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):  # a piece depends on more than the kernels
         sources.update(f"{source.relative_to(package)}\0".encode() + source.read_bytes())
-    return {"navsim_version": navsim.__version__, "kernels": digest(), "sources": sources.hexdigest()[:16]}
+    return sources.hexdigest()
+
+
+def code_key() -> dict[str, object]:
+    """Part of every key that identifies the code."""
+    return {"navsim_version": navsim.__version__, "kernels": digest(), "sources": code_digest()[:16]}
 
 
 @dataclass(frozen=True, slots=True)

@@ -186,9 +186,11 @@ def _computed(
     drawing: Path | None,
 ) -> Finished:
     from navsim.compiler import jit
+    from navsim.runner.provenance import inputs_of, provenance
 
     store = _store(job, target, order)
     former = _which(target)
+    read = inputs_of(job)
     refused = False
 
     def kept() -> str:
@@ -212,6 +214,7 @@ def _computed(
                 refused = True
                 refuse_other(target, replace(job.sort, count=count), order.force)
                 refused = False
+            outcome.result.variables.update(provenance(job, order.options, read))
             written = save(outcome.result, target, None if outcome.interrupted else drawing)
     except RunFailed as error:
         last = error.problems[-1]

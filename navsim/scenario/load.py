@@ -119,6 +119,7 @@ def base_of(study: OverLandings, document: Document) -> Document:
     except InputError as error:
         where = f" (named at {document.place(('base',))})"
         raise InputError([Problem(p.place, p.key, p.message + where) for p in error.problems]) from None
+    base.named, base.elsewhere = document.named, document.elsewhere
     for key, value in study.set.items():
         set_value(base, key, copy.deepcopy(value), document.place(("set", key)), document.folder)
     document.renamed.extend(base.renamed)

@@ -106,6 +106,10 @@ class Document:
     folders: dict[KeyPath, Path] = field(default_factory=dict)
     renamed: list[str] = field(default_factory=list)
     """Warnings about keys by their former names."""
+    named: dict[tuple[KeyPath, str], Path] = field(default_factory=dict)
+    """Files that were looked up, by the key and the name there; shared with copies."""
+    elsewhere: dict[str, Path] = field(default_factory=dict)
+    """Paths of files by their names, instead of those that follow from the names; shared with copies."""
 
     def __str__(self) -> str:
         return self.file
@@ -114,7 +118,7 @@ class Document:
         """Another document with the same contents, free to be changed."""
         return Document(
             self.file, self.folder, copy.deepcopy(self.data), dict(self.keys), dict(self.values), dict(self.folders),
-            list(self.renamed),
+            list(self.renamed), self.named, self.elsewhere,
         )  # fmt: skip
 
     def place(self, path: KeyPath) -> Place:
@@ -160,10 +164,12 @@ class Document:
         """A file named at `path`: relative to the document, or to the working folder if set from outside."""
         folder = next((self.folders[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self.folders), None)
         try:
-            return (folder or self.folder) / Path(name).expanduser()
+            found = self.elsewhere.get(name) or (folder or self.folder) / Path(name).expanduser()
         except RuntimeError:
             user = Path(name).parts[0]
             raise InputError([Problem(self.place(path), dotted(path), f"there is no user's folder {user!r}")]) from None
+        self.named[path, name] = found
+        return found
 
 
 class _Refused(yaml.MarkedYAMLError):

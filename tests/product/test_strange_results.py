@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import random
 import threading
@@ -143,6 +144,7 @@ def test_it_is_netcdf4_as_the_libraries_write_it(engine: str, file: Path) -> Non
         tree.attrs.update(ours.attributes)
     with xr.open_datatree(file, engine=engine) as one, xr.open_datatree(theirs, engine=engine) as other:
         assert "SHA-256" in one.attrs.pop("checksums")
+        assert len(json.loads(one.attrs.pop("contents"))) == len(ours.variables) + len(ours.attributes)
         assert one.identical(other)
     with netCDF4.Dataset(file) as one, netCDF4.Dataset(theirs) as other:
         for mine, its in ((one, other), (one["flown"], other["flown"])):
