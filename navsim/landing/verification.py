@@ -42,7 +42,7 @@ def options_of(result: Result, options: Options) -> Options:
 def check_ensemble(again: Again, runs: int) -> None:
     """Check tables, histories and as many drawn runs."""
     numbers = again.result["/run"]
-    wrong = [] if np.array_equal(numbers, numbers[0] + np.arange(numbers.size)) else ["/run: not one after the other"]
+    wrong = [] if np.array_equal(numbers, numbers[0] + np.arange(numbers.size)) else ["/run: its numbers have gaps"]
     case, seed = again.job.case, again.job.seed
     ensemble = together(int(numbers[0]), [batch_of(again.result)])
     if ensemble.runs != numbers.size:

@@ -1590,8 +1590,7 @@ PROVENANCE = "/provenance"
 INPUTS, SOFTWARE = f"{PROVENANCE}/input", f"{PROVENANCE}/item"
 _PROVENANCE = Chapter(
     "Provenance",
-    "Files that were read and software that computed, in every result but those of `navsim live`. `navsim verify` "
-    "compares them with what is there.",
+    "Files that were read and software that computed. `navsim verify` compares them with its own.",
     tuple(
         _a(path, dim, units, meaning, [layout for layout in LAYOUTS if layout != LIVE], of, when="of a file on disk")
         for path, dim, units, meaning, of in (

@@ -270,7 +270,7 @@ def _check_numbers(
         return
     if int(result.attributes["schema_version"]) != SCHEMA_VERSION:
         text = f"its layout is version {result.attributes['schema_version']}, this navsim writes {SCHEMA_VERSION}"
-        out.checks.append(VerificationCheck("numbers", UNCHECKED, f"{text}; verify it by navsim of its own version"))
+        out.checks.append(VerificationCheck("numbers", UNCHECKED, f"{text}; navsim of that layout can verify it"))
         return
     try:
         options = stored_options(result)

@@ -99,6 +99,8 @@ QUESTIONS = {
     "magnetometer": "how-to/sensor", "hard iron": "glossary", "control variates": "theory/control-variates",
     "python interface": "python-interface", "pseudolite clock": "how-to/pseudolite-clock",
     "pseudolite terrain": "how-to/pseudolite-reception",
+    "reviewer": "how-to/review", "verify": "how-to/review",
+    "tampered": "how-to/review",
 }  # fmt: skip
 """What users look for, and the page that has the answer."""
 
