@@ -38,7 +38,8 @@ def as_declared(result: Result) -> None:
     """Fails where a variable is not declared, is lacking, or is not what it is declared to be."""
     layout = layout_of(result)
     assert layout in LAYOUTS
-    assert set(result.attributes) == {name for name, (layouts, _) in ROOT.items() if layout in layouts} - {CHECKSUMS, CONTENTS}
+    due_attributes = {name for name, (layouts, _) in ROOT.items() if layout in layouts}
+    assert set(result.attributes) == due_attributes - {CHECKSUMS, CONTENTS}
     due = declared(layout, tuple(named(result).items()))
     assert sorted(set(result.variables) - set(due)) == []
     assert missing(due, result.variables) == []
