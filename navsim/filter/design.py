@@ -12,7 +12,7 @@ import numpy as np
 
 from navsim.defect import Defect
 from navsim.filter import states
-from navsim.filter.measurement_models import RANGE
+from navsim.filter.measurement_models import RANGE, SOURCE
 from navsim.filter.receiver_clock import UNKNOWN_BIAS, UNKNOWN_DRIFT, ReceiverClock
 from navsim.filter.records import CONSTRAINED, GAUSSIAN_SUM, FilterModel
 from navsim.filter.states import Block
@@ -42,7 +42,13 @@ class SensorDesign:
         if not np.all(sigma > 0.0):
             name = states.names(self.blocks)[int(np.argmin(sigma))]
             raise Defect(f"the filter starts with sigma 0 of {name}; give it a state only if its sigma is above 0")
-        return np.diag(sigma**2)
+        out = np.diag(sigma**2)
+        first = states.SENSORS
+        for block in self.blocks:
+            if block.clock is not None:
+                out[first, first + 1] = out[first + 1, first] = block.clock.covariance
+            first += block.size
+        return out
 
 
 @dataclass(frozen=True)
@@ -105,11 +111,25 @@ class FilterDesign:
         blocks, sigma = zip(*kept[:first], *((block, 1.0) for block in errors), *kept[first:], strict=True)
         return replace(self, sensors=replace(self.sensors, blocks=blocks, sigma=sigma))
 
+    def with_transmitter_errors(self, errors: Sequence[tuple[Block, float]]) -> FilterDesign:
+        """Copy whose filter estimates these errors of transmitters, with their 1 sigma, instead of earlier ones. They
+        are the last states."""
+        each = zip(self.sensors.blocks, self.sensors.sigma, strict=True)
+        kept = [pair for pair in each if pair[0].triad != SOURCE]
+        blocks, sigma = zip(*kept, *errors, strict=True)
+        return replace(self, sensors=replace(self.sensors, blocks=blocks, sigma=sigma))
+
     def model(self, noise: np.ndarray | None = None, scales: Sequence[int] = ()) -> FilterModel:
         """Model for the kernels. noise: densities of each IMU interval (n, 2) instead of the sensors'; scales: numbers
         of the sources' time scales."""
         densities = self.sensors.noise[None] if noise is None else noise
-        clock = ReceiverClock(np.array(self.followed(scales), np.int64), np.array(self.clock or (0.0, 0.0)))
+        firsts = states.SENSORS + np.cumsum([0, *(block.size for block in self.sensors.blocks)])
+        offsets = [(int(first), b.clock) for first, b in zip(firsts, self.sensors.blocks, strict=False) if b.clock]
+        clock = ReceiverClock(
+            np.array(self.followed(scales), np.int64), np.array(self.clock or (0.0, 0.0)),
+            np.array([first for first, _ in offsets], np.int64),
+            np.array([[one.phase, one.frequency] for _, one in offsets]).reshape(-1, 2),
+        )  # fmt: skip
         return FilterModel(
             self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected,
             self.components if self.kind == GAUSSIAN_SUM else 0, self.widest, clock,

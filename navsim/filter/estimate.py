@@ -17,7 +17,7 @@ from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter import filter_loop, gaussian_sum, records, smoother
 from navsim.filter.error_parametrisation import chart_of
 from navsim.filter.evaluation import evaluate_into
-from navsim.filter.measurement_models import FIX, RANGE, Measurements
+from navsim.filter.measurement_models import FIX, RANGE, SOURCE, Measurements
 from navsim.filter.records import (
     OUTPUT,
     TIME_TOLERANCE,
@@ -103,6 +103,11 @@ def _check_correlated(measurements: Measurements, events: Events, model: FilterM
     if axes.size and rows.size and (table.shape[2] <= axes.max() or table.shape[0] <= rows.max()):
         raise ValueError("the table of fixes does not say what the errors do to them that the filter follows")
     rows, effects = events.row[events.kind == RANGE], measurements.ranges.correlated
+    axes = model.declared["axis"][model.declared["triad"] == SOURCE]
+    for kind, own in ((FIX, measurements.fixes.transmitters), (RANGE, measurements.ranges.transmitters)):
+        used = events.row[events.kind == kind]
+        if axes.size and used.size and (own.shape[2] <= axes.max() or own.shape[0] <= used.max()):
+            raise ValueError("the table does not say what the errors of transmitters that the filter follows do")
     followed = bool((model.declared["triad"] == RANGE).any())
     if followed and rows.size and (effects.shape[1] == 0 or effects.shape[0] <= rows.max()):
         raise ValueError("the table of ranges does not say what the errors do to them that the filter follows")

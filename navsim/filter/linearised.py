@@ -177,6 +177,8 @@ def _describe(errors, clock, length, transition, inputs):
         transition[c, c] = 1.0
         if c < size - 1:
             transition[c, size - 1] = length
+    for c in range(clock.offsets.shape[0]):
+        transition[clock.offsets[c], clock.offsets[c] + 1] = length
     for i in range(SENSORS):
         for j in range(inputs.shape[1]):
             inputs[i, j] = errors[i, n + j]

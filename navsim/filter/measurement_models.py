@@ -54,6 +54,8 @@ FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE, MAGNETIC = 2, 3, 4, 5, 6, 7
 """Kinds of measurements, as kinds of events; `records.PASS` and `OUTPUT` come before them. The filter computes the
 innovation of a probe, a kind of fix, and never uses it. Random numbers are keyed by these numbers, so they never
 change."""
+SOURCE = 9
+"""Kind of the states that are errors of transmitters on the ground: in measurements of the kinds FIX and RANGE."""
 KIND_COUNT = 1 + MAGNETIC
 """Slots of the other kinds, see `slot`. Slots of ranges follow, one for each source."""
 _NEAR = 0.1
@@ -74,6 +76,8 @@ class FixTable(NamedTuple):
     """(3,) IMU to antenna, body axes, m; the same in all lanes."""
     correlated: np.ndarray = np.empty((0, MAX_MEASUREMENT_SIZE, 0))
     """(m, 6, k) effect of each of the filter's k time-correlated errors of fixes [4]; the same in all lanes."""
+    transmitters: np.ndarray = np.empty((0, MAX_MEASUREMENT_SIZE, 0))
+    """(m, 6, q) effect of each of the filter's q errors of transmitters; the same in all lanes."""
 
     @classmethod
     def none(cls, *lanes: int) -> FixTable:
@@ -209,6 +213,8 @@ class RangeTable(NamedTuple):
     correlated: np.ndarray
     """(m, g) 1 sigma of the time-correlated errors that the filter estimates, m, for each of g groups of kinds. The
     state with the axis g source + group is this error in sigmas [4]."""
+    transmitters: np.ndarray = np.empty((0, 2, 0))
+    """(m, 2, q) effect of each of the filter's q errors of transmitters on the pseudorange and the range rate."""
 
     @classmethod
     def none(cls, *lanes: int) -> RangeTable:
@@ -386,6 +392,18 @@ def _range(nav, increments, dt, declared, c_nb, ranges, row, z, h):
 
 
 @kernel
+def _transmitters(nav, declared, effects, row, m, z, h):
+    """Effects (rows, m, q) of the estimated errors of transmitters on the m numbers of a measurement: from z, into
+    h."""
+    for c in range(declared.shape[0]):
+        if declared[c].triad == SOURCE and effects.shape[2] > 0:  # a probe's table has none
+            for a in range(m):
+                effect = effects[row, a, declared[c].axis]
+                z[a] -= effect * nav[NAV_SENSORS + c]
+                h[a, SENSORS + c] = effect
+
+
+@kernel
 def _above_ground(nav, c_nb, grounds, z, h):
     """Height of an antenna above the filter's ground model [3]; returns the distance of the antenna beyond the
     threshold, m.
@@ -508,6 +526,7 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
                     effect = fixes.correlated[row, a, declared[c].axis]
                     z[a] -= effect * nav[NAV_SENSORS + c]
                     h[a, SENSORS + c] = effect
+        _transmitters(nav, declared, fixes.transmitters, row, MAX_MEASUREMENT_SIZE, z, h)
         fixed = no(math.isnan(llh[row, 0]))
         for a in range(MAX_MEASUREMENT_SIZE):
             there = fixed & no(math.isnan(z[a]))
@@ -531,6 +550,7 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
                 effect = ranges.correlated[row, declared[c].axis % groups]
                 z[0] -= effect * nav[NAV_SENSORS + c]
                 h[0, SENSORS + c] = effect
+        _transmitters(nav, declared, ranges.transmitters, row, 2, z, h)
         ranged = no(math.isnan(pseudorange[row]))
         for a in range(2):
             measured = pseudorange[row] if a == 0 else range_rate[row]

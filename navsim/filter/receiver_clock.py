@@ -1,7 +1,8 @@
-"""Receiver clock as states of a tightly coupled filter: a bias for each time scale, and their common drift.
+"""Clocks as states: the receiver's, in a tightly coupled filter, and those of transmitters on the ground.
 
-One oscillator drives all biases, so they wander alike and differ by the constant offsets of the time scales. Between
-measurements the clock is independent of the motion, so a step of any length is exact.
+The receiver's clock has a bias for each time scale, and their common drift; a transmitter's has an offset and a rate.
+One oscillator drives all biases of the receiver, so they wander alike and differ by the constant offsets of the time
+scales. Between measurements a clock is independent of the motion, so a step of any length is exact.
 
     b' = d + w_f,  d' = w_g,  w_f and w_g white, of the densities S_f and S_g
 
@@ -26,6 +27,10 @@ class ReceiverClock(NamedTuple):
     """(c,) int, time scales with a bias state; none if the filter is loosely coupled."""
     density: np.ndarray
     """(2,) white noise densities of phase, m2/s, and frequency, m2/s3."""
+    offsets: np.ndarray = np.empty(0, np.int64)
+    """(q,) index, among the error states, of the offset of each transmitter's clock; the next state is its rate."""
+    noises: np.ndarray = np.empty((0, 2))
+    """(q, 2) `density` of each of these clocks."""
 
 
 UNKNOWN_BIAS, UNKNOWN_DRIFT = 1e4, 1e2
@@ -69,7 +74,12 @@ def propagate_clock_covariance(first, count, phase, frequency, dt, p):
 
 @kernel
 def propagate_clock(clock, dt, nav, p):
-    """Propagate the clock states, the last ones, of nav (NAV,) and P (n, n) over dt, s, in place."""
+    """Propagate the clock states of nav (NAV,) and P (n, n) over dt, s, in place; the receiver's are the last ones."""
+    if dt > 0.0:
+        for c in range(clock.offsets.shape[0]):
+            offset = clock.offsets[c]
+            nav[NAV_SENSORS - SENSORS + offset] += dt * nav[NAV_SENSORS - SENSORS + offset + 1]
+            propagate_clock_covariance(offset, 1, clock.noises[c, 0], clock.noises[c, 1], dt, p)
     count = clock.scales.shape[0]
     if count > 0 and dt > 0.0:
         first = p.shape[0] - count - 1

@@ -44,7 +44,9 @@ class LinearisedHistory(NamedTuple):
     to_error: np.ndarray
     """(n, S) from the propagated states to the errors of the filter's states."""
     clock: tuple[int, int]
-    """First clock bias among the states, and number of clock states."""
+    """First bias of the receiver's clock among the states, and number of biases."""
+    offsets: np.ndarray
+    """(q,) offset of each transmitter's clock among the states; the next state is its rate."""
 
     def of(self, chosen: np.ndarray) -> LinearisedHistory:
         """The history for some of the states, including the filter's; the others are always zero."""
@@ -79,6 +81,8 @@ def _propagate_over(route, at, x):
     first, scales = route.clock
     for b in range(scales):
         x[first + b] += route.length[at] * x[first + scales]
+    for c in range(route.offsets.shape[0]):
+        x[route.offsets[c]] += route.length[at] * x[route.offsets[c] + 1]
 
 
 @kernel
@@ -285,6 +289,8 @@ def propagate_covariances(route, added, place, density, p, r, variance, second, 
             _propagate(route.phi[at], route.rest[at], one, work)
             if scales > 0:
                 propagate_clock_covariance(first, scales, density[noises], density[noises + 1], route.length[at], one)
+            for c in range(route.offsets.shape[0]):  # their noise is in the truth
+                propagate_clock_covariance(route.offsets[c], 1, 0.0, 0.0, route.length[at], one)
             for k in range(noises):
                 if there[k]:
                     _add(added[at, k], place, density[k], one)

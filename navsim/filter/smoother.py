@@ -65,6 +65,8 @@ def _fly(until, imu, model, nav, cursor, increments, space, added, transition):
         propagate_error_columns(space.phi, SENSORS + count_imu_states(declared), space.sums.decay, transition, space.a)
         if scales > 0:
             propagate_clock_rows(n - scales - 1, scales, cursor[1] - begin, transition)
+        for c in range(model.clock.offsets.shape[0]):
+            propagate_clock_rows(model.clock.offsets[c], 1, cursor[1] - begin, transition)
 
 
 @kernel

@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,6 +56,17 @@ of gyros from 3 on are axes of specific force; only a truth has them. `triad` ma
 (1/s): rate of decay. `drive` (unit2/s): density of the driving noise."""
 
 
+class TransmitterClockModel(NamedTuple):
+    """Filter model of the clock of a transmitter, whose offset is a state and whose rate is the next one."""
+
+    phase: float
+    """Density of the white noise of its phase, m2/s."""
+    frequency: float
+    """Density of the white noise of its frequency, m2/s3."""
+    covariance: float
+    """Covariance of offset and rate at the start, m2/s."""
+
+
 @dataclass(frozen=True)
 class Block:
     """Three states of a triad that differ only in their axis."""
@@ -80,6 +92,8 @@ class Block:
     """The axes of states of a kind of measurements are those of the body instead of ground axes."""
     size: int = 3
     """3; fewer for single states of a kind of measurements, which come after all blocks of three."""
+    clock: TransmitterClockModel | None = None
+    """For the offset of a transmitter's clock; the next block is its rate."""
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -198,6 +212,8 @@ def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
     return (*(unit for unit, size in groups for _ in range(size)), *(["m"] * scales), *(["m/s"] if scales else []))
 
 
+_TRANSMITTER = re.compile("transmitter_(position|clock_rate|clock)_(.+?)(?:_(north|east|down))?")
+"""States of errors of transmitters."""
 _CORRELATED = re.compile("(?:fix_error_(slow|fast)|range_error_(slow|fast))(_more)?(?:_(.+))?")
 """States of time-correlated errors of fixes, and of ranges."""
 
@@ -208,6 +224,9 @@ def display_name(state: str) -> str:
         fix, range_, more, which = found.groups()
         name = f"{'further ' if more else ''}{fix} satellite errors" if fix else f"{range_} ranging error"
         return f"{name}, {which}" if which else name
+    if found := _TRANSMITTER.fullmatch(state):
+        what, name, axis = found.groups()
+        return f"{what.replace('_', ' ')} of {name}{f', {axis}' if axis else ''}"
     return "heading" if state == "attitude_down" else state.replace("_", " ")
 
 

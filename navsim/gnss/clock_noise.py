@@ -12,6 +12,9 @@ import numpy as np
 
 from navsim.geodesy.earth import SPEED_OF_LIGHT
 
+OSCILLATORS = {"quartz": (2e-19, 2e-20), "tcxo": (1e-21, 2e-20), "ocxo": (8e-20, 4e-23), "rubidium": (2e-20, 4e-29)}
+"""Allan variance coefficients h0 (s) and h_-2 (1/s) by Brown & Hwang, of a TCXO by Irsigler & Eissfeller (2002)."""
+
 
 def densities(h0: float, h_minus2: float) -> tuple[float, float]:
     """Densities of the white noises of phase (m2/s) and frequency (m2/s3) from the Allan variance coefficients h0 (s)

@@ -17,7 +17,7 @@ from navsim.geodesy import earth
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.dll import ReflectionErrors
-from navsim.gnss.pseudolite_clock import WanderingClocks
+from navsim.gnss.pseudolite_clock import Transmitters, WanderingClocks
 
 _TRAVEL_TIME = 0.07
 _BY_SOURCE = (
@@ -88,6 +88,8 @@ class Signals:
     """(s, k) effect of one sigma of each of k time scale offsets drawn for each run, m, or None."""
     wandering: WanderingClocks | None = None
     """Clocks of pseudolites drawn for each run, or None."""
+    transmitters: Transmitters | None = None
+    """Errors of pseudolites that last over a run; None without pseudolites."""
     reflections: ReflectionErrors | None = None
     """Statistics of the reflection errors in `delay`, or None."""
 
@@ -97,6 +99,16 @@ class Signals:
         if self.correlated is None:
             return self.fix_sigma
         return np.asarray(np.sqrt(np.maximum(self.fix_sigma**2 - self.correlated.total**2, 0.0)))
+
+    @property
+    def transmitter_variance(self) -> np.ndarray:
+        """Variance of pseudoranges, m2, and range rates, m2/s2, of fixes due to errors of transmitters (2, e, s)."""
+        out = np.zeros((2, *self.range.shape))
+        if self.transmitters is not None and self.space is not None:
+            out[0] = np.where(self.transmitters.which, np.sum(self.space**2, axis=2), 0.0)
+        if self.wandering is not None:
+            out += np.square(self.wandering.sigmas(self.time))
+        return out
 
     def with_noise(self, share: float) -> np.ndarray:
         """`fix_sigma` with `noise_sigma` multiplied by `share` (e, s), m."""
@@ -140,6 +152,7 @@ class Signals:
             js=self.js[:, :, kept],
             offset=None if self.offset is None else self.offset[kept],
             wandering=None if self.wandering is None else self.wandering.select(kept),
+            transmitters=None if self.transmitters is None else self.transmitters.select(kept),
             **each,
         )
 

@@ -23,7 +23,7 @@ from navsim.gnss.events import PSEUDOLITES, Event, Scene, happened
 from navsim.gnss.interference import propagation as interference
 from navsim.gnss.interference.horizon import behind, horizon_dip, horizon_distance
 from navsim.gnss.interference.jamming import TEMPERATURE, Jamming, Received
-from navsim.gnss.pseudolite_clock import WanderingClocks
+from navsim.gnss.pseudolite_clock import TransmitterErrors, Transmitters, WanderingClocks
 from navsim.gnss.signal_errors import NO_EFFECTS, Effects, directions_from, propagation, space_sensitivity
 from navsim.gnss.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
 from navsim.trajectory.kinematics import Motion
@@ -94,18 +94,13 @@ class Pseudolites:
     """Hz."""
     radiated: Radiated | None = None
     """Transmitted power from which C/N0 follows; None: constant `cn0`."""
-    survey_sigma: float = 0.0
-    """1 sigma of position errors along each axis, drawn for each run, m."""
-    clock_sigma: float = 0.0
-    """1 sigma of clock errors, drawn for each run, m."""
-    clock_density: tuple[float, float] = (0.0, 0.0)
-    """See `pseudolite_clock.WanderingClocks`, also for `clock_age`."""
-    clock_age: float = 0.0
+    errors: TransmitterErrors = field(default_factory=TransmitterErrors)
+    """Sizes of the errors that are drawn for each run."""
 
     @property
     def calibration_sigma(self) -> float:
         """1 sigma of a range due to drawn position and clock errors, m."""
-        return math.hypot(self.survey_sigma, self.clock_sigma)
+        return math.hypot(self.errors.survey, self.errors.offset)
 
 
 @dataclass(frozen=True)
@@ -502,8 +497,8 @@ def _affected(
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     fix_sigma = np.where(sky, fix_sigma, np.hypot(fix_sigma, pseudolites.calibration_sigma))
     wandering, fix_rate_sigma = None, rate_sigma
-    if any(pseudolites.clock_density) and is_pseudolite.any():
-        wandering = WanderingClocks(pseudolites.clock_density, pseudolites.clock_age, is_pseudolite)
+    if pseudolites.errors.wanders and is_pseudolite.any():
+        wandering = WanderingClocks(pseudolites.errors, is_pseudolite)
         of_ranges, of_rates = wandering.sigmas(signals.time)
         fix_sigma, fix_rate_sigma = np.hypot(fix_sigma, of_ranges), np.hypot(rate_sigma, of_rates)
     correlated = None
@@ -534,15 +529,18 @@ def _affected(
         smoothing=smoothing,
         offset=_drawn_offsets(environment, signals.clock),
         wandering=wandering,
-    )
+        transmitters=None if not is_pseudolite.any() else Transmitters(
+            is_pseudolite, pseudolites.errors, pseudolites.survey_error, pseudolites.delay
+        ),
+    )  # fmt: skip
 
 
 def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:
     """Change of the pseudoranges of pseudolites (e, p, 4), m, by one sigma of their places, north, east, down, and of
     their clocks; towards: (e, p, 3) unit vectors, ECEF."""
-    out = np.full((*towards.shape[:2], 4), pseudolites.clock_sigma)
+    out = np.full((*towards.shape[:2], 4), pseudolites.errors.offset)
     for i, llh in enumerate(pseudolites.llh):
-        out[:, i, :3] = pseudolites.survey_sigma * (towards[:, i] @ ned_matrix(llh).T)
+        out[:, i, :3] = pseudolites.errors.survey * (towards[:, i] @ ned_matrix(llh).T)
     return out
 
 

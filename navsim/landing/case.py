@@ -13,6 +13,7 @@ from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
+from navsim.filter.measurement_models import SOURCE
 from navsim.filter.states import Block
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.interference.horizon import behind
@@ -28,13 +29,14 @@ from navsim.scenario.signals import ClockNoise
 from navsim.scenario.source import Document
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import followed_errors as followed_errors_of_aids
-from navsim.simulation.correlated_errors import fix_blocks, followed_errors
+from navsim.simulation.correlated_errors import IGNORED, STATES, as_noise, fix_blocks, followed_errors
 from navsim.simulation.first_order import FirstOrder, position_covariance
 from navsim.simulation.inertial_states import followed, gains_that_matter
 from navsim.simulation.landing import Flight, InitialErrors, fly
 from navsim.simulation.landing import prepare as prepare_flight
 from navsim.simulation.run import Run
 from navsim.simulation.shared_truth import SharedTruth, build_shared_truth
+from navsim.simulation.transmitter_errors import TransmitterBelief
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.kinematics import Moving
 
@@ -112,7 +114,7 @@ class Case:
         flight, sensors = self.flight, self.design.sensors
         triads, starts = (flight.gyro, flight.accel), (flight.start, flight.initial)
         declared = zip(sensors.blocks, sensors.sigma, strict=True)
-        known = [sigma == 0.0 and block.drive == 0.0 for block, sigma in declared]
+        known = [sigma == 0.0 and block.drive == 0.0 and block.triad != SOURCE for block, sigma in declared]
         for k, triad in enumerate(triads):  # biases come first
             known[k] &= triad.initial_sigma() == triad.drive() == 0.0 and not triad.further.there
         noisy = [
@@ -209,7 +211,8 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     gyro, accel = scenario.imu.triads()
     shared = world_of(scenario, trajectory, sources)
     watched = watching(scenario, sources)
-    flight = prepare_flight(shared, _initial(scenario), gyro, accel, *_filter_design(scenario, shared), watched)
+    design = _filter_design(scenario, shared)
+    flight = prepare_flight(shared, _initial(scenario), gyro, accel, *design, watched, _transmitters(scenario))
     case = Case(scenario, trajectory, sources, flight, warnings)
     case.preflight.check(document)
     return case
@@ -246,6 +249,16 @@ def _gains(scenario: Landing, shared: SharedTruth, gyro: Triad, accel: Triad) ->
     its = scenario.filter
     asked = ((its.scale_factors, states.SCALE_FACTORS), (its.misalignments, states.MISALIGNMENTS))
     return tuple(b for wanted, blocks in asked for b in blocks if (b in large if wanted is None else wanted))
+
+
+def _transmitters(scenario: Landing) -> TransmitterBelief | None:
+    """Filter model of the errors of pseudolites, None without."""
+    how = scenario.about_transmitter_errors()
+    if not scenario.pseudolites.drawn or how == IGNORED:
+        return None
+    errors = scenario.pseudolites.errors(scenario.filter.pseudolites)
+    factor = as_noise(np.array(np.inf), scenario.duration_s, 1.0 / scenario.receiver.rate_hz)
+    return TransmitterBelief(how == STATES, errors, float(factor))
 
 
 def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign, InitialErrors]:

@@ -120,7 +120,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     of_aids = [block.size for block, _ in followed_errors(sensors, 1.0 / scenario.imu.rate_hz)]
     return Extent(
         size.samples, fixes, names, scales,
-        scenario.filter.states(scales, scenario.gain_states + correlated + sum(of_aids)),
+        scenario.filter.states(scales, scenario.gain_states + correlated + scenario.transmitter_states + sum(of_aids)),
         sum(times_of(sensor, scenario.duration_s, scenario.imu.rate_hz).size for sensor in sensors),
         fixes * _waiting(scenario) * sum(sensor.rate for sensor in sensors),
         0 if scenario.integrity is None else fixes,
@@ -135,7 +135,9 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         scenario.air() is not None,
         scenario.steered,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
-        (correlated if scenario.filter.tight else 0) + sum(size for size in of_aids if size < 3),
+        (correlated if scenario.filter.tight else 0)
+        + scenario.transmitter_states
+        + sum(size for size in of_aids if size < 3),
     )  # fmt: skip
 
 
@@ -295,8 +297,9 @@ def further(scenario: Landing, sources: Environment) -> int:
     """Sources of error besides `SOURCES` in the covariance analysis of a scenario under a sky."""
     gyro, accel = scenario.imu.triads()
     pseudolites, signals, sensors = scenario.pseudolites, scenario.signals, scenario.aiding()
-    drawn = [pseudolites.survey_sigma_m, pseudolites.clock_sigma_ns] if pseudolites.placed() else []
-    wander = pseudolites.clock_noise is not None and bool(pseudolites.placed())
+    errors = pseudolites.errors()
+    drawn = [errors.survey, errors.offset] if pseudolites.placed() else []
+    wander = errors.wanders and bool(pseudolites.placed())
     if len(set(sources.systems) - {PSEUDOLITES, OWN}) > 1:
         drawn.append(signals.system_offset_sigma_ns)
     return (

@@ -24,15 +24,13 @@ from navsim.scenario.base import (
     hint,
     reject,
 )
+from navsim.scenario.signals import ClockModel
 from navsim.scenario.sky import Files
 
 RANGE_UNITS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "ns": 0.299792458, "us": 299.792458}
 """Units of ranges, each in m; times are those of the way."""
 LENGTH_UNITS = {unit: RANGE_UNITS[unit] for unit in ("m", "km", "cm", "mm", "ft")}
 """Units of positions, each in m."""
-OSCILLATORS = {"quartz": (2e-19, 2e-20), "tcxo": (1e-21, 2e-20), "ocxo": (8e-20, 4e-23), "rubidium": (2e-20, 4e-29)}
-"""Allan variance coefficients h0 (s) and h_-2 (1/s) by Brown & Hwang, of a TCXO by Irsigler & Eissfeller (2002)."""
-Oscillator = Literal["quartz", "tcxo", "ocxo", "rubidium"]
 RangeUnit = Literal["m", "km", "cm", "mm", "ft", "ns", "us"]
 LengthUnit = Literal["m", "km", "cm", "mm", "ft"]
 TimeUnit = Literal["s", "ms", "us", "ns"]
@@ -183,32 +181,6 @@ class BiasSection(Section):
     common: WanderSection = WanderSection(sigma_m=0.1, correlation_time_s=15.0)
     """wandering error that all ranges share, such as the vehicle's antenna, for two_way. Ranges alone cannot tell it
     from motion, so it is never tuned"""
-
-
-class ClockModel(Section):
-    """Noise of a clock: an oscillator, or Allan variance coefficients."""
-
-    oscillator: Oscillator | None = None
-    """a usual oscillator"""
-    h0: Annotated[float, Field(ge=0.0, le=1e-12)] | None = None
-    """white frequency noise, s"""
-    h_minus2: Annotated[float, Field(ge=0.0, le=1e-12)] | None = None
-    """random walk of the frequency, 1/s"""
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        given = (self.h0 is not None, self.h_minus2 is not None)
-        if any(given) != all(given) or (self.oscillator is None) != all(given):
-            raise reject("give an oscillator, or h0 and h_minus2", "oscillator")
-        return self
-
-    def densities(self) -> tuple[float, float]:
-        """Densities of the white noises of phase, m2/s, and frequency, m2/s3."""
-        from navsim.gnss.clock_noise import densities
-
-        if self.oscillator is not None:
-            return densities(*OSCILLATORS[self.oscillator])
-        return densities(float(self.h0 or 0.0), float(self.h_minus2 or 0.0))
 
 
 class ClocksSection(Section):

@@ -14,7 +14,7 @@ from navsim.scenario.base import (
     Triple,
 )
 from navsim.scenario.imu import Accelerometer, Gyro
-from navsim.scenario.signals import ClockNoise
+from navsim.scenario.signals import ClockNoise, FilterPseudolites
 
 
 class FilterInitial(Section):
@@ -87,15 +87,18 @@ class FilterSection(Section):
     lever_arm_m: Triple | None = None
     """lever arm in the filter model; default: receiver.lever_arm_m"""
     fix_errors: Literal["states", "inflate", "none"] | None = None
-    """how the filter handles time-correlated errors (`signals.errors`). With states it estimates them: six for each
-    group of kinds, or with `coupling: tight` those of each satellite. With inflate it increases the assumed noise of
-    fixes or ranges. With none it treats the errors as white noise of their size. Omitted: inflate if the filter is
-    tightly coupled and monitored (`integrity.method: filter`), else states. The filter treats reflections
-    (`pseudolites.multipath`) as noise of their size and correlation time; with none it does not know them"""
+    """how the filter handles time-correlated errors (`signals.errors`, drawn errors of pseudolites). With states it
+    estimates them: six for each group of kinds, or with `coupling: tight` those of each satellite; position and clock
+    of each pseudolite. With inflate it increases the assumed noise. With none it treats them as white noise. Omitted:
+    inflate if a tightly coupled filter is monitored (`integrity.method: filter`), else states. The filter treats
+    reflections (`pseudolites.multipath`) as noise of their size and correlation time; with none it does not know
+    them"""
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()
     """1 sigma the filter starts from; omitted keys: those of initial_errors"""
+    pseudolites: FilterPseudolites = FilterPseudolites()
+    """errors of pseudolites that the filter assumes; omitted keys: those of `pseudolites`"""
     imu: FilterSensors = FilterSensors()
     """sensor errors that the filter assumes; omitted keys: those of `imu`"""
     radio_altimeter: FilterRadioAltimeter = FilterRadioAltimeter()

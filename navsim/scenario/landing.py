@@ -282,9 +282,9 @@ class Landing(Section):
     def _check_correlated(self) -> None:
         """Check the filter's handling of time-correlated errors."""
         watched = self.watches_filter
-        drawn = [key for key in ("survey_sigma_m", "clock_sigma_ns", "clock_noise") if getattr(self.pseudolites, key)]
+        drawn = self.pseudolites.drawn
         lasts = "lasts, and the filter's levels take errors for independent in time"
-        if watched and drawn and self.pseudolites.placed():
+        if watched and drawn:
             none = "leave it out" if drawn[0] == "clock_noise" else "use 0"
             raise reject(f"{lasts}; {none}, or integrity.method mhss", "pseudolites", drawn[0])
         for name, section in self.aiding_sections().items() if watched else ():
@@ -294,12 +294,12 @@ class Landing(Section):
             reflected = self.pseudolites.multipath is not None and self.pseudolites.placed()
             if self.filter.fix_errors == "states" and reflected:
                 raise reject("reflections are no states; use inflate or none", "filter", "fix_errors")
-            if self.filter.fix_errors is not None and not reflected:
-                text = "there are none: give signals.errors, or a signals.preset that has them"
+            if self.filter.fix_errors is not None and not reflected and not drawn:
+                text = "there are none: give signals.errors, a signals.preset that has them, or errors of pseudolites"
                 raise reject(text, "filter", "fix_errors")
-            return
-        excludes = self.integrity is not None and self.integrity.exclusion != "none"
-        if excludes and not self.filter.tight and self.about_correlated_errors() == "states":
+            if self.filter.fix_errors != "states" or not drawn:
+                return
+        if self._excludes_fixes and self.about_correlated_errors() == "states":
             text = "after an exclusion fixes have other errors than those that the states follow; use inflate"
             raise reject(text, "filter", "fix_errors")
         if watched and not (self.filter.tight and self.about_correlated_errors() == "inflate"):
@@ -316,6 +316,16 @@ class Landing(Section):
         """The filter's handling of time-correlated ranging errors, if there are any."""
         return self.filter.fix_errors or ("inflate" if self.filter.tight and self.watches_filter else "states")
 
+    @property
+    def _excludes_fixes(self) -> bool:
+        """Whether fixes may be made without some of their sources."""
+        return self.integrity is not None and self.integrity.exclusion != "none" and not self.filter.tight
+
+    def about_transmitter_errors(self) -> Literal["states", "inflate", "none"]:
+        """The filter's handling of the errors of pseudolites that are drawn; with exclusion fixes have other errors
+        than states would follow."""
+        return self.filter.fix_errors or ("inflate" if self._excludes_fixes else self.about_correlated_errors())
+
     def correlated_states(self, sources: int) -> int:
         """Number of states for time-correlated errors of fixes, or of the ranges of so many sources."""
         from navsim.gnss.correlated_errors import SUMS
@@ -324,6 +334,15 @@ class Landing(Section):
             return 0
         groups = len({kind.time >= self.duration_s for kind in self.signals.errors.models()})
         return groups * (sources if self.filter.tight else SUMS)
+
+    @property
+    def transmitter_states(self) -> int:
+        """Number of states for errors of pseudolites."""
+        if not self.pseudolites.drawn or self.about_transmitter_errors() != "states":
+            return 0
+        errors = self.pseudolites.errors(self.filter.pseudolites)
+        each = 3 * (errors.survey > 0.0) + (errors.offset > 0.0 or errors.wanders) + errors.wanders
+        return each * len(self.pseudolites.placed())
 
     def check_analysable(self) -> None:
         """Raise for scenarios that the covariance analysis cannot handle."""

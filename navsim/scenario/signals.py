@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from navsim.gnss.antenna import AircraftAntenna, GroundPattern
     from navsim.gnss.correlated_errors import CorrelatedError, Mapping
     from navsim.gnss.dll import CodeLoop, GroundReflection
+    from navsim.gnss.pseudolite_clock import TransmitterErrors
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signals import ErrorLaw, Pseudolites
 
@@ -295,14 +296,39 @@ class PatternSection(Section):
         )
 
 
-class ClockNoiseSection(Section):
-    """Noise of each pseudolite's clock, by Allan variance coefficients of its oscillator; it begins clock_age_s before
-    time 0, and is drawn for each run and pseudolite. The receiver weights ranges and range rates by it."""
+Oscillator = Literal["quartz", "tcxo", "ocxo", "rubidium"]
 
-    h0: Annotated[float, Field(ge=0.0, le=1e-12)]
+
+class ClockModel(Section):
+    """Noise of a clock: an oscillator, or Allan variance coefficients."""
+
+    oscillator: Oscillator | None = None
+    """a usual oscillator"""
+    h0: Annotated[float, Field(ge=0.0, le=1e-12)] | None = None
     """white frequency noise, Allan variance coefficient, s; h0/(2 t) of the Allan variance"""
-    h_minus2: Annotated[float, Field(ge=0.0, le=1e-12)]
+    h_minus2: Annotated[float, Field(ge=0.0, le=1e-12)] | None = None
     """random walk of the frequency, Allan variance coefficient, 1/s; (2 pi)^2 h_minus2 t/6 of the Allan variance"""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        given = (self.h0 is not None, self.h_minus2 is not None)
+        if any(given) != all(given) or (self.oscillator is None) != all(given):
+            raise reject("give an oscillator, or h0 and h_minus2", "oscillator")
+        return self
+
+    def densities(self) -> tuple[float, float]:
+        """Densities of the white noises of phase, m2/s, and frequency, m2/s3."""
+        from navsim.gnss.clock_noise import OSCILLATORS, densities
+
+        if self.oscillator is not None:
+            return densities(*OSCILLATORS[self.oscillator])
+        return densities(float(self.h0 or 0.0), float(self.h_minus2 or 0.0))
+
+
+class ClockNoiseSection(ClockModel):
+    """Noise of each pseudolite's clock, by its oscillator or the Allan variance coefficients of that; it begins
+    clock_age_s before time 0, and is drawn for each run and pseudolite. The receiver weights ranges and range rates by
+    it."""
 
     @model_validator(mode="after")
     def _some(self) -> Self:
@@ -310,11 +336,18 @@ class ClockNoiseSection(Section):
             raise reject("clocks without noise do not wander: leave clock_noise out", "h0")
         return self
 
-    def densities(self) -> tuple[float, float]:
-        """Densities of the white noises of phase, m2/s, and frequency, m2/s3."""
-        from navsim.gnss.clock_noise import densities
 
-        return densities(self.h0, self.h_minus2)
+class FilterPseudolites(Section):
+    """Errors of pseudolites in the filter model; omitted keys: those of `pseudolites`."""
+
+    survey_sigma_m: NonNegative | None = None
+    """1 sigma, along each axis, of the position error of each pseudolite"""
+    clock_sigma_ns: NonNegative | None = None
+    """1 sigma of each clock error that is constant over a run"""
+    clock_drift_sigma_ppb: NonNegative | None = None
+    """1 sigma of each clock's frequency error when it was set"""
+    clock_noise: ClockNoiseSection | None = None
+    """noise of each clock"""
 
 
 class PseudolitesSection(Section):
@@ -345,10 +378,14 @@ class PseudolitesSection(Section):
     clock_sigma_ns: NonNegative = 0.0
     """1 sigma of each pseudolite's clock error after calibration, drawn for each run; the receiver weights their ranges
     by it"""
+    clock_drift_sigma_ppb: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """1 sigma of the frequency error that each pseudolite's clock was set with, drawn for each run; the receiver
+    weights ranges and range rates by it"""
     clock_noise: ClockNoiseSection | None = None
     """how the pseudolites' clocks wander from where calibration left them; null: not at all"""
     clock_age_s: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
-    """how long before time 0 the clocks were set, offset and rate, with clock_noise; left out: 0"""
+    """how long before time 0 the clocks were set, offset and rate, with clock_noise or clock_drift_sigma_ppb; left out:
+    0"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of their pseudoranges"""
     range_law: Literal["constant", "cn0"] = "constant"
@@ -385,8 +422,8 @@ class PseudolitesSection(Section):
     def _strength(self) -> Self:
         if self.eirp_dbm is None and self.pattern is not None:
             raise reject("is relative to eirp_dbm, which is not given", "pattern")
-        if self.clock_noise is None and self.clock_age_s is not None:
-            raise reject("is for clock_noise, which is not given", "clock_age_s")
+        if self.clock_noise is None and not self.clock_drift_sigma_ppb and self.clock_age_s is not None:
+            raise reject("is for clock_noise or clock_drift_sigma_ppb; give one, or leave it out", "clock_age_s")
         if self.eirp_dbm is not None and self.cn0_reference_m is not None:
             raise reject("is for cn0_dbhz; with eirp_dbm the strength follows from that", "cn0_reference_m")
         return self
@@ -454,6 +491,28 @@ class PseudolitesSection(Section):
         """PL1, PL2, ... or the names given."""
         return tuple(site.name or f"PL{i}" for i, site in enumerate(self.placed(), 1))
 
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        """Keys of errors that are drawn and last over a run."""
+        keys = ("survey_sigma_m", "clock_sigma_ns", "clock_drift_sigma_ppb", "clock_noise")
+        return tuple(key for key in keys if getattr(self, key)) if self.placed() else ()
+
+    def errors(self, given: FilterPseudolites | None = None) -> TransmitterErrors:
+        """Sizes of the errors that are drawn for each run; given: those in a filter model."""
+        from navsim.geodesy.earth import SPEED_OF_LIGHT
+        from navsim.gnss.pseudolite_clock import TransmitterErrors
+
+        def size(key: str) -> float:
+            its = None if given is None else getattr(given, key)
+            return float(getattr(self, key) if its is None else its)
+
+        noise = self.clock_noise if given is None or given.clock_noise is None else given.clock_noise
+        return TransmitterErrors(
+            size("survey_sigma_m"), SPEED_OF_LIGHT * size("clock_sigma_ns") * 1e-9,
+            SPEED_OF_LIGHT * size("clock_drift_sigma_ppb") * 1e-9,
+            (0.0, 0.0) if noise is None else noise.densities(), 0.0 if self.clock_age_s is None else self.clock_age_s,
+        )  # fmt: skip
+
     def model(self, llh: np.ndarray) -> Pseudolites:
         """The transmitters at surveyed positions (p, 3), rad, rad, m."""
         import numpy as np
@@ -473,10 +532,7 @@ class PseudolitesSection(Section):
             rate_sigma=self.range_rate_sigma_m_s,
             cn0=self.cn0_dbhz,
             carrier=self.carrier_mhz * 1e6,
-            survey_sigma=self.survey_sigma_m,
-            clock_sigma=SPEED_OF_LIGHT * self.clock_sigma_ns * 1e-9,
-            clock_density=(0.0, 0.0) if self.clock_noise is None else self.clock_noise.densities(),
-            clock_age=0.0 if self.clock_age_s is None else self.clock_age_s,
+            errors=self.errors(),
             radiated=None
             if self.eirp_dbm is None
             else Radiated(self.eirp_dbm - 30.0, None if self.pattern is None else self.pattern.model()),

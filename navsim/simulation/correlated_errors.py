@@ -107,6 +107,13 @@ class FixErrors:
         s = self.signals
         return _spread(self.by_range, s.noise_sigma, s.used) + _spread(self.by_rate, s.fix_rate_sigma, s.used)
 
+    def white(self, known: np.ndarray) -> np.ndarray:
+        """`noise` without errors of these variances of ranges and range rates (2, e, s)."""
+        s = self.signals
+        ranges, rates = s.noise_sigma**2 - known[0], s.fix_rate_sigma**2 - known[1]
+        out = _spread(self.by_range, np.sqrt(np.maximum(ranges, 0.0)), s.used)
+        return out + _spread(self.by_rate, np.sqrt(np.maximum(rates, 0.0)), s.used)
+
     def of_ranges(self, sigma: np.ndarray) -> np.ndarray:
         """Covariance of fixes (e, MOST, MOST) by independent errors of ranges (e, s), m."""
         return _spread(self.by_range, sigma, self.signals.used)

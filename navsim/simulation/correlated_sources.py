@@ -191,11 +191,15 @@ class SmoothedRanges(SourceErrors):
 class WanderingClockErrors(SourceErrors):
     """Clock noise of pseudolites, of one kind: the offsets of all, then their rates."""
 
-    def __init__(self, size: int, clocks: WanderingClocks, used: np.ndarray, time: np.ndarray):
-        """size: number S of propagated states; used (e, s), time (e,) of `Signals`."""
+    def __init__(
+        self, size: int, clocks: WanderingClocks, used: np.ndarray, time: np.ndarray, shown: np.ndarray | None
+    ):  # fmt: skip
+        """size: number S of propagated states; used (e, s), time (e,) of `Signals`; shown (S, 2 p): effect of offsets
+        and rates on the filter's states, None without."""
         super().__init__(1, size, 2 * int(clocks.which.sum()))
         self.used = np.tile(used[:, clocks.which], 2)
         self.transition, self.new = clocks.steps(time)
+        self.clocks, self.time, self.shown = clocks, time, shown
 
     def measure(self, i: int) -> None:
         """The errors become those of epoch i, if they are not yet."""
@@ -206,6 +210,20 @@ class WanderingClockErrors(SourceErrors):
             self.cov[:, own] = on @ self.cov[:, own]
             self.cov[:, :, own] = self.cov[:, :, own] @ on.T
             self.cov[:, own, own] += np.kron(self.new[self.epoch], one)
+
+    def errors(self, when: float) -> np.ndarray:
+        """Covariance of the errors of the filter's states (1, S, S) at a time, s."""
+        if self.shown is None:
+            return self.states()
+        one = np.eye(self.shown.shape[1] // 2)
+        if self.epoch < 0:  # the clocks have not been seen
+            return (
+                self.cov[:, : self.size, : self.size]
+                + self.shown @ np.kron(self.clocks.errors.clock_covariance(when), one) @ self.shown.T
+            )
+        on, new = (np.kron(m[0], one) for m in self.clocks.between(np.array([when - self.time[self.epoch]])))
+        turn = np.hstack([np.eye(self.size), self.shown @ on])
+        return turn @ self.cov @ turn.T + self.shown @ new @ self.shown.T
 
     def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """Propagate through the update of a fix, or a range, of epoch i; returns the addition to E[z z'] (m, m).

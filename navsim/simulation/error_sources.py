@@ -9,7 +9,7 @@ import numpy as np
 from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter import states
 from navsim.filter.linearised import NOISES
-from navsim.filter.measurement_models import FIX, RANGE
+from navsim.filter.measurement_models import FIX, RANGE, SOURCE
 from navsim.filter.records import OUTPUT, Events
 from navsim.filter.sensitivity_propagation import (
     LinearisedHistory,
@@ -153,7 +153,11 @@ def propagate_clock_noise(
     """Add the effect of clock noise of pseudolites."""
     s = flight.shared.signals
     assert s.wandering is not None
-    own = WanderingClockErrors(along.lin.assumed.shape[1], s.wandering, s.used, s.time)
+    n, mine, shown = along.lin.assumed.shape[1], flight.transmitter_states, None
+    if mine is not None:
+        shown = np.zeros((n, 2 * int(s.wandering.which.sum())))
+        shown[transmitter_error_states(flight)] = mine.of_clocks(s.wandering.which)
+    own = WanderingClockErrors(n, s.wandering, s.used, s.time, shown)
     slope = np.concatenate([by[..., s.wandering.which] for by in (along.by_range, along.by_rate)], axis=2)
     propagate_correlated(flight, along, route, own, receiver_kind(flight), along.epoch, slope, [row], out)
 
@@ -166,6 +170,11 @@ def source_names(aid: Aid) -> tuple[str, ...]:
 def sensor_error_states(flight: Flight, aid: Aid) -> np.ndarray:
     """Indices of the filter's states for the time-correlated errors of a sensor."""
     return states.SENSORS + np.flatnonzero(flight.model.declared["triad"] == aid.sensor.kind)
+
+
+def transmitter_error_states(flight: Flight) -> np.ndarray:
+    """Indices of the filter's states for errors of transmitters (q,)."""
+    return states.SENSORS + np.flatnonzero(flight.model.declared["triad"] == SOURCE)
 
 
 def propagate_sensor_errors(

@@ -23,7 +23,7 @@ from navsim.filter import eskf, states
 from navsim.filter.design import FilterDesign, clock_sigma
 from navsim.filter.estimate import fly as fly_filter
 from navsim.filter.estimate import in_all_lanes, is_smoother
-from navsim.filter.measurement_models import FIX, RANGE, FixTable
+from navsim.filter.measurement_models import FIX, RANGE, SOURCE, FixTable
 from navsim.filter.records import (
     Events,
     FilterModel,
@@ -57,6 +57,7 @@ from navsim.simulation.range_curvature import (
 )
 from navsim.simulation.run import MonitorOutput, Run
 from navsim.simulation.shared_truth import ClockErrors, SharedTruth, smoothed
+from navsim.simulation.transmitter_errors import TransmitterBelief, TransmitterStates
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.dispersion import Departure
 from navsim.trajectory.kinematics import Motion
@@ -149,6 +150,8 @@ class Flight:
     """1 sigma of the initial errors in the filter model."""
     watching: monitoring.Monitoring | None = None
     """Monitor; None without."""
+    transmitters: TransmitterBelief | None = None
+    """Filter model of errors of transmitters, None without."""
     second_order: bool = True
     """Whether the filter model includes second-order errors near sources."""
 
@@ -250,6 +253,32 @@ class Flight:
         return self.range_errors.size
 
     @cached_property
+    def transmitter_states(self) -> TransmitterStates | None:
+        """States for errors of transmitters, None if the filter has none."""
+        if self.transmitters is None or not self.transmitters.followed:
+            return None
+        return TransmitterStates(self.shared.signals, self.transmitters.errors)
+
+    @property
+    def transmitter_effects(self) -> np.ndarray:
+        """Effect (e, MOST, q) of errors of transmitters on fixes in the filter model."""
+        mine, errors = self.transmitter_states, self.shared.fix_errors if self.transmitter_states else None
+        return (
+            np.empty((0, MAX_MEASUREMENT_SIZE, 0))
+            if mine is None or errors is None
+            else mine.on_fixes(errors.by_range, errors.by_rate)
+        )
+
+    @property
+    def white_variance(self) -> np.ndarray:
+        """Change (2, e, s) of the variances of ranges and range rates from those of the receiver to the white noise of
+        the filter model: less the errors of transmitters if they are states, more if they are inflated."""
+        if self.transmitters is None:
+            return np.zeros((2, *self.shared.signals.range.shape))
+        factor = 0.0 if self.transmitters.followed else self.transmitters.factor
+        return (factor - 1.0) * self.shared.signals.transmitter_variance
+
+    @cached_property
     def correlated_roots(self) -> np.ndarray:
         """Effect of estimated time-correlated errors on fixes (e, MOST, k)."""
         correlated = self.design.correlated
@@ -282,7 +311,13 @@ class Flight:
         """Covariance of the white part of each fix (e, MOST, MOST), m2, beside estimated time-correlated errors."""
         assert self.design.correlated is not None
         errors = self.shared.fix_errors
-        return errors.noise + errors.beside(self.design.correlated.groups)
+        return self._fix_noise + errors.beside(self.design.correlated.groups)
+
+    @property
+    def _fix_noise(self) -> np.ndarray:
+        """Covariance of fixes (e, MOST, MOST) by white noise."""
+        errors = self.shared.fix_errors
+        return errors.noise if self.transmitters is None else errors.white(-self.white_variance)
 
     @cached_property
     def noise_along_route(self) -> np.ndarray | None:
@@ -294,11 +329,11 @@ class Flight:
         correlated, curvature = self.design.correlated, self.curvature
         if correlated is not None and correlated.followed:
             noise = self.uncorrelated_noise
-        elif curvature is None:
+        elif curvature is None and self.transmitters is None:
             return None
         else:
-            errors = self.shared.fix_errors
-            noise = errors.noise + (0.0 if correlated is None else errors.of_kinds(correlated.factor))
+            noise = self._fix_noise
+            noise = noise + (0.0 if correlated is None else self.shared.fix_errors.of_kinds(correlated.factor))
         return noise if curvature is None else noise + curvature.noise
 
     @cached_property
@@ -370,6 +405,8 @@ class Flight:
                 0.0 if correlated.followed else np.einsum("k,kes->es", correlated.factor, signals.correlated.sigma**2)
             )
             sigma = np.sqrt(signals.noise_sigma**2 + of_kinds)
+        if self.transmitters is not None:
+            sigma = np.sqrt(np.maximum(sigma**2 + self.white_variance[0], 0.0))
         return sigma if self.reflection_sigma is None else np.hypot(sigma, self.reflection_sigma)
 
     @cached_property
@@ -386,9 +423,19 @@ class Flight:
             self._without[candidate] = replace(self, shared=shared)
         return self._without[candidate]
 
+    @property
+    def rate_sigma(self) -> np.ndarray:
+        """1 sigma of range rates (e, s), m/s, as noise in a tightly coupled filter model."""
+        sigma = self.shared.signals.fix_rate_sigma
+        if self.transmitters is None:
+            return sigma
+        return np.sqrt(np.maximum(sigma**2 + self.white_variance[1], 0.0))
+
     def over(self, shared: SharedTruth) -> Flight:
         """Copy of this flight with another world."""
-        return prepare(shared, self.initial, self.gyro, self.accel, self.design, self.start, self.watching)
+        return prepare(
+            shared, self.initial, self.gyro, self.accel, self.design, self.start, self.watching, self.transmitters
+        )
 
 
 def prepare(
@@ -399,8 +446,11 @@ def prepare(
     design: FilterDesign,
     start: InitialErrors,
     watching: monitoring.Monitoring | None = None,
+    transmitters: TransmitterBelief | None = None,
 ) -> Flight:
     """Create a flight; start: 1 sigma of the initial errors in the filter model."""
+    if transmitters is not None and transmitters.followed:
+        design = design.with_transmitter_errors(TransmitterStates(shared.signals, transmitters.errors).blocks())
     if design.tight and design.correlated is not None and design.correlated.followed:
         step = float(shared.imu_time[1] - shared.imu_time[0])
         errors = (
@@ -410,7 +460,17 @@ def prepare(
     covariance = design.covariance(start.position, start.velocity, start.attitude, shared.scales)
     model = design.model(scales=shared.scales)
     return Flight(
-        shared, initial, gyro, accel, design, covariance, *_schedule_events(shared, design), model, start, watching
+        shared,
+        initial,
+        gyro,
+        accel,
+        design,
+        covariance,
+        *_schedule_events(shared, design),
+        model,
+        start,
+        watching,
+        transmitters,
     )
 
 
@@ -494,6 +554,8 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | 
     if correlated is not None:
         true[RANGE if design.tight else FIX] = _correlated_states(flight, correlated)
     true.update({aid.sensor.kind: _states_of_aid(aid, shared, seed, runs) for aid in shared.aids})
+    if flight.transmitter_states is not None:
+        true[SOURCE] = flight.transmitter_states.true_values(shared.filter_time, seed, runs, WIDTH)
     kinds = dict.fromkeys(block.triad for block in design.sensors.blocks if block.triad > states.ACCELEROMETERS)
     sensors = np.concatenate([true[kind] for kind in (states.GYROS, *kinds)], axis=1)
     clock, sensors = _clock_states(flight, seed, runs, wandered, sensors)

@@ -65,6 +65,7 @@ from navsim.simulation.error_sources import (
     propagate_smoothed_noise,
     sensor_error_states,
     source_names,
+    transmitter_error_states,
     weighed_events,
 )
 from navsim.simulation.inertial_states import TrueState, followed
@@ -133,8 +134,8 @@ class _Augmented:
         self.to_error[states.SENSORS : self.clock[0], self.n :] = same
         self.markov = self.n + FIRST_MARKOV + np.arange(states.N_BASE - states.SENSORS)
 
-    def route(self, events: Events, steps: Steps, lin: Linearised) -> LinearisedHistory:
-        """Effect of the events on the state."""
+    def route(self, events: Events, steps: Steps, lin: Linearised, offsets: np.ndarray) -> LinearisedHistory:
+        """Effect of the events on the state; offsets: as of `LinearisedHistory`."""
         ends = steps.interval >= 0
         length = np.zeros(lin.transition.shape[0])
         length[steps.interval[ends]] = steps.length[ends]
@@ -152,6 +153,7 @@ class _Augmented:
             lin.gain,
             self.to_error,
             self.clock,
+            offsets,
         )
 
 
@@ -235,6 +237,7 @@ def analyse(
     felt = messages.any(axis=(0, 1))
     messages, first = messages[:, :, felt], columns.shape[1]
     owner = np.append(owner, _owners(own, of_pseudolites)[: felt.size][felt])
+    shown = _shown_messages(flight)[:, felt]
     if s.offset is not None:
         messages = np.concatenate([messages, np.where(s.used[epoch, None], by_range, 0.0) @ s.offset], axis=2)
         owner = np.append(owner, np.full(s.offset.shape[1], sources.index(OFFSET)))
@@ -248,6 +251,9 @@ def analyse(
         off[weighed, :, 0] += np.where(there[weighed], curvature.mean[epoch][row], 0.0)
     off[weighed, :, first:] = np.where(there[weighed, :, None], messages[row], 0.0)
     errors, seen = propagate_all_columns(route, columns, off)
+    errors[:, :, first : first + shown.shape[1]] += shown
+    if flight.transmitter_states is not None:
+        errors[:, transmitter_error_states(flight), 0] += flight.transmitter_states.systematic
     for aid in shared.aids:
         mean = np.repeat(aid.sensor.mean_errors[list(aid.sensor.followed)], aid.sensor.components)
         errors[:, sensor_error_states(flight, aid), 0] += aid.sensor.state_scale * mean
@@ -332,7 +338,7 @@ def _curvature_of_ranges(flight: Flight, epoch: np.ndarray, source: np.ndarray, 
     forms = -np.stack([of_range[epoch, source], of_rate[epoch, source]], axis=1)
     noise = np.zeros((epoch.size, 2, 2))
     noise[:, 0, 0] = flight.range_sigma[epoch, source] ** 2
-    noise[:, 1, 1] = s.fix_rate_sigma[epoch, source] ** 2
+    noise[:, 1, 1] = flight.rate_sigma[epoch, source] ** 2
     if not flight.design.velocity:
         forms[:, 1], noise[:, 1, 1] = 0.0, 0.0
     return Curvature.of(forms, np.zeros_like(position), position, noise)
@@ -397,6 +403,15 @@ def _messages(signals: Signals, by_range: np.ndarray, epoch: np.ndarray) -> np.n
     return np.einsum("mrs,msk->mrsk", by_range, size[epoch]).reshape(m, MAX_MEASUREMENT_SIZE, -1)
 
 
+def _shown_messages(flight: Flight) -> np.ndarray:
+    """True values of the filter's states (n, 4 s) by one sigma of each error of `_messages`; (n, 0) without these."""
+    signals, mine, n = flight.shared.signals, flight.transmitter_states, flight.model.states
+    out = np.zeros((n, 0 if signals.space is None else 4 * len(signals.names)))
+    if mine is not None and signals.space is not None:
+        out[transmitter_error_states(flight)] = mine.of_messages().reshape(len(mine.each), -1)
+    return out
+
+
 def _owners(sources: tuple[str, ...], of_pseudolites: np.ndarray) -> np.ndarray:
     """Source of each position and clock error (4 s,); -1 for errors that are not among the sources."""
     mine = [sources.index(name) if name in sources else -1 for name in (SURVEY, SURVEY, SURVEY, CALIBRATION)]
@@ -455,7 +470,7 @@ def excess(flight: Flight, route: LinearisedHistory, whole: AlongTruth, other: A
 def _route(flight: Flight, along: AlongTruth) -> tuple[_Augmented, LinearisedHistory]:
     """The propagated state and its history."""
     carried = _Augmented(flight.design.sensors.blocks, [state.block for state in along.true], len(flight.scales))
-    return carried, carried.route(flight.events, along.steps, along.lin)
+    return carried, carried.route(flight.events, along.steps, along.lin, flight.model.clock.offsets)
 
 
 def _at_start(

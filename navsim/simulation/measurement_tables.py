@@ -54,6 +54,8 @@ def table_of_all_fixes(
         llh = shifted(llh, -mean[:, : states.VEL], route)
         velocity = velocity - mean[:, states.VEL :].reshape(-1, 3, *(1,) * (velocity.ndim - 2))
     table = table_of_fixes(flight.design, llh, velocity, covariance)
+    if flight.transmitter_states is not None:
+        table = table._replace(transmitters=flight.transmitter_effects[epochs])
     return table if correlated is None else table._replace(correlated=flight.correlated_roots[epochs])
 
 
@@ -63,18 +65,19 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
     bias = np.full(MAX_CLOCKS, -1)
     bias[list(flight.scales)] = np.arange(len(flight.scales))
     source, curvature = np.nonzero(heard)[1], flight.range_curvature
-    sigma = np.stack([flight.range_sigma[heard], signals.fix_rate_sigma[heard]], axis=1)
+    sigma = np.stack([flight.range_sigma[heard], flight.rate_sigma[heard]], axis=1)
     off = flight.range_bias[heard].reshape(-1, *(1,) * (ranges.ndim - 2))
     given = np.stack([ranges[heard] - off, rates[heard]], axis=1)
     if curvature is not None:
         sigma = np.sqrt(sigma**2 + diagonal_bound(curvature.noise))
         given = given - curvature.mean.reshape(*curvature.mean.shape, *(1,) * (given.ndim - 2))
-    sigma = design.sigma_scale * sigma
+    sigma, own = design.sigma_scale * sigma, flight.transmitter_states
     return RangeTable(
         signals.position[heard], signals.velocity[heard], signals.range[heard], sigma[:, 0].copy(), sigma[:, 1].copy(),
         source, bias[signals.clock[source]], given[:, 0].copy(),
         given[:, 1].copy() if design.velocity else np.full_like(given[:, 1], np.nan), design.lever_arm,
         design.sigma_scale * flight.range_error_sigma[heard],
+        np.empty((source.size, 2, 0)) if own is None else own.on_ranges(np.nonzero(heard)[0], source),
     )  # fmt: skip
 
 

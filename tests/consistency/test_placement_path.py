@@ -150,6 +150,8 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "pseudolites.clock_sigma_ns": st.just(3.0),
     "pseudolites.clock_noise.h0": st.just(2e-20),
     "pseudolites.clock_noise.h_minus2": st.just(1e-22),
+    "pseudolites.clock_noise.oscillator": st.just("tcxo"),
+    "pseudolites.clock_drift_sigma_ppb": st.just(2.0),
     "pseudolites.clock_age_s": st.just(60.0),
     "pseudolites.range_sigma_m": METRES,
     "pseudolites.range_rate_sigma_m_s": METRES,
@@ -303,8 +305,12 @@ def excluded(key: str, drawn: dict[str, Any]) -> bool:
     if key.startswith("pseudolites.pattern."):
         needed = ("pseudolites.eirp_dbm", "pseudolites.pattern.elevation_deg", "pseudolites.pattern.gain_db")
         return not {*needed} <= drawn.keys()
-    if key.startswith("pseudolites.clock_noise.") or key == "pseudolites.clock_age_s":
-        return not {"pseudolites.clock_noise.h0", "pseudolites.clock_noise.h_minus2"} <= drawn.keys()
+    coefficients = {"pseudolites.clock_noise.h0", "pseudolites.clock_noise.h_minus2"}
+    if key in coefficients:
+        return "pseudolites.clock_noise.oscillator" in drawn or not coefficients <= drawn.keys()
+    if key == "pseudolites.clock_age_s":
+        wandering = {"pseudolites.clock_noise.oscillator", "pseudolites.clock_drift_sigma_ppb"}
+        return not (coefficients <= drawn.keys() or wandering & drawn.keys())
     if key == "interference.pseudolites.isolation_db":
         without = ("interference.pseudolites.pulses", "interference.pseudolites.lines")
         return any(name.startswith(without) for name in drawn)

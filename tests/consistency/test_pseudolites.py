@@ -100,8 +100,8 @@ def test_satellites_that_pseudolites_jam_are_counted_by_name() -> None:
          "[[0, 0], [0, 0]]}}", "360 is 0 again"),
         ("receiver.antenna={elevation_deg: [0, 45, 90]}", "gain_dbi: has 2 values, elevation_deg has 3"),
         ("pseudolites.clock_noise={h0: 0, h_minus2: 0}", "clocks without noise do not wander"),
-        ("pseudolites.clock_age_s=5", "is for clock_noise, which is not given"),
-        ("pseudolites.clock_age_s=0", "is for clock_noise, which is not given"),
+        ("pseudolites.clock_age_s=5", "is for clock_noise or clock_drift_sigma_ppb; give one, or leave it out"),
+        ("pseudolites.clock_age_s=0", "is for clock_noise or clock_drift_sigma_ppb; give one, or leave it out"),
         ("interference={pseudolites: {}}", "give pseudolites.eirp_dbm, or pseudolites.cn0_reference_m"),
         ("interference={pseudolites: {lines: false, isolation_db: 21.1}}", "isolation_db: is of lines"),
     ],
@@ -225,7 +225,10 @@ def rows_of_nees() -> list[tuple[tuple[str, ...], list[float]]]:
 
 @pytest.mark.parametrize(("settings", "told"), rows_of_nees())
 def test_how_much_too_sure_the_filter_is(settings: tuple[str, ...], told: list[float]) -> None:
-    flown = case(*settings, "method=covariance", name="landing_smooth")
+    flown = case(*settings, "method=covariance", "filter.fix_errors=none", name="landing_smooth")
     nees = covariance_analysis(flown).expected_square(slice(0, 6))
     late = nees[flown.shared.filter_time >= 10.0]
     assert [nees.min(), nees.max(), late.min(), late.max()] == pytest.approx(told, abs=0.006)
+    own = tuple(words for words in settings if "fix_sigma_scale" not in words)
+    states = covariance_analysis(case(*own, "method=covariance", name="landing_smooth"))
+    np.testing.assert_allclose(states.expected_square(slice(0, 6)), 1.0, atol=0.005)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from navsim.gnss.pseudolite_clock import WanderingClocks
+from navsim.gnss.pseudolite_clock import TransmitterErrors, WanderingClocks
 from navsim.landing.study import covariance_analysis
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.measurements import measured
@@ -36,7 +36,7 @@ def closed_form(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("tau", [1, 10])
 def test_allan_variance(tau: int) -> None:
     """IEEE Std 1139: h0/(2 tau) + (2 pi)^2 h_-2 tau/6, of a series with some thousand intervals."""
-    clocks = WanderingClocks((PHASE, FREQUENCY), 0.0, np.full(4, True))
+    clocks = WanderingClocks(TransmitterErrors(density=(PHASE, FREQUENCY)), np.full(4, True))
     time = np.arange(40_000) * 0.5
     x = clocks.drawn(time, [np.random.default_rng(3)])[0, :, :, 0] / LIGHT
     m = 2 * tau

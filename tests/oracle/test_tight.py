@@ -164,7 +164,7 @@ def one_epoch(
     all_rows = table_of_ranges(flight, ranges, rates)
     rows = np.flatnonzero(np.nonzero(world.signals.used)[0] == epoch)
     rows = rows if order is None else rows[list(order)]
-    table = RangeTable(*(m if m is all_rows.lever_arm else m[rows] for m in all_rows))
+    table = RangeTable(*(m if m is all_rows.lever_arm or not m.size else m[rows] for m in all_rows))
     tight = start(nav, p, 1, len(world.signals.names))
     flown(table, imu, model, tight)
     llh, velocity, _, cov = receiver_fixes(world, ranges, rates)
@@ -257,7 +257,7 @@ def test_a_component_that_dies_within_an_epoch_leaves_the_others_alone() -> None
     ranges, rates = without_noise(world)
     rows = np.flatnonzero(np.nonzero(world.signals.used)[0] == 0)
     whole = table_of_ranges(flight, ranges, rates)
-    table = RangeTable(*(m if m is whole.lever_arm else m[rows] for m in whole))
+    table = RangeTable(*(m if m is whole.lever_arm or not m.size else m[rows] for m in whole))
     k = int(np.searchsorted(world.imu_time, world.signals.time[0] - 1e-9)) - 1
     imu = ImuData(world.imu_time[k : k + 2], world.dtheta[k : k + 1], world.dv[k : k + 1])
     truth, sources = world.truth, len(world.signals.names)

@@ -35,7 +35,20 @@ def a_route(rng: np.random.Generator, scales: int) -> LinearisedHistory:
     if scales:
         rest[:, clock[0] - SENSORS : N - SENSORS] = 1.0
     length = 0.1 + rng.random(5)
-    return LinearisedHistory(AHEAD, OUTPUT, INTERVAL, WEIGHED, phi, rest, length, h[:, :, :N] @ same, gain, same, clock)
+    return LinearisedHistory(
+        AHEAD,
+        OUTPUT,
+        INTERVAL,
+        WEIGHED,
+        phi,
+        rest,
+        length,
+        h[:, :, :N] @ same,
+        gain,
+        same,
+        clock,
+        np.empty(0, np.int64),
+    )
 
 
 def dense(route: LinearisedHistory, at: int) -> tuple[np.ndarray, np.ndarray]:

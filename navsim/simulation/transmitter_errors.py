@@ -1,0 +1,147 @@
+"""Errors of transmitters on the ground as states of a filter: survey of the position, offset and rate of the clock.
+
+They last over a run. The state of an error acts on the ranges of its own transmitter: a tightly coupled filter has
+these effects as they are, a loosely coupled one as the geometry maps them to the fix.
+
+Source: `docs/theory/lasting-errors.md`, section 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from navsim.filter.measurement_models import SOURCE
+from navsim.filter.states import Block, TransmitterClockModel
+from navsim.geodesy.earth import llh_from_ecef, ned_matrix
+from navsim.gnss.pseudolite_clock import TransmitterErrors
+from navsim.gnss.pseudorange import Signals
+from navsim.statistics.random_streams import generator
+
+_POSITION, _OFFSET, _RATE = (0, 1, 2), 3, 4
+"""Errors of a transmitter, in order; those of its position are along north, east, down."""
+
+
+@dataclass(frozen=True)
+class TransmitterBelief:
+    """Filter model of the errors of transmitters."""
+
+    followed: bool
+    """The filter estimates them as states."""
+    errors: TransmitterErrors
+    """Their sizes in the filter model."""
+    factor: float
+    """Factor on their variance in a range if the filter treats them as white noise."""
+
+
+@dataclass(frozen=True)
+class TransmitterStates:
+    """The states of a filter for the errors of the transmitters that it ever receives."""
+
+    signals: Signals
+    errors: TransmitterErrors
+    """In the filter model."""
+
+    @cached_property
+    def each(self) -> tuple[tuple[int, int], ...]:
+        """Source and error of each state."""
+        truth, used, errors = self.signals.transmitters, self.signals.used, self.errors
+        if truth is None:
+            return ()
+        own = [*(_POSITION if errors.survey > 0.0 else ())]
+        own += [_OFFSET] if errors.offset > 0.0 or errors.wanders else []
+        own += [_RATE] if errors.wanders else []
+        return tuple((int(i), k) for i in np.flatnonzero(truth.which & used.any(axis=0)) for k in own)
+
+    def blocks(self) -> list[tuple[Block, float]]:
+        """The states, each a separate block, and their initial 1 sigma."""
+        errors, out = self.errors, []
+        start = errors.clock_covariance(0.0)
+        clock = TransmitterClockModel(*errors.density, float(start[0, 1])) if errors.wanders else None
+        offset, rate = float(np.hypot(errors.offset, np.sqrt(start[0, 0]))), float(np.sqrt(start[1, 1]))
+        for number, (source, k) in enumerate(self.each):
+            name = self.signals.names[source]
+            if k in _POSITION:
+                axis = ("north", "east", "down")[k]
+                one = Block(f"transmitter_position_{name}_{axis}", "m", SOURCE, first=number, size=1), errors.survey
+            elif k == _OFFSET:
+                one = Block(f"transmitter_clock_{name}", "m", SOURCE, first=number, size=1, clock=clock), offset
+            else:
+                one = Block(f"transmitter_clock_rate_{name}", "m/s", SOURCE, first=number, size=1), rate
+            out.append(one)
+        return out
+
+    @cached_property
+    def effects(self) -> np.ndarray:
+        """Effect of each state on the pseudorange and range rate of its transmitter (e, 2, q), 0 where not received."""
+        s = self.signals
+        out = np.zeros((s.time.size, 2, len(self.each)))
+        for q, (i, k) in enumerate(self.each):
+            used = s.used[:, i]
+            if k in _POSITION:
+                away = s.position[used, i] - s.antenna[used]
+                axes = ned_matrix(llh_from_ecef(s.position[used, i]))
+                out[used, 0, q] = np.einsum("ej,ej->e", away, axes[:, k]) / np.linalg.norm(away, axis=1)
+            else:
+                out[used, 0 if k == _OFFSET else 1, q] = 1.0
+        return out
+
+    @property
+    def sources(self) -> np.ndarray:
+        """Source of each state (q,)."""
+        return np.array([source for source, _ in self.each], np.int64)
+
+    def on_ranges(self, epoch: np.ndarray, source: np.ndarray) -> np.ndarray:
+        """Effects (m, 2, q) on the ranges of these epochs and sources (m,)."""
+        own = self.sources[None, :] == source[:, None]
+        return np.where(own[:, None], self.effects[epoch], 0.0)
+
+    def on_fixes(self, by_range: np.ndarray, by_rate: np.ndarray) -> np.ndarray:
+        """Effects (e, MOST, q) on fixes, from their derivatives by ranges and range rates (e, MOST, s)."""
+        ranges, rates = (by[:, :, self.sources] * self.effects[:, None, k] for k, by in enumerate((by_range, by_rate)))
+        return np.asarray(ranges + rates)
+
+    @property
+    def systematic(self) -> np.ndarray:
+        """True values (q,) of the errors that are the same in all runs."""
+        truth = self.signals.transmitters
+        assert truth is not None or not self.each
+        return np.array([0.0 if truth is None else (*truth.survey_error, truth.delay, 0.0)[k] for _, k in self.each])
+
+    def of_messages(self) -> np.ndarray:
+        """Effect on the states (q, s, 4) of one sigma of errors that are drawn once a run, as of `Signals.space`."""
+        truth = self.signals.transmitters
+        out = np.zeros((len(self.each), len(self.signals.names), 4))
+        for q, (i, k) in enumerate(self.each):
+            if k != _RATE and truth is not None:
+                out[q, i, k] = truth.errors.offset if k == _OFFSET else truth.errors.survey
+        return out
+
+    def of_clocks(self, which: np.ndarray) -> np.ndarray:
+        """Effect on the states (q, 2 c) of offsets, then of rates, of the clocks of sources in `which` (s,) bool."""
+        wandering = np.flatnonzero(which).tolist()
+        out = np.zeros((len(self.each), 2 * len(wandering)))
+        for q, (i, k) in enumerate(self.each):
+            if k in (_OFFSET, _RATE) and i in wandering:
+                out[q, (k - _OFFSET) * len(wandering) + wandering.index(i)] = 1.0
+        return out
+
+    def true_values(self, time: np.ndarray, seed: int, runs: Sequence[int], lanes: int) -> np.ndarray:
+        """True values (o, q, lanes) of the states at times (o,), s, in runs."""
+        s = self.signals
+        out = np.empty((time.size, len(self.each), lanes))
+        for lane, run in enumerate(runs):
+            own = np.broadcast_to(self.systematic, out.shape[:2]).copy()
+            if s.space is not None:
+                drawn = generator(seed, run, "space").standard_normal((len(s.names), 4))
+                own += np.einsum("qsk,sk->q", self.of_messages(), drawn)
+            if s.wandering is not None:
+                known = s.wandering.drawn(s.time, [generator(seed, run, "clock", 2)])[..., 0]
+                clocks = s.wandering.drawn_between(time, s.time, known, generator(seed, run, "clock", 2))
+                of_which = clocks[:, :, s.wandering.which].transpose(1, 0, 2).reshape(time.size, -1)
+                own += of_which @ self.of_clocks(s.wandering.which).T
+            out[..., lane] = own
+        return out
