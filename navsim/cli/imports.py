@@ -1,14 +1,15 @@
-"""`navsim import`: logs of other programs as tables for `navsim replay`."""
+"""`navsim import`, `navsim imu`: logs of other programs as recorded flights, and the noise of their sensors."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from navsim.cli.common import AT_TERMINAL, leave
+from navsim.cli.common import AT_TERMINAL, Shown, leave, print_parts
 from navsim.cli.exit_status import BAD_INPUT
 from navsim.cli.options import number_option
 
@@ -84,3 +85,65 @@ def import_log(
         print(f"go on with: navsim replay {folder / LOG}")
     if RANGES in files.texts:
         print(f"go on with: navsim run {folder / RANGES}")
+
+
+@dataclass(frozen=True)
+class SheetOptions:
+    """Part of a log, and its sensor."""
+
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files. Default: <log stem>_imu.",
+                     show_default=False),
+    ] = None  # fmt: skip
+    imu: Annotated[int, number_option(int, 0, "The IMU of a log with several.", show_default=True)] = 0
+    start: Annotated[float | None, number_option(float, 0, "Begin at this time of the log.")] = None
+    end: Annotated[float | None, number_option(float, 0, "End at this time of the log.")] = None
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files of an earlier call.")] = False
+
+
+def imu_sheet(
+    log: Annotated[
+        Path,
+        typer.Argument(metavar="LOG", help="A log at rest: as of `navsim import`, a log.yaml, or a table of samples.",
+                       show_default=False),
+    ],
+    given: SheetOptions,
+) -> None:  # fmt: skip
+    """Measure the noise of inertial sensors in a log at rest.
+
+    Prints white noise, bias instability and random walk with intervals. Writes a block for `imu:` of a scenario, and
+    the overlapping Allan deviation as a table and a figure. Refuses a log that moves.
+    """
+    from navsim.formats.text import FileError
+    from navsim.replays.imu_sheet import StaticError, curve, figure, measure, read_static, sheet, tables
+    from navsim.results.atomic_write import write_atomically
+    from navsim.scenario.source import InputError
+
+    folder = given.output or Path(f"{log.resolve().stem}_imu")
+    names = ("imu.yaml", "allan.csv", "allan.png")
+    if not given.force and (old := [name for name in names if (folder / name).exists()]):
+        leave(BAD_INPUT, f"{folder} has {', '.join(old)} already; choose another folder with -o, or --force")
+    try:
+        samples, source = read_static(log, given.imu)
+        first = -math.inf if given.start is None else given.start
+        last = math.inf if given.end is None else given.end
+        noise = measure(samples, source, first, last)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    except FileError as error:
+        leave(BAD_INPUT, error)
+    except StaticError as error:
+        leave(BAD_INPUT, f"{log}: {error}")
+    except OSError as error:
+        leave(BAD_INPUT, f"{error.filename or log}: cannot be read: {error.strerror or error}")
+    heads, rows = curve(noise)
+    text = "\n".join([",".join(heads), *(",".join(f"{x:.6g}" for x in row) for row in rows)]) + "\n"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in zip(names, (sheet(noise).encode(), text.encode(), figure(noise)), strict=True):
+            write_atomically(folder / name, content)
+    except OSError as error:
+        leave(BAD_INPUT, f"{folder}: cannot be written: {error.strerror or error}")
+    print_parts(tables(noise), Shown())
+    print(f"written  {', '.join(str(folder / name) for name in names)}")

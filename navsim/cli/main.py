@@ -25,6 +25,7 @@ PLACES = {
     "sweep": "navsim.cli.studies:sweep",
     "optimize": "navsim.cli.studies:optimize",
     "import": "navsim.cli.imports:import_log",
+    "imu": "navsim.cli.imports:imu_sheet",
     "replay": "navsim.cli.recorded:replay",
     "live": "navsim.cli.recorded:live",
     "plan": "navsim.cli.plan:plan",
