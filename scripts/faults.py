@@ -15,7 +15,7 @@ CHI2 = f"integrity={{method: chi2, {APPROACH}}}"
 SPOOFED = "events=[{what: spoof, sources: [glonass], rate_ned_m_s: [%s], at_s: 10}]"
 FAULTS: dict[str, tuple[str, ...]] = {
     "nothing": (),
-    "PL1 runs away, 1 m/s from 10 s": ("events=[{what: ramp, sources: [PL1], rate_m_s: 1, at_s: 10}]",),
+    "PL1: ramp of 1 m/s from 10 s": ("events=[{what: ramp, sources: [PL1], rate_m_s: 1, at_s: 10}]",),
     "all satellites spoofed east, 2 m/s from 10 s": (SPOOFED % "0, 2, 0",),
     "all satellites spoofed up, 2 m/s from 10 s": (SPOOFED % "0, 0, -2",),
 }
@@ -56,7 +56,7 @@ def faults() -> list[str]:
     return [
         *lines,
         "",
-        "Two pseudolites detect a spoofer across their lines of sight. They measure no height: the fix climbs by 100 m "
+        "Two pseudolites reveal a horizontal spoofer. They hardly measure height: spoofed upwards, the fix climbs by 100 m "
         "until touchdown.",
     ]
 
@@ -80,7 +80,7 @@ def forms() -> list[str]:
     return [
         *lines,
         "",
-        f"By the forms of SBAS the same fixes have {levels(compared[0], ('sbas_hpl', 'sbas_vpl'), ' and ')} m, by "
+        f"With the formulas of SBAS the same fixes have {levels(compared[0], ('sbas_hpl', 'sbas_vpl'), ' and ')} m, with "
         f"those of GBAS {ground[0]} (`{stations[0]}`) or {ground[1]} (`{stations[1]}`).",
     ]
 
@@ -109,7 +109,7 @@ def exclusions() -> list[str]:
         "",
         "| case | effect |",
         "|---|---|",
-        "| two simultaneous faults that are no candidate | their alarm stays |",
+        "| two simultaneous faults, not in the list of faults | their alarm stays |",
         "| a spoofer that moves all sources | no alarm |",
     ]
 
@@ -136,7 +136,7 @@ def tails() -> list[str]:
     return [
         *lines,
         "",
-        "Levels have room for a missed fault, far more than these tails need. But the tests take every large range "
+        "Levels allow for a missed fault, which is far more than these tails need. But the tests mistake every large range "
         "error for a fault.",
     ]
 

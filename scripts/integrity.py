@@ -193,7 +193,7 @@ def few() -> list[str]:
         "",
         f"    navsim integrity-table --set '{WIDE}'",
         "",
-        "HPL / VPL, m, that more than half of the subsets of the eight satellites keep:",
+        "HPL / VPL, m, of the median subset of the eight satellites:",
         "",
         *head,
     ]

@@ -128,7 +128,7 @@ def main() -> None:
 Made by `make validate`: {RUNS} runs of seed {SEED}. The columns have RMS position errors over 20 s to touchdown,
 divided by those of the covariance analysis and by the filter's sigma: smallest and largest of north, east, down.
 The scenario is landing_open_sky.yaml with 5 fixes and 50 inertial samples a second. {RUNS} runs
-leave {reach:.0f} % (95 %). Without a warning all is within 1 ± {WITHIN:g} as far as so many runs tell, but for
+determine a ratio within {reach:.0f} % (95 %). Without a warning all ratios agree with 1 ± {WITHIN:g}, except in
 {open_} of {len(rows)} settings.
 
 | pseudolites | ranging errors | coupling | distance, m | sky | runs / analysis | runs / sigma | |

@@ -86,7 +86,7 @@ def clear() -> list[str]:
         "## Under a clear sky",
         "",
         f"{CLEAR_RUNS} runs each, the same errors of satellites, pseudolites and sensors in both. RMS over the second",
-        "half of the flight: the tight filter's by the loose one's, with the 95 % interval of 1000 samples of the",
+        "half of the flight: tight filter divided by loose filter, with the 95 % interval by 1000 resamples of the",
         "runs; NEES/6 of position and velocity over the same time.",
         "",
         f"| case | {' | '.join(name for name, _ in groups)} | NEES/6 loose | tight |",
@@ -112,13 +112,13 @@ def outages() -> tuple[list[str], dict[str, list[Flown]]]:
     lines = [
         f"## Few sources from {BEGIN:g} to {END:g} s",
         "",
-        "landing.yaml, the rest silent:",
+        "landing.yaml; all sources but these are silent:",
         f"`events: [{{what: silence, sources: [...], at_s: {BEGIN:g}, until_s: {END:g}}}]`.",
-        f"Errors at the last epoch before {END:g} s over {RUNS} runs, with the 95 % interval, σ of the filter;",
-        "NEES/6 of position and velocity at the end and its extremes over the outage (95 % band of a single moment",
+        f"RMS errors at the last epoch before {END:g} s over {RUNS} runs, with the 95 % interval, and σ of the filter.",
+        "NEES/6 of position and velocity is that at the end, and the extremes over the outage (95 % band of a single moment",
         f"{low:.2f} to {high:.2f}).",
         "",
-        "| left | coupling | horizontal, m | σ | vertical, m | σ | NEES/6 at the end | in the outage |",
+        "| sources | coupling | horizontal, m | σ | vertical, m | σ | NEES/6 at the end | in the outage |",
         "|---|---|---|---|---|---|---|---|",
     ]
     kept: dict[str, list[Flown]] = {}

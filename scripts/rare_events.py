@@ -97,8 +97,8 @@ def closed() -> list[str]:
         "## Against the closed form of a linear case",
         "",
         f"landing_gnss_only.yaml with `{' '.join(LINEAR)}`:",
-        "attitude and sensors so good that the filter of every run is that along the truth; the vertical error is",
-        "Gaussian then, with the sigma of the covariance analysis.",
+        "attitude and sensors are so good that the case is linear; the vertical error is",
+        "Gaussian, with the sigma of the covariance analysis.",
         "",
         "| Gaussian | pushed runs | their number | off by |",
         "|---|---|---|---|",
@@ -121,10 +121,10 @@ def costs() -> list[str]:
     lines = [
         f"## Landings until the 95 % interval is ±20 %, at {COST_AT:g}",
         "",
-        "Boxes of the lateral and the vertical error, three seeds each. Off: nonlinear part of a limited error,",
+        "Boxes of the lateral and the vertical error, three seeds each. Nonlinear: nonlinear part of a limited error,",
         "standard deviation over the pushed runs, in sigmas of it.",
         "",
-        "| case | landings | probabilities | off |",
+        "| case | landings | probabilities | nonlinear |",
         "|---|---|---|---|",
     ]
     for label, name, settings in COSTS:
@@ -140,11 +140,11 @@ def costs() -> list[str]:
 
 def honesty() -> list[str]:
     lines = [
-        "## How honest the interval is where errors are not linear",
+        "## The interval where errors are not linear",
         "",
         f"{TRIALS} studies each of two errors of which a part ν σ, Gaussian, is not linear in the random inputs and so",
         f"not pushed; boxes at {COST_AT:g} to first order, until ±20 %, {MOST} runs at most. Missed: share of the",
-        "intervals that end below the truth, 2.5 % where they are right.",
+        "intervals that end below the truth; 2.5 % is right.",
         "",
         "| ν | runs | found over truth, median | missed | effective samples, median |",
         "|---|---|---|---|---|",
@@ -190,10 +190,10 @@ def main() -> None:
     lines = [
         "# Rare events, measured",
         "",
-        f"Made by `make validate` (`scripts/rare_events.py`), seeds {SEED} to {SEED + 2}, by which nothing was chosen;",
+        f"Made by `make validate` (`scripts/rare_events.py`), seeds {SEED} to {SEED + 2}, used for nothing else;",
         "errors at touchdown. A: fixes of position alone at 1 Hz. Lever arm: 1, 0.5, -0.7 m at 5° and 700 °/h.",
         "Gaussian: the chance by the covariance analysis, of a box of several axes the sum over them. rare-events.md",
-        "says how it is done.",
+        "describes the method.",
         "",
         *counted(),
         "",

@@ -127,7 +127,7 @@ def main() -> None:
         "Numbers: the largest relative difference of any number of `navsim show my.h5 --json` from those of the",
         "environment of `requirements.lock`.",
         "",
-        "| Python | numpy | numba | h5py | numbers apart by |",
+        "| Python | numpy | numba | h5py | largest difference |",
         "|---|---|---|---|---|",
     ]
     with tempfile.TemporaryDirectory() as folder:
