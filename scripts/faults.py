@@ -56,8 +56,8 @@ def faults() -> list[str]:
     return [
         *lines,
         "",
-        "Two pseudolites reveal a horizontal spoofer. They hardly measure height: spoofed upwards, the fix climbs by 100 m "
-        "until touchdown.",
+        "Two pseudolites reveal a horizontal spoofer. They hardly measure height: spoofed upwards, the fix climbs by "
+        "100 m until touchdown.",
     ]
 
 
@@ -80,8 +80,8 @@ def forms() -> list[str]:
     return [
         *lines,
         "",
-        f"With the formulas of SBAS the same fixes have {levels(compared[0], ('sbas_hpl', 'sbas_vpl'), ' and ')} m, with "
-        f"those of GBAS {ground[0]} (`{stations[0]}`) or {ground[1]} (`{stations[1]}`).",
+        f"With the formulas of SBAS the same fixes have {levels(compared[0], ('sbas_hpl', 'sbas_vpl'), ' and ')} m, "
+        f"with those of GBAS {ground[0]} (`{stations[0]}`) or {ground[1]} (`{stations[1]}`).",
     ]
 
 
@@ -136,8 +136,8 @@ def tails() -> list[str]:
     return [
         *lines,
         "",
-        "Levels allow for a missed fault, which is far more than these tails need. But the tests mistake every large range "
-        "error for a fault.",
+        "Levels allow for a missed fault, which is far more than these tails need. But the tests mistake every "
+        "large range error for a fault.",
     ]
 
 
