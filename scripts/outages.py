@@ -115,7 +115,7 @@ def outages() -> tuple[list[str], dict[str, list[Flown]]]:
         "landing.yaml; all sources but these are silent:",
         f"`events: [{{what: silence, sources: [...], at_s: {BEGIN:g}, until_s: {END:g}}}]`.",
         f"RMS errors at the last epoch before {END:g} s over {RUNS} runs, with the 95 % interval, and σ of the filter.",
-        "NEES/6 is that of position and velocity at the end, with its extremes in the outage (95 % band of a single moment",
+        "NEES/6 of position and velocity at the end, and its extremes in the outage (95 % band of a single moment",
         f"{low:.2f} to {high:.2f}).",
         "",
         "| sources | coupling | horizontal, m | σ | vertical, m | σ | NEES/6 at the end | in the outage |",
