@@ -43,6 +43,10 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "barometric_altimeter={sigma_m: 0.5, lag_s: 0.3, isa_deviation_k: -10, drift_m: 2}",
             "magnetometer={noise_ut: 0.3, hard_iron_ut: 2, scale_percent: 1, misalignment_mrad: 5, disturbance_ut: 1, "
             "declination_deg: 11, dip_deg: 71, intensity_ut: 52.5}",
+            "beacons={sites: [{name: north, s_m: 120, l1_m: 300, height_m: 2}, {name: south, lat_deg: 56.02, lon_deg: "
+            "37.01}], rate_hz: 20, sigma_m: 0.1, weak_sigma_m: 0.3, bias_sigma_m: 0.1, growth_m: 0.3, growth_sigma_m: "
+            "0.1, survey_sigma_m: 0.05, eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868, long_share: 0.02, "
+            "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5}",
             "runway.geoid_undulation_m=15.5",
             f"sky={{source: almanac, almanac: MCCJ_180913.agl, almanac_sha256: {_SUM}}}",
             "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "
@@ -56,6 +60,9 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "geoid_undulation_m: 16, errors: states, qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300}, "
             "magnetometer: {errors: states, noise_ut: 0.4, hard_iron_ut: 3, scale_percent: 1, misalignment_mrad: 5, "
             "mounting_deg: [0, 0, 2], field_error_ut: 0.2, disturbance_ut: 1, latency_s: 0.02}, "
+            "beacons: {errors: states, sigma_m: 0.2, weak_sigma_m: 0.4, bias_sigma_m: 0.2, growth_m: 0.2, "
+            "growth_sigma_m: 0.2, growth_distance_m: 30, survey_sigma_m: 0.1, latency_s: 0.02, "
+            "lever_arm_m: [0, 0, 0.1]}, "
             "scale_factors: true, misalignments: true, latency_s: 0.1, "
             "lever_arm_m: [0.5, 0, -0.3], initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
             "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300, "

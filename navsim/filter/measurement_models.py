@@ -13,6 +13,7 @@ Sources:
 - [3] `docs/theory/altimeters.md`, sections 1, 2.
 - [4] `docs/theory/lasting-errors.md`, sections 3 and 4.
 - [5] `docs/theory/magnetometer.md`.
+- [6] `docs/theory/beacons.md`.
 """
 
 from __future__ import annotations
@@ -56,8 +57,13 @@ innovation of a probe, a kind of fix, and never uses it. Random numbers are keye
 change."""
 SOURCE = 9
 """Kind of the states that are errors of transmitters on the ground: in measurements of the kinds FIX and RANGE."""
-KIND_COUNT = 1 + MAGNETIC
-"""Slots of the other kinds, see `slot`. Slots of ranges follow, one for each source."""
+BEACON = 10
+"""Kind of the ranges of beacons."""
+BEACON_STATES = 5
+"""Errors of a beacon: bias, growth of the bias, position along north, east, down [6]. The state of the error k of the
+beacon i has the axis `BEACON_STATES` i + k."""
+KIND_COUNT = 1 + BEACON
+"""Slots of the other kinds, see `slot`. Slots of ranges follow, one for each beacon, then one for each source."""
 _NEAR = 0.1
 """A range is treated as curved if the position uncertainty across it lengthens it by more than this fraction of its
 sigma."""
@@ -184,6 +190,39 @@ class MagneticTable(NamedTuple):
         return self._replace(field=change(self.field))
 
 
+class BeaconTable(NamedTuple):
+    """Two-way ranges from an antenna to beacons, m of them, and the filter's model of n beacons [6]."""
+
+    range: np.ndarray
+    """(m,) m, nan if missing."""
+    beacon: np.ndarray
+    """(m,) int, number of the beacon."""
+    position: np.ndarray
+    """(n, 3) surveyed, ECEF, m."""
+    axes: np.ndarray
+    """(n, 3, 3) unit vectors north, east, down of each, ECEF."""
+    sigma: float
+    """1 sigma of the noise of a strong signal, m."""
+    rise: float
+    """1 sigma of the noise that grows with distance, per metre of distance."""
+    growth: float
+    """Mean growth of the bias, m."""
+    growth_distance: float
+    """Distance at which the bias has grown to 63 %, m."""
+    lever_arm: np.ndarray
+    """See `FixTable`."""
+
+    @classmethod
+    def none(cls, *lanes: int) -> BeaconTable:
+        """The table without measurements, of one run or of lanes."""
+        position, axes = np.empty((0, 3)), np.empty((0, 3, 3))
+        return cls(np.empty((0, *lanes)), np.empty(0, np.int64), position, axes, 1.0, 0.0, 0.0, 1.0, np.zeros(3))
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> BeaconTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(range=change(self.range))
+
+
 class RangeTable(NamedTuple):
     """Pseudoranges and range rates of a receiver's antenna, m of them, each of a source and an epoch.
 
@@ -244,6 +283,7 @@ class Measurements(NamedTuple):
     grounds: GroundTable
     pressures: PressureTable
     magnetic: MagneticTable
+    beacons: BeaconTable
 
     @classmethod
     def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
@@ -266,7 +306,7 @@ class Measurements(NamedTuple):
 
 _TABLES: dict[int, Any] = {
     FIX: FixTable, ALTITUDE: AltitudeTable, RANGE: RangeTable, ABOVE_GROUND: GroundTable, PRESSURE: PressureTable,
-    MAGNETIC: MagneticTable,
+    MAGNETIC: MagneticTable, BEACON: BeaconTable,
 }  # fmt: skip
 """Table of each kind, in the order of `Measurements`. Probes are in the table of fixes."""
 
@@ -274,7 +314,10 @@ _TABLES: dict[int, Any] = {
 @kernel
 def slot(kind, row, measurements):
     """Counter for consecutive rejections of such a measurement; each source of ranges has its own."""
-    return KIND_COUNT + measurements.ranges.source[row] if kind == RANGE else kind
+    beacons = measurements.beacons
+    if kind == RANGE:
+        return KIND_COUNT + beacons.position.shape[0] + measurements.ranges.source[row]
+    return KIND_COUNT + beacons.beacon[row] if kind == BEACON else kind
 
 
 @kernel
@@ -486,6 +529,58 @@ def _magnetic(nav, declared, c_nb, table, z, h):
 
 
 @kernel
+def _beacon(nav, declared, c_nb, table, row, z, h):
+    """Two-way range to a beacon [6]; returns the distance, m.
+
+    z (1,): of a zero measurement. h (1, n): zero at first.
+    """
+    arm, x, u = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3)
+    c_ne = small_matrix(nav, 3, 3)
+    beacon = table.beacon[row]
+    lever, position, axes = table.lever_arm, table.position[beacon], table.axes[beacon]
+    dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], c_nb)
+    llh_to_ecef(nav[NAV_LLH:NAV_VEL], x)
+    ned_axes(nav[NAV_LLH], nav[NAV_LLH + 1], c_ne)
+    for i in range(3):
+        x[i] = position[i] - x[i]
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
+        u[i] = c_ne[i, 0] * x[0] + c_ne[i, 1] * x[1] + c_ne[i, 2] * x[2] - arm[i]
+    distance = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    for i in range(3):
+        u[i] /= distance
+    for i in range(3):
+        x[i] = c_ne[0, i] * u[0] + c_ne[1, i] * u[1] + c_ne[2, i] * u[2]
+    left = exp_of_negative(distance * (-1.0 / table.growth_distance))
+    growth, moved = table.growth + 0.0 * distance, 0.0 * distance
+    z[0] = -distance
+    for c in range(declared.shape[0]):
+        if declared[c].triad == BEACON and declared[c].axis // BEACON_STATES == beacon:
+            k, value = declared[c].axis % BEACON_STATES, nav[NAV_SENSORS + c]
+            if k == 0:
+                h[0, SENSORS + c] = 1.0
+                z[0] -= value
+            elif k == 1:
+                h[0, SENSORS + c] = 1.0 - left
+                growth += value
+            else:
+                h[0, SENSORS + c] = axes[k - 2, 0] * x[0] + axes[k - 2, 1] * x[1] + axes[k - 2, 2] * x[2]
+                moved += h[0, SENSORS + c] * value
+    # a longer way also has a larger bias
+    steeper = 1.0 + growth * left * (1.0 / table.growth_distance)
+    z[0] -= growth * (1.0 - left) + steeper * moved
+    for c in range(declared.shape[0]):
+        if declared[c].triad == BEACON and declared[c].axis % BEACON_STATES > 1:
+            h[0, SENSORS + c] *= steeper
+    for i in range(3):
+        h[0, POS + i] = -steeper * u[i]
+        # r_antenna = r + C l: a' (theta x l) = (l x a)' theta
+        j, k = (i + 1) % 3, (i + 2) % 3
+        h[0, ATT + i] = steeper * (arm[k] * u[j] - arm[j] * u[k])
+    return distance
+
+
+@kernel
 def is_bent(ranges, row, h, p):
     """Whether one linearisation of a range is not enough: its source is near, and the position uncertain across it [2].
 
@@ -617,4 +712,17 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
                 r[a, b] = 0.0
             r[a, a] = where(there, table.variance, 1.0)
         return 3
+    if kind == BEACON:
+        beacons = measurements.beacons
+        measured = as_simd(beacons.range)
+        distance = _beacon(nav, declared, c_nb, beacons, row, z, h)
+        there = no(math.isnan(measured[row]))
+        have[0] = where(there, 1.0, 0.0)
+        z[0] = where(there, z[0] + measured[row], 0.0)
+        for c in range(h.shape[1]):
+            h[0, c] *= have[0]
+        # by the distance that the filter expects, which is not off by the noise
+        further = beacons.rise * distance
+        r[0, 0] = where(there, beacons.sigma * beacons.sigma + further * further, 1.0)
+        return 1
     raise ValueError("no measurement model is of this kind")

@@ -212,8 +212,10 @@ def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
     return (*(unit for unit, size in groups for _ in range(size)), *(["m"] * scales), *(["m/s"] if scales else []))
 
 
-_TRANSMITTER = re.compile("transmitter_(position|clock_rate|clock)_(.+?)(?:_(north|east|down))?")
-"""States of errors of transmitters."""
+_TRANSMITTER = re.compile(
+    "(?:transmitter_(position|clock_rate|clock)|beacons_(position|bias_growth|bias))_(.+?)(?:_(north|east|down))?"
+)
+"""States of errors of transmitters and beacons."""
 _CORRELATED = re.compile("(?:fix_error_(slow|fast)|range_error_(slow|fast))(_more)?(?:_(.+))?")
 """States of time-correlated errors of fixes, and of ranges."""
 
@@ -225,7 +227,8 @@ def display_name(state: str) -> str:
         name = f"{'further ' if more else ''}{fix} satellite errors" if fix else f"{range_} ranging error"
         return f"{name}, {which}" if which else name
     if found := _TRANSMITTER.fullmatch(state):
-        what, name, axis = found.groups()
+        of_transmitter, of_beacon, name, axis = found.groups()
+        what = of_transmitter or of_beacon
         return f"{what.replace('_', ' ')} of {name}{f', {axis}' if axis else ''}"
     return "heading" if state == "attitude_down" else state.replace("_", " ")
 

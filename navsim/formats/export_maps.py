@@ -74,8 +74,10 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
     runway = scenario_of(result)["runway"]
     out.append(_runway(threshold, runway))
     out += _glide(result) + _ridges(result)
-    for name, place in zip(result["/pseudolites/name"], result["/pseudolites/position_llh"], strict=True):
-        out.append({"kind": "pseudolite", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
+    for kind in ("pseudolite", "beacon"):
+        if f"/{kind}s/name" in result:
+            for name, place in zip(result[f"/{kind}s/name"], result[f"/{kind}s/position_llh"], strict=True):
+                out.append({"kind": kind, "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
     covariance, antenna = result["/receiver/covariance_enu"], earth.llh_from_ecef(true_antenna(result))
     known = np.flatnonzero(np.isfinite(covariance[:, 0, 0]))
     scale = np.sqrt(-2.0 * np.log(1.0 - ELLIPSE_PROBABILITY))
@@ -275,7 +277,7 @@ def _kml_geometry(into: Any, kind: str, type_: str, coordinates: list[list[float
     from xml.etree import ElementTree as Xml
 
     shape = Xml.SubElement(into, type_)
-    on_ground = kind in ("runway", "ellipse", "pseudolite")
+    on_ground = kind in ("runway", "ellipse", "pseudolite", "beacon")
     if kind == "ridge":  # a wall down to the ground
         Xml.SubElement(shape, "extrude").text = "1"
     if type_ != "Point":
@@ -289,6 +291,7 @@ def _kml_geometry(into: Any, kind: str, type_: str, coordinates: list[list[float
 
 _STYLES = {"track": ("ffb27200", 2, "00ffffff"), "runway": ("ff777777", 1, "a0777777"),
            "ellipse": ("ff005ed5", 1, "30005ed5"), "pseudolite": ("ff005ed5", 1, "ff005ed5"),
+           "beacon": ("ffa779cc", 1, "ffa779cc"),
            "glide": ("ff739e00", 2, "00ffffff"), "ridge": ("ff004b8c", 2, "60004b8c")}  # fmt: skip
 """Line colour (aabbggrr), width, fill."""
 

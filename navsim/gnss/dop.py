@@ -1,8 +1,8 @@
 """Dilution of precision and weighted fix covariance from unit vectors to the sources.
 
 Row of H for one source: (-u, 1 in the column of its clock). The clocks of one epoch are those its used
-sources belong to. Sources: [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), section 11.2.1.
-[2] `docs/theory/landing.md`, section 5.
+sources belong to. A two-way range has no clock, and its row no such column. Sources: [1] Kaplan & Hegarty,
+Understanding GPS/GNSS, 3rd ed. (2017), section 11.2.1. [2] `docs/theory/landing.md`, section 5.
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ def clock_columns(used, clock, column, present):
 
     used: (s,) 1 where a source is used, else 0. clock: (s,) clock of each source, 0 .. MAX_CLOCKS - 1. Out: column
     (MAX_CLOCKS,) of H, -1 for a clock without source; columns go by clock number. present: (MAX_CLOCKS,) 1 where the
-    clock has a source, else 0.
+    clock has a source, else 0. A source with clock -1 has none.
     """
     for c in range(MAX_CLOCKS):
         column[c] = -1
         present[c] = 0.0
     for s in range(used.shape[0]):
         c = clock[s]
+        if c < 0:
+            continue
         present[c] = where(used[s] > 0.0, 1.0, present[c])
     n = 3
     for c in range(MAX_CLOCKS):
@@ -47,13 +49,15 @@ def clock_columns(used, clock, column, present):
 
 @kernel_inline
 def add_source(x, y, z, weight, c, normal):
-    """Add a source, unit vector x, y, z, the clock in column c, to the lower triangle of H' W H."""
+    """Add a source, unit vector x, y, z, the clock in column c, to the lower triangle of H' W H; c < 0: no clock."""
     normal[0, 0] += weight * x * x
     normal[1, 0] += weight * y * x
     normal[1, 1] += weight * y * y
     normal[2, 0] += weight * z * x
     normal[2, 1] += weight * z * y
     normal[2, 2] += weight * z * z
+    if c < 0:
+        return
     normal[c, 0] -= weight * x
     normal[c, 1] -= weight * y
     normal[c, 2] -= weight * z
@@ -90,7 +94,7 @@ def covariance_of_geometry(los, clock, weight, out, unknowns):
     """Inverse of H' W H at every epoch.
 
     - `los` (e, s, 3): unit vectors receiver -> source, any axes; nan marks an unused source.
-    - `clock` (s,) int; `weight` (e, s): 1/variance, or ones.
+    - `clock` (s,) int, -1: a two-way range; `weight` (e, s): 1/variance, or ones.
     - `out` (e, 6, 6): rows x, y, z, then the clocks; nan without a solution.
     - `unknowns` (e,) int, out: 0 if there are fewer sources than unknowns or the geometry is singular.
     """
@@ -111,7 +115,8 @@ def covariance_of_geometry(los, clock, weight, out, unknowns):
         normal[:] = 0.0
         for s in range(sources):
             if used[s] > 0.0:
-                add_source(los[e, s, 0], los[e, s, 1], los[e, s, 2], weight[e, s], column[clock[s]], normal)
+                c = column[clock[s]] if clock[s] >= 0 else -1
+                add_source(los[e, s, 0], los[e, s, 1], los[e, s, 2], weight[e, s], c, normal)
         if invert_normal(normal, n, out[e]):
             unknowns[e] = n
         else:
@@ -138,16 +143,16 @@ def dops(los: np.ndarray, clock: np.ndarray) -> np.ndarray:
     """GDOP, PDOP, HDOP, VDOP, TDOP of each epoch, unit weights.
 
     los: (e, s, 3) unit vectors receiver -> source in ENU (or NED), nan for an unused source. clock: (s,) clock unknown
-    of each source. Returns (e, 5), nan without a solution. GDOP is the root of the whole trace, TDOP belongs to the
-    first clock [2].
+    of each source, -1 for two-way ranges. Returns (e, 5), nan without a solution. GDOP is the root of the whole trace,
+    TDOP belongs to the first clock [2], nan without a clock.
     """
     cofactor, unknowns = geometry_covariance(los, clock, np.ones(los.shape[:2]))
     variance = np.diagonal(cofactor, axis1=1, axis2=2)
     present = np.arange(MAX_UNKNOWNS) < unknowns[:, None]
     # one after the other: a sum of eight and more numbers has another order
     g = np.where(unknowns > 0, np.add.accumulate(np.where(present, variance, 0.0), axis=1)[:, -1], np.nan)
-    h = variance[:, 0] + variance[:, 1]
-    return np.sqrt(np.stack([g, h + variance[:, 2], h, variance[:, 2], variance[:, 3]], axis=1))
+    h, t = variance[:, 0] + variance[:, 1], np.where(unknowns > 3, variance[:, 3], np.nan)
+    return np.sqrt(np.stack([g, h + variance[:, 2], h, variance[:, 2], t], axis=1))
 
 
 def geometry_covariance(los: np.ndarray, clock: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from navsim.filter.states import Block
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.interference.horizon import behind
 from navsim.gnss.signals import Environment, Pseudolites
+from navsim.landing.beacons import BeaconGeometry, beacon_geometry
 from navsim.landing.faults import watching
 from navsim.landing.preflight import PreflightChecks, modelled
 from navsim.landing.sources import touchdown_time
@@ -27,6 +28,7 @@ from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.source import Document
+from navsim.sensors.beacons import Beacons
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import followed_errors as followed_errors_of_aids
 from navsim.simulation.correlated_errors import IGNORED, STATES, as_noise, fix_blocks, followed_errors
@@ -67,6 +69,14 @@ class Case:
         text = "measures nothing on this flight, whose heights or attitudes are beyond its limits"
         near = map(str, self.flight.near_passes)
         return [*self.sky_warnings, *self.preflight.warnings, *near, *(f"{name}: {text}" for name in idle)]
+
+    @cached_property
+    def beacons(self) -> BeaconGeometry | None:
+        """Geometry of the ranging beacons at fix epochs, None without."""
+        for aid in self.shared.aids:
+            if isinstance(aid.sensor, Beacons):
+                return beacon_geometry(aid.sensor, self.trajectory, self.shared.signals.time)
+        return None
 
     @property
     def preflight(self) -> PreflightChecks:

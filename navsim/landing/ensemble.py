@@ -361,7 +361,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         rejected, weighed = (int(ensemble.per_run(f"aided_{name}")[:, k].sum()) for name in ("rejected", "weighed"))
         name = aid.sensor.name
         out += judging.rejected_of(name, rejected, runs * (aid.time.size - aid.missing), probability)
-        if weighed:
+        if weighed and not aid.sensor.has_outliers:
             mean = float(ensemble.per_run("aided_innovations")[:, k].sum()) / weighed
             out += judging.doubted("aided_innovations", f"innovations of the {name}", mean, weighed, runs)
     if case.flight.limited:

@@ -273,6 +273,13 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
             "there are not defined, and those of the last seconds before it are of the end of the simulation"
         )
     out += implausible(scenario, trajectory) + one_direction(scenario, trajectory)
+    if scenario.beacons is not None:
+        from navsim.landing.beacons import beacon_geometry, beacon_warnings
+        from navsim.landing.sources import on_glide
+
+        time = np.linspace(0.0, scenario.duration_s, max(2, math.ceil(scenario.duration_s)))
+        geometry = beacon_geometry(scenario.beacons.model(scenario), trajectory, time)
+        out += beacon_warnings(geometry, on_glide(scenario, trajectory, time))
     return out + on_pavement(scenario, trajectory) + through_ridges(scenario, trajectory)
 
 
@@ -357,7 +364,7 @@ def modelled(scenario: Landing, document: Document) -> tuple[Moving, Environment
     trajectory, scenario = trajectory_of(scenario, document)
     if isinstance(scenario.approach, FileApproach):  # of others the scenario itself knows the track
         try:
-            scenario.pseudolite_sites(trajectory.frame, scenario.track(trajectory))
+            scenario.check_sites(trajectory)
         except KeyedError as error:
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     return trajectory, *environment(scenario, document, trajectory)

@@ -222,7 +222,10 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         branch = f"/summary/aiding/{aid.sensor.name}"
         draft[f"{branch}/nis"] = float(sums[0] / sums[1]) if sums[1] else np.nan
         draft[f"{branch}/rejected"] = np.int64(sums[2])
-        draft[f"{branch}/missing"] = np.int64(ensemble.runs * aid.missing)
+        missing = ensemble.runs * aid.missing
+        if aid.sensor.sources:  # answers may be lost in a run
+            missing = ensemble.runs * aid.time.size - int(sums[1])
+        draft[f"{branch}/missing"] = np.int64(missing)
     if case.flight.limited:
         for name, total in zip(("gyro", "accelerometer"), ensemble.per_run("clipped").sum(axis=0), strict=True):
             draft[f"/summary/count/clipped_{name}"] = np.int64(total)

@@ -109,6 +109,15 @@ def _geometry(draft: ResultBuilder, case: Case) -> None:
     pseudolites = case.pseudolites
     draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
     draft["/pseudolites/position_llh"] = pseudolites.llh
+    if (beacons := case.beacons) is not None:
+        draft["/beacons/name"] = np.array(beacons.sensor.names, dtype=object)
+        draft["/beacons/position_llh"] = beacons.llh
+        draft["/beacons/time"], draft["/beacons/instant"] = s.time, s.time[some]
+        draft["/beacons/received"] = beacons.received.sum(axis=0)
+        for i, name in enumerate(("pdop", "hdop", "vdop")):
+            draft[f"/beacons/{name}"] = beacons.dop[:, i]
+            draft[f"/beacons/{name}_with_sources"] = beacons.dop_with_sources(s)[:, i]
+        draft["/beacons/image_height"], draft["/beacons/image_residual"] = beacons.images(some)
     draft["/receiver/time"] = s.time
     draft["/receiver/covariance_enu"] = shared.fix_covariance
 
@@ -155,6 +164,11 @@ def _geometry_summary(draft: ResultBuilder, case: Case) -> None:
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
         values = shared.dop[glide, i]
         draft[f"/summary/dop/{name}"] = _statistics(values[np.isfinite(values)])
+    if (beacons := case.beacons) is not None:
+        for i, name in enumerate(("pdop", "hdop", "vdop")):
+            for end, every in (("", beacons.dop), ("_with_sources", beacons.dop_with_sources(shared.signals))):
+                values = every[glide, i]
+                draft[f"/summary/beacons/{name}{end}"] = _statistics(values[np.isfinite(values)])
     ground = np.isin(shared.signals.names, case.pseudolites.names)
     for name, chosen in (("satellites", ~ground), ("pseudolites", ground)):
         draft[f"/summary/used/{name}"] = _statistics(shared.signals.used[glide][:, chosen].sum(axis=1))

@@ -6,10 +6,11 @@ that is kept is the one whose ranges, all of them, are most likely; among those 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from navsim.gnss.ranging_geometry import Plane, plane_of
 from navsim.ranging.estimate import Smoothed, StartState, relinearise
 from navsim.ranging.model import RECEIVER, RangeModel
 
@@ -27,44 +28,10 @@ _LEVEL = 1e-3
 """1 sigma of the height, m, while it is held."""
 AS_LIKELY = 3.0
 """Difference of log-likelihood below which two solutions are as likely as each other."""
-COPLANAR = 0.25
-"""Thickness of the sources over their width below which they have a mirror image."""
 _NOISE = 0.5
 """1 sigma of a range in the search for a start, m, beside what the clocks add."""
 _ROUNDS = (3, 10)
 """Linearisations with all ranges for each start that is tried: with the height held, and free."""
-
-
-@dataclass(frozen=True)
-class Plane:
-    """Plane of the sources: a point (3,) m, unit normal (3,) that points up, thickness and width of the sources, m."""
-
-    point: np.ndarray
-    normal: np.ndarray
-    thickness: float
-    width: float
-
-    @property
-    def is_flat(self) -> bool:
-        """Whether the sources have a mirror image."""
-        return self.thickness < COPLANAR * self.width
-
-    def distance(self, position: np.ndarray) -> np.ndarray:
-        """Signed distance of positions (..., 3)."""
-        return np.asarray((position - self.point) @ self.normal)
-
-    def mirrored(self, position: np.ndarray) -> np.ndarray:
-        """Images of positions (..., 3)."""
-        return np.asarray(position - 2.0 * self.distance(position)[..., None] * self.normal)
-
-
-def plane_of(position: np.ndarray) -> Plane:
-    """The plane nearest to sources (s, 3)."""
-    point = position.mean(axis=0)
-    _, size, axes = np.linalg.svd(position - point, full_matrices=True)
-    normal = axes[2] if abs(axes[2, 2]) < 1e-9 else axes[2] * np.sign(axes[2, 2])
-    size = np.concatenate([size, np.zeros(3 - size.size)]) / np.sqrt(position.shape[0])
-    return Plane(point, normal, float(size[2]), float(size[1]))
 
 
 def find_start(model: RangeModel, settings: dict[str, float]) -> tuple[StartState, Smoothed]:

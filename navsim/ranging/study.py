@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from navsim.gnss.ranging_geometry import Plane
 from navsim.ranging.estimate import Filtered, Smoothed, StartState, filter_causally, relinearise, tune
 from navsim.ranging.evaluation import (
     correlated_states,
@@ -19,7 +20,7 @@ from navsim.ranging.evaluation import (
 from navsim.ranging.model import SETTINGS, RangeModel, build_model
 from navsim.ranging.recording import RangeLog, ReferenceTrack, read_log, read_reference
 from navsim.ranging.scenario import RecordedRanges
-from navsim.ranging.start import AS_LIKELY, Plane, find_start, mirror_solution
+from navsim.ranging.start import AS_LIKELY, find_start, mirror_solution
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import CONSISTENT, FIX, Finding, kept
 from navsim.results.result import Result

@@ -131,7 +131,7 @@ def _in_brackets(result: Result) -> str:
 
 
 def track(result: Result) -> Figure:
-    """Plan view with the pseudolites, and the height profile over the same distances."""
+    """Plan view with pseudolites and beacons, and the height profile over the same distances."""
     fig = new_figure(2 * COLUMN, 3.8)
     plan, profile = fig.subplots(2, 1, height_ratios=[3, 2], sharex=True)
     path = in_runway_axes(result, result["/truth/position_llh"])
@@ -141,18 +141,22 @@ def track(result: Result) -> Figure:
     plan.plot([0, length], [0, 0], color=_GREY, lw=2.5, solid_capstyle="butt", alpha=0.6, label="runway")
     plan.plot(path[:, 0], path[:, 1], color=_BLUE, label="aircraft" + _in_brackets(result))
     plan.plot(path[0, 0], path[0, 1], "o", color=_BLUE, ms=3)
-    names = result["/pseudolites/name"]
-    if names.size:
-        places = in_runway_axes(result, result["/pseudolites/position_llh"])
-        plan.plot(places[:, 0], places[:, 1], "^", color=_ORANGE, ms=5, label="pseudolites")
-    seen = np.concatenate([path[:, :2], *([places[:, :2]] if names.size else [])])
+    ground = {}
+    for kind in ("pseudolites", "beacons"):
+        if f"/{kind}/name" in result and result[f"/{kind}/name"].size:
+            ground[kind] = result[f"/{kind}/name"], in_runway_axes(result, result[f"/{kind}/position_llh"])
+    for kind, (_, places) in ground.items():
+        mark, own = ("^", _ORANGE) if kind == "pseudolites" else ("s", _GREEN)
+        plan.plot(places[:, 0], places[:, 1], mark, color=own, ms=5, label=kind)
+    seen = np.concatenate([path[:, :2], *(places[:, :2] for _, places in ground.values())])
     ridge_lines(plan, shown_ridges(result), *on_plan(seen))
     for over in flown_over(result):
         profile.plot([over.along, over.along], [0.0, over.top], color=BROWN, lw=1.6)
         word(profile, over.label, (over.along, over.top), (0.0, 2.0), ha="center", va="bottom", color=BROWN)
     plan.margins(0.06, 0.15)
     view_from_above(plan)
-    if names.size:
+    if ground:
+        names, places = (np.concatenate(parts) for parts in zip(*ground.values(), strict=True))
         label_points(plan, names, places[:, 0], places[:, 1])
     plan.set_ylabel("right of the axis, m")
     legend_above(fig, plan, 3)

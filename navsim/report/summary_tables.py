@@ -710,6 +710,14 @@ def _used(result: Result, kind: str) -> Cell | str:
     return Cell("{:.1f}  ({:.0f} - {:.0f})", (mean, low, high), whole=True, names=_RANGE)
 
 
+def _dop(result: Result, path: str) -> Cell | str:
+    """Statistics of a DOP on the glide."""
+    if path not in result:
+        return ABSENT
+    mean, low, high = map(float, result[path][:3])
+    return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True, names=_RANGE)
+
+
 def summary_table(results: list[tuple[str, Result]]) -> Table:
     """One table of the summaries, a column a result: names and results in order."""
     table = Table("", ("", *(name for name, _ in results)), caption=_SUMMARY)
@@ -736,15 +744,15 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     _losses(table, [r for _, r in results])
     section("Geometry on the glide", lambda _: "mean (min - max)")
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
-
-        def dop(r: Result, name: str = name) -> Cell:
-            mean, low, high = map(float, r[f"/summary/dop/{name}"][:3])
-            return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True, names=_RANGE)
-
-        row("  " + name.upper(), dop)
+        row("  " + name.upper(), lambda r, n=name: _dop(r, f"/summary/dop/{n}"))
     for name in ("satellites", "pseudolites"):
         if any(_uses(r, name) for _, r in results):
             row(f"  {name} used", lambda r, n=name: _used(r, n))
+    for title, end in (("beacons", ""), ("beacons and fix", "_with_sources")):
+        for name in ("hdop", "vdop"):
+            path = f"/summary/beacons/{name}{end}"
+            if any(path in r and np.isfinite(r[path][0]) for _, r in results):
+                row(f"  {name.upper()}, {title}", lambda r, p=path: _dop(r, p))
     section("Fix, RMS by its covariance, m", lambda _: "mean on the glide")
     for name in ("horizontal", "vertical", "3d"):
         row(f"  {name}", lambda r, n=name: number(r[f"/summary/fix/rms_{n}"][0], 2))

@@ -125,6 +125,7 @@ def _labels(path: str, meaning: str, layouts: str | Sequence[str], *labels: str)
 
 
 _FLOWN = (LANDING, COVARIANCE)
+_BEACONS = "where there are `beacons`"
 _KEPT = "unless `--keep none`"
 _HORIZON = "with `sky.horizon`"
 _WIND = "where there is a mean wind"
@@ -207,6 +208,20 @@ _TRUTH = Chapter(
            "`receiver.antenna`"),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
         _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
+        _a("/beacons/name", "name", "1", "names of the ranging beacons", _FLOWN, TEXT, when=_BEACONS),
+        _a("/beacons/position_llh", "name llh", "rad, rad, m", "surveyed positions of the beacons", _FLOWN,
+           when=_BEACONS),
+        _a("/beacons/time", "time", "s", "fix epochs", _FLOWN, when=_BEACONS),
+        _a("/beacons/instant", "instant", "s", f"at most {SKY_TIMES} of them", _FLOWN, when=_BEACONS),
+        _a("/beacons/received", "name", "1", "fix epochs at which the beacon is within reach and in sight", _FLOWN,
+           WHOLE, when=_BEACONS),
+        _a("/beacons/{dop}", "time", "1", "{DOP} of the ranges to all beacons received, without a clock, unit "
+           "weights, nan without a solution", _FLOWN, when=_BEACONS, dop=_DOPS[1:4]),
+        _a("/beacons/{dop}_with_sources", "time", "1", "{DOP} of these ranges together with the sources of the "
+           "fix", _FLOWN, when=_BEACONS, dop=_DOPS[1:4]),
+        _a("/beacons/image_height", "instant", "m", "height of the mirror solution of the ranges above the "
+           "antenna, nan without one", _FLOWN, when=_BEACONS),
+        _a("/beacons/image_residual", "instant", "m", "residual of the ranges there, RMS", _FLOWN, when=_BEACONS),
     ),
 )  # fmt: skip
 
@@ -384,6 +399,10 @@ _SUMMARY = Chapter(
     "The numbers that `navsim show` prints, and `--json` under the same names.",
     (
         _a("/summary/dop/{dop}", "statistic", "1", "{DOP} over the fix epochs of the glide", _FLOWN, dop=_DOPS),
+        _a("/summary/beacons/{dop}", "statistic", "1", "{DOP} of the beacons over the fix epochs of the glide", _FLOWN,
+           when=_BEACONS, dop=_DOPS[1:4]),
+        _a("/summary/beacons/{dop}_with_sources", "statistic", "1", "{DOP} of beacons and sources of the fix together, "
+           "likewise", _FLOWN, when=_BEACONS, dop=_DOPS[1:4]),
         _a("/summary/used/{part}", "statistic", "1", "number of {part} used over the fix epochs of the glide", _FLOWN,
            part=("satellites", "pseudolites")),
         _a("/summary/fix/rms_{part}", "interval", "m", "sigma of a fix (SKO): root of the weighted covariance, mean "

@@ -13,6 +13,7 @@ from navsim.scenario.base import (
     Sigma,
     Triple,
 )
+from navsim.scenario.beacons import FilterBeacons
 from navsim.scenario.imu import Accelerometer, Gyro
 from navsim.scenario.signals import ClockNoise, FilterPseudolites
 
@@ -107,6 +108,8 @@ class FilterSection(Section):
     """barometric altimeter that the filter assumes; omitted keys: those of `barometric_altimeter`"""
     magnetometer: FilterMagnetometer = FilterMagnetometer()
     """magnetometer that the filter assumes; omitted keys: those of `magnetometer`"""
+    beacons: FilterBeacons = FilterBeacons()
+    """beacons that the filter assumes; omitted keys: those of `beacons`"""
     scale_factors: bool | None = None
     """estimate the scale factors of gyros and accelerometers, three more states each if they have some; their initial 1
     sigma is that of imu. Omitted: of each sensor whose scale factors are large for this flight"""

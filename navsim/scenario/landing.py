@@ -8,6 +8,7 @@ default of an optional key is there and nowhere else. Sections: `approach`, `sen
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -45,6 +46,7 @@ from navsim.scenario.base import (
     Version,
     reject,
 )
+from navsim.scenario.beacons import BeaconsSection
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import AnyEvent
 from navsim.scenario.filter import SMOOTHERS, FilterSection
@@ -110,6 +112,8 @@ class Landing(Section):
     """sensor of height above sea level; null: none"""
     magnetometer: MagnetometerSection | None = None
     """sensor of the magnetic field, which shows the heading; null: none"""
+    beacons: BeaconsSection | None = None
+    """ranging beacons on the ground; null: none"""
     initial_errors: InitialErrorsSection = InitialErrorsSection()
     """errors that the navigation starts with"""
     sky: Sky = Sky()
@@ -235,7 +239,7 @@ class Landing(Section):
         self._checked_speed(path)
         trajectory = self.trajectory()
         self.check_airspeed(trajectory)
-        self.pseudolite_sites(trajectory.frame, self.track(trajectory))
+        self.check_sites(trajectory)
         return self
 
     def _checked_aiding(self) -> None:
@@ -510,21 +514,23 @@ class Landing(Section):
         """Surveyed positions (p, 3), ECEF, m, which `track` keeps clear of. Raises where it does not, or where the
         coordinates are of another frame."""
         from navsim.geodesy.earth import ecef_from_llh
-        from navsim.gnss.pseudolite import NEAREST
 
         if self.pseudolites.frame == "table1" and self.approach.start is None and self.pseudolites.placed():
             raise reject("the paper's frame is counted from approach.start, which is not given", "pseudolites", "frame")
         sites = ecef_from_llh(self.pseudolite_positions(frame))
-        for index, excess in enumerate(track.too_near(sites)):
-            if excess > 0.0:
-                path = ("sites", index) if self.pseudolites.sites else ("s_m",)
-                raise reject(
-                    f"pseudolite {self.pseudolites.names()[index]} comes within {NEAREST - excess:.1f} m of the "
-                    f"aircraft; it must stay {NEAREST:g} m away",
-                    "pseudolites",
-                    *path,
-                )
+        names = [f"pseudolite {name}" for name in self.pseudolites.names()]
+        _check_clear(track, sites, names, "pseudolites", "sites" if self.pseudolites.sites else "s_m")
         return sites
+
+    def check_sites(self, trajectory: Moving) -> None:
+        """Raise where pseudolites or beacons are in the way of the aircraft."""
+        from navsim.geodesy.earth import ecef_from_llh
+
+        track = self.track(trajectory)
+        self.pseudolite_sites(trajectory.frame, track)
+        if self.beacons is not None:
+            sites = ecef_from_llh(self.beacons.model(self).positions(trajectory.frame))
+            _check_clear(track, sites, [f"beacon {name}" for name in self.beacons.names()], "beacons", "sites")
 
     def track(self, trajectory: Moving) -> Track:
         """Trajectory during the simulation, of the IMU and the antenna."""
@@ -808,3 +814,15 @@ class Landing(Section):
                 heading = self.runway.heading_deg * DEG
                 row[:] = runway_position(self.threshold(frame), heading, site.s_m, site.l1_m, above)
         return out
+
+
+def _check_clear(track: Track, sites: np.ndarray, names: Sequence[str], *path: str) -> None:
+    """Raise, about the key at `path`, where a transmitter at sites (p, 3), ECEF m, is in the way of the aircraft."""
+    from navsim.gnss.pseudolite import NEAREST
+
+    for index, excess in enumerate(track.too_near(sites)):
+        if excess > 0.0:
+            raise reject(
+                f"{names[index]} comes within {NEAREST - excess:.1f} m of the aircraft; it must stay {NEAREST:g} m "
+                "away", *path, *([index] if path[-1] == "sites" else []),
+            )  # fmt: skip

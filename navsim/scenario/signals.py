@@ -48,10 +48,10 @@ Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValida
 
 
 class Site(Section):
-    """One pseudolite, by s_m and l1_m or by coordinates."""
+    """One pseudolite or beacon, by s_m and l1_m or by coordinates."""
 
     name: SourceName | None = None
-    """name of the pseudolite; left out: PL and its number"""
+    """name; left out: PL or B and its number"""
     s_m: Signed | None = None
     """distance from the runway axis, positive to the right in the runway frame"""
     l1_m: Signed | None = None
@@ -61,7 +61,7 @@ class Site(Section):
     lon_deg: Longitude | None = None
     """longitude, east positive"""
     height_m: Signed | None = None
-    """height of the antenna above the runway; default pseudolites.height_m"""
+    """height of the antenna above the runway; left out: height_m of the section"""
 
     @model_validator(mode="after")
     def _check_alternatives(self) -> Self:

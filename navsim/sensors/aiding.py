@@ -45,10 +45,15 @@ class AidingSensor(ABC):
     """Unit of the numbers."""
     components: ClassVar[int] = 1
     """Components of each time-correlated error."""
+    sources: int = 0
+    """Number of transmitters whose rejections by the gate are counted apart; 0: it has none."""
     rate: float
     """Hz."""
     latency: float
     """s."""
+
+    has_outliers: bool = False
+    """Whether its truth has outliers, which make its innovations larger than the filter expects."""
 
     @abstractmethod
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
@@ -112,6 +117,10 @@ class AidingSensor(ABC):
             np.stack([between(at, time, one, error.sigma, error.time, draw) for one in of_error])
             for error, of_error in zip(self.errors, drawn, strict=True)
         ]
+
+    def spoiled(self, measured: np.ndarray, draw: np.random.Generator) -> np.ndarray:
+        """Measurements (m, k) of a run with what is no Gaussian error: outliers, nan where one is lost."""
+        return measured
 
     @property
     def followed(self) -> tuple[int, ...]:

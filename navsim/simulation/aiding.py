@@ -53,10 +53,10 @@ class Aid:
         draw = generator(seed, run, "aids", self.sensor.kind)
         measured: np.ndarray = exact + sigma * draw.standard_normal(exact.shape)
         if not effects:
-            return measured
+            return self.sensor.spoiled(measured, draw)
         drawn = self.sensor.drawn_errors(self.time, draw)
         added = [np.einsum("mkc,cm->mk", effect, error) for effect, error in zip(effects, drawn, strict=True)]
-        return measured + np.sum(added, axis=0)
+        return self.sensor.spoiled(measured + np.sum(added, axis=0), draw)
 
     def true_states(self, seed: int, run: int, at: np.ndarray) -> np.ndarray:
         """True values (o, j) of the filter's states of its errors in a run, at times (o,), s."""

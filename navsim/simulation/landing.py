@@ -782,6 +782,7 @@ def _truth(shared: SharedTruth, inputs: Inputs) -> Truth:
 def initial_state(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
     """Initial state of a flight's filter; nav (NAV,), covariance (n, n), of one run or of lanes."""
     sources = len(flight.shared.signals.names) if flight.design.tight else 0
+    sources += sum(aid.sensor.sources for aid in flight.shared.aids)
     return start(nav, covariance, flight.model.components, sources)
 
 

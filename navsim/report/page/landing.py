@@ -31,6 +31,7 @@ from navsim.report.page.plots import (
     AXES,
     BLUE,
     BROWN,
+    GREEN,
     GREY,
     MOST_LINES,
     ORANGE,
@@ -72,6 +73,8 @@ from navsim.report.summary_tables import setting, single, source_title, state_ve
 from navsim.results.result import Result
 from navsim.results.schema import RMS_WINDOW
 
+_ON_GROUND = ("pseudolites", "triangle", ORANGE), ("beacons", "square", GREEN)
+"""Transmitters on the ground: group of the result, marker, colour."""
 _MOST_FIXES = 1500
 _RATIO_COLUMNS = 400
 """Most columns of the map of ratios."""
@@ -92,7 +95,7 @@ def drawings(results: Sequence[Named]) -> list[Drawing]:
 
 
 def track(results: Sequence[Named]) -> Drawing:
-    """Plan view with the pseudolites, and the height over the same distances."""
+    """Plan view with pseudolites and beacons, and the height over the same distances."""
     plan = plot("Plan", "", "right of the axis, m", 300)
     profile = plot("Height", "beyond the threshold (= -l1), m", "height above the threshold, m", 220)
     lines: list[Any] = []
@@ -111,13 +114,15 @@ def track(results: Sequence[Named]) -> Drawing:
         of = source(x=which(path[:, 0]), right=which(path[:, 1]), up=which(path[:, 2]), time=which(time))
         own = width(i, len(results))
         lines += [line(on, of, y, colour(i), name=name, line_width=own) for on, y in ((plan, "right"), (profile, "up"))]
-        sites = result["/pseudolites/name"]
-        if sites.size:
-            at = in_runway_axes(result, result["/pseudolites/position_llh"])
+        for kind, mark, tint in _ON_GROUND:
+            sites = result[f"/{kind}/name"] if f"/{kind}/name" in result else np.empty(0)
+            if not sites.size:
+                continue
+            at = in_runway_axes(result, result[f"/{kind}/position_llh"])
             of = source(x=at[:, 0], y=at[:, 1], said=[str(site) for site in sites])
             places.append(
-                plan.scatter("x", "y", source=of, marker="triangle", size=11, color=ORANGE if len(results) == 1 else
-                             colour(i), name=name)
+                plan.scatter("x", "y", source=of, marker=mark, size=11, color=tint if len(results) == 1 else colour(i),
+                             name=name)
             )  # fmt: skip
             names(plan, at[:, 0], at[:, 1], sites)
         if np.isfinite(landed := touchdown(result)):
@@ -136,16 +141,19 @@ def track(results: Sequence[Named]) -> Drawing:
         shown = [("", "$name"), ("time", "@time{0.0} s"), ("along", "@x{0} m"), ("right", "@right{0.0} m"),
                 ("up", "@up{0.0} m")]  # fmt: skip
         tell(on, [each for each in lines if each in on.renderers], *shown)
-    tell(plan, places, ("pseudolite", "@said"), ("along", "@x{0.0} m"), ("right", "@y{0.0} m"))
+    beacons = any("/beacons/name" in r for _, r in results)
+    what = "transmitter" if beacons else "pseudolite"
+    tell(plan, places, (what, "@said"), ("along", "@x{0.0} m"), ("right", "@y{0.0} m"))
     truth = next((text for _, r in results if (text := true_for(r))), "")
     caption = (
         "The true flight over the runway (grey), seen from above and from the side, both over the distance from the "
-        "threshold. Triangles: pseudolites; dashed: touchdown."
+        f"threshold. Triangles: pseudolites;{' squares: ranging beacons;' if beacons else ''} dashed: touchdown."
         + (" Brown: terrain, with the height of its top above the threshold; from the side where the way goes over it."
            if hilly else "") + (f" {truth.capitalize()}." if truth else "")
         + most_thinned(thinned).caption()
     )  # fmt: skip
     keys = [Key("runway", GREY, "band"), Key("pseudolite", ORANGE if len(results) == 1 else GREY, "triangle"),
+            *([Key("beacon", GREEN if len(results) == 1 else GREY, "band")] if beacons else []),
             *([Key("terrain", BROWN)] if hilly else [])]  # fmt: skip
     return Drawing("track", "Track over the runway", [plan, profile], caption, keys_of(results, *keys), 1)
 
@@ -155,8 +163,8 @@ def _plan_view(results: Sequence[Named]) -> tuple[tuple[float, float], tuple[flo
     them."""
     there = []
     for _, result in results:
-        seen = np.concatenate([in_runway_axes(result, result[path])[:, :2]
-                               for path in ("/truth/position_llh", "/pseudolites/position_llh")])  # fmt: skip
+        paths = ("/truth/position_llh", *(f"/{kind}/position_llh" for kind, *_ in _ON_GROUND))
+        seen = np.concatenate([in_runway_axes(result, result[path])[:, :2] for path in paths if path in result])
         half = 0.5 * setting(result, "runway", "width_m")
         there += [seen, np.array([[0.0, -half], [setting(result, "runway", "length_m"), half]])]
         there += [clipped(ridge, *on_plan(seen)).reshape(-1, 2) for ridge in shown_ridges(result)]

@@ -1,0 +1,91 @@
+"""Geometry of ranging beacons along a landing: their DOPs, their mirror image, and warnings about their places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
+from navsim.gnss.pseudorange import Signals
+from navsim.gnss.ranging_geometry import mirror_image, mixed_dops, plane_of, two_way_dops
+from navsim.gnss.sky import enu_matrix
+from navsim.sensors.beacons import Beacons
+from navsim.trajectory.kinematics import Moving
+
+FLAT_VDOP = 5.0
+"""VDOP on the glide above which navsim warns that beacons do not show the height."""
+_SIGMAS = 3.0
+"""Residual of a mirror image, over the sigma of a range, below which the ranges do not tell it from the position."""
+
+
+@dataclass(frozen=True)
+class BeaconGeometry:
+    """Beacons as seen at times of a flight (e,)."""
+
+    sensor: Beacons
+    llh: np.ndarray
+    """(n, 3) surveyed positions."""
+    received: np.ndarray
+    """(e, n) bool."""
+    dop: np.ndarray
+    """(e, 3) PDOP, HDOP, VDOP of the beacons alone, nan without a solution."""
+    away: np.ndarray
+    """(e, n, 3) from the antenna to the beacons, ENU m, nan where not received."""
+    position: np.ndarray
+    """(e, 3) antenna, ECEF, m."""
+
+    def dop_with_sources(self, signals: Signals) -> np.ndarray:
+        """PDOP, HDOP, VDOP (e, 3) of beacons and sources of the fix together, at the same times."""
+        return mixed_dops(self.away, signals.los, signals.clock)
+
+    def images(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Height of the mirror image above the antenna (k,), m, and residual of the ranges there (k,), RMS, m, at some
+        of the times (k,) int; nan without an image."""
+        sites, height, residual = ecef_from_llh(self.llh), np.full(at.size, np.nan), np.full(at.size, np.nan)
+        for k, e in enumerate(at):
+            image, residual[k] = mirror_image(sites[self.received[e]], self.position[e])
+            if np.isfinite(image).all():
+                height[k] = llh_from_ecef(image)[2] - llh_from_ecef(self.position[e])[2]
+        return height, residual
+
+
+def beacon_geometry(sensor: Beacons, trajectory: Moving, time: np.ndarray) -> BeaconGeometry:
+    """Geometry of beacons at times (e,) of a flight, s."""
+    away, received = sensor.away(trajectory, time)
+    llh = sensor.positions(trajectory.frame)
+    position = ecef_from_llh(llh)[0] - away[:, 0]
+    there = np.where(received[..., None], away @ np.swapaxes(enu_matrix(llh_from_ecef(position)), 1, 2), np.nan)
+    return BeaconGeometry(sensor, llh, received, two_way_dops(there), there, position)
+
+
+def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
+    """Warnings of beacons that are never received, and of layouts that do not show the height on the glide, (e,)
+    bool."""
+    names, out = geometry.sensor.names, []
+    for name, times in zip(names, geometry.received.T, strict=True):
+        if not times.any():
+            out.append(f"beacons: {name} is never received: it is out of reach, beyond the horizon or behind terrain")
+    if not glide.any():
+        return out
+    vdop = geometry.dop[glide, 2]
+    if np.isnan(vdop).all():
+        return [*out, "beacons: fewer than three are received at a time on the glide, or all in one line: their ranges "
+                "alone give no position"]  # fmt: skip
+    largest = float(np.nanmax(vdop))
+    if largest > FLAT_VDOP:
+        plane, used = plane_of(ecef_from_llh(geometry.llh)), np.flatnonzero(glide)
+        flat = f"nearly in one plane ({plane.thickness:.1f} m thick, {plane.width:.0f} m wide)" if plane.is_flat else (
+            "badly placed for it")  # fmt: skip
+        text = f"beacons: they hardly show the height on the glide: VDOP up to {largest:.3g}, they are {flat}; put one "
+        out.append(text + "much higher, or one under the glide path, or keep another source of height")
+        height, residual = geometry.images(used[[0, -1]])
+        sensor = geometry.sensor
+        if (residual < _SIGMAS * sensor.sigma).any():
+            k = int(np.nanargmin(residual))
+            above = "above" if height[k] > 0.0 else "below"
+            out.append(
+                f"beacons: the ranges have a mirror solution {abs(height[k]):.0f} m {above} the aircraft and fit it "
+                f"within {residual[k]:.2g} m: a filter that starts from ranges alone may take it"
+            )
+    return out

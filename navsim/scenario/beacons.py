@@ -1,0 +1,205 @@
+"""Ranging beacons: section `beacons`, and `filter.beacons`, the filter's model of them."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
+from navsim.scenario.base import DEG, ListOf, NonNegative, Sigma, Signed, Triple, reject
+from navsim.scenario.presets import BEACON_PRESETS
+from navsim.scenario.signals import Gain, Site
+from navsim.scenario.terrain import tops_of
+
+if TYPE_CHECKING:
+    from navsim.scenario.landing import Landing
+    from navsim.sensors.beacons import BeaconErrors, Beacons, Outliers
+
+Part = Annotated[float, Field(ge=0.0, le=0.5)]
+_LINK = ("eirp_dbm", "sensitivity_dbm")
+"""Keys of the link budget that have no default."""
+
+
+class BeaconsSection(AidingSection):
+    """Ranging beacons on the ground: two-way time of flight, without the receiver's clock. The vehicle asks one beacon
+    after the other. Errors are drawn for each beacon and run."""
+
+    preset: Literal["none", "uwb"] = "none"
+    """noise and bias as measured; none: the keys here. uwb: ultra-wideband modules outdoors in line of sight"""
+    sites: Annotated[ListOf[Site], Field(min_length=1, max_length=50)]
+    """the beacons, each with s_m and l1_m in runway axes, or with coordinates; names left out: B and a number"""
+    height_m: Signed = 0.0
+    """height of their antennas above the runway"""
+    rate_hz: Annotated[float, Field(ge=0.1, le=1000.0)]
+    """questions a second, to all beacons together: each is asked at this rate over their number"""
+    carrier_mhz: Annotated[float, Field(ge=100.0, le=1e4)] | None = None
+    """carrier, for the link budget"""
+    eirp_dbm: Annotated[float, Field(ge=-150.0, le=100.0)] | None = None
+    """equivalent isotropically radiated power of the weaker side of the link; with sensitivity_dbm and carrier_mhz it
+    gives the largest range"""
+    gain_dbi: Gain = 0.0
+    """gain of the receiving antenna, for the link budget"""
+    sensitivity_dbm: Annotated[float, Field(ge=-200.0, le=50.0)] | None = None
+    """received power below which there is no answer"""
+    range_limit_m: Annotated[float, Field(ge=1.0, le=1e6)] | None = None
+    """largest range, in place of a link budget"""
+    sigma_m: Sigma
+    """1 sigma of the white noise of a range, near the beacon"""
+    weak_sigma_m: NonNegative = 0.0
+    """1 sigma of the further noise at the largest range; it grows with distance, as the signal's strength falls"""
+    bias_sigma_m: NonNegative = 0.0
+    """1 sigma of each beacon's constant bias"""
+    growth_m: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
+    """mean of the part of the bias that grows with distance d: growth_m (1 - exp(-d / growth_distance_m))"""
+    growth_sigma_m: NonNegative = 0.0
+    """1 sigma of that growth, from beacon to beacon"""
+    growth_distance_m: Annotated[float, Field(ge=0.1, le=1e6)] = 17.0
+    """distance at which that part has grown to 63 %"""
+    survey_sigma_m: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
+    """1 sigma of each beacon's surveyed position along each axis"""
+    loss: Annotated[float, Field(ge=0.0, le=0.99)] = 0.0
+    """fraction of the questions without an answer"""
+    outlier_share: Part = 0.0
+    """fraction of outliers to both sides"""
+    outlier_sigma_m: NonNegative = 0.0
+    """1 sigma of these"""
+    long_share: Part = 0.0
+    """fraction of ranges that are too long, by a reflection or without line of sight"""
+    long_m: NonNegative = 0.0
+    """mean of how much they are too long; exponential distribution"""
+    latency_s: Late = 0.0
+    """time from a measurement to its arrival"""
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    """IMU to the antenna of the ranges: forward, right, down"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, data: Any) -> Any:
+        """Write the preset's values where the scenario gives none, so that the resolved scenario shows them."""
+        if isinstance(data, dict):
+            return {**BEACON_PRESETS.get(str(data.get("preset")), {}), **data}
+        return data
+
+    @model_validator(mode="after")
+    def _check_consistent(self) -> Self:
+        names = self.names()
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise reject(f"two beacons are named '{name}'", "sites", i)
+        link = [key for key in _LINK if getattr(self, key) is not None]
+        if self.range_limit_m is not None:
+            if link:
+                raise reject("is for a link budget, and range_limit_m replaces it; give one of both", link[0])
+        elif len(link) < len(_LINK) or self.carrier_mhz is None:
+            text = "how far beacons reach is not given: give range_limit_m, or a link budget by eirp_dbm, "
+            raise reject(text + "sensitivity_dbm and carrier_mhz", "range_limit_m")
+        for share, size in (("outlier_share", "outlier_sigma_m"), ("long_share", "long_m")):
+            if bool(getattr(self, share)) != bool(getattr(self, size)):
+                missing = size if getattr(self, share) else share
+                given = share if missing == size else size
+                raise reject(f"goes with {given}: give both above 0, or none", missing)
+        return self
+
+    def names(self) -> tuple[str, ...]:
+        """B1, B2, ... or the names given."""
+        return tuple(site.name or f"B{i}" for i, site in enumerate(self.sites, 1))
+
+    @property
+    def reach(self) -> float:
+        """Largest range, m."""
+        from navsim.sensors.beacons import largest_range
+
+        if self.range_limit_m is not None:
+            return self.range_limit_m
+        assert self.eirp_dbm is not None
+        assert self.sensitivity_dbm is not None
+        assert self.carrier_mhz is not None
+        return largest_range(self.eirp_dbm, self.gain_dbi, self.sensitivity_dbm, self.carrier_mhz * 1e6)
+
+    def check(self, landing: Landing) -> None:
+        """Raise for a filter that has no states, with keys of them."""
+        its = landing.filter.beacons
+        for key in () if its.errors == "states" else ERRORS_OF_BEACONS:
+            if getattr(its, key) is not None:
+                raise reject("is for `errors: states`", "filter", "beacons", key)
+
+    def error_without_state(self, landing: Landing) -> str | None:
+        """Key of an error, if the filter does not estimate them."""
+        if landing.filter.beacons.errors == "states":
+            return None
+        return next((key for key in ERRORS_OF_BEACONS if getattr(self, key)), None)
+
+    def errors(self, followed: bool = True) -> BeaconErrors:
+        """Errors of each beacon; followed: with the sigmas that a filter with states has."""
+        from navsim.sensors.beacons import BeaconErrors
+
+        bias, growth, survey = (self.bias_sigma_m, self.growth_sigma_m, self.survey_sigma_m) if followed else (0.0,) * 3
+        return BeaconErrors(bias, self.growth_m, growth, self.growth_distance_m, survey)
+
+    def outliers(self) -> Outliers:
+        """Lost answers and outliers."""
+        from navsim.sensors.beacons import Outliers
+
+        return Outliers(self.loss, self.outlier_share, self.outlier_sigma_m, self.long_share, self.long_m)
+
+    def model(self, landing: Landing) -> Beacons:
+        """The beacons at a runway, and the filter's model of them."""
+        import numpy as np
+
+        from navsim.sensors.beacons import BeaconDesign, Beacons
+
+        its, runway = landing.filter.beacons, landing.runway
+        given = {key: value for key, value in its if value is not None and key in BeaconsSection.model_fields}
+        other = self.model_copy(update=given)
+        plane, llh = np.full((len(self.sites), 2), np.nan), np.full((len(self.sites), 3), np.nan)
+        for k, site in enumerate(self.sites):
+            llh[k, 2] = runway.ellipsoidal_m + (self.height_m if site.height_m is None else site.height_m)
+            if site.s_m is not None and site.l1_m is not None:
+                plane[k] = site.s_m, site.l1_m
+            elif site.lat_deg is not None and site.lon_deg is not None:
+                llh[k, :2] = site.lat_deg * DEG, math.remainder(site.lon_deg, 360.0) * DEG
+        assumed = BeaconDesign(
+            other.sigma_m, other.weak_sigma_m, other.latency_s, np.array(other.lever_arm_m),
+            other.errors(its.errors == "states"),
+        )  # fmt: skip
+        return Beacons(
+            self.names(), plane, llh, runway.aim_point_m, runway.ellipsoidal_m, runway.heading_deg * DEG, self.rate_hz,
+            self.latency_s, self.sigma_m, self.weak_sigma_m, self.reach,
+            functools.partial(tops_of, landing.terrain), np.array(self.lever_arm_m), self.errors(),
+            self.outliers(), assumed,
+        )  # fmt: skip
+
+
+ERRORS_OF_BEACONS = ("bias_sigma_m", "growth_sigma_m", "survey_sigma_m")
+"""Keys of the errors that a filter may estimate."""
+
+
+class FilterBeacons(FilterAidingSection):
+    """Filter model of the beacons; omitted keys are as in `beacons`."""
+
+    needs = "beacons: {sites: [...], rate_hz: ..., sigma_m: ..., range_limit_m: ...}"
+
+    errors: Literal["states", "none"] = "states"
+    """what the filter does about biases and survey errors: states: estimate those that it assumes, up to five for each
+    beacon; none: nothing, a beacon is described by its noise alone"""
+    sigma_m: Sigma | None = None
+    """1 sigma of the noise near the beacon in the filter model"""
+    weak_sigma_m: NonNegative | None = None
+    """1 sigma of the further noise at the largest range in the filter model"""
+    bias_sigma_m: NonNegative | None = None
+    """1 sigma of the constant bias in the filter model"""
+    growth_m: Annotated[float, Field(ge=-100.0, le=100.0)] | None = None
+    """mean of the growth of the bias in the filter model, which the filter takes off"""
+    growth_sigma_m: NonNegative | None = None
+    """1 sigma of that growth in the filter model"""
+    growth_distance_m: Annotated[float, Field(ge=0.1, le=1e6)] | None = None
+    """distance at which the bias has grown to 63 % in the filter model"""
+    survey_sigma_m: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
+    """1 sigma of the surveyed positions in the filter model"""
+    latency_s: Late | None = None
+    """latency in the filter model"""
+    lever_arm_m: Triple | None = None
+    """lever arm in the filter model"""

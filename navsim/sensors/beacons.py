@@ -1,0 +1,270 @@
+"""Ranging beacons on the ground, by two-way time of flight: the vehicle asks one beacon after the other.
+
+    r = |p_beacon - p_antenna| + b(d) + noise,  b(d) = a + s f(d),  f(d) = 1 - exp(-d / D)
+
+The receiver's clock cancels, since its rate over an exchange of milliseconds is below a millimetre. The bias grows with
+distance as the received power falls. The constant part a and the growth s are drawn for each beacon. The error of its
+survey is drawn, too, and acts along the line of sight.
+
+Source: `docs/theory/beacons.md`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.filter.measurement_models import BEACON, BEACON_STATES, BeaconTable
+from navsim.filter.states import Block
+from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.gnss.pseudolite import runway_position
+from navsim.sensors.aiding import AidingSensor, SensorError
+from navsim.statistics.random_streams import branch
+from navsim.trajectory.kinematics import Frame, Moving
+
+_STATES = ("bias", "bias_growth", "position", "position", "position")
+"""Name of the state of each error of a beacon."""
+_SOURCES = ("bias", "bias_growth", "survey", "survey", "survey")
+"""Name of each in the error budget."""
+_AXES = ("", "", "_north", "_east", "_down")
+
+
+@dataclass(frozen=True)
+class BeaconErrors:
+    """Errors of each beacon that last over a run, and where its bias grows."""
+
+    bias: float
+    """1 sigma of the constant part of the bias, m."""
+    growth: float
+    """Mean of the growth of the bias, m."""
+    growth_sigma: float
+    """1 sigma of the growth, m."""
+    growth_distance: float
+    """Distance at which the bias has grown to 63 %, m."""
+    survey: float
+    """1 sigma of the surveyed position along each axis, m."""
+
+    @property
+    def sigma(self) -> tuple[float, ...]:
+        """1 sigma of the errors of a beacon, in the order of `_STATES`."""
+        return self.bias, self.growth_sigma, self.survey, self.survey, self.survey
+
+    def grown(self, distance: np.ndarray) -> np.ndarray:
+        """Fraction of the growth at distances (m,), m."""
+        return -np.expm1(-distance / self.growth_distance)
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Answers that are not the usual: none, wrong to both sides, or too long by a reflection or an obstruction."""
+
+    loss: float = 0.0
+    """Fraction of the questions without an answer."""
+    share: float = 0.0
+    """Fraction of the ranges that are wrong to both sides."""
+    sigma: float = 0.0
+    """1 sigma of these, m."""
+    long_share: float = 0.0
+    """Fraction of the ranges that are too long."""
+    long: float = 0.0
+    """Mean of the exponential distribution of how much they are too long, m."""
+
+    def applied(self, measured: np.ndarray, draw: np.random.Generator) -> np.ndarray:
+        """Ranges (m, 1) with outliers, nan where the answer is lost."""
+        lost, kind, size, far = draw.random(measured.shape), draw.random(measured.shape), *(
+            draw.standard_normal(measured.shape), draw.standard_exponential(measured.shape),
+        )  # fmt: skip
+        off = np.where(kind < self.share, self.sigma * size, 0.0)
+        off = np.where((kind >= self.share) & (kind < self.share + self.long_share), self.long * far, off)
+        return np.where(lost < self.loss, np.nan, measured + off)
+
+
+@dataclass(frozen=True)
+class BeaconDesign:
+    """Filter model of `Beacons`, whose fields it shares. It estimates the errors whose sigma is not 0."""
+
+    sigma: float
+    weak_sigma: float
+    latency: float
+    lever_arm: np.ndarray
+    errors: BeaconErrors
+
+
+@dataclass(frozen=True)
+class Beacons(AidingSensor):
+    """Ranging beacons, asked in turn."""
+
+    name, kind, numbers, unit = "beacons", BEACON, ("range",), "m"
+
+    names: tuple[str, ...]
+    """Names of the beacons."""
+    plane: np.ndarray
+    """(n, 2) s and l1 in runway axes, m (`gnss.pseudolite.runway_position`); nan where a beacon has coordinates."""
+    llh: np.ndarray
+    """(n, 3) surveyed coordinates and heights above the ellipsoid; coordinates nan for those in runway axes."""
+    aim_point: float
+    """Touchdown point beyond the threshold, m."""
+    height: float
+    """Height of the runway above the ellipsoid, m."""
+    heading: float
+    """Of landing, rad."""
+    rate: float
+    """Questions a second, to all beacons together, Hz."""
+    latency: float
+    """s."""
+    sigma: float
+    """1 sigma of the white noise of a strong signal, m."""
+    weak_sigma: float
+    """1 sigma of the further noise at `reach`, m; it grows with distance."""
+    reach: float
+    """Largest range, m."""
+    tops: Callable[[np.ndarray], np.ndarray]
+    """Tops (w, 2, 3) of ridges, ECEF, m, by the threshold of the runway (3,), rad, rad, m."""
+    lever_arm: np.ndarray
+    """(3,) IMU to antenna, body axes, m."""
+    true_errors: BeaconErrors
+    outliers: Outliers
+    design: BeaconDesign
+    """Filter model."""
+
+    @property
+    def sources(self) -> int:  # type: ignore[override]
+        """Number of beacons."""
+        return len(self.names)
+
+    @property
+    def has_outliers(self) -> bool:  # type: ignore[override]
+        """Whether some ranges are outliers."""
+        return self.outliers.share > 0.0 or self.outliers.long_share > 0.0
+
+    def threshold(self, frame: Frame) -> np.ndarray:
+        """Threshold of the runway (3,), rad, rad, m."""
+        out = llh_from_ecef(frame.origin - self.aim_point * frame.axes[:, 0])
+        out[2] = self.height
+        return out
+
+    def positions(self, frame: Frame) -> np.ndarray:
+        """Surveyed positions (n, 3), rad, rad, m."""
+        threshold, out = self.threshold(frame), self.llh.copy()
+        for row, (s, l1) in zip(out, self.plane, strict=True):
+            if not math.isnan(s):
+                row[:] = runway_position(threshold, self.heading, s, l1, row[2] - self.height)
+        return out
+
+    def asked(self, time: np.ndarray) -> np.ndarray:
+        """Number of the beacon asked at times (m,), s, those of its measurements."""
+        return (np.rint(time * self.rate).astype(np.int64) - 1) % len(self.names)
+
+    def away(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors (t, n, 3) from the antenna to the beacons at times (t,), s, ECEF, m, and which of them (t, n) bool it
+        receives: those within reach, before the radio horizon and not behind terrain."""
+        from navsim.gnss.interference.horizon import behind, horizon_distance
+        from navsim.gnss.signals import antenna_ecef
+
+        llh, antenna = self.positions(flight.frame), antenna_ecef(flight.motion(time), self.lever_arm)
+        beacons = np.repeat(ecef_from_llh(llh)[None], time.size, axis=0)
+        out = beacons - antenna[:, None]
+        here, there = llh_from_ecef(antenna)[:, 2] - self.height, llh[:, 2] - self.height
+        horizon = horizon_distance(here)[:, None] + horizon_distance(there)
+        received = np.linalg.norm(out, axis=2) <= np.minimum(self.reach, horizon)
+        return out, received & ~behind(self.tops(self.threshold(flight.frame)), beacons, antenna)
+
+    def line_of_sight(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors (m, 3) to the beacons asked, and whether they are received (m,), as `away`."""
+        (away, received), of = self.away(flight, time), (np.arange(time.size), self.asked(time))
+        return away[of], received[of]
+
+    def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
+        """Ranges (m, 1) with the mean bias, m; nan where the beacon asked is not received."""
+        away, received = self.line_of_sight(flight, time)
+        distance, its = np.linalg.norm(away, axis=1), self.true_errors
+        return np.where(received, distance + its.growth * its.grown(distance), np.nan)[:, None]
+
+    def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
+        """1 sigma (m, 1) of the white noise, m; that of a strong signal where it measures nothing."""
+        return np.hypot(self.sigma, self.weak_sigma / self.reach * np.nan_to_num(exact))
+
+    def spoiled(self, measured: np.ndarray, draw: np.random.Generator) -> np.ndarray:
+        """Ranges (m, 1) of a run with lost answers and outliers."""
+        if self.outliers == Outliers():
+            return measured
+        return self.outliers.applied(measured, branch(draw, 1 + len(self.errors)))
+
+    def table(self, frame: Frame, measured: np.ndarray) -> BeaconTable:
+        """Ranges as the filter takes them."""
+        its, llh = self.design, self.positions(frame)
+        return BeaconTable(
+            measured[:, 0].copy(), np.arange(len(measured)) % len(self.names), ecef_from_llh(llh),
+            ned_matrix(llh), its.sigma, its.weak_sigma / self.reach, its.errors.growth,
+            its.errors.growth_distance, its.lever_arm,
+        )  # fmt: skip
+
+    @property
+    def design_latency(self) -> float:
+        """Age of a measurement on arrival in the filter model, s."""
+        return self.design.latency
+
+    @property
+    def is_true_model(self) -> bool:
+        """Whether the filter model equals the beacons."""
+        its = self.design
+        mine = self.sigma, self.weak_sigma, self.latency, self.true_errors
+        same = mine == (its.sigma, its.weak_sigma, its.latency, its.errors)
+        return same and self.outliers == Outliers() and np.array_equal(self.lever_arm, its.lever_arm)
+
+    @property
+    def errors(self) -> tuple[SensorError, ...]:
+        """The errors of each beacon that last over a run: bias, its growth, and survey along north, east and down."""
+        own = zip(_SOURCES, self.true_errors.sigma, strict=True)
+        each = [SensorError(name, sigma, math.inf) for name, sigma in own]
+        return tuple(each * len(self.names))
+
+    def effects(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Derivatives (m, 1, 1) of the ranges by each of these errors."""
+        its, asked = self.true_errors, self.asked(time)
+        away, _ = self.line_of_sight(flight, time)
+        distance = np.linalg.norm(away, axis=1)
+        # a longer way also has a larger bias
+        steeper = 1.0 + its.growth / its.growth_distance * np.exp(-distance / its.growth_distance)
+        along = np.einsum("mj,mkj->mk", away, ned_matrix(self.positions(flight.frame))[asked])
+        along *= (steeper / distance)[:, None]
+        each = np.column_stack([np.ones_like(distance), its.grown(distance), along])
+        return tuple(
+            np.where(asked == beacon, each[:, k], 0.0)[:, None, None]
+            for beacon in range(len(self.names))
+            for k in range(BEACON_STATES)
+        )
+
+    @property
+    def mean_errors(self) -> np.ndarray:
+        """Mean of each error beyond the filter's own: `noise_free` includes the mean bias, and the filter takes off
+        that of its model."""
+        return np.tile([0.0, self.true_errors.growth - self.design.errors.growth, 0.0, 0.0, 0.0], len(self.names))
+
+    @property
+    def followed(self) -> tuple[int, ...]:
+        """The errors that the filter estimates."""
+        return tuple(k for k, _, _ in self._states())
+
+    def states(self, step: float) -> tuple[tuple[Block, float], ...]:
+        """States for these errors, m."""
+        return tuple((Block(name, "m", BEACON, first=k, size=1), sigma) for k, name, sigma in self._states())
+
+    def _states(self) -> Iterator[tuple[int, str, float]]:
+        """Number, name and 1 sigma of each error that the filter estimates."""
+        for number, beacon in enumerate(self.names):
+            for k, sigma in enumerate(self.design.errors.sigma):
+                if sigma > 0.0:
+                    yield BEACON_STATES * number + k, f"{self.name}_{_STATES[k]}_{beacon}{_AXES[k]}", sigma
+
+
+def largest_range(radiated: float, gain: float, sensitivity: float, carrier: float) -> float:
+    """Largest range in free space, m: where the received power is the sensitivity.
+
+    radiated: equivalent isotropically radiated power, dBm. gain: of the receiving antenna, dBi. sensitivity: dBm.
+    carrier: Hz.
+    """
+    return float(SPEED_OF_LIGHT / (4.0 * np.pi * carrier) * 10.0 ** ((radiated + gain - sensitivity) / 20.0))

@@ -1,0 +1,120 @@
+"""Ranging beacons against dense algebra, a free-space link and the fusion rule of an autopilot."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from navsim.filter import states
+from navsim.filter.measurement_models import BEACON, Measurements, observe
+from navsim.geodesy.earth import ecef_from_llh
+from navsim.gnss.dop import dops
+from navsim.gnss.ranging_geometry import mixed_dops, two_way_dops
+from navsim.sensors.beacons import largest_range
+from tests.conftest import Within
+from tests.helpers import case
+
+
+@pytest.mark.validates(
+    "DOPs of two-way ranges, alone and with satellites", "numpy pseudoinverse, 1000 layouts", "(relative)", DOPs="1e-9"
+)
+def test_two_way_dops(within: Within) -> None:
+    """The Fisher information of ranges of unit sigma is the sum of u u'; its inverse is the Cramer-Rao bound.
+
+    Satellites add a column for each of their clocks."""
+    rng = np.random.default_rng(42)
+    for _ in range(1000):
+        away = rng.uniform(-1.0, 1.0, (int(rng.integers(4, 9)), 3)) * [800.0, 800.0, rng.uniform(30.0, 300.0)]
+        u = away / np.sqrt((away**2).sum(axis=1))[:, None]
+        bound = np.linalg.pinv(sum(np.outer(one, one) for one in u))
+        expected = [bound.trace(), bound[0, 0] + bound[1, 1], bound[2, 2]]
+        for own in (two_way_dops(away[None]), mixed_dops(away[None], np.empty((1, 0, 3)), np.empty(0, np.int64))):
+            np.testing.assert_allclose(own[0], np.sqrt(expected), rtol=within["DOPs"])
+
+        count = int(rng.integers(0, 7))
+        los, clock = rng.standard_normal((count, 3)), rng.integers(0, 3, count)
+        los /= np.linalg.norm(los, axis=1, keepdims=True)
+        columns = (clock[:, None] == np.unique(clock)).astype(float)
+        h = np.block([[-u, np.zeros((len(u), columns.shape[1]))], [-los, columns]])
+        bound = np.linalg.pinv(h, rcond=1e-15) @ np.linalg.pinv(h, rcond=1e-15).T
+        expected = [bound[:3, :3].trace(), bound[0, 0] + bound[1, 1], bound[2, 2]]
+        mixed = mixed_dops(away[None], los[None], clock)[0]
+        np.testing.assert_allclose(mixed, np.sqrt(expected), rtol=within["DOPs"])
+
+
+def test_three_beacons_are_enough_and_have_no_clock() -> None:
+    """Three rows at right angles: each coordinate is a range. GDOP is PDOP, and there is no TDOP."""
+    g, p, h, v, t = dops(np.eye(3)[None], np.full(3, -1))[0]
+    assert (g, p, h, v) == pytest.approx((math.sqrt(3.0), math.sqrt(3.0), math.sqrt(2.0), 1.0), abs=1e-14)
+    assert np.isnan(t)
+    assert np.isnan(dops(np.eye(3)[None, :2], np.full(2, -1))).all()
+    level = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, -0.8, 0.0]])
+    assert np.isnan(dops(level[None], np.full(3, -1))).all(), "beacons at the aircraft's own height"
+
+
+def test_link_budget() -> None:
+    """Path loss in free space in dB, by the usual formula in km and MHz: 32.45 + 20 lg d + 20 lg f."""
+    reach = largest_range(14.0, 2.0, -97.0, 868e6)
+    loss = 32.4478 + 20.0 * math.log10(reach / 1e3) + 20.0 * math.log10(868.0)
+    assert loss == pytest.approx(14.0 + 2.0 + 97.0, abs=1e-3)
+
+
+def wgs84(lat: float, lon: float, height: float) -> np.ndarray:
+    """ECEF coordinates, written down anew."""
+    a, f = 6378137.0, 1.0 / 298.257223563
+    e2 = f * (2.0 - f)
+    n = a / math.sqrt(1.0 - e2 * math.sin(lat) ** 2)
+    level = (n + height) * math.cos(lat)
+    return np.array([level * math.cos(lon), level * math.sin(lon), (n * (1.0 - e2) + height) * math.sin(lat)])
+
+
+@pytest.mark.validates(
+    "predicted range, noise and gate of a beacon without bias",
+    "fusion rule of PX4's EKF2, written anew",
+    ranges="4e-9 m",
+)
+def test_rule_of_an_autopilot(within: Within) -> None:
+    """Innovation |p - p_beacon| - r in ECEF, R the larger of reported and configured noise, rejection where the squared
+    innovation exceeds gate^2 (H P H' + R), H the unit vector from the beacon. The IMU is at the antenna."""
+    sites = "[{s_m: 300, l1_m: 900, height_m: 20}, {s_m: -250, l1_m: 400}, {s_m: 50, l1_m: -600, height_m: 4}]"
+    flown = case("duration_s=30", "receiver.rate_hz=1",
+                 f"beacons={{sites: {sites}, rate_hz: 6, sigma_m: 0.4, range_limit_m: 9000}}")  # fmt: skip
+    (aid,) = flown.shared.aids
+    measured = aid.measured(5, 0)
+    tables = Measurements.of({BEACON: aid.table(measured)})
+    declared, llh = flown.flight.model.declared, aid.sensor.positions(aid.frame)
+    n = states.SENSORS + declared.size
+    rng, gate = np.random.default_rng(6), 5.0
+    root = rng.standard_normal((n, n)) * 0.3
+    p = root @ root.T
+    truth, rejected = flown.trajectory.llh(aid.time), 0
+    for row in range(aid.time.size):
+        nav = np.zeros(states.NAV_SENSORS + declared.size)
+        nav[states.NAV_QUAT] = 1.0
+        nav[states.NAV_LLH : states.NAV_VEL] = truth[row] + np.array([1e-6, -2e-6, 5.0]) * rng.standard_normal(3)
+        have, z, h, r = np.zeros(6), np.zeros(6), np.zeros((6, n)), np.zeros((6, 6))
+        observe(BEACON, row, tables, nav, np.zeros(6), 0.01, declared, np.zeros((3, 3)), have, z, h, r)
+
+        lat, lon, height = nav[states.NAV_LLH : states.NAV_VEL]
+        delta = wgs84(lat, lon, height) - wgs84(*llh[row % 3])
+        innovation = math.sqrt(delta @ delta) - measured[row, 0]
+        # a coordinate of 6e6 m is rounded to 9e-10 m
+        assert -z[0] == pytest.approx(innovation, abs=within["ranges"])
+        reported = 0.4**2
+        assert r[0, 0] == pytest.approx(max(reported, 0.1**2), abs=1e-15)
+        north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
+        east, up = (
+            np.array([-math.sin(lon), math.cos(lon), 0.0]),
+            wgs84(lat, lon, height + 1.0) - wgs84(lat, lon, height),
+        )
+        unit = delta / math.sqrt(delta @ delta)
+        along = np.array([unit @ north, unit @ east, -unit @ up])
+        variance = along @ p[:3, :3] @ along + max(reported, 0.1**2)
+        assert h[0] @ p @ h[0] + r[0, 0] == pytest.approx(variance, abs=1e-6)
+        ours = z[0] ** 2 > gate**2 * (h[0] @ p @ h[0] + r[0, 0])
+        assert ours == (innovation**2 > gate**2 * variance)
+        rejected += ours
+    assert 0 < rejected < aid.time.size
+    np.testing.assert_allclose(wgs84(*llh[0]), ecef_from_llh(llh[0]), atol=1e-8)

@@ -1,0 +1,192 @@
+"""Ranging beacons: their model by hand, its linearisation, lost answers and outliers, mirror images, messages."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.filter import eskf, states
+from navsim.filter.measurement_models import BEACON, Measurements, observe, slot
+from navsim.geodesy.earth import ecef_from_llh
+from navsim.gnss.ranging_geometry import mirror_image
+from navsim.results.result import read
+from navsim.scenario.source import InputError
+from navsim.sensors.beacons import Beacons
+from navsim.simulation.aiding import Aid
+from tests.forks import navsim
+from tests.helpers import SCENARIOS, case, scenario
+
+SITES = "{s_m: 300, l1_m: 900, height_m: 20}, {name: west, s_m: -250, l1_m: 400}, {lat_deg: 56.02, lon_deg: 37.01}"
+BRIEF = ("duration_s=30", "receiver.rate_hz=1", "imu.rate_hz=20")
+
+
+def section(*keys: str, sites: str = SITES) -> str:
+    """Section of beacons with these keys."""
+    return f"beacons={{sites: [{sites}], {', '.join(('rate_hz: 6, sigma_m: 0.1, range_limit_m: 9000', *keys))}}}"
+
+
+def flown(*keys: str, sites: str = SITES) -> tuple[Any, Aid, Beacons]:
+    """A landing, its beacons on the flight, and their model."""
+    of = case(*BRIEF, section(*keys, sites=sites))
+    (aid,) = of.shared.aids
+    assert isinstance(aid.sensor, Beacons)
+    return of, aid, aid.sensor
+
+
+def test_what_they_measure() -> None:
+    """In turn, from the antenna, with the mean bias; nothing out of reach."""
+    of, aid, sensor = flown("growth_m: 0.5, growth_distance_m: 400, weak_sigma_m: 0.9, lever_arm_m: [2, 1, -1]")
+    motion = of.trajectory.motion(aid.time)
+    llh = sensor.positions(aid.frame)
+    assert np.degrees(llh[2, :2]) == pytest.approx([56.02, 37.01])
+    assert llh[:, 2] - of.scenario.runway.ellipsoidal_m == pytest.approx([20.0, 0.0, 0.0])
+    sites = ecef_from_llh(llh)
+    for row in (0, 1, 2, 3, 100):
+        lat, lon = motion.llh[row, :2]
+        down = -np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+        east = np.array([-math.sin(lon), math.cos(lon), 0.0])
+        axes = np.column_stack([np.cross(east, down), east, down])
+        antenna = motion.position_ecef[row] + axes @ motion.c_nb[row] @ [2.0, 1.0, -1.0]
+        distance = np.linalg.norm(sites[row % 3] - antenna)
+        bias = 0.5 * (1.0 - math.exp(-distance / 400.0))
+        assert aid.exact[row, 0] == pytest.approx(distance + bias, abs=1e-8)
+        assert aid.sigma[row, 0] == pytest.approx(math.hypot(0.1, 0.9 * distance / 9000.0), rel=1e-3)
+
+
+def test_out_of_reach_and_behind_a_ridge() -> None:
+    """No range beyond the limit; a ridge across the approach hides those on its other side."""
+    (far,) = case(*BRIEF, section()).shared.aids
+    assert not np.isnan(far.exact).any()
+    middle = float(np.median(far.exact))
+    (aid,) = case(*BRIEF, section().replace("9000", f"{middle:.3f}")).shared.aids
+    np.testing.assert_array_equal(np.isnan(aid.exact), far.exact > middle)
+    ridge = "terrain=[{azimuth_deg: [150, 210], elevation_deg: 25, distance_m: 1100}]"
+    of = case(*BRIEF, section(), ridge)
+    (hidden,) = of.shared.aids
+    away = of.trajectory.frame.origin - of.trajectory.motion(hidden.time).position_ecef
+    beyond = np.linalg.norm(away, axis=1) > 1250.0
+    assert beyond.any()
+    assert np.isnan(hidden.exact[beyond]).all()
+
+
+def test_their_linearisation() -> None:
+    """Each column of H against the change of the prediction, with all errors, at an attitude far from level."""
+    of, aid, _ = flown("bias_sigma_m: 1, growth_m: 2, growth_sigma_m: 1, growth_distance_m: 200, survey_sigma_m: 1, "
+                       "weak_sigma_m: 5, lever_arm_m: [20, -10, 5]")  # fmt: skip
+    declared = of.flight.model.declared
+    assert declared.size == 6 + 3 * 5
+    tables = Measurements.of({BEACON: aid.table(aid.exact)})
+    rng, n = np.random.default_rng(7), states.SENSORS + declared.size
+    nav = np.zeros(states.NAV_SENSORS + declared.size)
+    nav[states.NAV_LLH : states.NAV_VEL] = of.trajectory.llh(np.array([20.0]))[0]
+    nav[states.NAV_QUAT : states.NAV_BIAS_FRAME] = np.array([0.82, 0.27, -0.34, 0.37]) / np.linalg.norm(
+        [0.82, 0.27, -0.34, 0.37]
+    )
+    nav[states.NAV_SENSORS + 6 :] = rng.standard_normal(15) * np.tile([1.0, 1.0, 0.0, 0.0, 0.0], 3)
+
+    def observed(nav: np.ndarray, row: int) -> tuple[float, np.ndarray, float]:
+        have, z, h, r = np.zeros(6), np.zeros(6), np.zeros((6, n)), np.zeros((6, 6))
+        assert observe(BEACON, row, tables, nav, np.zeros(6), 0.01, declared, np.zeros((3, 3)), have, z, h, r) == 1
+        return float(z[0]), h[0], float(r[0, 0])
+
+    for row in range(3):
+        _, h, r = observed(nav, row)
+        assert r > 0.01, "the noise grows with distance"
+        for c in (*range(3), *range(6, 9), *range(states.SENSORS + 6, n)):
+            size = 1e-6 if states.ATT <= c < states.SENSORS else 1e-2
+            sides = []
+            for sign in (1.0, -1.0):
+                step, moved = np.zeros(n), nav.copy()
+                step[c] = sign * size
+                eskf.inject(moved, step)
+                sides.append(observed(moved, row)[0])
+            slope = (sides[1] - sides[0]) / (2.0 * size)
+            assert slope == pytest.approx(h[c], rel=1e-5, abs=1e-5), (row, c)
+        own = slice(states.SENSORS + 6 + 5 * row, states.SENSORS + 6 + 5 * row + 5)
+        others = np.delete(h[states.SENSORS + 6 :], np.arange(5 * row, 5 * row + 5))
+        assert np.all(h[own] != 0.0)
+        assert not others.any()
+        assert slot(BEACON, row, tables) == slot(BEACON, row + 3, tables) != slot(BEACON, (row + 1) % 3, tables)
+
+
+def test_lost_answers_and_outliers() -> None:
+    """Their shares and sizes over 60 runs of 180 questions, and the noise that is left unchanged by them."""
+    _, aid, _ = flown("loss: 0.2, outlier_share: 0.1, outlier_sigma_m: 30, long_share: 0.05, long_m: 40")
+    _, plain, _ = flown()
+    off = np.concatenate([aid.measured(1, run) - plain.measured(1, run) for run in range(60)])
+    count = off.size
+    lost = np.isnan(off)
+    assert lost.mean() == pytest.approx(0.2, abs=4.0 * math.sqrt(0.16 / count))
+    there = off[~lost]
+    assert (there != 0.0).mean() == pytest.approx(0.15, abs=0.015)
+    assert (there < 0.0).mean() == pytest.approx(0.05, abs=0.01)
+    longer = 0.5 * 30.0 * math.sqrt(2.0 / math.pi) + 0.5 * 40.0
+    assert there[there > 0.0].mean() == pytest.approx(longer, rel=0.1)
+
+
+def test_mirror_image() -> None:
+    """Beacons on level ground have the image under it, as far below as the aircraft is above, exact; one on a mast is
+    told apart by its residual, and a thick layout has none."""
+    level = np.array([[0.0, 0.0, 0.0], [900.0, 0.0, 0.0], [0.0, 700.0, 0.0], [800.0, 600.0, 0.0]])
+    at = np.array([300.0, 200.0, 80.0])
+    image, residual = mirror_image(level, at)
+    assert image == pytest.approx([300.0, 200.0, -80.0], abs=1e-6)
+    assert residual < 1e-6
+    mast = level + np.array([[0.0, 0.0, 25.0]]) * np.array([[1.0], [0.0], [0.0], [0.0]])
+    image, residual = mirror_image(mast, at)
+    assert -120.0 < image[2] < -40.0
+    assert residual > 0.1
+    assert np.isnan(mirror_image(level * [1, 1, 0] + np.diag([0.0, 0.0, 0.0, 500.0])[:, 3:] * [0, 0, 1], at)[1])
+    assert np.isnan(mirror_image(level[:2], at)[1])
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "text"),
+    [
+        ("{sites: [], rate_hz: 6, sigma_m: 0.1, range_limit_m: 9000}", "beacons.sites", "at least 1"),
+        (f"{{sites: [{SITES}], rate_hz: 6, sigma_m: 0.1}}", "beacons.range_limit_m", "link budget"),
+        (f"{{sites: [{SITES}], rate_hz: 6, sigma_m: 0.1, range_limit_m: 9, eirp_dbm: 3}}", "beacons.eirp_dbm",
+         "one of both"),
+        (f"{{sites: [{SITES}], rate_hz: 6, sigma_m: 0.1, range_limit_m: 900, long_share: 0.1}}", "beacons.long_m",
+         "goes with long_share"),
+        (f"{{sites: [{SITES}], rate_hz: 6, sigma_m: 0.1, range_limit_m: 900, carrier_mhz: 50}}", "beacons.carrier_mhz",
+         "100"),
+        ("{sites: [{name: a, s_m: 90, l1_m: 0}, {name: a, s_m: 80, l1_m: 0}], rate_hz: 6, sigma_m: 0.1, "
+         "range_limit_m: 900}", "beacons.sites", "two beacons are named"),
+        ("{sites: [{s_m: 0, l1_m: -200}], rate_hz: 6, sigma_m: 0.1, range_limit_m: 900}", "beacons.sites",
+         "must stay 10 m away"),
+        (f"{{sites: [{SITES}], rate_hz: 500, sigma_m: 0.1, range_limit_m: 900}}", "beacons.rate_hz", "imu.rate_hz"),
+    ],
+)  # fmt: skip
+def test_messages(keys: str, key: str, text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        scenario("imu.rate_hz=20", f"beacons={keys}")
+    assert any(key in str(problem) and text in str(problem) for problem in caught.value.problems), caught.value.problems
+
+
+def test_a_link_budget_is_a_largest_range() -> None:
+    keys = section().replace("range_limit_m: 9000", "eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868")
+    (aid,) = case(*BRIEF, keys).shared.aids
+    assert isinstance(aid.sensor, Beacons)
+    assert aid.sensor.reach == pytest.approx(9740.0, rel=0.01)
+
+
+def test_a_flat_layout_is_warned_of_and_shown(tmp_path: Any) -> None:
+    """The warning names VDOP and the mirror solution; the result has both, and table and map show the beacons."""
+    flat = "{s_m: 300, l1_m: 900}, {s_m: -250, l1_m: 400}, {s_m: 200, l1_m: -500}, {s_m: -200, l1_m: -500}"
+    path = tmp_path / "b.h5"
+    done = navsim("run", SCENARIOS / "landing.yaml", "--set", "duration_s=30", "--set", "receiver.rate_hz=1", "--set",
+                  section(sites=flat), "--method", "covariance", "-o", path, "--figures", "none",
+                  cwd=tmp_path)  # fmt: skip
+    assert "beacons: they hardly show the height on the glide: VDOP" in done.stderr
+    assert "mirror solution" in done.stderr
+    assert "VDOP, beacons" in done.stdout
+    result = read(path)
+    assert list(result["/beacons/name"]) == ["B1", "B2", "B3", "B4"]
+    assert np.all(result["/beacons/vdop_with_sources"] < result["/beacons/vdop"])
+    height = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2]
+    assert result["/beacons/image_height"][0] == pytest.approx(-2.0 * height[0], rel=0.05)
+    assert np.nanmax(result["/beacons/image_residual"]) < 0.05
