@@ -36,6 +36,7 @@ PLACES = {
     "export": "navsim.cli.results:export",
     "report": "navsim.cli.reports:report",
     "verify": "navsim.cli.verify:verify",
+    "evidence": "navsim.cli.verify:evidence",
     "cite": "navsim.cli.reports:cite",
     "validate": "navsim.cli.files:validate",
     "schema": "navsim.cli.files:schema",

@@ -1,4 +1,4 @@
-"""`navsim verify`: is a result what its scenario gives by this code?"""
+"""`navsim verify`, `navsim evidence`: a result for a reviewer."""
 
 from __future__ import annotations
 
@@ -7,27 +7,34 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from navsim.cli.common import leave, leaving, print_json, progress
+from navsim.cli.common import leave, leaving, print_json, progress, read_result
 from navsim.cli.exit_status import BAD_INPUT, CHECK_FAILED, print_message
 from navsim.cli.options import WorkersOption
+from navsim.cli.results import shown_as_stored
 
 if TYPE_CHECKING:
     from navsim.runner.verification import Verification
 
 _ALL = "all"
+FolderOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="Folder of the files that the scenario names. Default: that of the scenario when it was computed, "
+        "the working folder, or that of the result.",
+        show_default=False,
+    ),
+]
+
+
+def _check_folder(folder: Path | None) -> None:
+    if folder is not None and not folder.is_dir():
+        leave(BAD_INPUT, f"--folder {folder}: no such folder")
 
 
 def verify(
     file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="The result.", show_default=False)],
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Folder of the files that the scenario names. Default: that of the scenario when it was computed, "
-            "the working folder, or that of the result.",
-            show_default=False,
-        ),
-    ] = None,
+    folder: FolderOption = None,
     runs: Annotated[
         str,
         typer.Option(metavar="N|all", help="Number of runs of an ensemble to fly again, drawn at random."),
@@ -47,8 +54,7 @@ def verify(
 
     if runs != _ALL and not (runs.isascii() and runs.isdigit() and int(runs) > 0):
         leave(BAD_INPUT, f"--runs {runs}: a number of runs from 1 on, or {_ALL}, is needed")
-    if folder is not None and not folder.is_dir():
-        leave(BAD_INPUT, f"--folder {folder}: no such folder")
+    _check_folder(folder)
     count = verification.ALL if runs == _ALL else int(runs)
     with leaving(), progress(0, "", not quiet) as tell:
         try:
@@ -73,3 +79,30 @@ def _print(found: Verification, quiet: bool) -> None:
     shown = [check for check in found.checks if not quiet or check.verdict in (DIFFERS, UNCHECKED)]
     for check in shown:
         print(f"{check.subject:<11} {check.verdict:<12} {check.text}")
+
+
+def evidence(
+    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="The result.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="FOLDER", help="New or empty folder for the files.", show_default=False),
+    ],
+    folder: FolderOption = None,
+    licence: Annotated[
+        str, typer.Option("--license", metavar="URL", help="Terms of use, such as a Creative Commons URL.")
+    ] = "",
+) -> None:
+    """Write a result with its inputs as a folder for a reviewer.
+
+    A page has verdicts, warnings, tables, outside judges of the methods, effects that are not modelled, and commands
+    that repeat the result. The folder is an RO-Crate, for archives of research data.
+    """
+    from navsim.runner.evidence import write_evidence
+
+    _check_folder(folder)
+    if not output.parent.is_dir():
+        leave(BAD_INPUT, f"{output.parent}: no such folder; create it first or choose another -o/--output")
+    result = read_result(file)
+    with leaving(), shown_as_stored([result], [file]):
+        for path in write_evidence(file, output, folder, licence):
+            print(path)

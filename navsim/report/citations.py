@@ -75,7 +75,7 @@ _FLYING = ("landing", "sweep", "optimize", "table2", "integrity-table", "live")
 """Kinds whose results are of landings."""
 
 
-def _landing(_: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
+def of_landing(_: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
     return root["kind"] in _FLYING
 
 
@@ -83,7 +83,7 @@ def _kind(*names: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]
     return lambda _, root: root["kind"] in names
 
 
-def _filtered(scenario: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
+def filtered(scenario: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
     """Whether a navigation filter is in it."""
     if root["kind"] in ("optimize", "sweep"):
         return root.get("method") not in ("dop", None)
@@ -91,7 +91,7 @@ def _filtered(scenario: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
 
 
 def _filter(*names: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
-    return lambda scenario, root: _filtered(scenario, root) and _at(scenario, "filter", "kind") in names
+    return lambda scenario, root: filtered(scenario, root) and at(scenario, "filter", "kind") in names
 
 
 def _method(name: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
@@ -99,24 +99,24 @@ def _method(name: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]
 
 
 def _integrity(*names: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
-    return lambda scenario, root: _landing(scenario, root) and _at(scenario, "integrity", "method") in names
+    return lambda scenario, root: of_landing(scenario, root) and at(scenario, "integrity", "method") in names
 
 
 def _sky(*names: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
-    return lambda scenario, root: _landing(scenario, root) and _at(scenario, "sky", "source") in names
+    return lambda scenario, root: of_landing(scenario, root) and at(scenario, "sky", "source") in names
 
 
 def _named(nominal: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
     """Method of a satellite system that flies only if it is named; nominal: source of its design."""
 
     def flies(scenario: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
-        named = (f"nominal-{name}" for name in _at(scenario, "sky", "systems") or ())
-        return _landing(scenario, root) and nominal in (_at(scenario, "sky", "source"), *named)
+        named = (f"nominal-{name}" for name in at(scenario, "sky", "systems") or ())
+        return of_landing(scenario, root) and nominal in (at(scenario, "sky", "source"), *named)
 
     return flies
 
 
-def _at(scenario: Mapping[str, Any], *keys: str) -> Any:
+def at(scenario: Mapping[str, Any], *keys: str) -> Any:
     """A setting; None where the scenario has none there."""
     node: Any = scenario
     for key in keys:
@@ -127,12 +127,12 @@ def _at(scenario: Mapping[str, Any], *keys: str) -> Any:
 _LANDING, _FILTER, _WATCH = "docs/theory/landing.md", "docs/theory/filter.md", "docs/theory/integrity.md"
 _SIGNALS = "docs/theory/signals.md"
 METHODS = (
-    Method("the landing, its sensors and its signals", _LANDING, ("landing_paper", "groves2013"), _landing),
+    Method("the landing, its sensors and its signals", _LANDING, ("landing_paper", "groves2013"), of_landing),
     Method(
         "fixes by weighted least squares, dilution of precision",
         _LANDING,
         ("kaplan2017", "misra2006", "groves2013"),
-        _landing,
+        of_landing,
     ),
     Method("GLONASS satellites", _SIGNALS, ("glonass_icd",), _sky("nominal-glonass", "nominal", "navigation")),
     Method("GPS satellites", _SIGNALS, ("is_gps_200",), _sky("nominal-gps", "nominal", "navigation")),
@@ -151,18 +151,18 @@ METHODS = (
         _SIGNALS,
         ("is_gps_200", "saastamoinen1972"),
         lambda scenario, root: (
-            _landing(scenario, root)
-            and any(_at(scenario, "signals", part) is not None for part in ("ionosphere", "troposphere"))
+            of_landing(scenario, root)
+            and any(at(scenario, "signals", part) is not None for part in ("ionosphere", "troposphere"))
         ),
     ),
     Method(
         "inertial sensors and their errors",
         "docs/imu.md",
         ("ieee952", "titterton2004"),
-        lambda scenario, root: _filtered(scenario, root) and root["kind"] != "replay",
+        lambda scenario, root: filtered(scenario, root) and root["kind"] != "replay",
     ),
-    Method("strapdown mechanisation", _FILTER, ("savage1998", "groves2013"), _filtered),
-    Method("error model and update of the navigation filter", _FILTER, ("groves2013", "barfoot2017"), _filtered),
+    Method("strapdown mechanisation", _FILTER, ("savage1998", "groves2013"), filtered),
+    Method("error model and update of the navigation filter", _FILTER, ("groves2013", "barfoot2017"), filtered),
     Method("filter on the two-frames group", _FILTER, ("barrau2023", "fornasier2023"), _filter("tfg", "gaussian-sum")),
     Method(
         "error-state filter with reset of its covariance",
@@ -190,7 +190,7 @@ METHODS = (
         "consistency: each state's sigma, NEES, NIS and their bands",
         "docs/theory/consistency.md",
         ("barshalom2001", "satterthwaite1946", "worsley1982"),
-        lambda scenario, root: _filtered(scenario, root) or root["kind"] in ("mls-elevation", "azimuth-tracking"),
+        lambda scenario, root: filtered(scenario, root) or root["kind"] in ("mls-elevation", "azimuth-tracking"),
     ),
     Method(
         "linear covariance analysis and error budget", "docs/covariance.md", ("maybeck1979",), _method("covariance")
@@ -213,13 +213,13 @@ METHODS = (
         "protection levels of augmentation systems, alert limits",
         _WATCH,
         ("do229", "annex10"),
-        lambda scenario, root: _landing(scenario, root) and _at(scenario, "integrity") is not None,
+        lambda scenario, root: of_landing(scenario, root) and at(scenario, "integrity") is not None,
     ),
     Method(
         "interference",
         "docs/theory/interference.md",
         ("kaplan2017", "betz2001ntm", "betz2001", "itu526", "gold1967", "elrod1996"),
-        lambda scenario, root: _landing(scenario, root) and bool(_at(scenario, "interference")),
+        lambda scenario, root: of_landing(scenario, root) and bool(at(scenario, "interference")),
     ),
     Method("search for placements", "docs/placement.md", ("storn1997", "deb2000", "jones1998"), _kind("optimize")),
     Method("alignment in flight", "docs/replay.md", ("wu2013", "groves2013"), _kind("replay")),

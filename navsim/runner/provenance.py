@@ -38,6 +38,9 @@ class InputFile:
     sha256: str
     size: int
 
+    def __str__(self) -> str:
+        return f"{self.name} ({self.key})" if self.key else self.name
+
 
 def inputs_of(job: Any) -> dict[tuple[str, str], InputFile]:
     """Files of a prepared job, by name and key. Files that are gone or too large are left out."""

@@ -211,29 +211,32 @@ def _check_software(out: Verification, result: Result) -> float:
     return 0.0
 
 
+def find_inputs(result: Result, file: Path, folder: Path | None) -> list[tuple[InputFile, Path | None]]:
+    """Input files of a result, with their places here.
+
+    folder: first place to look; None: the scenario's folder when the result was computed.
+    """
+    inputs = stored_inputs(result)
+    near = [Path(each.name).parent for each in inputs if not each.key] if folder is None else [folder]
+    return [(each, _find(each, [*near, Path(), file.parent, file.parent / "inputs"])) for each in inputs]
+
+
 def _check_inputs(out: Verification, result: Result, file: Path, folder: Path | None) -> dict[str, Path] | None:
     """Compare the digests of input files; returns where they are by name, None if one is lacking."""
-    inputs, found = stored_inputs(result), dict[str, Path]()
-    main = next((each for each in inputs if not each.key), None)
-    near = [folder] if folder is not None else [Path(main.name).parent] if main is not None else []
-    wrong, lacking = list[str](), list[str]()
-    for each in inputs:
-        path = _find(each, [*near, Path(), file.parent, file.parent / "inputs"])
-        label = f"{each.name}" + (f" ({each.key})" if each.key else "")
-        if path is None:
-            (lacking if each.key else []).append(label)
-            if not each.key:
-                text = f"{label}: not found here; the scenario stored in the result is used"
-                out.checks.append(VerificationCheck("inputs", NOTE, text))
-            continue
-        found[each.name] = path
-        checksum = files.checksum(path)
-        if checksum != each.sha256:
-            text = f"{label}: {path} has SHA-256 {checksum[:16]}, the file that was read had {each.sha256[:16]}"
-            wrong.append(text)
-    for label in lacking:
-        text = f"{label}: no such file; --folder says where the files lie that the scenario names"
-        out.checks.append(VerificationCheck("inputs", UNCHECKED, text))
+    found, wrong, lacking = dict[str, Path](), list[str](), False
+    for each, path in find_inputs(result, file, folder):
+        if path is not None:
+            found[each.name] = path
+            if (checksum := files.checksum(path)) != each.sha256:
+                text = f"{path} has SHA-256 {checksum[:16]}, the file that was read had {each.sha256[:16]}"
+                wrong.append(f"{each}: {text}")
+        elif each.key:
+            lacking = True
+            text = f"{each}: no such file; --folder says where the files lie that the scenario names"
+            out.checks.append(VerificationCheck("inputs", UNCHECKED, text))
+        else:
+            text = f"{each}: not found here; the scenario stored in the result is used"
+            out.checks.append(VerificationCheck("inputs", NOTE, text))
     if wrong or not lacking:
         out.add("inputs", wrong, f"{several(len(found), 'file')}: {', '.join(found)}" if found else "no files")
     return None if lacking else found

@@ -360,7 +360,8 @@ class _Approach(Section):
 
     @model_validator(mode="after")
     def _steered(self) -> Self:
-        if self.guidance == "reference" and self.autopilot.model_fields_set:
+        # a stored scenario has every default written out
+        if self.guidance == "reference" and self.autopilot.model_dump() != AutopilotSection().model_dump():
             raise reject("is for `guidance: estimate`", "autopilot")
         return self
 

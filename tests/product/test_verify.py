@@ -18,6 +18,8 @@ from navsim.results.contents import attribute_digest
 from navsim.results.result import Result, contents_of, read, read_unchecked, write
 from navsim.runner.executor import threads
 from navsim.runner.verification import ALL, DIFFERS, EQUAL, NOTE, Verification, verify
+from navsim.scenario import load, shipped
+from navsim.scenario.source import parse
 from tests.conftest import SCENARIOS
 from tests.forks import navsim
 from tests.made import EVERY
@@ -272,3 +274,12 @@ def test_drawn_runs_and_statistics_find_errors_of_any_run(original: Path, tmp_pa
 def test_contents_are_of_values_and_not_of_their_storage() -> None:
     assert attribute_digest(np.float64(1.5)) == attribute_digest(1.5) == attribute_digest([1.5])
     assert attribute_digest("a") != attribute_digest("b")
+
+
+@pytest.mark.parametrize("name", ["landing", "landing_open_sky", "circuit", "s_turn", "track"])
+def test_a_stored_scenario_reads_back(name: str) -> None:
+    """Every default is written out in a result: a key that is refused beside others is not, with its default."""
+    section, document = load.read_any(shipped.path(name))
+    text = load.resolved_yaml(section)
+    again, _ = load.read_any(parse(text, "stored", document.folder))
+    assert load.resolved_yaml(again) == text

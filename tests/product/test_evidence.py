@@ -1,0 +1,134 @@
+"""`navsim evidence`: a folder for a reviewer, which is an RO-Crate."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.report.assurance import JUDGES, SECTIONS, judged, left_out, rows_of
+from navsim.report.citations import METHODS
+from navsim.results.result import read
+from tests.forks import navsim
+from tests.made import EVERY
+
+
+def test_every_judge_is_a_test_and_every_test_a_judge() -> None:
+    """The table in the package is that of the oracle tests, which write `docs/validation.md`."""
+    rows = [cells for _, cells in rows_of("validation.md")]
+    claims = {cells[0] for cells in rows}
+    told = {claim for group in JUDGES.values() for claim in group}
+    assert told == claims
+    assert set(JUDGES) <= {method.name for method in METHODS}
+    sources = "\n".join(path.read_text() for path in (Path(__file__).parents[1] / "oracle").glob("test_*.py"))
+    assert [cells[4] for cells in rows if f"def {cells[4].strip('`')}(" not in sources] == []
+
+
+def test_every_section_of_the_limits_has_its_results() -> None:
+    assert {section for section, _ in rows_of("limits.md")} == set(SECTIONS)
+
+
+@pytest.mark.parametrize("kind", EVERY)
+def test_every_kind_has_its_limits_and_judges(kind: str, place: Path) -> None:
+    result = read(place / f"{kind}.h5")
+    rows, without = judged(result)
+    assert rows or without or kind == "ranges"
+    texts = " ".join(f"{each.effect} {each.instead} {each.remedy}" for each in left_out(result))
+    assert "`" not in texts
+    assert "](" not in texts
+    if kind == "runs":
+        assert "flight dynamics" in texts
+        assert "signals.ephemeris" not in texts.split("changes of orbit")[0]
+        assert "heading and hard iron" not in texts  # of a magnetometer, which this scenario lacks
+        assert "several live blocks" not in texts
+
+
+def graph_of(folder: Path) -> dict[str, dict[str, Any]]:
+    """Entities of a crate by their identifiers."""
+    crate = json.loads((folder / "ro-crate-metadata.json").read_text(encoding="utf-8"))
+    assert crate["@context"][0] == "https://w3id.org/ro/crate/1.1/context"
+    entities = crate["@graph"]
+    assert len({entity["@id"] for entity in entities}) == len(entities)
+    return {entity["@id"]: entity for entity in entities}
+
+
+def follows_the_specification(folder: Path) -> None:
+    """What RO-Crate 1.1 says that a crate MUST have."""
+    graph = graph_of(folder)
+    about = graph["ro-crate-metadata.json"]
+    assert about["@type"] == "CreativeWork"
+    assert about["about"] == {"@id": "./"}
+    assert about["conformsTo"]["@id"].startswith("https://w3id.org/ro/crate/1.1")
+    root = graph["./"]
+    assert root["@type"] == "Dataset"
+    assert all(root[name] for name in ("name", "description", "license"))
+    datetime.fromisoformat(root["datePublished"])
+    named = {part["@id"] for part in root["hasPart"]}
+    files = {key for key, entity in graph.items() if entity["@type"] == "File"}
+    assert named == files
+    for key in files:
+        content = (folder / key).read_bytes()
+        assert graph[key]["sha256"] == hashlib.sha256(content).hexdigest()
+        assert graph[key]["contentSize"] == str(len(content))
+    on_disk = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert on_disk - files == {"ro-crate-metadata.json", "SHA256SUMS"}
+
+    def references(value: Any) -> list[str]:
+        if isinstance(value, list):
+            return [each for one in value for each in references(one)]
+        return [value["@id"]] if isinstance(value, dict) else []
+
+    for entity in graph.values():
+        assert entity["@id"]
+        assert entity["@type"]
+        for name, value in entity.items():
+            if name != "conformsTo":
+                assert set(references(value)) <= set(graph), (entity["@id"], name)
+
+
+def test_a_folder_for_a_reviewer(place: Path, tmp_path: Path) -> None:
+    done = navsim("evidence", place / "runs.h5", "-o", "folder", "--license", "https://x.org/terms", cwd=tmp_path)
+    folder = tmp_path / "folder"
+    assert done.stdout.splitlines()[-1] == "folder/SHA256SUMS"
+    follows_the_specification(folder)
+    assert graph_of(folder)["./"]["license"] == {"@id": "https://x.org/terms"}
+    text = (folder / "ro-crate-preview.html").read_text(encoding="utf-8")
+    for part in ("not met: 0.774", "undecided", "GDOP, PDOP, HDOP, VDOP, TDOP", "closed form (gnss_lib_py)",
+                 "flight dynamics", "navsim verify runs.h5 --folder inputs", "code of navsim"):  # fmt: skip
+        assert part in text
+    assert not re.search("certified|compliant|certif", text, re.IGNORECASE)
+    assert "http" not in re.sub(r"<pre.*?</pre>", "", text, flags=re.DOTALL)  # needs no network
+    sums = dict(reversed(line.split("  ")) for line in (folder / "SHA256SUMS").read_text().splitlines())
+    assert sums["runs.h5"] == hashlib.sha256((place / "runs.h5").read_bytes()).hexdigest()
+    navsim("verify", "runs.h5", "--runs", 8, cwd=folder)
+    navsim("evidence", place / "runs.h5", "-o", "folder", cwd=tmp_path, code=2)  # not empty
+
+
+def test_the_page_repeats_the_result(place: Path, tmp_path: Path) -> None:
+    """The commands of the page give the same numbers, in a folder that has nothing else."""
+    navsim("evidence", place / "rare.h5", "-o", "folder", cwd=tmp_path)
+    folder = tmp_path / "folder"
+    text = (folder / "ro-crate-preview.html").read_text(encoding="utf-8")
+    words = re.search(r"navsim (run inputs/again.yaml[^<\n]*)", text)
+    assert words
+    shutil.copy(folder / "scenario.yaml", folder / "inputs" / "again.yaml")
+    navsim(*words[1].split(), "-q", cwd=folder)
+    first, again = read(folder / "rare.h5"), read(folder / "again.h5")
+    for path in ("/summary/rare/probability", "/rare/error"):
+        np.testing.assert_array_equal(first[path], again[path])
+
+
+@pytest.mark.parametrize("kind", ["optimize", "sweep", "replay", "ranges", "atc-tracking", "live", "table2"])
+def test_other_kinds_have_a_folder_too(kind: str, place: Path, tmp_path: Path) -> None:
+    navsim("evidence", place / f"{kind}.h5", "-o", "folder", cwd=tmp_path)
+    follows_the_specification(tmp_path / "folder")
+    if kind in ("optimize", "sweep"):
+        assert (tmp_path / "folder" / "study.yaml").is_file()
+        assert any((tmp_path / "folder" / "inputs").iterdir())
