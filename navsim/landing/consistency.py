@@ -6,11 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from navsim.filter import states
+from navsim.filter.measurement_models import RANGE
 from navsim.landing.case import Case
 from navsim.results.builder import ResultBuilder
 from navsim.runner.batches import Ensemble
 from navsim.runner.consistency import RatioBand, Ratios, StateVerdict, correlation_of, evaluate, simultaneous_band
-from navsim.statistics.consistency import ROUNDING
+from navsim.simulation.along_truth import along_truth
+from navsim.simulation.error_sources import transmitter_error_states
+from navsim.statistics.consistency import ROUNDING, correlated_states
 
 EXACT_START = 1e-3
 """Ratio at time 0 below which a state starts without error, apart from the smallest initial sigma of a filter."""
@@ -75,6 +79,30 @@ def put_consistency(draft: ResultBuilder, case: Case, ratios: Ratios, beyond: np
     for name, shares in zip(BEYOND, beyond if beyond is not None else (), strict=False):
         draft[f"/consistency/{name}"] = np.where(np.isnan(ratios.z), np.nan, shares)
         draft[f"/summary/consistency/worst_{name}"] = np.where(known, shares[rows, columns], np.nan)
+    if case.flight.transmitter_states is not None:
+        _put_pairs(draft, case)
+
+
+def _put_pairs(draft: ResultBuilder, case: Case) -> None:
+    """Write which errors of pseudolites the filter cannot tell from each other, from position, clock, ranging errors.
+
+    The pairs are those at the end of the error-free flight. A position counts along the line of sight.
+    """
+    mine = case.flight.transmitter_states
+    assert mine is not None
+    own, n = transmitter_error_states(case.flight), case.flight.model.states
+    ranging = states.SENSORS + np.flatnonzero(case.flight.model.declared["triad"] == RANGE)
+    clock = np.arange(n - len(case.flight.model.clock.scales) - 1, n) if case.design.tight else np.empty(0, int)
+    others = np.concatenate([np.arange(states.POS, states.POS + 3), ranging, clock]).astype(int)
+    lines, along = mine.along_lines_of_sight()
+    rows = np.concatenate([np.eye(n), np.zeros((len(lines), n))])
+    rows[n:, own] = along
+    names = [*map(states.display_name, case.states), *(f"position of {name} along the line of sight" for name in lines)]
+    among = np.concatenate([own[~mine.of_positions], np.arange(n, len(rows)), others])
+    pairs = correlated_states(rows @ along_truth(case.flight).lin.assumed[-1] @ rows.T, among)
+    pairs = [pair for pair in pairs if pair[0] not in others]  # others are the last ones
+    draft["/summary/consistency/pair"] = np.array([f"{names[a]}, {names[b]}" for a, b, _ in pairs], dtype=object)
+    draft["/summary/consistency/pair_correlation"] = np.array([c for _, _, c in pairs], dtype=float)
 
 
 def _largest(z: np.ndarray) -> np.ndarray:

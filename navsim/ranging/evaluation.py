@@ -8,8 +8,6 @@ from navsim.ranging.estimate import Filtered, Smoothed
 from navsim.ranging.model import RangeModel
 from navsim.ranging.recording import ReferenceTrack
 
-CORRELATED = 0.99
-"""Correlation beyond which the geometry cannot tell two states apart."""
 NOT_SEEN = 0.9
 """Sigma of a state over its sigma at the start from which on the ranges show nothing of it."""
 _CLIPPED = 4.0
@@ -42,19 +40,6 @@ def source_statistics(
 def unobserved_states(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Which states (n,) the ranges do not show, by their variances at the start and at the end."""
     return after >= NOT_SEEN**2 * before
-
-
-def correlated_states(covariance: np.ndarray, among: np.ndarray) -> list[tuple[int, int, float]]:
-    """Pairs of states that are correlated beyond `CORRELATED`, the strongest first."""
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    found = []
-    for k, a in enumerate(among):
-        for b in among[k + 1 :]:
-            if sigma[a] > 0.0 and sigma[b] > 0.0:
-                correlation = float(covariance[a, b] / (sigma[a] * sigma[b]))
-                if abs(correlation) > CORRELATED:
-                    found.append((int(a), int(b), correlation))
-    return sorted(found, key=lambda pair: -abs(pair[2]))
 
 
 def dilution(position: np.ndarray, sources: np.ndarray, two_way: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

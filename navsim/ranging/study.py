@@ -10,7 +10,6 @@ import numpy as np
 from navsim.gnss.ranging_geometry import Plane
 from navsim.ranging.estimate import Filtered, Smoothed, StartState, filter_causally, relinearise, tune
 from navsim.ranging.evaluation import (
-    correlated_states,
     dilution,
     errors_against,
     find_time_offset,
@@ -28,6 +27,7 @@ from navsim.results.schema import RANGES
 from navsim.runner.attributes import root_attributes
 from navsim.runner.job import JobError
 from navsim.scenario.source import Document
+from navsim.statistics.consistency import correlated_states
 
 TRUE_SIGMA = (0.8, 1.25)
 """Root mean square of error over sigma between which a sigma is true."""

@@ -152,6 +152,7 @@ def _place(result: Result, path: str, name: str) -> int | None:
 
 _RANGE = ("mean", "smallest", "largest")
 _SOURCES = "/summary/budget/source"
+_PAIRS, _MOST_PAIRS = "/summary/consistency/pair", 6
 _VERDICT, _STATES, _RATIO = "/summary/consistency/verdict", "/summary/consistency/state", "/consistency/z"
 
 
@@ -165,6 +166,17 @@ def _consistency(table: Table, results: Sequence[tuple[str, Result]]) -> None:
     for name in groups:
         if any(_is_wrong(result, name) for _, result in results):
             table.add(f"  {name}, largest and least z", *(_worst(result, name) for _, result in results))
+    if any(_PAIRS in result and result[_PAIRS].size for _, result in results):
+        table.add("  pairs that geometry cannot tell apart", *(_pairs(result) for _, result in results))
+
+
+def _pairs(result: Result) -> str:
+    """Pairs of states whose combination alone is known, with their correlations, the strongest first."""
+    if _PAIRS not in result or not result[_PAIRS].size:
+        return ABSENT
+    each = [f"{pair} ({c:+.4f})" for pair, c in zip(result[_PAIRS], result[f"{_PAIRS}_correlation"], strict=True)]
+    more = [f"and {len(each) - _MOST_PAIRS} more"] if len(each) > _MOST_PAIRS else []
+    return "\n".join([*each[:_MOST_PAIRS], *more])
 
 
 def _band(result: Result) -> str:
@@ -683,7 +695,8 @@ def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
 
 
 _FAMILIES = {"clock_": "receiver clock", "range_error_": "errors of ranges",
-             "fix_error_": "errors of fixes", "gyro_misalignment_": "gyro misalignments",
+             "fix_error_": "errors of fixes", "transmitter_": "errors of pseudolites",
+             "gyro_misalignment_": "gyro misalignments",
              "accelerometer_misalignment_": "accelerometer misalignments", "gyro_scale_": "gyro scale factors",
              "accelerometer_scale_": "accelerometer scale factors"}  # fmt: skip
 """Names of further filter states, besides navigation and biases, by their prefix."""

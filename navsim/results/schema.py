@@ -135,6 +135,7 @@ _WAYS = "where runs deviate from the route"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
 _LOOSE = f"{_ALL}, of a loosely coupled filter"
 _CORRELATED = f"{_LOOSE} with states of lasting errors"
+_TRANSMITTERS = "with states for errors of pseudolites"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
@@ -486,6 +487,10 @@ _SUMMARY = Chapter(
            "uncertainty", _FLOWN),
         _a("/summary/consistency/worst_time", "state", "s", "time of worst_z", _FLOWN),
         _a("/summary/consistency/least_z", "state", "1", "smallest `/consistency/z` of each state", _FLOWN),
+        _a("/summary/consistency/pair", "pair", "1", "errors of pseudolites (positions along the line of sight), each "
+           "with another state, correlated beyond 0.99 at the end of the error-free flight", _FLOWN, TEXT,
+           when=_TRANSMITTERS),
+        _a("/summary/consistency/pair_correlation", "pair", "1", "their correlations", _FLOWN, when=_TRANSMITTERS),
         _a("/summary/consistency/worst_beyond_95", "state", "1", "`/consistency/beyond_95` at worst_time", LANDING),
         _a("/summary/consistency/worst_beyond_99_9", "state", "1", "`/consistency/beyond_99_9` at worst_time", LANDING),
         _a("/summary/budget/source", "source", "1", "sources of error", COVARIANCE, TEXT),

@@ -105,6 +105,20 @@ class TransmitterStates:
         return np.asarray(ranges + rates)
 
     @property
+    def of_positions(self) -> np.ndarray:
+        """Which states (q,) are errors of positions."""
+        return np.array([k in _POSITION for _, k in self.each], bool)
+
+    def along_lines_of_sight(self) -> tuple[list[str], np.ndarray]:
+        """Names of the transmitters with position states, and what the states (k, q) do to the length of the line of
+        sight to each of them when it is received last."""
+        used, places = self.signals.used, self.of_positions
+        sources = np.unique(self.sources[places])
+        last = [int(np.flatnonzero(used[:, i])[-1]) for i in sources]
+        along = np.where(places & (self.sources == sources[:, None]), self.effects[last, 0], 0.0)
+        return [self.signals.names[i] for i in sources], along
+
+    @property
     def systematic(self) -> np.ndarray:
         """True values (q,) of the errors that are the same in all runs."""
         truth = self.signals.transmitters

@@ -8,6 +8,8 @@ import numpy as np
 
 from navsim.compiler.jit import kernel
 
+CORRELATED = 0.99
+"""Correlation beyond which the geometry cannot tell two states apart."""
 ROUNDING = 1e-8
 """Size of an error, in SI units, below which it may be rounding alone: 1.4e-9 m of a latitude in radians."""
 
@@ -62,3 +64,16 @@ def _sum_pairwise(values, count):
         for k in range(count):
             values[k] = values[2 * k] + values[2 * k + 1]
     return values[0]
+
+
+def correlated_states(covariance: np.ndarray, among: np.ndarray) -> list[tuple[int, int, float]]:
+    """Pairs of states that are correlated beyond `CORRELATED`, the strongest first."""
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    found = []
+    for k, a in enumerate(among):
+        for b in among[k + 1 :]:
+            if sigma[a] > 0.0 and sigma[b] > 0.0:
+                correlation = float(covariance[a, b] / (sigma[a] * sigma[b]))
+                if abs(correlation) > CORRELATED:
+                    found.append((int(a), int(b), correlation))
+    return sorted(found, key=lambda pair: -abs(pair[2]))

@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.landing.study import covariance_analysis
-from tests.helpers import case
+from navsim.landing import study
+from navsim.landing.result import result
+from navsim.landing.study import covariance_analysis, fly_all
+from navsim.report.summary_tables import summary_table
+from navsim.results.result import Result
+from navsim.runner.executor import threads
+from tests.helpers import case, in_brief
 
 BRIEF = (
     "duration_s=20", "receiver.rate_hz=2", "imu.rate_hz=20", "pseudolites.frame=runway", "sky.source=nominal-gps",
@@ -16,6 +21,13 @@ FREE = (
     "pseudolites.survey_sigma_m=0.5", "pseudolites.clock_sigma_ns=15", "pseudolites.clock_drift_sigma_ppb=5",
     "pseudolites.clock_noise={oscillator: tcxo}", "pseudolites.clock_age_s=3",
 )  # fmt: skip
+
+
+def computed(method: str, *settings: str) -> Result:
+    flown = case(*BRIEF, f"method={method}", *settings)
+    if method == "covariance":
+        return study.covariance_result(flown, covariance_analysis(flown), 1)
+    return result(flown, fly_all(flown, 1, 0, 2, threads(1), keep="none"), 1, keep="none")
 
 
 @pytest.mark.parametrize("coupling", ["loose", "tight"])
@@ -34,3 +46,47 @@ def test_every_state_is_consistent(coupling: str, more: tuple[str, ...]) -> None
     rms = np.sqrt(np.mean(z**2, axis=0))
     assert np.all(np.abs(ratio[:, own] - 1.0) < 0.02)
     assert np.all(np.abs(rms[[0, 1, -1]][:, [*range(9), *own]] - 1.0) < 4.0 / np.sqrt(160.0))
+
+
+@pytest.mark.parametrize("coupling", in_brief(["loose", "tight"], 0))
+@pytest.mark.parametrize("kind", in_brief(["rts", "map"], 0, 1))
+def test_smoothers_have_them(kind: str, coupling: str) -> None:
+    """RMS of error / sigma of position and of the pseudolites' errors over 48 landings."""
+    flown = case(*BRIEF[:-1], *FREE, f"filter.coupling={coupling}", f"filter.kind={kind}")
+    own = [i for i, name in enumerate(flown.states) if name.startswith("transmitter_")]
+    runs = list(flown.fly_runs(21, 0, 48, measured=False))
+    z = np.concatenate([run.error for run in runs]) / np.concatenate([run.sigma for run in runs])
+    rms = np.sqrt(np.mean(z**2, axis=0))
+    assert np.all(np.abs(rms[[0, 1, -1]][:, [*range(6), *own]] - 1.0) < 4.0 / np.sqrt(96.0))
+
+
+@pytest.mark.parametrize("method", ["covariance", "monte-carlo"])
+def test_what_geometry_cannot_tell_apart(method: str) -> None:
+    """A range shows the sum of the clock's offset and the position along the line of sight: at 50 m and 45 m each, to
+    some metres. The table names the pair; a clock alone is known."""
+    brief = ("filter.coupling=tight", "pseudolites.clock_sigma_ns=150", "pseudolites.count=1")
+    both, clock = (computed(method, *brief, f"pseudolites.survey_sigma_m={size}") for size in (50, 0))
+    pair = "clock of PL1, position of PL1 along the line of sight"
+    assert both["/summary/consistency/pair"].tolist() == [pair]
+    assert both["/summary/consistency/pair_correlation"] < -0.99
+    (row,) = (row for row in summary_table([("x", both)]).rows if "cannot tell apart" in str(row.cells[0]))
+    assert row.texts()[1].startswith(pair)
+    assert not clock["/summary/consistency/pair"].size
+    assert "/summary/consistency/pair" not in computed(method).variables
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+def test_two_thousand_landings(coupling: str) -> None:
+    """Every state is consistent at all times over 2000 landings with the default filter, and the covariance analysis
+    is within 8 %."""
+    flown = case(*BRIEF[:-1], *FREE, f"filter.coupling={coupling}")
+    analysis = covariance_analysis(flown)
+    square, normalised = np.zeros((2, *flown.shared.filter_time.shape, len(flown.states)))
+    for run in flown.fly_runs(778899, 0, 2000, measured=False):
+        square += np.sum(run.error**2, axis=0)
+        normalised += np.sum((run.error / run.sigma) ** 2, axis=0)
+    z, true = np.sqrt(normalised / 2000.0), np.sqrt(np.einsum("tii->ti", analysis.covariance))
+    assert z.min() > 0.93
+    assert z.max() < 1.07
+    np.testing.assert_allclose(np.sqrt(square / 2000.0), true, rtol=0.08)

@@ -20,7 +20,7 @@ from navsim.ranging.estimate import (
     tangents,
     tune,
 )
-from navsim.ranging.evaluation import correlated_states, dilution, unobserved_states
+from navsim.ranging.evaluation import dilution, unobserved_states
 from navsim.ranging.model import SETTINGS, RangeModel, build_model
 from navsim.ranging.recording import RangeLog, Sources
 from navsim.ranging.scenario import RecordedRanges
@@ -29,6 +29,7 @@ from navsim.ranging.study import RangeStudy, compute, prepare, solve
 from navsim.results.findings import of as findings_of
 from navsim.scenario.base import validated
 from navsim.scenario.source import parse
+from navsim.statistics.consistency import correlated_states
 from tests.helpers import in_brief
 
 POSITIONS = np.array([[0.0, 200.0, 5.0], [180.0, -20.0, 40.0], [-150.0, -120.0, 10.0], [60.0, 90.0, 120.0]])

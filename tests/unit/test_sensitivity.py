@@ -43,6 +43,11 @@ CASES = {
     "clocks that wander": (
         "pseudolites.clock_noise={h0: 2e-20, h_minus2: 1e-22}", "pseudolites.clock_age_s=20", "receiver.rate_hz=2",
     ),
+    "free clocks": (
+        "pseudolites.clock_noise={oscillator: tcxo}", "pseudolites.clock_age_s=3",
+        "pseudolites.clock_drift_sigma_ppb=5", "pseudolites.clock_sigma_ns=15", "pseudolites.survey_sigma_m=0.5",
+        "receiver.rate_hz=2",
+    ),
     "heights whose errors last": (
         "barometric_altimeter={sigma_m: 0.5, rate_hz: 2, qnh_sigma_hpa: 0.2, drift_m: 1, drift_time_s: 20}",
         "filter.barometric_altimeter.errors=states", "runway.geoid_undulation_m=15.5", "receiver.rate_hz=2",
