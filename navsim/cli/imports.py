@@ -84,7 +84,7 @@ def import_log(
     if LOG in files.texts and not files.account.missing:
         print(f"go on with: navsim replay {folder / LOG}")
     if RANGES in files.texts:
-        print(f"go on with: navsim run {folder / RANGES}")
+        print(f"go on with: navsim replay {folder / RANGES}")
 
 
 @dataclass(frozen=True)

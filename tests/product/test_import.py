@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import sys
 import time
 from collections.abc import Callable
@@ -30,7 +31,7 @@ from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.timescales import WEEK
 from navsim.replays import study as replay
-from navsim.scenario.load import read_replay
+from navsim.scenario.load import read_any, read_replay
 from tests import logs
 from tests.conftest import ROOT
 from tests.recordings import LATENCY, LEVER, sentences_of, write_flight
@@ -263,7 +264,7 @@ def test_covariances_of_rtklib(flight: Flight, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("geodetic", [True, False], ids=["px4", "ardupilot"])
 def test_beacons_become_a_ranges_study(flight: Flight, tmp_path: Path, geodetic: bool) -> None:
-    """Ranges to beacons are a table and a file that `navsim run` takes."""
+    """Ranges to beacons are a table and a file that `navsim replay` takes."""
     names = np.tile([1, 2, 3, 4], 60)
     at = 1.0 + 0.1 * np.arange(names.size)
     east_north_up = {1: (0.0, 0.0, 3.0), 2: (40.0, 0.0, 5.0), 3: (0.0, 50.0, 4.0), 4: (40.0, 50.0, 9.0)}
@@ -290,7 +291,7 @@ def test_beacons_become_a_ranges_study(flight: Flight, tmp_path: Path, geodetic:
         logs.write_dataflash(path, {"XKF0": rows})
     said = imported(path, "-o", tmp_path / "out").stdout
     assert "240 ranges to 4 beacons" in said
-    assert f"go on with: navsim run {tmp_path / 'out/ranges.yaml'}" in said
+    assert f"go on with: navsim replay {tmp_path / 'out/ranges.yaml'}" in said
     done = CliRunner().invoke(app, ["validate", str(tmp_path / "out/ranges.yaml")])
     assert done.exit_code == 0, done.output
 
@@ -364,6 +365,7 @@ def check_damaged(flight: Flight, tmp_path: Path, count: int) -> None:
     whole = [(write(flight, tmp_path)[0], name) for name, (write, *_) in FORMATS.items() if name not in ("comma2k19",)]
     whole = [(path, path.read_bytes()) for path, name in whole if name != "kf-gins"]
     whole.append((tmp_path / "imu.txt", (tmp_path / "imu.txt").read_bytes()))
+    whole.append((tmp_path / "log.nmea", "\n".join(sentences_of(flight.folder / "gnss.csv")).encode()))
     for k in range(count):
         path, content = whole[k % len(whole)]
         hurt = tmp_path / f"hurt{path.suffix}"
@@ -411,3 +413,23 @@ def test_a_real_flight_through_an_autopilots_log(shared: Path, tmp_path: Path) -
     np.testing.assert_allclose(back.rate, samples.rate, atol=1e-6)
     again = read_fixes(tmp_path / "out/gnss.csv")[0]
     assert np.abs(ecef_from_llh(again.llh) - ecef_from_llh(fixes.llh)).max() < 0.02
+
+
+def test_real_ranges_through_an_autopilots_log(shared: Path, tmp_path: Path) -> None:
+    """The ranges of real beacons, as the EKF logs them, become the table of the original to the log's centimetres."""
+    with gzip.open(shared / "data/uwb_yard/ranges.csv.gz", "rt") as file:
+        table = np.genfromtxt(file, delimiter=",", names=True, max_rows=2000)
+    rows = [
+        [round(1e6 * r["t_s"]), 0, int(r["anchor"]), r["range_m"], 0.0, 0.1, 0.0, r["anchor_y_m"], r["anchor_x_m"],
+         -r["anchor_z_m"]]
+        for r in table
+    ]  # fmt: skip
+    logs.write_dataflash(tmp_path / "log.bin", {"XKF0": rows})
+    said = imported(tmp_path / "log.bin", "-o", tmp_path / "out").stdout
+    assert "lever_arm_m" not in said
+    found = np.genfromtxt(tmp_path / "out/ranges.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(found["t_s"], table["t_s"], atol=1e-6)
+    np.testing.assert_array_equal(found["source"], table["anchor"])
+    np.testing.assert_allclose(found["range_m"], table["range_m"], atol=0.006)
+    section, _ = read_any(tmp_path / "out/ranges.yaml")
+    assert {one.name: one.position_m for one in section.sources.positions}["12"] == (0.69, 0.87, 0.5)

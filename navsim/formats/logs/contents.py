@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 from navsim.formats.conventions import FIX_SIGMAS, TRACK_ATTITUDE
 from navsim.formats.text import MOST_BYTES, FileError
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
-from navsim.gnss.timescales import WEEK, utc_from_gps
+from navsim.gnss.timescales import DAY, WEEK, utc_from_gps
 from navsim.results import files
 
 Clock = Literal["own", "week"]
@@ -29,6 +29,8 @@ SLOWEST_IMU_HZ = 20.0
 """Slower inertial samples cannot be integrated."""
 _TIME_TOLERANCE = 1.0
 """A time farther than this from the median of its five neighbours is damaged, s."""
+_LATEST = 200.0 * 365.25 * DAY
+"""GPS s of a date that no recording has yet."""
 _LIMITS = {
     "rate": (-100.0, 100.0), "force": (-2000.0, 2000.0), "lat_deg": (-90.0, 90.0), "lon_deg": (-180.0, 180.0),
     "h_m": (-1e4, 1e5), "velocity": (-2000.0, 2000.0),
@@ -195,8 +197,8 @@ class LogContents:
 
     @property
     def epoch(self) -> float | None:
-        """UTC of time 0, POSIX s, if known."""
-        return None if self.start is None else float(utc_from_gps(self.start))
+        """UTC of time 0, POSIX s, if known and possible."""
+        return None if self.start is None or not 0.0 <= self.start < _LATEST else float(utc_from_gps(self.start))
 
     def found(self) -> bool:
         """Whether the log has anything."""

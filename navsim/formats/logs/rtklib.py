@@ -55,7 +55,7 @@ def read(path: Path) -> LogContents:
     table = np.array(rows)
     column = {name: table[:, place] for place, name in enumerate(names, 1) if name}
     gps = table[:, 0]
-    start = float(np.floor(gps[0] / WEEK) * WEEK)
+    start = float(np.floor(gps[np.abs(gps - np.median(gps)) < WEEK].min() / WEEK) * WEEK)  # without damaged dates
     out.start = start
     out.left_out += dropped.reasons()
     time = np.round(gps - start, 4)

@@ -1,4 +1,4 @@
-"""Tables of a log's contents, and the commented files with which `navsim replay` and `navsim run` fly them."""
+"""Tables of a log's contents, and the commented files with which `navsim replay` flies them."""
 
 from __future__ import annotations
 
@@ -97,12 +97,14 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
     decided = [*contents.decided]
     if not any("times are" in line for line in decided):
         decided.append(_CLOCKS[contents.clock])
+    if contents.start is not None and contents.epoch is None:
+        decided.append("no epoch: the dates of the log are impossible")
     absent = (("inertial samples", "imu", imus), ("fixes", "gnss", fixes))
     missing = [_ABSENT.format(what, section) for what, section, there in absent if not there]
     if contents.ranges is not None:
         tables["ranges.csv"], rows = _range_table(contents.ranges)
         taken.append(f"ranges.csv: {several(rows, 'range')} to {several(len(contents.ranges.positions), 'beacon')}; "
-                     f"navsim run {RANGES}")  # fmt: skip
+                     f"navsim replay {RANGES}")  # fmt: skip
         missing = missing if imus and fixes else []
     chosen_imu = contents.imus[min(imu, len(imus) - 1)] if imus else None
     chosen = contents.receivers[min(receiver, len(fixes) - 1)] if fixes else None
@@ -114,7 +116,8 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
         decided.append("sensor class: consumer, since no log tells it; write imu.sensor_class if you know better")
     arm_line = _lever_line(chosen_imu, chosen)
     latency_line = _latency_line(chosen)
-    decided += [line.strip().removeprefix("# ") for line in (arm_line, latency_line)]
+    if imus or fixes:
+        decided += [line.strip().removeprefix("# ") for line in (arm_line, latency_line)]
     account = Account(taken, contents.left_out, decided, missing)
     head = [f"# From {source}, {contents.format}, by `navsim import`.", *_comments(account)]
     if imus or fixes:
