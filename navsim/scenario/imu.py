@@ -420,6 +420,19 @@ def assumed_sensor(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> 
     return truth.model_copy(update=values)
 
 
+def lone_correlation_times(prefix: str, gyro: Gyro, accelerometer: Accelerometer) -> list[str]:
+    """Correlation times of Markov noise that a sensor doesn't have, as messages."""
+    drawn = (
+        ("gyro", gyro, ("markov_deg_h", "bias_instability_deg_h")),
+        ("accelerometer", accelerometer, ("markov_mg", "bias_instability_mg")),
+    )
+    return [
+        f"{prefix}.{name}.markov_time_s changes nothing: give {prefix}.{name}.{keys[0]} or {keys[1]}"
+        for name, sensor, keys in drawn
+        if sensor.markov_time_s is not None and not any(getattr(sensor, key) for key in keys)
+    ]
+
+
 ImuPreset = Literal[
     "paper", "perfect", "none", "hg9900", "hg1700", "stim300", "adis16495-1", "adis16488", "adis16505-1", "adis16470",
     "mti-1", "icm-42688-p",
@@ -531,15 +544,7 @@ class Imu(_Sensors):
 
     def unused(self) -> list[str]:
         """Keys without effect, as messages."""
-        drawn = (
-            ("gyro", self.gyro, ("markov_deg_h", "bias_instability_deg_h")),
-            ("accelerometer", self.accelerometer, ("markov_mg", "bias_instability_mg")),
-        )
-        return [
-            f"imu.{name}.markov_time_s changes nothing: give imu.{name}.{keys[0]} or {keys[1]}"
-            for name, sensor, keys in drawn
-            if sensor.markov_time_s is not None and not any(getattr(sensor, key) for key in keys)
-        ]
+        return lone_correlation_times("imu", self.gyro, self.accelerometer)
 
     def warms(self) -> bool:
         """Whether a sensor has errors that go with its temperature."""

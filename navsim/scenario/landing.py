@@ -50,6 +50,7 @@ from navsim.scenario.beacons import BeaconsSection
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import AnyEvent
 from navsim.scenario.filter import SMOOTHERS, FilterSection
+from navsim.scenario.idle_keys import idle_keys
 from navsim.scenario.imu import Accelerometer, Gyro, Imu, assumed_sensor
 from navsim.scenario.initial_errors import InitialErrorsSection
 from navsim.scenario.integrity import IntegritySection
@@ -610,6 +611,7 @@ class Landing(Section):
     def unused_of_flight(self) -> list[str]:
         """Keys without effect of the trajectory, the sensors and the pseudolites."""
         out = self.pseudolites.unused() + self.doubted_heights() + self.wind.unused() + self.imu.unused()
+        out += idle_keys(self)
         if self.method == "covariance" and (air := self.air()) is not None:
             out += [f"{'.'.join(key)} changes nothing here: the covariance analysis is of the route" for key in air[1]]
         if self.imu.temperature is not None and not self.imu.warms():

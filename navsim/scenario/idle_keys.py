@@ -1,0 +1,48 @@
+"""Keys of a landing that its other settings leave without effect."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from navsim.scenario.base import Section
+from navsim.scenario.filter import SUM
+from navsim.scenario.imu import assumed_sensor, lone_correlation_times
+from navsim.scenario.sky import SOURCES_FROM_FILES
+
+if TYPE_CHECKING:
+    from navsim.scenario.landing import Landing
+
+
+def _assumed(truth: Any, given: Any) -> Any:
+    """The sensor that the filter assumes, without the correlation time that is not its own."""
+    own = None if given is None else given.markov_time_s
+    return (truth if given is None else assumed_sensor(truth, given)).model_copy(update={"markov_time_s": own})
+
+
+def idle_keys(scenario: Landing) -> list[str]:
+    """Keys without effect, as messages, where they differ from their defaults."""
+    signals, sources, components = scenario.signals, scenario.pseudolites, scenario.filter.gaussian_sum
+    jammed, linked = scenario.interference is not None, sources.eirp_dbm is not None
+    tracked = jammed or sources.multipath is not None or "cn0" in (signals.range_law, sources.range_law)
+    of_tracking = "`range_law: cn0`, pseudolites.multipath or interference"
+    sections: tuple[tuple[bool, str, Section, Iterable[str], str], ...] = (
+        (tracked, "signals.tracking", signals.tracking, type(signals.tracking).model_fields, of_tracking),
+        (signals.range_law == "exponential", "signals", signals, ("range_scale_deg",), "`range_law: exponential`"),
+        (jammed or linked, "receiver", scenario.receiver, ("noise_figure_db",), "pseudolites.eirp_dbm or interference"),
+        (scenario.filter.kind == SUM, "filter.gaussian_sum", components, type(components).model_fields,
+         f"`filter.kind: {SUM}`"),
+        (scenario.sky.source in SOURCES_FROM_FILES, "sky", scenario.sky, ("use_unhealthy",),
+         "satellites of a file, which says whether they are healthy"),
+    )  # fmt: skip
+    lone = lone_correlation_times(
+        "filter.imu",
+        _assumed(scenario.imu.gyro, scenario.filter.imu.gyro),
+        _assumed(scenario.imu.accelerometer, scenario.filter.imu.accelerometer),
+    )
+    return lone + [
+        f"{prefix}.{name} is not used: it needs {needed}"
+        for used, prefix, section, names, needed in sections
+        for name in names
+        if not used and getattr(section, name) != type(section).model_fields[name].default
+    ]
