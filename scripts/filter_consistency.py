@@ -80,7 +80,9 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "1400 °/h": ("imu.gyro.drift_deg_h=1400",),
     "10°": ("initial_errors.attitude_deg=10",),
     "known start": ("initial_errors.position_m=0.01", "initial_errors.velocity_m_s=0.01"),
+    **{f"gusts of {a:g} m/s²": (f"wind.turbulence.w20_m_s={20.0 * a:g}",) for a in (0.01, 0.02, 0.03)},
 }
+"""Gusts: RMS of the lateral acceleration over 1 s."""
 A = ("receiver.rate_hz=1", "filter.velocity=false")
 B = ("receiver.rate_hz=1",)
 C = ("filter.velocity=false",)
