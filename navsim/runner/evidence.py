@@ -12,6 +12,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib.resources import files as packaged
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -35,16 +36,7 @@ _FORMATS = {
     ".txt": "text/plain",
 }  # fmt: skip
 _NO_LICENCE = "#licence-not-stated"
-_STYLE = """:root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { line-height: 1.2; } h2 { margin-top: 2.5rem; border-bottom: 1px solid #8886; padding-bottom: .2rem; }
-table { border-collapse: collapse; margin: 1rem 0; font-size: .9rem; font-variant-numeric: tabular-nums; }
-caption { text-align: left; font-weight: 600; padding: .3rem 0; }
-th, td { text-align: left; vertical-align: top; padding: .25rem .8rem .25rem 0; border-bottom: 1px solid #8883; }
-tbody th { font-weight: 400; } tr:has(th ~ th) th { font-weight: 600; }
-pre { overflow-x: auto; padding: .8rem; background: #8881; border-radius: .4rem; }
-td { overflow-wrap: anywhere; } pre.long { max-height: 24rem; overflow-y: auto; font-size: .8rem; }
-@media print { body { max-width: none; } pre.long { max-height: none; } tr { break-inside: avoid; } }"""
+_STYLE = packaged(__package__).joinpath("evidence.css").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ QUESTIONS = {
     "python interface": "python-interface", "pseudolite clock": "how-to/pseudolite-clock",
     "pseudolite terrain": "how-to/pseudolite-reception",
     "reviewer": "how-to/review", "verify": "how-to/review",
-    "tampered": "how-to/review",
+    "tampered": "how-to/review", "RO-Crate": "how-to/review",
 }  # fmt: skip
 """What users look for, and the page that has the answer."""
 
