@@ -138,7 +138,7 @@ def of_source(file: str, source: str) -> Iterator[Text]:
             skipped |= {id(part) for part in node.values}
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped:
             text = node.value
-        if words(text) >= 5 and " " in text.strip() and not text.startswith("#"):  # no script of another language
+        if words(text) >= 5 and " " in text.strip() and not text.startswith(("#", ":root")):  # scripts, styles
             yield Text(file, getattr(node, "lineno", 1), " ".join(re.sub(r"`[^`]*`", "code", text).split()))
 
 

@@ -46,7 +46,8 @@ def import_log(
 ) -> None:  # fmt: skip
     """Turn a log of an autopilot or a receiver into a recorded flight.
 
-    Writes tables and a commented log.yaml for `navsim replay`. Lists the data taken, the data left out, and decisions.
+    navsim writes tables and a commented log.yaml for `navsim replay`. It lists the data that it took and left out, and
+    its decisions.
     """
     from navsim.formats.logs.reading import read_logs
     from navsim.formats.logs.tables import LOG, RANGES, log_files
@@ -112,8 +113,8 @@ def imu_sheet(
 ) -> None:  # fmt: skip
     """Measure the noise of inertial sensors in a log at rest.
 
-    Prints white noise, bias instability and random walk with intervals. Writes a block for `imu:` of a scenario, and
-    the overlapping Allan deviation as a table and a figure. Refuses a log that moves.
+    navsim prints white noise, bias instability and random walk with intervals. It writes a block for `imu:` of a
+    scenario, and the overlapping Allan deviation as a table and a figure. It refuses a log of a moving sensor.
     """
     from navsim.formats.text import FileError
     from navsim.replays.imu_sheet import StaticError, curve, figure, measure, read_static, sheet, tables

@@ -45,7 +45,7 @@ def verify(
 ) -> None:
     """Verify a result: file, inputs, code, and numbers, which are computed again.
 
-    Exits with code 1 if the result or an input was changed, 2 if a file is lacking.
+    navsim exits with code 1 if the result or an input was changed, with 2 if a file is missing.
     """
     from navsim.results.result import ResultError
     from navsim.runner import verification
@@ -66,7 +66,7 @@ def verify(
     else:
         _print(found, quiet)
     if found.differs:
-        leave(CHECK_FAILED, f"{file}: is not what its scenario gives, or was changed: see above")
+        leave(CHECK_FAILED, f"{file}: the result was changed, or its scenario gives another one; see above")
     if found.incomplete:
         leave(BAD_INPUT, f"{file}: could not be verified completely")
     if not quiet and not json_:
