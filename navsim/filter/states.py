@@ -213,7 +213,7 @@ def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
 
 
 _TRANSMITTER = re.compile(
-    "(?:transmitter_(position|clock_rate|clock)|beacons_(position|bias_growth|bias))_(.+?)(?:_(north|east|down))?"
+    "(?:transmitter_(position|range_bias|clock_rate|clock)|beacons_(position|bias_growth|bias))_(.+?)(?:_(north|east|down))?"
 )
 """States of errors of transmitters and beacons."""
 _CORRELATED = re.compile("(?:fix_error_(slow|fast)|range_error_(slow|fast))(_more)?(?:_(.+))?")

@@ -32,6 +32,8 @@ class TransmitterErrors:
     """Of the clock's white noises of phase, m2/s, and frequency, m2/s3."""
     age: float = 0.0
     """How long before time 0 the clock was set, s."""
+    bias: float = 0.0
+    """Of its ranges besides the clock, constant over a run, m."""
 
     @property
     def wanders(self) -> bool:

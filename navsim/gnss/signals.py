@@ -99,8 +99,8 @@ class Pseudolites:
 
     @property
     def calibration_sigma(self) -> float:
-        """1 sigma of a range due to drawn position and clock errors, m."""
-        return math.hypot(self.errors.survey, self.errors.offset)
+        """1 sigma of a range due to drawn errors of position, clock and calibration, m."""
+        return math.hypot(self.errors.survey, self.errors.offset, self.errors.bias)
 
 
 @dataclass(frozen=True)
@@ -451,8 +451,11 @@ def _affected(
                 space[:, here] = 0.0
         sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
     if pseudolites.calibration_sigma > 0.0 and is_pseudolite.any():
-        space = np.zeros((e, s, 4)) if space is None else space
-        space[:, is_pseudolite] = _calibrations(pseudolites, away[:, is_pseudolite] / distance[:, is_pseudolite, None])
+        own = _calibrations(pseudolites, away[:, is_pseudolite] / distance[:, is_pseudolite, None])
+        of_sky, space = space, np.zeros((e, s, own.shape[2]))
+        if of_sky is not None:
+            space[:, :, : of_sky.shape[2]] = of_sky
+        space[:, is_pseudolite] = own
     los[~used], cn0[~used] = np.nan, np.nan
     # carrier to noise by antenna and distance, then the noise that the code loop has of it
     to_sky, to_ground = _gains(environment, motion.c_eb, away / distance[..., None], signals.elevation)
@@ -536,9 +539,11 @@ def _affected(
 
 
 def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:
-    """Change of the pseudoranges of pseudolites (e, p, 4), m, by one sigma of their places, north, east, down, and of
-    their clocks; towards: (e, p, 3) unit vectors, ECEF."""
-    out = np.full((*towards.shape[:2], 4), pseudolites.errors.offset)
+    """Change of the pseudoranges of pseudolites (e, p, 4 or 5), m, by one sigma of their places, north, east, down, of
+    their clocks, and of range biases if there are any; towards: (e, p, 3) unit vectors, ECEF."""
+    errors = pseudolites.errors
+    out = np.full((*towards.shape[:2], 5 if errors.bias > 0.0 else 4), errors.offset)
+    out[..., 4:] = errors.bias
     for i, llh in enumerate(pseudolites.llh):
         out[:, i, :3] = pseudolites.errors.survey * (towards[:, i] @ ned_matrix(llh).T)
     return out

@@ -298,7 +298,7 @@ def further(scenario: Landing, sources: Environment) -> int:
     gyro, accel = scenario.imu.triads()
     pseudolites, signals, sensors = scenario.pseudolites, scenario.signals, scenario.aiding()
     errors = pseudolites.errors()
-    drawn = [errors.survey, errors.offset] if pseudolites.placed() else []
+    drawn = [errors.survey, errors.offset, errors.bias] if pseudolites.placed() else []
     wander = errors.wanders and bool(pseudolites.placed())
     if len(set(sources.systems) - {PSEUDOLITES, OWN}) > 1:
         drawn.append(signals.system_offset_sigma_ns)

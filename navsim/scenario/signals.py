@@ -342,6 +342,8 @@ class FilterPseudolites(Section):
 
     survey_sigma_m: NonNegative | None = None
     """1 sigma, along each axis, of the position error of each pseudolite"""
+    range_bias_sigma_m: NonNegative | None = None
+    """1 sigma of the constant error of each pseudolite's ranges"""
     clock_sigma_ns: NonNegative | None = None
     """1 sigma of each clock error that is constant over a run"""
     clock_drift_sigma_ppb: NonNegative | None = None
@@ -378,6 +380,9 @@ class PseudolitesSection(Section):
     clock_sigma_ns: NonNegative = 0.0
     """1 sigma of each pseudolite's clock error after calibration, drawn for each run; the receiver weights their ranges
     by it"""
+    range_bias_sigma_m: NonNegative = 0.0
+    """1 sigma of the constant error of each pseudolite's ranges (hardware delay, calibration), drawn for each run; the
+    receiver weights their ranges by it"""
     clock_drift_sigma_ppb: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """1 sigma of the frequency error that each pseudolite's clock was set with, drawn for each run; the receiver
     weights ranges and range rates by it"""
@@ -494,7 +499,7 @@ class PseudolitesSection(Section):
     @property
     def drawn(self) -> tuple[str, ...]:
         """Keys of errors that are drawn and last over a run."""
-        keys = ("survey_sigma_m", "clock_sigma_ns", "clock_drift_sigma_ppb", "clock_noise")
+        keys = ("survey_sigma_m", "range_bias_sigma_m", "clock_sigma_ns", "clock_drift_sigma_ppb", "clock_noise")
         return tuple(key for key in keys if getattr(self, key)) if self.placed() else ()
 
     def errors(self, given: FilterPseudolites | None = None) -> TransmitterErrors:
@@ -511,6 +516,7 @@ class PseudolitesSection(Section):
             size("survey_sigma_m"), SPEED_OF_LIGHT * size("clock_sigma_ns") * 1e-9,
             SPEED_OF_LIGHT * size("clock_drift_sigma_ppb") * 1e-9,
             (0.0, 0.0) if noise is None else noise.densities(), 0.0 if self.clock_age_s is None else self.clock_age_s,
+            size("range_bias_sigma_m"),
         )  # fmt: skip
 
     def model(self, llh: np.ndarray) -> Pseudolites:

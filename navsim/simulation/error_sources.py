@@ -53,7 +53,7 @@ RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range_
 
 OFFSET = "system_offset"
 """The source that drawn offsets of time scales are to a receiver that takes all for one."""
-SURVEY, CALIBRATION = "pseudolite_survey", "pseudolite_clock"
+SURVEY, CALIBRATION, BIAS = "pseudolite_survey", "pseudolite_clock", "pseudolite_range_bias"
 """The sources that drawn errors of the places and clocks of pseudolites are."""
 WANDERING = "pseudolite_clock_noise"
 """The source that the noise of pseudolites' clocks is."""

@@ -44,6 +44,7 @@ from navsim.simulation.correlated_sources import (
     white_noise,
 )
 from navsim.simulation.error_sources import (
+    BIAS,
     CALIBRATION,
     CLOCK,
     CORRELATED,
@@ -171,7 +172,7 @@ def analyse(
     s, events, e, outputs = shared.signals, flight.events, shared.signals.time.size, shared.filter_time.size
     own = tuple(dict.fromkeys((*SOURCES, *(state.source for state in true))))
     placed = () if s.space is None else tuple(np.flatnonzero(s.space[:, of_pseudolites].any(axis=(0, 1))).tolist())
-    own += tuple(dict.fromkeys(SURVEY if column < 3 else CALIBRATION for column in placed))
+    own += tuple(dict.fromkeys(_OWNERS[column] for column in placed))
     own += (OFFSET,) if s.offset is not None else ()
     own += (CLOCK,) if flight.scales else ()
     own += () if s.correlated is None else tuple(CORRELATED + name for name in s.correlated.names)
@@ -236,7 +237,7 @@ def analyse(
     messages = _messages(s, by_range, epoch)
     felt = messages.any(axis=(0, 1))
     messages, first = messages[:, :, felt], columns.shape[1]
-    owner = np.append(owner, _owners(own, of_pseudolites)[: felt.size][felt])
+    owner = np.append(owner, _owners(own, of_pseudolites, felt.size // len(s.names))[felt])
     shown = _shown_messages(flight)[:, felt]
     if s.offset is not None:
         messages = np.concatenate([messages, np.where(s.used[epoch, None], by_range, 0.0) @ s.offset], axis=2)
@@ -394,7 +395,7 @@ def _check(analysis: Analysis, matched: bool) -> None:
 
 
 def _messages(signals: Signals, by_range: np.ndarray, epoch: np.ndarray) -> np.ndarray:
-    """Change of measurements (m, MOST, 4 s) in the epochs (m,) by one sigma of each error of orbits and clocks; (m,
+    """Change of measurements (m, MOST, k s) in the epochs (m,) by one sigma of each error of orbits and clocks; (m,
     MOST, 0) without them."""
     m = by_range.shape[0]
     if signals.space is None:
@@ -404,17 +405,22 @@ def _messages(signals: Signals, by_range: np.ndarray, epoch: np.ndarray) -> np.n
 
 
 def _shown_messages(flight: Flight) -> np.ndarray:
-    """True values of the filter's states (n, 4 s) by one sigma of each error of `_messages`; (n, 0) without these."""
+    """True values of the filter's states (n, k s) by one sigma of each error of `_messages`; (n, 0) without these."""
     signals, mine, n = flight.shared.signals, flight.transmitter_states, flight.model.states
-    out = np.zeros((n, 0 if signals.space is None else 4 * len(signals.names)))
+    out = np.zeros((n, 0 if signals.space is None else signals.space.shape[2] * len(signals.names)))
     if mine is not None and signals.space is not None:
         out[transmitter_error_states(flight)] = mine.of_messages().reshape(len(mine.each), -1)
     return out
 
 
-def _owners(sources: tuple[str, ...], of_pseudolites: np.ndarray) -> np.ndarray:
-    """Source of each position and clock error (4 s,); -1 for errors that are not among the sources."""
-    mine = [sources.index(name) if name in sources else -1 for name in (SURVEY, SURVEY, SURVEY, CALIBRATION)]
+_OWNERS = (SURVEY, SURVEY, SURVEY, CALIBRATION, BIAS)
+"""Source of each error of a pseudolite that is drawn once a run, as in `Signals.space`."""
+
+
+def _owners(sources: tuple[str, ...], of_pseudolites: np.ndarray, count: int) -> np.ndarray:
+    """Source of each of `count` errors of each source of signals (count s,); -1 for errors that are not among the
+    sources."""
+    mine = np.array([sources.index(name) if name in sources else -1 for name in _OWNERS[:count]], int)
     return np.where(of_pseudolites[:, None], mine, EPHEMERIS).ravel()
 
 

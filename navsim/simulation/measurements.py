@@ -48,7 +48,7 @@ def draw_measurements(
     ranges, rates = np.zeros((e, s, lanes)), np.zeros((e, s, lanes))
     delay = signals.delay[..., None]
     if signals.space is not None:
-        of_space = (generator(seed, run, "space").standard_normal((s, 4)) for run in runs)
+        of_space = (generator(seed, run, "space").standard_normal((s, signals.space.shape[2])) for run in runs)
         late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in of_space]
         delay = np.stack(late, axis=-1)
     if signals.offset is not None:

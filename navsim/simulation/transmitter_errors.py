@@ -1,4 +1,4 @@
-"""Errors of transmitters on the ground as states of a filter: survey of the position, offset and rate of the clock.
+"""Errors of transmitters on the ground as states of a filter: survey, clock, range bias.
 
 They last over a run. The state of an error acts on the ranges of its own transmitter: a tightly coupled filter has
 these effects as they are, a loosely coupled one as the geometry maps them to the fix.
@@ -21,7 +21,7 @@ from navsim.gnss.pseudolite_clock import TransmitterErrors
 from navsim.gnss.pseudorange import Signals
 from navsim.statistics.random_streams import generator
 
-_POSITION, _OFFSET, _RATE = (0, 1, 2), 3, 4
+_POSITION, _OFFSET, _BIAS, _RATE = (0, 1, 2), 3, 4, 5
 """Errors of a transmitter, in order; those of its position are along north, east, down."""
 
 
@@ -52,6 +52,7 @@ class TransmitterStates:
         if truth is None:
             return ()
         own = [*(_POSITION if errors.survey > 0.0 else ())]
+        own += [_BIAS] if errors.bias > 0.0 else []
         own += [_OFFSET] if errors.offset > 0.0 or errors.wanders else []
         own += [_RATE] if errors.wanders else []
         return tuple((int(i), k) for i in np.flatnonzero(truth.which & used.any(axis=0)) for k in own)
@@ -67,6 +68,8 @@ class TransmitterStates:
             if k in _POSITION:
                 axis = ("north", "east", "down")[k]
                 one = Block(f"transmitter_position_{name}_{axis}", "m", SOURCE, first=number, size=1), errors.survey
+            elif k == _BIAS:
+                one = Block(f"transmitter_range_bias_{name}", "m", SOURCE, first=number, size=1), errors.bias
             elif k == _OFFSET:
                 one = Block(f"transmitter_clock_{name}", "m", SOURCE, first=number, size=1, clock=clock), offset
             else:
@@ -86,7 +89,7 @@ class TransmitterStates:
                 axes = ned_matrix(llh_from_ecef(s.position[used, i]))
                 out[used, 0, q] = np.einsum("ej,ej->e", away, axes[:, k]) / np.linalg.norm(away, axis=1)
             else:
-                out[used, 0 if k == _OFFSET else 1, q] = 1.0
+                out[used, 1 if k == _RATE else 0, q] = 1.0
         return out
 
     @property
@@ -123,15 +126,18 @@ class TransmitterStates:
         """True values (q,) of the errors that are the same in all runs."""
         truth = self.signals.transmitters
         assert truth is not None or not self.each
-        return np.array([0.0 if truth is None else (*truth.survey_error, truth.delay, 0.0)[k] for _, k in self.each])
+        return np.array(
+            [0.0 if truth is None else (*truth.survey_error, truth.delay, 0.0, 0.0)[k] for _, k in self.each]
+        )
 
     def of_messages(self) -> np.ndarray:
-        """Effect on the states (q, s, 4) of one sigma of errors that are drawn once a run, as of `Signals.space`."""
-        truth = self.signals.transmitters
-        out = np.zeros((len(self.each), len(self.signals.names), 4))
+        """Effect on the states (q, s, k) of one sigma of errors that are drawn once a run, as of `Signals.space`."""
+        truth, space = self.signals.transmitters, self.signals.space
+        out = np.zeros((len(self.each), len(self.signals.names), 4 if space is None else space.shape[2]))
         for q, (i, k) in enumerate(self.each):
-            if k != _RATE and truth is not None:
-                out[q, i, k] = truth.errors.offset if k == _OFFSET else truth.errors.survey
+            if k < out.shape[2] and truth is not None:
+                errors = truth.errors
+                out[q, i, k] = {_OFFSET: errors.offset, _BIAS: errors.bias}.get(k, errors.survey)
         return out
 
     def of_clocks(self, which: np.ndarray) -> np.ndarray:
@@ -140,7 +146,7 @@ class TransmitterStates:
         out = np.zeros((len(self.each), 2 * len(wandering)))
         for q, (i, k) in enumerate(self.each):
             if k in (_OFFSET, _RATE) and i in wandering:
-                out[q, (k - _OFFSET) * len(wandering) + wandering.index(i)] = 1.0
+                out[q, (k == _RATE) * len(wandering) + wandering.index(i)] = 1.0
         return out
 
     def true_values(self, time: np.ndarray, seed: int, runs: Sequence[int], lanes: int) -> np.ndarray:
@@ -150,7 +156,7 @@ class TransmitterStates:
         for lane, run in enumerate(runs):
             own = np.broadcast_to(self.systematic, out.shape[:2]).copy()
             if s.space is not None:
-                drawn = generator(seed, run, "space").standard_normal((len(s.names), 4))
+                drawn = generator(seed, run, "space").standard_normal(s.space.shape[1:])
                 own += np.einsum("qsk,sk->q", self.of_messages(), drawn)
             if s.wandering is not None:
                 known = s.wandering.drawn(s.time, [generator(seed, run, "clock", 2)])[..., 0]

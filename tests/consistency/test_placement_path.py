@@ -151,6 +151,7 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "pseudolites.clock_noise.h0": st.just(2e-20),
     "pseudolites.clock_noise.h_minus2": st.just(1e-22),
     "pseudolites.clock_noise.oscillator": st.just("tcxo"),
+    "pseudolites.range_bias_sigma_m": st.just(0.5),
     "pseudolites.clock_drift_sigma_ppb": st.just(2.0),
     "pseudolites.clock_age_s": st.just(60.0),
     "pseudolites.range_sigma_m": METRES,

@@ -19,7 +19,7 @@ BRIEF = (
 )  # fmt: skip
 FREE = (
     "pseudolites.survey_sigma_m=0.5", "pseudolites.clock_sigma_ns=15", "pseudolites.clock_drift_sigma_ppb=5",
-    "pseudolites.clock_noise={oscillator: tcxo}", "pseudolites.clock_age_s=3",
+    "pseudolites.clock_noise={oscillator: tcxo}", "pseudolites.clock_age_s=3", "pseudolites.range_bias_sigma_m=0.5",
 )  # fmt: skip
 
 
@@ -39,7 +39,7 @@ def test_every_state_is_consistent(coupling: str, more: tuple[str, ...]) -> None
     analysis = covariance_analysis(flown)
     names = flown.states
     own = [i for i, name in enumerate(names) if name.startswith("transmitter_")]
-    assert len(own) == 10
+    assert len(own) == 12
     ratio = np.sqrt(np.einsum("tii->ti", analysis.covariance) / np.einsum("tii->ti", analysis.assumed))
     runs = list(flown.fly_runs(20, 0, 80, measured=False))
     z = np.concatenate([run.error for run in runs]) / np.concatenate([run.sigma for run in runs])
@@ -72,6 +72,8 @@ def test_what_geometry_cannot_tell_apart(method: str) -> None:
     (row,) = (row for row in summary_table([("x", both)]).rows if "cannot tell apart" in str(row.cells[0]))
     assert row.texts()[1].startswith(pair)
     assert not clock["/summary/consistency/pair"].size
+    biased = computed(method, *brief, "pseudolites.range_bias_sigma_m=50")
+    assert biased["/summary/consistency/pair"].tolist() == ["range bias of PL1, clock of PL1"]
     assert "/summary/consistency/pair" not in computed(method).variables
 
 
