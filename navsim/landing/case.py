@@ -179,6 +179,8 @@ class Case:
             self.scenario.model_copy(update={"box": None}).check_analysable()
         except ValueError as error:
             return str(error)
+        if self.scenario.beacons is not None and (key := self.scenario.beacons.irregular):
+            return f"beacons.{key} is above 0: first-order errors have neither lost answers nor outliers"
         return self._rare_losses()
 
     def _rare_losses(self) -> str:

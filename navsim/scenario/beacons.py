@@ -120,11 +120,19 @@ class BeaconsSection(AidingSection):
         return largest_range(self.eirp_dbm, self.gain_dbi, self.sensitivity_dbm, self.carrier_mhz * 1e6)
 
     def check(self, landing: Landing) -> None:
-        """Raise for a filter that has no states, with keys of them."""
+        """Raise for a filter that has no states, with keys of them, and for outliers in pushed runs."""
+        if landing.method == "rare" and self.irregular:
+            text = "method rare pushes Gaussian errors; use 0, or method monte-carlo"
+            raise reject(text, "beacons", self.irregular)
         its = landing.filter.beacons
         for key in () if its.errors == "states" else ERRORS_OF_BEACONS:
             if getattr(its, key) is not None:
                 raise reject("is for `errors: states`", "filter", "beacons", key)
+
+    @property
+    def irregular(self) -> str | None:
+        """Key of lost answers or outliers, which are no Gaussian errors; None without."""
+        return next((key for key in ("loss", "outlier_share", "long_share") if getattr(self, key)), None)
 
     def error_without_state(self, landing: Landing) -> str | None:
         """Key of an error, if the filter does not estimate them."""

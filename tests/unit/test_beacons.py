@@ -167,6 +167,17 @@ def test_messages(keys: str, key: str, text: str) -> None:
     assert any(key in str(problem) and text in str(problem) for problem in caught.value.problems), caught.value.problems
 
 
+def test_outliers_are_no_part_of_first_order_errors() -> None:
+    """The rare method refuses them, the covariance analysis warns that it leaves them out; no control variates use
+    them."""
+    lossy = section("loss: 0.1")
+    with pytest.raises(InputError, match="method rare pushes Gaussian errors"):
+        scenario(lossy, "method=rare", "box={lateral_m: 1}")
+    assert any("beacons.loss changes nothing" in text for text in scenario(lossy, "method=covariance").unused())
+    assert "beacons.loss" in case(*BRIEF, lossy).why_not_linear
+    assert "beacons" not in case(*BRIEF, section()).why_not_linear
+
+
 def test_a_link_budget_is_a_largest_range() -> None:
     keys = section().replace("range_limit_m: 9000", "eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868")
     (aid,) = case(*BRIEF, keys).shared.aids
