@@ -35,11 +35,13 @@ outages:
 CIRCUITS = (230.0, 570.0)
 SETTLED = 270.0
 """From then on heading is known again after the launch, s."""
+ERROR = ("position_error_time", "position_error_horizontal", "position_error_vertical")
 KEYS = (
     ("gnss.velocity_sigma_m_s", "velocity_sigma_horizontal", "velocity_sigma_vertical"),
     ("imu.gyro.arw_deg_sqrt_h", "gyro_noise_density"),
     ("imu.accelerometer.vrw_m_s_sqrt_h", "accelerometer_noise_density"),
     ("gnss.latency_s", "latency"),
+    ("gnss.velocity_latency_s", "velocity_latency"),
 )
 
 
@@ -52,13 +54,18 @@ def as_tuned(log: Path, name: str) -> tuple[str, ...]:
 
     def tune() -> dict[str, float]:
         found = replayed(log)
-        return {key: float(found[f"/tuning/{key}"]) for _, *keys in KEYS for key in keys}
+        keys = [key for _, *several in KEYS for key in several] + [key for key in ERROR if f"/tuning/{key}" in found]
+        return {key: float(found[f"/tuning/{key}"]) for key in keys}
 
     found = measured.kept(("tuned", name, log.read_text() if name == "uav" else ""), tune)
     degrees = {"gyro_noise_density": np.degrees(1.0) * 60.0, "accelerometer_noise_density": 60.0}
     values = [[found[key] * degrees.get(key, 1.0) for key in keys] for _, *keys in KEYS]
     written = (value if len(value) > 1 else value[0] for value in values)
-    return ("tuning=none", *(f"{key}={value}" for (key, *_), value in zip(KEYS, written, strict=True)))
+    settings = ["tuning=none", *(f"{key}={value}" for (key, *_), value in zip(KEYS, written, strict=True))]
+    if ERROR[0] in found:
+        time, horizontal, vertical = (found[key] for key in ERROR)
+        settings += [f"gnss.errors=[{{correlation_time_s: {time}, position_sigma_m: [{horizontal}, {vertical}]}}]"]
+    return tuple(settings)
 
 
 def rms(values: np.ndarray) -> np.ndarray:
@@ -91,7 +98,8 @@ def uav(*settings: str) -> dict[str, list[float]]:
         "velocity": rms(found["/innovations/velocity_ned"][circuits]).tolist(),
         "attitude": apart,
         "drift": [*found["/summary/drift_median"].tolist(), *found["/summary/drift_max"].tolist()],
-        "nis": found["/summary/nis"].tolist(),
+        "nis": found["/summary/nis"][:2].tolist(),
+        "nees": found["/summary/drift_nees"].tolist(),
         "latency": [float(found["/tuning/latency"])],
         "lost": [*found["/lost/start"].tolist(), *found["/lost/end"].tolist()],
     }
@@ -160,6 +168,7 @@ def main() -> int:
         row("drift without fixes, 10 s, median / largest, m", drifts[0], "9.9 / 38"),
         row("30 s", drifts[1], "108 / 264"),
         row("normalised innovation squared, all / moving", listed(small["nis"], 2), ""),
+        row("drift NEES, 10 s / 30 s", listed(small["nees"], 2), ""),
         "",
         f"- The tuning finds a latency of {small['latency'][0]:.3f} s.",
         "- The onboard yaw is wrong by 110° while the aircraft stands and taxies; the GNSS course shows it. navsim "

@@ -23,11 +23,12 @@ ACCEL_BIAS = np.array([0.05, -0.03, 0.04])
 
 
 def write_flight(
-    folder: Path, duration: float = 100.0, seed: int = 5, vertical: bool = True, rough: bool = False
+    folder: Path, duration: float = 100.0, seed: int = 5, vertical: bool = True, rough: bool = False, lag: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """imu.csv and gnss.csv of an S-turn, and log.yaml; returns time, llh, velocity, attitude (rpy) of the truth.
 
     rough: irregular sample times, rows twice, rows out of order, wild fixes. vertical: with vertical velocities.
+    lag: how much older velocities are than positions, s.
     """
     rng = np.random.default_rng(seed)
     trajectory = case(f"duration_s={duration}", name="s_turn").trajectory
@@ -53,6 +54,9 @@ def write_flight(
     swing = np.einsum("nij,nj->ni", at.c_nb, np.cross(at.angular_rate, LEVER))
     ecef = at.position_ecef + np.einsum("nji,nj->ni", ned_matrix(at.llh), arm + 0.3 * rng.standard_normal(arm.shape))
     llh = llh_from_ecef(ecef)
+    if lag:
+        at = trajectory.motion(valid - lag)
+        swing = np.einsum("nij,nj->ni", at.c_nb, np.cross(at.angular_rate, LEVER))
     velocity = at.velocity_ned + swing + 0.1 * rng.standard_normal(arm.shape)
     fixes = []
     for t, p, v in zip(valid + LATENCY, llh, velocity, strict=True):

@@ -73,7 +73,7 @@ class FixTable(NamedTuple):
     """Fixes of a receiver's antenna, m of them."""
 
     llh: np.ndarray
-    """(m, 3) rad, rad, m, nan without a fix."""
+    """(m, 3) rad, rad, m, nan without a position."""
     velocity: np.ndarray
     """(m, 3) NED m/s; the filter ignores components that are nan."""
     covariance: np.ndarray
@@ -622,9 +622,8 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
                     z[a] -= effect * nav[NAV_SENSORS + c]
                     h[a, SENSORS + c] = effect
         _transmitters(nav, declared, fixes.transmitters, row, MAX_MEASUREMENT_SIZE, z, h)
-        fixed = no(math.isnan(llh[row, 0]))
         for a in range(MAX_MEASUREMENT_SIZE):
-            there = fixed & no(math.isnan(z[a]))
+            there = no(math.isnan(z[a]))
             have[a] = where(there, 1.0, 0.0)
             z[a] = where(there, z[a], 0.0)
             for c in range(h.shape[1]):

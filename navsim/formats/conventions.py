@@ -30,7 +30,11 @@ def effects_of(state: int) -> tuple[str, ...]:
     return tuple(f"error{state}_{axis}" for axis in FIX_AXES)
 
 
-GNSS_OPTIONAL = ("nsat", *FIX_SIGMAS, *FIX_CORRELATIONS)
+FIX_ACCURACIES = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_speed_m_s")
+"""Names of the columns of the accuracies that a receiver claims: horizontal, vertical, of the velocity."""
+LEAST_QUALITY = 3
+"""Least number in the column `quality` of a fix with a height: 3 or more is 3D, as MAVLink numbers fixes."""
+GNSS_OPTIONAL = ("nsat", *FIX_SIGMAS, *FIX_CORRELATIONS, *FIX_ACCURACIES, "quality")
 """Names of optional columns of fixes."""
 TRACK_COLUMNS, TRACK_ATTITUDE = ("t_s", "lat_deg", "lon_deg", "h_m"), ("roll_deg", "pitch_deg", "yaw_deg")
 """Names of the columns of trajectories, and of those that they may have."""

@@ -58,6 +58,9 @@ class Fixes:
     """(m, 6, 6) of position and velocity, NED, from the receiver; nan where missing, None if always missing."""
     effect: np.ndarray | None = None
     """(m, 6, k) effect of each of k time-correlated errors of variance one, None without."""
+    accuracy: np.ndarray | None = None
+    """(m, 3) 1 sigma that the receiver claims, horizontal per axis, vertical, m, velocity per axis, m/s; nan where
+    missing, None if always missing."""
 
     @property
     def has_own_noise(self) -> bool:
@@ -67,9 +70,26 @@ class Fixes:
         unknown = np.isnan(np.diagonal(self.covariance, axis1=1, axis2=2))
         return not np.any(unknown & np.isfinite(np.hstack([self.llh, self.velocity])))
 
+    @property
+    def usual_accuracy(self) -> np.ndarray:
+        """Median (3,) of the accuracies that the receiver claims, nan where it claims none."""
+        if self.accuracy is None:
+            return np.full(3, np.nan)
+        known = [column[np.isfinite(column)] for column in self.accuracy.T]
+        return np.array([np.median(column) if column.size else np.nan for column in known])
+
+    @property
+    def weight(self) -> np.ndarray:
+        """1 sigma (m, 6) of each fix by its claimed accuracy, over that of a usual fix; 1 without a claim."""
+        if self.accuracy is None:
+            return np.ones((self.time.size, 6))
+        relative = self.accuracy / self.usual_accuracy
+        return np.asarray(np.where(np.isfinite(relative), relative, 1.0)[:, [0, 0, 1, 2, 2, 2]])
+
     def take(self, index: np.ndarray | slice) -> Fixes:
         """Some of the fixes."""
-        more = (None if values is None else values[index] for values in (self.covariance, self.effect))
+        of_fixes = (self.covariance, self.effect, self.accuracy)
+        more = (None if values is None else values[index] for values in of_fixes)
         return Fixes(self.time[index], self.llh[index], self.velocity[index], *more)
 
     def earlier(self, delay: float) -> Fixes:

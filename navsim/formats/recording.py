@@ -14,6 +14,7 @@ import numpy as np
 
 from navsim.formats import conventions
 from navsim.formats.conventions import (
+    FIX_ACCURACIES,
     FIX_AXES,
     FIX_CORRELATIONS,
     FIX_SIGMAS,
@@ -22,6 +23,7 @@ from navsim.formats.conventions import (
     GNSS_OPTIONAL,
     IMU_AS_DUE,
     IMU_COLUMNS,
+    LEAST_QUALITY,
     TRACK_ATTITUDE,
     TRACK_COLUMNS,
     GnssConvention,
@@ -37,7 +39,8 @@ from navsim.results.findings import several
 _MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", *GNSS_OPTIONAL)
 _IMU_LIMITS = ((-1e12, 1e12), *((-100.0, 100.0),) * 3, *((-2000.0, 2000.0),) * 3)
 _GNSS_LIMITS = ((-1e12, 1e12), (-90.0, 90.0), (-180.0, 360.0), (-1e4, 1e5), *((-2000.0, 2000.0),) * 3, (0, 1000),
-                *((1e-9, 1e6),) * len(FIX_SIGMAS), *((-1.0, 1.0),) * len(FIX_CORRELATIONS))  # fmt: skip
+                *((1e-9, 1e6),) * len(FIX_SIGMAS), *((-1.0, 1.0),) * len(FIX_CORRELATIONS),
+                *((1e-9, 1e6),) * len(FIX_ACCURACIES), (0, 100))  # fmt: skip
 _CONTRADICTORY = -1e-6
 """Smallest eigenvalue of a correlation matrix, which rounding may bring below zero."""
 
@@ -133,7 +136,9 @@ def read_fixes(
     table[:, 0] += convention.time_offset
     few = table[:, 7] < min_satellites
     dropped.add(f"fixes with fewer than {min_satellites} satellites", few.sum())
-    table = _in_order(table[~few], dropped, "fixes")
+    flat = ~few & (table[:, _ACCURACY.stop :][:, :1] < LEAST_QUALITY).any(axis=1)
+    dropped.add(f"fixes of a quality below {LEAST_QUALITY}, which have no height", flat.sum())
+    table = _in_order(table[~(few | flat)], dropped, "fixes")
     # a receiver without a fix repeats one invented place until its first change of position
     if table.shape[0] > 1:
         moved = np.flatnonzero(np.any(table[:, 1:4] != table[0, 1:4], axis=1))
@@ -149,14 +154,19 @@ def read_fixes(
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
     spread = table[:, _SPREAD]
     covariance = _covariances(spread) if np.isfinite(spread).any() else None
+    claimed = table[:, _ACCURACY]
+    accuracy = claimed.copy() if np.isfinite(claimed).any() else None
     effect = None
     if convention.errors:
-        effect = np.swapaxes(table[:, _SPREAD.stop :].reshape(-1, convention.errors, len(FIX_AXES)), 1, 2).copy()
-    return Fixes(table[:, 0], llh, table[:, 4:7].copy(), covariance, effect), dropped
+        effects_first = len(GNSS_COLUMNS) + len(GNSS_OPTIONAL)
+        effect = np.swapaxes(table[:, effects_first:].reshape(-1, convention.errors, len(FIX_AXES)), 1, 2).copy()
+    return Fixes(table[:, 0], llh, table[:, 4:7].copy(), covariance, effect, accuracy), dropped
 
 
-_SPREAD = slice(len(GNSS_COLUMNS) + 1, len(GNSS_COLUMNS) + len(GNSS_OPTIONAL))
-"""Columns of a row of fixes with 1 sigmas and correlations; effects of time-correlated errors follow."""
+_SPREAD = slice(len(GNSS_COLUMNS) + 1, len(GNSS_COLUMNS) + 1 + len(FIX_SIGMAS) + len(FIX_CORRELATIONS))
+_ACCURACY = slice(_SPREAD.stop, _SPREAD.stop + len(FIX_ACCURACIES))
+"""Columns of a row of fixes: with 1 sigmas and correlations; with the accuracies that the receiver claims. The quality
+follows, then effects of time-correlated errors."""
 
 
 def _covariances(spread: np.ndarray) -> np.ndarray:

@@ -91,6 +91,8 @@ class PartStart:
     """(3,) interval of the positions from which components of that velocity were computed, s, 0 for measured ones."""
     own: np.ndarray
     """(6,) 1 sigma of the fix from the receiver, nan if missing."""
+    weight: np.ndarray
+    """(6,) 1 sigma of the fix over that of a usual one, see `Fixes`."""
     effect: np.ndarray
     """(6, k) see `Fixes`."""
     kept: tuple[np.ndarray, np.ndarray] | None = None
@@ -102,7 +104,8 @@ class PartStart:
     def at(cls, known: KnownStart) -> PartStart:
         """At a state that is known."""
         llh, velocity = known.navigation[states.NAV_LLH : states.NAV_VEL], known.navigation[states.NAV_VEL :][:3]
-        return cls(known.alignment, llh, velocity, 0.0, np.zeros(3), np.full(6, np.nan), np.empty((6, 0)), known=known)
+        none, one = np.full(6, np.nan), np.ones(6)
+        return cls(known.alignment, llh, velocity, 0.0, np.zeros(3), none, one, np.empty((6, 0)), known=known)
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,10 @@ class RecordedFlight(InertialLog):
     """(m, 6, 6) nan where unknown."""
     effect: np.ndarray
     """(m, 6, k) see `Fixes`."""
+    weight: np.ndarray
+    """(m, 6) see `Fixes`."""
+    velocity_lag: float = 0.0
+    """How much older the velocity of a fix is than its position, s."""
     ranges: Ranges | None = None
     """Ranges of each epoch (m,) from which the fixes are solved, if known. An epoch without a fix has a row of nan."""
 
@@ -246,6 +253,7 @@ def prepare(
     align: Callable[[float], Alignment | None] = lambda _: None,
     patience: float = np.inf,
     known: KnownStart | None = None,
+    velocity_lag: float = 0.0,
 ) -> RecordedFlight:
     """Prepare the flight after an alignment, or from a known state on.
 
@@ -256,9 +264,10 @@ def prepare(
     - `ranges`: those of the fixes' epochs and of others, if known.
     - `align`: next alignment at or after a time, s; `patience`: see `RecordedFlight`.
     - `known`: the state at the alignment, if known.
+    - `velocity_lag`: how much older the velocity of a fix is than its position, s.
     """
     begin = alignment.time
-    early = max(0.0, -latency)
+    early = waiting(latency, velocity_lag)
     late = fixes.time + early
     valid = fixes.time - latency
     end = float(sensed.imu_time[-1]) + TIME_TOLERANCE
@@ -266,7 +275,7 @@ def prepare(
     filled, over = fixes.with_velocity()
 
     def start_at(aligned: Alignment) -> PartStart:
-        return _start_at(aligned, fixes, filled, over, latency, float(sensed.imu_time[-1]))
+        return _start_at(aligned, fixes, filled, over, latency, float(sensed.imu_time[-1]), abs(velocity_lag))
 
     def restart(time: float) -> PartStart | None:
         again = align(time)
@@ -276,7 +285,7 @@ def prepare(
     covariance = np.full((fixes.time.size, 6, 6), np.nan) if fixes.covariance is None else fixes.covariance
     covariance = covariance[inside]
     effect = np.empty((fixes.time.size, 6, 0)) if fixes.effect is None else fixes.effect
-    effect = effect[inside]
+    effect, weight = effect[inside], fixes.weight[inside]
     north, east = filled.velocity[inside, :2].T
     speed, course = np.linalg.norm(filled.velocity[inside, :2], axis=1), np.arctan2(east, north)
     if ranges is not None:
@@ -284,8 +293,8 @@ def prepare(
         ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time + early <= end)))
         solved = np.isin(ranges.time + early, arrival)
         arrival = ranges.time + early
-        llh, own, speed, course, covariance, effect = (
-            _among(values, solved) for values in (llh, own, speed, course, covariance, effect)
+        llh, own, speed, course, covariance, effect, weight = (
+            _among(values, solved) for values in (llh, own, speed, course, covariance, effect, weight)
         )
     return RecordedFlight(
         **vars(sensed),
@@ -299,15 +308,17 @@ def prepare(
         patience=patience,
         covariance=covariance,
         effect=effect,
+        weight=weight,
+        velocity_lag=velocity_lag,
         ranges=ranges,
     )
 
 
 def _start_at(
-    alignment: Alignment, fixes: Fixes, filled: Fixes, over: np.ndarray, latency: float, last: float
+    alignment: Alignment, fixes: Fixes, filled: Fixes, over: np.ndarray, latency: float, last: float, lag: float
 ) -> PartStart:
     """Start at an alignment from the nearest fix; filled, over: as of `Fixes.with_velocity`; last: the end of the
-    flight, s."""
+    flight, s; lag: time between its position and its velocity, s."""
     begin, valid = alignment.time, fixes.time - latency
     known = np.isfinite(filled.velocity).all(axis=1)
     before = np.flatnonzero(known & (valid <= begin + 1e-9))
@@ -323,7 +334,7 @@ def _start_at(
     derived = np.where(np.isnan(fixes.velocity[at]), over[at], 0.0)
     own = np.full(6, np.nan) if fixes.covariance is None else np.sqrt(np.diag(fixes.covariance[at]))
     effect = np.empty((6, 0)) if fixes.effect is None else fixes.effect[at]
-    return PartStart(alignment, here, velocity, abs(ahead), derived, own, effect)
+    return PartStart(alignment, here, velocity, abs(ahead) + lag, derived, own, fixes.weight[at], effect)
 
 
 def _among(values: np.ndarray, there: np.ndarray) -> np.ndarray:
@@ -494,8 +505,9 @@ def _after_contradiction(
     )  # fmt: skip
     own = np.sqrt(np.diag(flight.covariance[fix]))
     return PartStart(
-        aligned, earth.llh_from_ecef(here), velocity, age, np.zeros(3), own, flight.effect[fix], (nav, covariance)
-    )
+        aligned, earth.llh_from_ecef(here), velocity, age, np.zeros(3), own, flight.weight[fix], flight.effect[fix],
+        (nav, covariance),
+    )  # fmt: skip
 
 
 def _cancel(one: np.ndarray, other: np.ndarray) -> bool:
@@ -553,6 +565,22 @@ def _cut(flight: RecordedFlight, begin: float, end: float) -> tuple[ImuData, sli
     return ImuData(time, dtheta, dv), within
 
 
+def waiting(latency: float, velocity_lag: float) -> float:
+    """Time, s, after its stamp at which a fix is complete: one that is stamped too early waits until it is valid."""
+    return max(0.0, -latency, -latency - velocity_lag)
+
+
+def _apart(fixes: FixTable, known: np.ndarray) -> FixTable:
+    """Fixes (m,) as positions and, in as many rows more, velocities, which are of another time; known (m,): whether the
+    flight has begun at that time."""
+    none = np.full_like(fixes.llh, np.nan)
+    velocity = np.where(known[:, None], fixes.velocity, np.nan)
+    return FixTable(
+        np.concatenate([fixes.llh, none]), np.concatenate([none, velocity]), np.tile(fixes.covariance, (2, 1, 1)),
+        fixes.lever_arm, np.tile(fixes.correlated, (2, 1, 1)),
+    )  # fmt: skip
+
+
 def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
     """A flight from a start to `end`, s, as of `fly`."""
     flight, design, fix_sigma, times = given.flight, given.design, given.fix_sigma, given.times
@@ -563,12 +591,12 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
     wanted = np.unique(times[(times > at + design.latency) & (times <= end + 1e-9)])
     outputs = np.unique(np.concatenate([imu.time[:1], arrival, wanted]))
     llh, velocity = flight.llh[rows], flight.velocity[rows]
-    llh[withheld] = np.nan
+    llh[withheld] = velocity[withheld] = np.nan
     valid = np.maximum(arrival - design.latency, at)
     # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
     gaps = any(within.start <= k < within.stop for k, _ in flight.gaps)
     kind = FILTER_KINDS["map"] if is_smoother(design.kind) and gaps else design.kind
-    noise = design.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma)
+    noise = design.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma * flight.weight[rows])
     known = valid if is_smoother(kind) else arrival
     tables: dict[int, FixTable | RangeTable] = {}
     scales: tuple[int, ...] = ()
@@ -579,9 +607,16 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
         heard = np.isfinite(ranges.pseudorange) & ~withheld[:, None]
         noise = noise_of_fixes(ranges, llh, given.range_sigma, noise)
         tables[RANGE] = table_of(ranges, heard, scales, given.range_sigma, design.lever_arm)
-    tables[PROBE if design.tight else FIX] = FixTable(llh, velocity, noise, design.lever_arm, flight.effect[rows])
+    fixes, fix_valid, fix_known = FixTable(llh, velocity, noise, design.lever_arm, flight.effect[rows]), valid, known
+    if flight.velocity_lag and not design.tight:
+        older = arrival - design.latency - flight.velocity_lag
+        fixes = _apart(fixes, older > at)
+        fix_valid = np.concatenate([valid, np.maximum(older, at)])
+        fix_known = fix_valid if is_smoother(kind) else np.tile(arrival, 2)
+    tables[PROBE if design.tight else FIX] = fixes
     epoch = np.nonzero(heard)[0]
-    events = schedule(outputs, (PROBE if design.tight else FIX, valid, known), (RANGE, valid[epoch], known[epoch]))
+    of_fixes = (PROBE if design.tight else FIX, fix_valid, fix_known)
+    events = schedule(outputs, of_fixes, (RANGE, valid[epoch], known[epoch]))
     densities = noise_of(flight, design)
     densities = densities if densities.shape[0] == 1 else densities[within]
     model = replace(design, kind=kind).model(densities, scales)
@@ -594,13 +629,20 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
     )
     if is_smoother(kind) and lost(history):
         raise ArithmeticError("the smoother lost the positive covariance of its flight")
-    weighed = events.rows(PROBE if design.tight else FIX)
-    squared, degrees, status = (m[weighed] for m in (history.innovation_squared, history.degrees, history.status))
+    pairs = events.rows(PROBE if design.tight else FIX).reshape(-1, count)
+    squared, degrees, status, each_status = by_epoch(
+        pairs.T, history.innovation_squared, history.degrees, history.status
+    )
+    status = np.where((each_status == REJECTED).any(axis=1), REJECTED, status)
+    innovation, innovation_sigma = (
+        np.hstack([values[pairs[0], :3], values[pairs[-1], 3:]])
+        for values in (history.innovation, history.innovation_sigma)
+    )
     each = np.where(np.isfinite(history.innovation_sigma), history.innovation_sigma, 1.0)  # 1 for a missing one
     log_sigma = np.log(each).sum(axis=1)
     of_ranges = np.full((*heard.shape, 2), np.nan)
     range_status = np.zeros(heard.shape, np.int64)
-    logs, rejected = log_sigma[weighed], (status == REJECTED).astype(np.int64)
+    logs, rejected = log_sigma[pairs].sum(axis=0), (status == REJECTED).astype(np.int64)
     if design.tight:
         table = np.full(heard.shape, -1)
         table[heard] = events.rows(RANGE)
@@ -613,7 +655,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
         logs = np.where((table >= 0) & passed[table], log_sigma[table], 0.0).sum(axis=1)
         rejected = (range_status == REJECTED).sum(axis=1)
     seen = Replayed(
-        outputs, history.navigation, history.sigma(), history.innovation[weighed], history.innovation_sigma[weighed],
-        squared, degrees, status, logs, of_ranges, range_status, rejected, np.full(count, True), (),
+        outputs, history.navigation, history.sigma(), innovation, innovation_sigma, squared, degrees, status, logs,
+        of_ranges, range_status, rejected, np.full(count, True), (),
     )  # fmt: skip
     return _Part(rows, arrival, seen, history.covariance)

@@ -22,9 +22,10 @@ ACCELERATION = 5.0
 
 
 def own_or_usual(covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Covariance of fixes (m, 6, 6): the receiver's own, nan where it gives none, else by 1 sigma (6,)."""
+    """Covariance of fixes (m, 6, 6): the receiver's own, nan where it gives none, else by 1 sigma (m, 6)."""
     unknown = np.isnan(covariance)
-    return np.where(unknown, np.where(unknown.all(axis=2)[..., None], np.diag(sigma**2), 0.0), covariance)
+    usual = sigma[:, :, None] ** 2 * np.eye(sigma.shape[1])
+    return np.where(unknown, np.where(unknown.all(axis=2)[..., None], usual, 0.0), covariance)
 
 
 def noise_of_fixes(ranges: Ranges, llh: np.ndarray, sigma: tuple[float, float], otherwise: np.ndarray) -> np.ndarray:
@@ -87,7 +88,7 @@ def start_of(
     if begin.kept is not None:
         nav[states.NAV_ACCEL : states.NAV_N] = begin.kept[0][states.NAV_ACCEL : states.NAV_N]
     eskf.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ design.lever_arm))
-    position_sigma, fix_velocity_sigma = np.split(np.where(np.isnan(begin.own), fix_sigma, begin.own), 2)
+    position_sigma, fix_velocity_sigma = np.split(np.where(np.isnan(begin.own), fix_sigma * begin.weight, begin.own), 2)
     matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *design.sensors.sigma], 3) ** 2)
     # since the fix the aircraft may have accelerated, and it turns about the antenna
     gained = ACCELERATION * begin.age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(design.lever_arm)

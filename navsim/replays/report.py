@@ -25,12 +25,13 @@ def tables(result: Result) -> list[Table | str]:
     """Innovations, what was tuned, drift without fixes."""
     seen = Table("Innovations, rms", ("fixes", "position N E D, m", "velocity N E D, m/s", "NIS per degree"))
     away = rejected(result)
-    for i, name in enumerate(result["/summary/fixes"]):
+    for i, name in enumerate(result["/summary/fixes"][:2]):
         position, velocity = (result[f"/summary/innovation_{part}"][i] for part in ("position", "velocity"))
         without = str(name) if not away.any() else f"accepted{'' if name == 'all' else f', {name}'}"
         seen.add(without, *_innovation_cells(position, velocity, float(result["/summary/nis"][i])))
     if away.any() and "/innovations/range_status" not in result:  # NIS of ranges is without rejected ones
         seen.add("all, with rejected", *_innovation_cells(*_of_all_fixes(result)))
+    evidence = _evidence(result)
     tuned = Table("Noise and latency", ("what", "value", "unit", "from"))
     for path, variable in sorted(result.variables.items()):
         if path.startswith("/tuning/"):
@@ -52,16 +53,30 @@ def tables(result: Result) -> list[Table | str]:
         text += "; used " + " of the recording's ".join(spans)
     if unseen := str(alignment.get("not_judged", "")):
         text += f"\nnot checked: {unseen}"
-    every: list[Table | str] = [seen, tuned, *_unusable(result)]
+    every: list[Table | str] = [seen, *evidence, tuned, *_unusable(result)]
     if not result["/outages/start"].size:
         return [*every, text]
-    lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest"))
+    lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest", "NEES"))
     length = result["/outages/end"] - result["/outages/start"]
     for i, duration in enumerate(result["/summary/duration"]):
         known = np.isfinite(result["/outages/horizontal_error"][np.abs(length - duration) < 1e-6])
         drift = [number(result[f"/summary/drift_{name}"][i], 1) for name in ("median", "max")]
-        lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift)
+        nees = result["/summary/drift_nees"][i] if "/summary/drift_nees" in result else math.nan
+        lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift, number(nees, 2))
     return [*every, lost, text]
+
+
+def _evidence(result: Result) -> list[Table]:
+    """Innovations over their sigmas by motion, position and velocity, where 1 is due; their autocorrelation, where 0 is."""
+    if "/summary/nis_position" not in result:  # results of earlier versions lack it
+        return []
+    out = Table("NIS by motion", ("fixes", "all", "position", "velocity"))
+    for i, name in enumerate(result["/summary/fixes"]):
+        if np.isfinite(result["/summary/nis"][i]):
+            out.add(str(name), *(number(result[f"/summary/nis{of}"][i], 2) for of in ("", "_position", "_velocity")))
+    lags = (number(float(result[f"/summary/lag1_{of}"]), 2) for of in ("position", "velocity"))
+    out.add("lag-1 autocorrelation, moving", "", *lags)
+    return [out]
 
 
 def _innovation_cells(position: np.ndarray, velocity: np.ndarray, nis: float) -> tuple[Cell, Cell, Cell]:

@@ -14,6 +14,7 @@ from navsim.filter.estimate import FILTER_KINDS, is_smoother
 from navsim.filter.records import REJECTED, TFG
 from navsim.replays import flight as replay
 from navsim.replays.findings import outage_spans
+from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
 from navsim.results.builder import ResultBuilder
 
 if TYPE_CHECKING:
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
 DILUTION = 3.0
 """1 sigma of a fix in that of a range, for the start of a tight filter and the innovations of fixes."""
+
+
+TURNING, TURN_TIME = np.radians(5.0), 2.0
+"""Rate of rotation, rad/s, above which an aircraft turns, and the time over which it is averaged, s."""
 
 
 def write_filter(
@@ -52,6 +57,35 @@ def write_innovations(draft: ResultBuilder, flight: replay.RecordedFlight, flown
     draft["/innovations/range_status"] = flown.range_status
 
 
+def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> None:
+    """Noise, latencies and errors of the fixes, and where each comes from."""
+    settings, free = tuning.settings, tuning.tuned
+    own = recording.fixes.has_own_noise
+    sigma, lag = recording.fix_sigma(settings), recording.velocity_lag(settings)
+    values = [(name, settings[i], i) for i, name in enumerate(recording.tuned[:VELOCITY_LAG])]
+    if not recording.tight:
+        values += [
+            ("velocity_latency", settings[LATENCY] + lag, VELOCITY_LAG if free[VELOCITY_LAG] else LATENCY),
+            ("position_sigma_horizontal", sigma[0], POSITION_RATIO if free[POSITION_RATIO] else 0),
+            ("position_sigma_vertical", sigma[2], POSITION_RATIO if free[POSITION_RATIO] else 1),
+        ]
+        if settings[ERROR_SIZE] > 0.0:
+            values += [
+                ("position_error_horizontal", settings[ERROR_SIZE] * sigma[0], ERROR_SIZE),
+                ("position_error_vertical", settings[ERROR_SIZE] * sigma[2], ERROR_SIZE),
+                ("position_error_time", settings[ERROR_TIME], ERROR_TIME),
+            ]
+    given = {"position_sigma": recording.scenario.gnss.position_sigma_m is not None,
+             "velocity_latency": recording.scenario.gnss.velocity_latency_s is not None}  # fmt: skip
+    for name, value, which in values:
+        origin = "tuned to the innovations" if free[which] else "given"
+        if own and "_sigma_" in name:
+            origin = "not used: each fix has its own"
+        elif any(name.startswith(key) and there for key, there in given.items()):
+            origin = "given"
+        draft.put(f"/tuning/{name}", value, {"origin": origin})
+
+
 def write_lost_spans(draft: ResultBuilder, flown: replay.Replayed) -> None:
     draft["/lost/span"] = np.arange(len(flown.lost))
     draft["/lost/start"] = np.array([one.begin for one in flown.lost], dtype=float)
@@ -71,19 +105,24 @@ def write_outages(
     design = of_outages(recording.design(settings, FILTER_KINDS[recording.scenario.filter.kind]))
     fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
     rows = []
+    missing = (np.nan,) * 3
     for first, last in sorted({span for outage in recording.scenario.outages for span in outage_spans(outage)}):
         inside = (flight.arrival >= first) & (flight.arrival <= last + 1e-9)
         solved = inside & np.isfinite(flight.llh[:, 0])
         if not solved.any() or first <= flight.imu_time[0] or last > flight.imu_time[-1]:
-            rows.append((first, last, np.nan, np.nan))
+            rows.append((first, last, *missing))
             continue
         final = int(np.flatnonzero(solved)[-1])
         inside[final] = False  # the innovation of this one is the drift
-        flown = replay.fly(flight, design, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
+        velocity = flight.velocity.copy()
+        velocity[final] = np.nan  # an older one would come before the drift is read
+        judged = replace(flight, velocity=velocity)
+        flown = replay.fly(judged, design, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
         north, east, down = flown.innovation[final, :3]
-        rows.append((first, last, float(np.hypot(north, east)), float(abs(down))))
-    table = np.array(rows).reshape(-1, 4)
-    for index, name in enumerate(("start", "end", "horizontal_error", "vertical_error")):
+        nees = float(np.mean((flown.innovation[final, :2] / flown.innovation_sigma[final, :2]) ** 2))
+        rows.append((first, last, float(np.hypot(north, east)), float(abs(down)), nees))
+    table = np.array(rows).reshape(-1, 5)
+    for index, name in enumerate(("start", "end", "horizontal_error", "vertical_error", "nees")):
         draft[f"/outages/{name}"] = table[:, index]
     draft["/outages/outage"] = np.arange(table.shape[0])
 
@@ -95,7 +134,12 @@ def of_outages(design: FilterDesign) -> FilterDesign:
 
 def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
     used = (flown.degrees > 0) & (flown.status != REJECTED)
-    groups = {"all": used, "moving": used & (flight.speed > moving)}
+    fast = flight.speed > moving
+    turning = _turn_rate(flight) > TURNING
+    groups = {
+        "all": used, "moving": used & fast, "parked": used & ~fast, "straight": used & fast & ~turning,
+        "turning": used & fast & turning,
+    }  # fmt: skip
     draft.put("/summary/fixes", np.array(list(groups)), moving=f"{moving:.2g} m/s")
     rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
     draft["/summary/innovation_position"] = rms[:, :3]
@@ -105,6 +149,10 @@ def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: re
         for m in groups.values()
     ]
     draft["/summary/nis"] = np.array(nis)
+    scaled = flown.innovation / flown.innovation_sigma
+    for name, part in (("position", scaled[:, :3]), ("velocity", scaled[:, 3:])):
+        draft[f"/summary/nis_{name}"] = np.array([_rms(part[m]) ** 2 for m in groups.values()])
+        draft[f"/summary/lag1_{name}"] = _lag1(part[groups["moving"]])
     for name, count in (
         ("samples", flight.imu_time.size),
         ("fixes", flight.arrival.size),
@@ -119,6 +167,26 @@ def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: re
         values = np.array([function(error[of == length]) if np.isfinite(error[of == length]).any() else np.nan
                            for length in lengths], dtype=float)  # fmt: skip
         draft[f"/summary/drift_{name}"] = values
+    nees = draft["/outages/nees"]
+    draft["/summary/drift_nees"] = np.array([_rms(np.sqrt(nees[of == length])) ** 2 for length in lengths], dtype=float)
+
+
+def _turn_rate(flight: replay.RecordedFlight) -> np.ndarray:
+    """Mean size of the rate of rotation around each fix (m,), rad/s, over `TURN_TIME`."""
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(flight.dtheta, axis=0)])
+    half = 0.5 * TURN_TIME
+    last, first = (
+        np.stack([np.interp(flight.arrival + side, flight.imu_time, angle[:, i]) for i in range(3)], axis=1)
+        for side in (half, -half)
+    )
+    return np.asarray(np.linalg.norm(last - first, axis=1) / TURN_TIME)
+
+
+def _lag1(x: np.ndarray) -> float:
+    """Correlation of innovations (m, 3) over their sigmas with those before; nan without any. White ones have 0."""
+    both = np.isfinite(x[1:]) & np.isfinite(x[:-1])
+    square = float(np.sum(x[1:][both] ** 2) + np.sum(x[:-1][both] ** 2))
+    return float(2.0 * np.sum(x[1:][both] * x[:-1][both]) / square) if square > 0.0 else float("nan")
 
 
 def _rms(x: np.ndarray) -> float:

@@ -169,7 +169,8 @@ class Gnss(Section):
 
     file: str
     """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty). It may have nsat and the
-    covariance of each fix (sigma_n_m ... corr_ve_vd). Or NMEA sentences, also with a logger's text around them; with
+    covariance of each fix (sigma_n_m ... corr_ve_vd) or the accuracies that the receiver claims (sigma_horizontal_m,
+    sigma_vertical_m, sigma_speed_m_s), and quality. Or NMEA sentences, also with a logger's text around them; with
     `navigation`, RINEX observations"""
     navigation: Files | None = None
     """RINEX navigation files, one or a list: fixes are solved from the ranges of `file`, which `filter.coupling: tight`
@@ -212,6 +213,9 @@ class Gnss(Section):
     latency_s: RecordedLatency | None = None
     """delay from the time a fix is valid to its time in the file, negative for fixes that are stamped too early; left
     out: tuned, untuned 0"""
+    velocity_latency_s: RecordedLatency | None = None
+    """the same for the velocities, which some receivers smooth; left out: as latency_s, or tuned where the fixes show
+    another"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """lever arm from the IMU to the antenna: forward, right, down"""
     velocity_sigma_m_s: PairOf[Sigma] | None = None
@@ -219,10 +223,10 @@ class Gnss(Section):
     untuned 0.3 and 0.3"""
     position_sigma_m: PairOf[Sigma] | None = None
     """1 sigma of positions: horizontal per axis, vertical, of fixes that have none in the table; default 2.5 s times
-    the velocity's: receivers smooth positions with it"""
+    the velocity's, or tuned where fixes have accuracies or wander"""
     errors: Annotated[ListOf[FixError], Field(max_length=4)] = ()
     """time-correlated errors of the fixes (satellite orbits, atmosphere), which the filter estimates as states, in
-    addition to the noise of each fix; for `coupling: loose`"""
+    addition to the noise of each fix; for `coupling: loose`. Left out: tuned where the fixes show one"""
     spacing_s: NonNegative = 0.45
     """fixes closer than this to the last one used are omitted: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0, le=1000)] = 4

@@ -5,11 +5,12 @@ that the innovations of the fixes in motion are most likely:
 
 - horizontal and vertical velocity noise of the fixes;
 - white noise of gyros and of accelerometers, expected within a factor of two of the sensor class's;
-- latency.
+- latency, and that of velocities where another one is clearly likelier;
+- size and correlation time of an error of the positions, and their noise, where such an error is clearly likelier.
 
-The noise of positions is 2.5 s times that of velocities. Without vertical velocities, vertical noise equals horizontal
-noise. Fixes closer than 0.45 s share their errors, so the filter uses one of them. Biases are those of the sensor
-class, except that a standstill before the flight shows the gyros' turn-on bias.
+Otherwise the noise of positions is 2.5 s times that of velocities. Without vertical velocities, vertical noise equals
+horizontal noise. Fixes closer than 0.45 s share their errors, so the filter uses one of them. Biases are those of the
+sensor class, except that a standstill before the flight shows the gyros' turn-on bias.
 """
 
 from __future__ import annotations
@@ -39,9 +40,20 @@ from navsim.replays.result_groups import (
     write_lost_spans,
     write_outages,
     write_summary,
+    write_tuning,
 )
 from navsim.replays.scenario import FixError, KnownSection, Replay
-from navsim.replays.tuning import EVALUATIONS, LATENCY, moving_speed, tune
+from navsim.replays.tuning import (
+    ERROR_SIZE,
+    ERROR_TIME,
+    EVALUATIONS,
+    LATENCY,
+    POSITION_RATIO,
+    SETTINGS,
+    VELOCITY_LAG,
+    moving_speed,
+    tune,
+)
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept, several
 from navsim.results.result import Result
@@ -66,7 +78,7 @@ NEVER = 1_000_000_000
 USUAL_HEADING = 10.0 * DEG
 """1 sigma of heading that a restart of the filter needs, if the log gives the initial heading."""
 _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
-          "latency")  # fmt: skip
+          "latency", "velocity_lag", "position_sigma_ratio", "error_sigma_ratio", "error_correlation_time")  # fmt: skip
 _TUNED_TIGHT = ("range_rate_sigma", "range_sigma", *_TUNED[2:])
 _START_TIGHT = (0.1, 1.0)
 """Noise of range rates and ranges overhead where the tuning of a tight filter starts, and without it, m/s, m."""
@@ -111,18 +123,19 @@ class Recording:
         return _TUNED_TIGHT if self.tight else _TUNED
 
     def design(self, settings: np.ndarray, kind: int) -> FilterDesign:
-        """Model of a filter of `kind` for values of `tuned` (5,)."""
-        _, _, gyro, accel, latency = settings
+        """Model of a filter of `kind` for values of `tuned`."""
+        _, _, gyro, accel, latency = settings[:VELOCITY_LAG]
+        lag = self.velocity_lag(settings)
         section = self.scenario.filter
         gate = section.gate
         sensors = followed(replace(self.gyro, noise_density=gyro), replace(self.accel, noise_density=accel))
-        blocks = _correlated_blocks(self.scenario.gnss.errors, self.interval)
+        blocks = _correlated_blocks(self.errors(settings), self.interval)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
         return FilterDesign(
             kind=kind,
             sensors=sensors,
             velocity=True,
-            latency=max(0.0, float(latency)),  # an early fix waits until it is valid, and then is of now
+            latency=float(latency) + replay.waiting(float(latency), lag),
             lever_arm=np.array(self.scenario.gnss.lever_arm_m),
             sigma_scale=1.0,
             gate=gate_limits(gate.probability),
@@ -140,34 +153,46 @@ class Recording:
         return float(np.median(np.diff(self.samples.time)))
 
     def fix_sigma(self, settings: np.ndarray) -> np.ndarray:
-        """1 sigma of the fixes' position and velocity (6,), north, east, down, m, m/s, for values of `tuned` (5,)."""
+        """1 sigma of the fixes' position and velocity (6,), north, east, down, m, m/s, for values of `tuned`.
+
+        Of fixes with claimed accuracies, those of a usual one.
+        """
         if self.tight:
             return DILUTION * np.repeat(settings[[1, 0]], 3)
         horizontal, vertical = settings[:2]
         velocity = np.array([horizontal, horizontal, vertical if self.has_vertical else horizontal])
         given = self.scenario.gnss.position_sigma_m
-        position = POSITION_TIME * velocity if given is None else np.array(given)[[0, 0, 1]]
+        position = settings[POSITION_RATIO] * velocity if given is None else np.array(given)[[0, 0, 1]]
+        claimed = self.fixes.usual_accuracy
+        if given is None and np.isfinite(claimed[:2]).all():
+            position[2] = position[0] * claimed[1] / claimed[0]
         return np.concatenate([position, velocity])
 
     def range_sigma(self, settings: np.ndarray) -> tuple[float, float]:
-        """1 sigma of pseudoranges, m, and range rates, m/s, overhead, for values of `tuned` (5,) of a tight filter."""
+        """1 sigma of pseudoranges, m, and range rates, m/s, overhead, for values of `tuned` of a tight filter."""
         return float(settings[1]), float(settings[0])
 
-    def with_error(self, time: float, sigma: tuple[float, float]) -> Recording:
-        """Copy whose fixes also have an estimated position error of this correlation time, s, and 1 sigma, horizontal
-        and vertical, m."""
-        error = FixError(correlation_time_s=time, position_sigma_m=sigma)
-        gnss = self.scenario.gnss.model_copy(update={"errors": [error]})
-        scenario = self.scenario.model_copy(update={"gnss": gnss})
-        return replace(self, scenario=scenario, fixes=_with_effects(self.fixes, [error]))
+    def errors(self, settings: np.ndarray) -> Sequence[FixError]:
+        """Time-correlated errors of the fixes: those of the log, or the one of these values of `tuned`."""
+        if not settings[ERROR_SIZE] > 0.0:
+            return self.scenario.gnss.errors
+        horizontal, vertical = settings[ERROR_SIZE] * self.fix_sigma(settings)[[0, 2]]
+        return [FixError(correlation_time_s=settings[ERROR_TIME], position_sigma_m=(horizontal, vertical))]
 
-    def flight(self, latency: float) -> replay.RecordedFlight:
-        """The increments and fixes after the alignment."""
+    def velocity_lag(self, settings: np.ndarray) -> float:
+        """How much older velocities are than positions, s, for values of `tuned`."""
+        given = self.scenario.gnss.velocity_latency_s
+        return float(settings[VELOCITY_LAG] if given is None else given - settings[LATENCY])
+
+    def flight(self, settings: np.ndarray) -> replay.RecordedFlight:
+        """The increments and fixes after the alignment, for values of `tuned`."""
         ranges = self.ranges if self.tight else None
         patience = self.scenario.filter.gate.restart_s
+        fixes = _with_effects(self.fixes, self.errors(settings)) if settings[ERROR_SIZE] > 0.0 else self.fixes
         return replay.prepare(
-            self._sensed, self.fixes, self.alignment, latency, ranges, self._realigned, patience, self.known
-        )
+            self._sensed, fixes, self.alignment, settings[LATENCY], ranges, self._realigned, patience, self.known,
+            self.velocity_lag(settings),
+        )  # fmt: skip
 
     def of_rejected(self, settings: np.ndarray, flight: replay.RecordedFlight) -> np.ndarray:
         """Contribution of each rejected fix of a flight (m,), or of any range (), to the tuning.
@@ -179,7 +204,7 @@ class Recording:
         if self.tight:
             sigma = settings[:2]
         else:
-            own = own_or_usual(flight.covariance, self.fix_sigma(settings))
+            own = own_or_usual(flight.covariance, self.fix_sigma(settings) * flight.weight)
             sigma = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
         limit = float(limits[sigma.shape[-1]])
         counts = 0.5 * limit + np.sum(np.log(sigma), axis=-1)
@@ -197,12 +222,12 @@ class Recording:
 
     @cached_property
     def _valid_fixes(self) -> Fixes:
-        return self.fixes.earlier(self.settings[LATENCY])
+        return self.fixes.earlier(self.settings[LATENCY] + self.velocity_lag(self.settings))
 
     @cached_property
     def moving_speed(self) -> float:
         """Speed, m/s, from which on a fix of the flight is in motion."""
-        flight = self.flight(float(self.settings[LATENCY]))
+        flight = self.flight(self.settings)
         return moving_speed(flight.speed, not np.isfinite(flight.velocity[:, :2]).any())
 
     @cached_property
@@ -236,9 +261,17 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         given = (gnss.range_rate_sigma_m_s, gnss.range_sigma_m)
         velocity = tuple(start if v is None else v for v, start in zip(given, _START_TIGHT, strict=True))
         open_noise = [v is None for v in given]
-    settings = np.array([*velocity, gyro.noise_density, accel.noise_density, latency])
+    ratio, claimed = POSITION_TIME, fixes.usual_accuracy
+    if not tight and np.isfinite(claimed[2]) and gnss.velocity_sigma_m_s is None:
+        velocity = (claimed[2], claimed[2])
+    if np.isfinite(claimed[:2]).all():
+        ratio = claimed[0] / velocity[0]
+    settings = np.array([*velocity, gyro.noise_density, accel.noise_density, latency, 0.0, ratio, 0.0, 1.0])
+    aligned_by = latency if gnss.velocity_latency_s is None else gnss.velocity_latency_s
     given_noise = (scenario.imu.gyro.arw_deg_sqrt_h, scenario.imu.accelerometer.vrw_m_s_sqrt_h)
-    free = np.array([*open_noise, *(v is None for v in given_noise), gnss.latency_s is None])
+    free = np.zeros(SETTINGS, bool)
+    free[: LATENCY + 1] = *open_noise, *(v is None for v in given_noise), gnss.latency_s is None
+    free[POSITION_RATIO] = not tight and gnss.position_sigma_m is None and np.isfinite(claimed[:2]).all()
     free &= scenario.tuning == "likelihood"
     if gnss.navigation is not None:
         free[LATENCY] = False  # observations are stamped with the time they are valid
@@ -247,7 +280,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         free[1] = False  # the data do not show it; `design` ties it to the horizontal one
     search = _search(scenario, gyro, accel)
     known = None if scenario.alignment.known is None else _known_start(scenario.alignment.known)
-    aligned = _align(search, samples, fixes.earlier(settings[LATENCY]), first) if known is None else known.alignment
+    aligned = _align(search, samples, fixes.earlier(aligned_by), first) if known is None else known.alignment
     # a heading that is known is that of the start
     again = search if search.heading is None else replace(search, heading=None, heading_sigma=USUAL_HEADING)
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
@@ -404,7 +437,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     tuning = tune(recording, done)
     settings = tuning.settings
     kind = FILTER_KINDS[scenario.filter.kind]
-    flight, design = recording.flight(settings[LATENCY]), recording.design(settings, kind)
+    flight, design = recording.flight(settings), recording.design(settings, kind)
     fix_sigma = recording.fix_sigma(settings)
     begin, end = flight.imu_time[0], flight.imu_time[-1]
     rate = scenario.filter.output_rate_hz
@@ -432,10 +465,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     write_outages(draft, recording, flight, settings)
     write_lost_spans(draft, flown)
     write_fixes(draft, flight)
-    for name, value, was_free in zip(recording.tuned, settings, tuning.tuned, strict=True):
-        of_fixes = name in _TUNED[:2] and recording.fixes.has_own_noise
-        origin = "not used: each fix has its own" if of_fixes else "tuned to the innovations" if was_free else "given"
-        draft.put(f"/tuning/{name}", value, {"origin": origin})
+    write_tuning(draft, recording, tuning)
     write_summary(draft, flight, flown, recording.moving_speed)
     alignment = recording.alignment
     out = draft.result(

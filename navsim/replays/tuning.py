@@ -33,30 +33,41 @@ TRUST = 0.7
 """1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
 STRAYED = 5.0
 """Sigmas of `TRUST` beyond which a tuned noise is no sensor's: an airframe's vibration reaches 4.4 (a factor of 22)."""
-GYRO_NOISE, ACCELEROMETER_NOISE, LATENCY, SETTINGS = 2, 3, 4, 5
+GYRO_NOISE, ACCELEROMETER_NOISE, LATENCY, VELOCITY_LAG, POSITION_RATIO, ERROR_SIZE, ERROR_TIME, SETTINGS = range(2, 10)
 """Numbers of the settings that all filters have, after the two of the noise of fixes or ranges, and how many there
 are."""
+TIMES = np.isin(np.arange(SETTINGS), (LATENCY, VELOCITY_LAG))
+"""Settings that are times, searched in tenths of a second; the others are searched as logarithms."""
 SEARCHED = (FIX_LATENCIES[0], 2.0)
 """Bounds between which the latency is searched, s. A larger one can be given; it is rather an offset of the clocks."""
+WIDEST_LAG = 1.0
+"""Largest difference between the latencies of velocity and position that is searched, s."""
 AT_BOUND = 0.01
 """Distance from a bound of the latency, s, below which the latency is at that bound."""
 COARSE = 2.5
-"""Step between the latencies that are tried before the simplex, tenths of a second."""
-WANDERING = ((5.0, 1.0), (20.0, 1.0), (20.0, 2.0), (60.0, 2.0), (60.0, 4.0), (200.0, 8.0))
-"""Correlation times, s, and sizes, over the noise of positions, of errors of the fixes that are looked for."""
+"""Step between the latencies that are tried before the search, tenths of a second."""
+LAGS = (-0.8, -0.4, -0.15, 0.15, 0.4, 0.8)
+"""Differences between the latencies of velocity and position that are tried, s."""
+ERRORS = ((5.0, 1.0), (20.0, 1.0), (20.0, 2.0), (60.0, 2.0), (60.0, 4.0), (200.0, 8.0))
+"""Correlation times, s, and sizes, over the noise of positions, of errors of the fixes that are tried."""
 LIKELIER = 12.5
-"""Gain of log-likelihood from which on such an error is certain: five sigma."""
-EVALUATIONS = 1000
-"""Largest number of flights of a tuning."""
-SIMPLEX = 200
-"""Largest number of flights of one simplex."""
-WORTH = 0.5
-"""Gain of log-likelihood that a simplex has to bring for another one to begin where it ended."""
+"""Gain of log-likelihood from which on such a lag or error is certain: five sigma."""
+FACTOR, SIZES, CORRELATION_TIMES = 1e4, (0.05, 100.0), (2.0, 1000.0)
+"""Bounds of a search: of noise over its start, of the size of an error as above, and of its correlation time, s."""
+ROUGH = 3.0
+"""Noise of the sensors over their class's at which a search starts. The gate then rejects no good fix, which would make
+steps in the likelihood."""
+REGION, AGAIN = (0.7, 0.02), 0.3
+"""Radius of the trust region at begin and end; at begin of a search that begins where one has ended."""
+EVALUATIONS, ROUND = 1000, 200
+"""Largest number of flights of a tuning, and of one search."""
+WORTH = 2.0
+"""Gain of log-likelihood that a search has to bring for another one to begin where it ended: two sigma."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Settings (5,) as of `Recording.tuned`; which of them are tuned (5,) bool; warnings about them."""
+    """Settings as of `Recording.tuned`; which of them are tuned, bool; warnings about them."""
 
     settings: np.ndarray
     tuned: np.ndarray
@@ -74,14 +85,14 @@ def moving_speed(speed: np.ndarray, derived: bool) -> float:
 
 
 def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Tuning:
-    """The settings with the free ones most likely, by Nelder and Mead's simplex over their logarithms, begun again
-    where it has ended until that gains nothing."""
+    """The settings with the free ones most likely. Then a lag of the velocities and a time-correlated error of the
+    positions are tried, and tuned with the rest where they are clearly likelier."""
     free, given = recording.free, recording.settings
     tuned = np.isin(np.arange(SETTINGS), free)
     if not free.size:
         return Tuning(given, tuned)
     threshold = recording.moving_speed
-    fast = int(np.sum(recording.flight(given[LATENCY]).speed > threshold))
+    fast = int(np.sum(recording.flight(given).speed > threshold))
     if fast <= FEWEST:
         names = ", ".join(recording.tuned[i].replace("_", " ") for i in free)
         remark = (
@@ -89,90 +100,129 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
             f"{FEWEST}, and receivers at rest do not show their noise; untuned are {names}: give them in the log"
         )
         return Tuning(given, np.zeros(SETTINGS, bool), (Finding("tuning", remark),))
-    from scipy.optimize import minimize
-
-    scale = np.where(np.arange(SETTINGS) == LATENCY, 0.1, 1.0)  # the latency itself, in tenths of a second
-    start = np.where(np.arange(SETTINGS) == LATENCY, given / scale, np.log(np.maximum(given, 1e-9)))
-    start[LATENCY] = 1.0 if LATENCY in free else start[LATENCY]
-    flown = 0
-
-    def settings(x: np.ndarray) -> np.ndarray:
-        whole = start.copy()
-        whole[free] = x
-        return np.where(np.arange(SETTINGS) == LATENCY, scale * whole, np.exp(whole))
-
-    def cost(x: np.ndarray) -> float:
-        nonlocal flown
-        flown += 1
-        done(min(flown, EVALUATIONS))
-        return surprise(x, True)
-
-    def surprise(x: np.ndarray, judged: bool) -> float:
-        values = settings(x)
-        if not SEARCHED[0] <= values[LATENCY] <= SEARCHED[1]:
-            return 1e12
-        total = _surprise(recording, values, judged)
-        total += 0.5 * float(np.sum((np.log(values[GYRO_NOISE:LATENCY] / given[GYRO_NOISE:LATENCY]) / TRUST) ** 2))
-        return total if np.isfinite(total) else 1e12
-
-    if LATENCY in free:
-        start[LATENCY] = _first_latency(
-            lambda latency: surprise(np.where(free == LATENCY, latency, start[free]), False)
-        )
-    x, least, converged = start[free], np.inf, False
-    step = np.diag(np.where(free == LATENCY, 0.5, 0.7))
-    # a simplex shrinks to points that are no optimum, above all where the gate makes steps in the cost
-    while not converged and flown < EVALUATIONS:
-        options = {"maxfev": min(SIMPLEX, EVALUATIONS - flown), "initial_simplex": np.vstack([x, x + step]),
-                   "xatol": 0.01, "fatol": 0.05}  # fmt: skip
-        found = minimize(cost, x, method="Nelder-Mead", options=options)  # type: ignore[call-overload]
-        converged = bool(found.success) and least - found.fun < WORTH
-        x, least = found.x, found.fun
-    best = settings(x)
+    search = _Search(recording, done)
+    best, least, converged = search.settle(search.begin(free), free)
+    # a lag is looked for again after an error of the positions that may have hidden it
+    of_lag, of_error = (search.lags, [VELOCITY_LAG]), (search.errors, [ERROR_SIZE, ERROR_TIME])
+    for number, (trials, which) in enumerate((of_lag, of_error, of_lag)):
+        again = number > 1 and ERROR_SIZE not in free
+        tried = [] if again or np.isin(which, free).any() else trials(best)
+        costs = [search.surprise(trial) for trial in tried]
+        if min(costs, default=np.inf) < least - LIKELIER:
+            free = np.union1d(free, which)
+            best, least, converged = search.settle(tried[int(np.argmin(costs))], free)
+    tuned = np.isin(np.arange(SETTINGS), free)
     if not recording.has_vertical:
         best[1] = best[0]
         tuned[1] = tuned[0]
-    remarks = [*_remarks(recording, best, converged, flown), *wandering_errors(recording, best)]
+    remarks = _remarks(recording, best, free, converged, search.flown)
     return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks))
 
 
-def _surprise(recording: Recording, values: np.ndarray, judged: bool = True) -> float:
-    """Negative log-likelihood of the innovations in motion, by settings (5,); judged: with the gate."""
-    flight, design = recording.flight(values[LATENCY]), recording.design(values, TFG)
-    if not judged:
-        design = replace(design, gate=gate_limits(0.0))
-    seen = replay.fly(
-        flight, design, recording.fix_sigma(values), np.empty(0), range_sigma=recording.range_sigma(values)
-    )
-    return seen.surprise(flight.speed > recording.moving_speed, recording.of_rejected(recording.settings, flight))
+class _Search:
+    """Search for the likeliest settings of a recording."""
 
+    def __init__(self, recording: Recording, done: Callable[[int], None]) -> None:
+        self.recording, self.done = recording, done
+        self.flown, self._worst = 0, 0.0
 
-def wandering_errors(recording: Recording, settings: np.ndarray) -> list[str]:
-    """Warning about position errors with a correlation time of seconds to minutes.
+    def begin(self, free: np.ndarray) -> np.ndarray:
+        """Settings at which the search starts."""
+        start = self.recording.settings.copy()
+        start[[i for i in (GYRO_NOISE, ACCELEROMETER_NOISE) if i in free]] *= ROUGH
+        if LATENCY in free:
 
-    It is given if a filter that estimates them finds the innovations likelier. One that treats them as white noise has
-    too small a position sigma.
-    """
-    if recording.tight or recording.scenario.gnss.errors or recording.fixes.has_own_noise:
-        return []
-    noise = recording.fix_sigma(settings)[[0, 2]]
-    before = _surprise(recording, settings)
-    gains = [before - _surprise(recording.with_error(time, tuple(size * noise)), settings) for time, size in WANDERING]
-    gain = max(gains)
-    if not gain > LIKELIER:
-        return []
-    time, size = WANDERING[gains.index(gain)]
-    horizontal, vertical = (f"{sigma:.2g}" for sigma in size * noise)
-    return [
-        f"the position errors of the fixes wander over about {time:g} s by {horizontal} m (1 sigma). A filter that "
-        f"follows them explains the innovations far better (log-likelihood higher by {gain:.0f}). Without it the "
-        f"sigmas of position are too small. Write `gnss: {{errors: [{{correlation_time_s: {time:g}, position_sigma_m: "
-        f"[{horizontal}, {vertical}]}}]}}`"
-    ]
+            def cost(latency: float) -> float:
+                return self.surprise(np.where(np.arange(SETTINGS) == LATENCY, 0.1 * latency, start), False)
+
+            start[LATENCY] = 0.1 * _first_latency(cost)
+        return start
+
+    def surprise(self, values: np.ndarray, judged: bool = True) -> float:
+        """Negative log-likelihood of the innovations in motion and of the sensors' noise; judged: with the gate."""
+        recording = self.recording
+        flight, design = recording.flight(values), recording.design(values, TFG)
+        if not judged:
+            design = replace(design, gate=gate_limits(0.0))
+        seen = replay.fly(
+            flight, design, recording.fix_sigma(values), np.empty(0), range_sigma=recording.range_sigma(values)
+        )
+        of_rejected = recording.of_rejected(recording.settings, flight)
+        total = seen.surprise(flight.speed > recording.moving_speed, of_rejected)
+        strayed = np.log(values[GYRO_NOISE:LATENCY] / recording.settings[GYRO_NOISE:LATENCY]) / TRUST
+        return total + 0.5 * float(np.sum(strayed**2))
+
+    def settle(self, start: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, float, bool]:
+        """The likeliest settings with the free ones changed from `start` on, their negative log-likelihood, and whether
+        the search converged.
+
+        A trust region with quadratic models, begun again where it has ended until that gains nothing: the gate makes
+        steps in the likelihood.
+        """
+        from scipy.optimize import Bounds, minimize
+
+        def settings(x: np.ndarray) -> np.ndarray:
+            whole = start.copy()
+            whole[free] = np.where(TIMES[free], 0.1 * x, np.exp(np.where(TIMES[free], 0.0, x)))
+            return whole
+
+        def cost(x: np.ndarray) -> float:
+            self.flown += 1
+            self.done(min(self.flown, EVALUATIONS))
+            total = self.surprise(settings(x))
+            self._worst = max(self._worst, total) if np.isfinite(total) else self._worst + 100.0
+            return total if np.isfinite(total) else self._worst
+
+        def searched(values: np.ndarray) -> np.ndarray:
+            return np.where(TIMES, 10.0 * values, np.log(np.where(TIMES | (values <= 0.0), 1.0, values)))[free]
+
+        low, high = start / FACTOR, start * FACTOR
+        low[LATENCY], high[LATENCY] = SEARCHED
+        low[VELOCITY_LAG], high[VELOCITY_LAG] = -WIDEST_LAG, WIDEST_LAG
+        low[ERROR_SIZE], high[ERROR_SIZE] = SIZES
+        low[ERROR_TIME], high[ERROR_TIME] = CORRELATION_TIMES
+        bounds = Bounds(searched(low), searched(high))
+        x, least, converged = searched(start), np.inf, False
+        while not converged and self.flown < EVALUATIONS:
+            options = {"maxfev": max(min(ROUND, EVALUATIONS - self.flown), 2 * free.size + 2), "scale": False,
+                       "initial_tr_radius": AGAIN if np.isfinite(least) else REGION[0],
+                       "final_tr_radius": REGION[1]}  # fmt: skip
+            found = minimize(cost, x, method="COBYQA", bounds=bounds, options=options)  # type: ignore[call-overload]
+            converged = bool(found.success) and least - found.fun < WORTH
+            x, least = (found.x, found.fun) if found.fun < least else (x, least)
+        return settings(x), least, converged
+
+    def lags(self, values: np.ndarray) -> list[np.ndarray]:
+        """Settings with velocities that are older or newer than the positions, either of which keeps its latency."""
+        gnss = self.recording.scenario.gnss
+        if self.recording.tight or not self.recording.has_velocity or gnss.velocity_latency_s is not None:
+            return []
+        if gnss.latency_s is not None:
+            return []
+        out = []
+        for lag in LAGS:
+            for latency in (values[LATENCY], values[LATENCY] - lag):
+                if SEARCHED[0] <= latency <= SEARCHED[1]:
+                    trial = values.copy()
+                    trial[VELOCITY_LAG], trial[LATENCY] = lag, latency
+                    out.append(trial)
+        return out
+
+    def errors(self, values: np.ndarray) -> list[np.ndarray]:
+        """Settings with a time-correlated error of the positions."""
+        recording = self.recording
+        if recording.tight or recording.scenario.gnss.errors or recording.fixes.has_own_noise:
+            return []
+        out = []
+        for time, size in ERRORS:
+            trial = values.copy()
+            trial[ERROR_TIME], trial[ERROR_SIZE] = time, size
+            out.append(trial)
+        return out
 
 
 def _first_latency(cost: Callable[[float], float]) -> float:
-    """The latency, tenths of a second, at which the simplex starts: 0.1 s, unless another one is more likely. cost: of
+    """The latency, tenths of a second, at which the search starts: 0.1 s, unless another one is more likely. cost: of
     flights without the gate. With it, all fixes are rejected if the latency is far off, and the cost has no slope."""
     near, (lowest, highest) = 1.0, (10.0 * bound for bound in SEARCHED)
     coarse = np.arange(np.ceil((lowest - near) / COARSE), np.floor((highest - near) / COARSE) + 1.0) * COARSE + near
@@ -184,11 +234,11 @@ def _first_latency(cost: Callable[[float], float]) -> float:
     return float(min(fine[(fine >= lowest) & (fine <= highest)], key=cost))
 
 
-def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int) -> list[str]:
+def _remarks(recording: Recording, best: np.ndarray, free: np.ndarray, converged: bool, flown: int) -> list[str]:
     """Warnings about a tuning."""
     out = []
     if not converged:
-        names = ", ".join(recording.tuned[i].replace("_", " ") for i in recording.free)
+        names = ", ".join(recording.tuned[i].replace("_", " ") for i in free)
         out.append(
             f"the tuning had not converged after {flown} flights: its numbers ({names}) may be far from the most "
             "likely ones; give some of them in the log, or fly a longer part"
@@ -199,6 +249,13 @@ def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int
             f"the tuned latency is at its bound of {best[LATENCY]:.3g} s. The fixes are stamped even {side}r than "
             "that, or something else is wrong with them. Set the clocks right with gnss.time_offset_s, or give "
             f"gnss.latency_s ({FIX_LATENCIES[0]:g} to {FIX_LATENCIES[1]:g} s)"
+        )
+    if VELOCITY_LAG in free and WIDEST_LAG - abs(best[VELOCITY_LAG]) <= AT_BOUND:
+        older = "older" if best[VELOCITY_LAG] > 0.0 else "newer"
+        out.append(
+            f"the velocities of the fixes are {WIDEST_LAG:g} s {older} than the positions, the bound of the search, or "
+            f"something else is wrong with them. Give gnss.velocity_latency_s ({FIX_LATENCIES[0]:g} to "
+            f"{FIX_LATENCIES[1]:g} s)"
         )
     for i, key in (
         (GYRO_NOISE, "imu.gyro.arw_deg_sqrt_h"), (ACCELEROMETER_NOISE, "imu.accelerometer.vrw_m_s_sqrt_h"),

@@ -848,6 +848,21 @@ _REPLAY = Chapter(
             _a(f"/tuning/{name}", "", "m/s", name.replace("_", " "), REPLAY, attributes=("origin",), when=_LOOSE_REPLAY)
             for name in ("velocity_sigma_horizontal", "velocity_sigma_vertical")
         ),
+        _a("/tuning/velocity_latency", "", "s", "latency of the velocities", REPLAY, attributes=("origin",),
+           when=_LOOSE_REPLAY),
+        *(
+            _a(f"/tuning/{name}", "", "m", name.replace("_", " "), REPLAY, attributes=("origin",), when=_LOOSE_REPLAY)
+            for name in ("position_sigma_horizontal", "position_sigma_vertical")
+        ),
+        *(
+            _a(f"/tuning/{name}", "", units, f"{meaning} of the positions that the filter follows", REPLAY,
+               attributes=("origin",), when=_LOOSE_REPLAY + ", where the fixes show such an error")
+            for name, units, meaning in (
+                ("position_error_horizontal", "m", "1 sigma, horizontal per axis, of the time-correlated error"),
+                ("position_error_vertical", "m", "1 sigma, vertical, of the time-correlated error"),
+                ("position_error_time", "s", "correlation time of the error"),
+            )
+        ),
         *(
             _a(f"/tuning/{name}", "", units, f"{name.replace('_', ' ')}, overhead", REPLAY, attributes=("origin",),
                when=_TIGHT_REPLAY)
@@ -864,14 +879,21 @@ _REPLAY = Chapter(
         _a("/outages/horizontal_error", "outage", "m",
            "withheld fix minus prediction at the end, horizontal; nan outside the flight", REPLAY),
         _a("/outages/vertical_error", "outage", "m", "the same, vertical", REPLAY),
-        _a("/summary/fixes", "fixes", "1", "all, or in motion above {moving}", REPLAY, TEXT),
+        _a("/outages/nees", "outage", "1", "squared horizontal drift in units of its sigma, per degree of freedom",
+           REPLAY),
+        _a("/summary/fixes", "fixes", "1", "all; in motion above {moving}; parked; in motion, straight on or turning",
+           REPLAY, TEXT),
         _a("/summary/fixes", "fixes", "1", "all", LIVE, TEXT),
         _a("/summary/innovation_position", "fixes ned", "m", "rms of the position innovations", REPLAY),
         _a("/summary/innovation_velocity", "fixes ned", "m/s", "rms of the velocity innovations", REPLAY),
         _a("/summary/nis", "fixes", "1", "normalised innovation squared per degree of freedom", (REPLAY, LIVE)),
         _a("/summary/count/samples", "", "1", "number of samples of the IMU", REPLAY, WHOLE),
         _a("/summary/count/gaps", "", "1", "number of gaps between the samples", REPLAY, WHOLE),
+        _a("/summary/nis_{part}", "fixes", "1", "the same of the {part} alone", REPLAY, part=("position", "velocity")),
+        _a("/summary/lag1_{part}", "", "1", "lag-1 autocorrelation of the {part} innovations in motion; 0 is due", REPLAY,
+           part=("position", "velocity")),
         _a("/summary/duration", "duration", "s", "length of the outages", REPLAY),
+        _a("/summary/drift_nees", "duration", "1", "mean of `/outages/nees`; 1 is due", REPLAY),
         _a("/summary/drift_{statistic}", "duration", "m", "{statistic} horizontal drift of the outages", REPLAY,
            statistic=("median", "max")),
     ),

@@ -215,7 +215,7 @@ def test_a_heading_off_the_course_is_found(tmp_path: Path) -> None:
     assignments = ("tuning=none", "gnss.latency_s=0.12")
     recording = replay.prepare(*read_replay(tmp_path / "log.yaml", assignments))
     assert not [f for f in findings.of(replay.compute(recording)) if f.name == "off_course"]
-    flight = recording.flight(0.12)
+    flight = recording.flight(recording.settings)
     beliefs = recording.design(recording.settings, TFG)
     seen = simulated.fly(flight, beliefs, recording.fix_sigma(recording.settings), np.empty(0))
     turned = replace(flight, course=flight.course + np.radians(160.0))

@@ -110,7 +110,7 @@ def test_correlations_of_a_fix_count(tmp_path: Path) -> None:
     columns["corr_n_e"] = [f"{(long - short) / (long + short):.12f}"] * m
     with_columns(tmp_path, columns)
     recording = replay.prepare(*read_replay(tmp_path / "log.yaml", (*FIXED, known(truth, 0.02))))
-    covariance = recording.flight(LATENCY).covariance
+    covariance = recording.flight(recording.settings).covariance
     along, across = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0), np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
     np.testing.assert_allclose(along @ covariance[:, :3, :3] @ along, long, rtol=1e-9)
     np.testing.assert_allclose(across @ covariance[:, :3, :3] @ across, short, rtol=1e-9)

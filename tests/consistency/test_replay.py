@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from navsim.formats.logs.tables import log_files
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
-from navsim.replays.tuning import wandering_errors
 from navsim.results import findings
 from navsim.results.result import Result
 from navsim.runner.statistics import gate_limits
@@ -119,30 +117,107 @@ def test_a_tuning_that_has_not_converged_is_told(tmp_path: Path, monkeypatch: py
     assert any("had not converged after 12 flights" in text for text in remarks(result))
 
 
-@pytest.mark.parametrize(("noise", "told"), in_brief([(0.8, True), (0.02, False)], 0))
-def test_positions_that_wander_are_told(noise: float, told: bool, tmp_path: Path) -> None:
-    """Over 20 s, by the noise that the tuning finds for such a flight: the line that is to be written makes the sigmas
-    of the positions true."""
+@pytest.mark.parametrize(("noise", "followed"), in_brief([(0.8, True), (0.02, False)], 0))
+def test_positions_that_wander_are_followed(noise: float, followed: bool, tmp_path: Path) -> None:
+    """Over 20 s: the filter has states for the error, of the size and time that make the innovations likeliest, and its
+    sigmas of position are true."""
     log = write_recording(tmp_path, *record(circuit(), 1, position_noise=noise))
     given = ("gnss.velocity_sigma_m_s=[0.11, 0.13]", "gnss.latency_s=0.1", "imu.accelerometer.vrw_m_s_sqrt_h=2.1")
-    recording = replay.prepare(*read_replay(log, given))
-    found = wandering_errors(recording, recording.settings)
-    assert len(found) == told
-    if told:
-        assert found[0].startswith("the position errors of the fixes wander over about ")
-        (written,) = re.findall(r"Write `gnss: \{errors: (\[.*\])\}`", found[0])
-        log_with_it = read_replay(log, (*given, f"gnss.errors={written}"))
-        assert wandering_errors(replay.prepare(*log_with_it), recording.settings) == []
-        truth = circuit().motion(np.arange(1.0, 171.0, 0.05))
-        known = truth.time, truth.llh, truth.velocity_ned, truth.rpy
-        nees = []
-        for keys in (given, (*given, f"gnss.errors={written}")):
-            result = flown(log, *keys)
-            late = result["/filter/time"] > 30.0
-            z = errors(result, known)[0] / result["/filter/sigma"][:, :3]
-            nees.append(float(np.mean(z[late] ** 2)))
+    truth = circuit().motion(np.arange(1.0, 171.0, 0.05))
+    known = truth.time, truth.llh, truth.velocity_ned, truth.rpy
+    nees = []
+    for keys in (("tuning=none",), ("tuning=likelihood",)):
+        result = flown(log, *given, *keys)
+        late = result["/filter/time"] > 30.0
+        z = errors(result, known)[0] / result["/filter/sigma"][:, :3]
+        nees.append(float(np.mean(z[late] ** 2)))
+    assert ("/tuning/position_error_time" in result) == followed
+    if followed:
+        assert 5.0 < float(result["/tuning/position_error_time"]) < 100.0
+        assert 0.4 < float(result["/tuning/position_error_horizontal"]) < 2.5
+        assert result.variables["/tuning/position_error_time"].attributes["origin"] == "tuned to the innovations"
         assert nees[0] > 9.0
         assert 0.15 < nees[1] < 2.0
+
+
+def test_velocities_older_than_positions_are_found(tmp_path: Path) -> None:
+    """By 0.4 s: both latencies are found, and as good as given."""
+    truth = write_flight(tmp_path, duration=60.0, lag=0.4)
+    tuned = flown(tmp_path / "log.yaml", "imu.gyro.arw_deg_sqrt_h=0.5", "imu.accelerometer.vrw_m_s_sqrt_h=0.17")
+    assert float(tuned["/tuning/latency"]) == pytest.approx(LATENCY, abs=0.03)
+    assert float(tuned["/tuning/velocity_latency"]) == pytest.approx(LATENCY + 0.4, abs=0.03)
+    given = flown(tmp_path / "log.yaml", *GIVEN, f"gnss.velocity_latency_s={LATENCY + 0.4}")
+    alike = flown(tmp_path / "log.yaml", *GIVEN)
+    assert given["/summary/nis"][0] == pytest.approx(1.0, abs=0.3)
+    assert alike["/summary/nis"][0] > 3.0
+    late = given["/filter/time"] > 20.0
+    for position, velocity, _ in (errors(tuned, truth), errors(given, truth)):
+        assert np.sqrt(np.mean(position[late] ** 2)) < 0.2
+        assert np.sqrt(np.mean(velocity[late] ** 2)) < 0.1
+
+
+def test_a_known_lag_of_velocities_uses_nothing_of_the_withheld_fix(tmp_path: Path) -> None:
+    """Drift is read before the velocity of its fix is used, which is older than its position."""
+    write_flight(tmp_path, lag=0.4)
+    outage = ("outages=[{start_s: [50], duration_s: [10]}]", *GIVEN, f"gnss.velocity_latency_s={LATENCY + 0.4}")
+    drift = flown(tmp_path / "log.yaml", *outage)["/outages/horizontal_error"]
+    rows = (tmp_path / "gnss.csv").read_text().splitlines()
+    (last,) = [i for i, row in enumerate(rows[1:], 1) if abs(float(row.split(",")[0]) - 59.62) < 1e-6]
+    rows[last] = ",".join([*rows[last].split(",")[:4], "", "", ""])
+    (tmp_path / "gnss.csv").write_text("\n".join(rows) + "\n")
+    np.testing.assert_allclose(flown(tmp_path / "log.yaml", *outage)["/outages/horizontal_error"], drift, rtol=1e-9)
+
+
+def test_claimed_accuracies_weigh_the_fixes(tmp_path: Path) -> None:
+    """A receiver that claims half of its errors, and for two fixes of three ten times as much as for the third: the
+    noise of the usual fix is tuned, the others have theirs in proportion. Fixes of a quality below 3 have no height."""
+    truth = write_flight(tmp_path)
+    head, *rows = (tmp_path / "gnss.csv").read_text().splitlines()
+    rng, out = np.random.default_rng(3), []
+    for i, row in enumerate(rows):
+        cells = row.split(",")
+        factor = 1.0 if i % 3 == 2 else 10.0
+        more = np.sqrt(factor**2 - 1.0)
+        north, east, down = 0.3 * more * rng.standard_normal(3)
+        cells[1] = f"{float(cells[1]) + north / 111200.0:.10f}"
+        cells[2] = f"{float(cells[2]) + east / (111300.0 * np.cos(np.radians(float(cells[1])))):.10f}"
+        cells[3] = f"{float(cells[3]) - down:.4f}"
+        cells[4:7] = [f"{float(v) + 0.1 * more * rng.standard_normal():.4f}" for v in cells[4:7]]
+        out.append(
+            ",".join([*cells, *(f"{factor * claim:g}" for claim in (0.15, 0.15, 0.05)), "2" if i == 40 else "3"])
+        )
+    names = "sigma_horizontal_m,sigma_vertical_m,sigma_speed_m_s,quality"
+    (tmp_path / "gnss.csv").write_text("\n".join([f"{head},{names}", *out]) + "\n")
+    log = tmp_path / "log.yaml"
+    given = (f"gnss.latency_s={LATENCY}", "imu.gyro.arw_deg_sqrt_h=0.5", "imu.accelerometer.vrw_m_s_sqrt_h=0.17")
+    recording = replay.prepare(*read_replay(log, given))
+    assert "1 fixes of a quality below 3, which have no height" in recording.warnings
+    assert float(rows[40].split(",")[0]) not in recording.fixes.time
+    weighed = replay.compute(recording)
+    assert float(weighed["/tuning/velocity_sigma_horizontal"]) == pytest.approx(1.0, rel=0.4)
+    assert float(weighed["/tuning/position_sigma_horizontal"]) == pytest.approx(3.0, rel=0.4)
+    (tmp_path / "gnss.csv").write_text("\n".join([head, *(",".join(row.split(",")[:7]) for row in out)]) + "\n")
+    alike = flown(log, *given)
+    rms = []
+    for result in (weighed, alike):
+        late = result["/filter/time"] > 30.0
+        rms.append(np.sqrt(np.mean(errors(result, truth)[0][late] ** 2)))
+    assert rms[0] < 0.7 * rms[1]
+
+
+def test_evidence_of_a_good_flight(tmp_path: Path) -> None:
+    """Of a flight as the filter believes it: what is due is there, of each motion, quantity and length of outage."""
+    write_flight(tmp_path, duration=200.0)
+    result = flown(tmp_path / "log.yaml", *GIVEN, "gnss.position_sigma_m=[0.3, 0.3]",
+                   "outages=[{start_s: [40, 60, 80, 100, 120, 140, 160], duration_s: [5, 10]}]")  # fmt: skip
+    assert result["/summary/fixes"].tolist() == ["all", "moving", "parked", "straight", "turning"]
+    for name in ("nis", "nis_position", "nis_velocity"):
+        values = result[f"/summary/{name}"]
+        assert np.all((values[[0, 1, 4]] > 0.6) & (values[[0, 1, 4]] < 1.5))
+        assert np.isnan(values[2])
+    for name in ("position", "velocity"):
+        assert abs(float(result[f"/summary/lag1_{name}"])) < 0.2
+    assert np.all((result["/summary/drift_nees"] > 0.2) & (result["/summary/drift_nees"] < 2.5))
 
 
 def test_parked_fixes_do_not_tune(tmp_path: Path) -> None:
@@ -289,7 +364,7 @@ def test_without_velocities_the_start_has_one_from_the_positions(tmp_path: Path)
     rows = [",".join([*line.split(",")[:4], "", "", ""]) for line in lines[1:]]
     (tmp_path / "gnss.csv").write_text("\n".join([lines[0], *rows]) + "\n")
     recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none",)))
-    flight = recording.flight(LATENCY)
+    flight = recording.flight(recording.settings)
     expected = np.linalg.norm(flight.start.velocity[:2])
     assert expected > 20.0
     assert flight.speed.min() > 20.0
@@ -506,7 +581,7 @@ def test_a_rejected_fix_counts_by_its_own_noise(tmp_path: Path) -> None:
     (tmp_path / "gnss.csv").write_text("\n".join(lines) + "\n")
     recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=likelihood",)))
     settings = recording.settings
-    flight = recording.flight(LATENCY)
+    flight = recording.flight(settings)
     counts, limit = recording.of_rejected(settings, flight), gate_limits(recording.scenario.filter.gate.probability)[6]
     has_own = np.isfinite(flight.covariance[:, 0, 0])
     assert 10 < has_own.sum() < flight.arrival.size - 10
