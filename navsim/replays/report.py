@@ -67,7 +67,7 @@ def tables(result: Result) -> list[Table | str]:
 
 
 def _evidence(result: Result) -> list[Table]:
-    """Innovations over their sigmas by motion, position and velocity, where 1 is due; their autocorrelation, where 0 is."""
+    """Innovations over their sigmas by motion and by quantity, where 1 is due; their autocorrelation, where 0 is."""
     if "/summary/nis_position" not in result:  # results of earlier versions lack it
         return []
     out = Table("NIS by motion", ("fixes", "all", "position", "velocity"))
