@@ -608,7 +608,8 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
         noise = noise_of_fixes(ranges, llh, given.range_sigma, noise)
         tables[RANGE] = table_of(ranges, heard, scales, given.range_sigma, design.lever_arm)
     fixes, fix_valid, fix_known = FixTable(llh, velocity, noise, design.lever_arm, flight.effect[rows]), valid, known
-    if flight.velocity_lag and not design.tight:
+    apart = bool(flight.velocity_lag) and not design.tight
+    if apart:
         older = arrival - design.latency - flight.velocity_lag
         fixes = _apart(fixes, older > at)
         fix_valid = np.concatenate([valid, np.maximum(older, at)])
@@ -629,7 +630,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
     )
     if is_smoother(kind) and lost(history):
         raise ArithmeticError("the smoother lost the positive covariance of its flight")
-    pairs = events.rows(PROBE if design.tight else FIX).reshape(-1, count)
+    pairs = events.rows(PROBE if design.tight else FIX).reshape(2 if apart else 1, count)
     squared, degrees, status, each_status = by_epoch(
         pairs.T, history.innovation_squared, history.degrees, history.status
     )
