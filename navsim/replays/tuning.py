@@ -54,15 +54,12 @@ LIKELIER = 12.5
 """Gain of log-likelihood from which on such a lag or error is certain: five sigma."""
 FACTOR, SIZES, CORRELATION_TIMES = 1e4, (0.05, 100.0), (2.0, 1000.0)
 """Bounds of a search: of noise over its start, of the size of an error as above, and of its correlation time, s."""
-ROUGH = 3.0
-"""Noise of the sensors over their class's at which a search starts. The gate then rejects no good fix, which would make
-steps in the likelihood."""
-REGION, AGAIN = (0.7, 0.02), 0.3
-"""Radius of the trust region at begin and end; at begin of a search that begins where one has ended."""
+REGION = (0.7, 0.02)
+"""Radius of the trust region at begin and end."""
 EVALUATIONS, ROUND = 1000, 200
 """Largest number of flights of a tuning, and of one search."""
-WORTH = 2.0
-"""Gain of log-likelihood that a search has to bring for another one to begin where it ended: two sigma."""
+WORTH = 0.5
+"""Gain of log-likelihood that a search has to bring for another one to begin where it ended."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +126,6 @@ class _Search:
     def begin(self, free: np.ndarray) -> np.ndarray:
         """Settings at which the search starts."""
         start = self.recording.settings.copy()
-        start[[i for i in (GYRO_NOISE, ACCELEROMETER_NOISE) if i in free]] *= ROUGH
         if LATENCY in free:
 
             def cost(latency: float) -> float:
@@ -185,8 +181,7 @@ class _Search:
         x, least, converged = searched(start), np.inf, False
         while not converged and self.flown < EVALUATIONS:
             options = {"maxfev": max(min(ROUND, EVALUATIONS - self.flown), 2 * free.size + 2), "scale": False,
-                       "initial_tr_radius": AGAIN if np.isfinite(least) else REGION[0],
-                       "final_tr_radius": REGION[1]}  # fmt: skip
+                       "initial_tr_radius": REGION[0], "final_tr_radius": REGION[1]}  # fmt: skip
             found = minimize(cost, x, method="COBYQA", bounds=bounds, options=options)  # type: ignore[call-overload]
             converged = bool(found.success) and least - found.fun < WORTH
             x, least = (found.x, found.fun) if found.fun < least else (x, least)
