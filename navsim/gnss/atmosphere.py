@@ -8,6 +8,7 @@ Sources:
 - [4] RTCA DO-229D, appendix A.4.2.4 (seasonal troposphere of the MOPS, after Collins & Langley's UNB3).
 - [5] Niell, Global mapping functions for the atmosphere delay at radio wavelengths, JGR 101 (1996), tables 3, 4.
 - [6] Davis et al., Geodesy by radio interferometry, Radio Science 20 (1985), appendix A.
+- [7] ITU-R P.453-14 (2019): refractivity, and its decrease with height in the reference atmosphere.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from navsim.gnss.constellations.systems import GPS
 L1 = GPS.carrier
 """Carrier frequency of GPS L1, Hz."""
 _DEG = np.pi / 180.0
+SCALE_HEIGHT = 7350.0
+"""Scale height of refractivity in the reference atmosphere [7], m."""
 
 
 def klobuchar(
@@ -181,3 +184,12 @@ def mops_niell(gpst: float, llh: np.ndarray, elevation: np.ndarray) -> np.ndarra
     hydrostatic, wet = mops_zenith(llh, day)
     dry_map, wet_map = niell_mapping(llh, elevation, day)
     return hydrostatic * dry_map + wet * wet_map
+
+
+def ground_delay(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Delay on a straight path of so many m between heights a and b above the runway, m, in m for a refractivity of one
+    N-unit at the runway: 1e-6 times the integral of exp(-h / 7.35 km) [7]. All broadcast against each other."""
+    rise = (b - a) / SCALE_HEIGHT
+    level = np.abs(rise) < 1e-6
+    mean = np.where(level, 1.0 - 0.5 * rise, -np.expm1(-rise) / np.where(level, 1.0, rise))
+    return np.asarray(1e-6 * distance * np.exp(-a / SCALE_HEIGHT) * mean)

@@ -47,6 +47,23 @@ class Troposphere:
 
 
 @dataclass(frozen=True)
+class GroundAir:
+    """Air on the paths of ground sources."""
+
+    truth: float
+    """True refractivity at the runway, N-units."""
+    corrected: float
+    """Refractivity at the runway that the receiver takes the delay off by, N-units; 0: it corrects nothing."""
+    height: float
+    """Ellipsoidal height of the runway, m."""
+
+    def delay(self, antenna: np.ndarray, source: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Residual delay, m, at heights of the antenna and of the source, m, over a distance, m."""
+        n = self.truth - self.corrected
+        return n * atmosphere.ground_delay(antenna - self.height, source - self.height, distance)
+
+
+@dataclass(frozen=True)
 class Space:
     """1 sigma of satellite orbits, radial, along, across (3,) m, and of satellite clocks, m; constant over a run."""
 
@@ -72,6 +89,7 @@ class Effects:
 
     ionosphere: Ionosphere | None = None
     troposphere: Troposphere | None = None
+    ground_air: GroundAir | None = None
     space: Space | None = None
     reference: Reference | None = None
     loop: dll.CodeLoop = STANDARD_LOOP

@@ -417,6 +417,9 @@ def _affected(
     ionosphere = np.where(sky, ionosphere, 0.0)
     away = signals.position - signals.antenna[:, None]
     distance = np.linalg.norm(away, axis=2)
+    if effects.ground_air is not None:
+        heights = pseudolites.llh[:, 2]
+        delay[:, is_pseudolite] += effects.ground_air.delay(llh[:, 2:], heights, distance[:, is_pseudolite])
     space = None
     if effects.space is not None:
         space = np.zeros((e, s, 4))

@@ -115,7 +115,7 @@ def _fixes(result: Result) -> Cell:
 
 
 _DELAYING = ("ephemeris", "ionosphere", "troposphere")
-_OF_PSEUDOLITES = ("multipath", "survey_error_m", "survey_sigma_m", "clock_sigma_ns", "clock_noise")
+_OF_PSEUDOLITES = ("multipath", "air", "survey_error_m", "survey_sigma_m", "clock_sigma_ns", "clock_noise")
 """Keys of `signals`, and of `pseudolites`, with time-correlated ranging errors, if present and not zero."""
 
 

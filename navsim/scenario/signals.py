@@ -337,6 +337,32 @@ class ClockNoiseSection(ClockModel):
         return self
 
 
+class GroundAirSection(Section):
+    """Delay by the air between pseudolites and the aircraft; refractivity falls with height by the reference atmosphere
+    of ITU-R P.453."""
+
+    truth_refractivity_n: Annotated[float, Field(ge=0.0, le=600.0)] = 320.0
+    """true refractivity at the runway; 77.6 p/T + 3.73e5 e/T2 of the pressure p and that of water vapour e, hPa, at the
+    temperature T, K"""
+    correction: Literal["none", "refractivity"] = "none"
+    """the receiver's correction: none, or the delay by corrected_refractivity_n"""
+    corrected_refractivity_n: Annotated[float, Field(ge=0.0, le=600.0)] = 315.0
+    """refractivity at the runway that the receiver assumes"""
+
+    @model_validator(mode="after")
+    def _used(self) -> Self:
+        if self.correction == "none" and "corrected_refractivity_n" in self.model_fields_set:
+            raise reject("is for `correction: refractivity`", "corrected_refractivity_n")
+        return self
+
+    def model(self, height: float) -> signal_errors.GroundAir:
+        """Model of its effect; height: of the runway, ellipsoidal, m."""
+        from navsim.gnss import signal_errors
+
+        corrected = 0.0 if self.correction == "none" else self.corrected_refractivity_n
+        return signal_errors.GroundAir(self.truth_refractivity_n, corrected, height)
+
+
 class FilterPseudolites(Section):
     """Errors of pseudolites in the filter model; omitted keys: those of `pseudolites`."""
 
@@ -410,6 +436,8 @@ class PseudolitesSection(Section):
     """carrier of their signals, which have the chips of GPS"""
     multipath: GroundMultipath | None = None
     """reflection by the ground; left out: none"""
+    air: GroundAirSection | None = None
+    """delay by the air on the way to the aircraft; left out: none"""
     differential: Differential | None = None
     """corrections for satellites; left out: none"""
 

@@ -409,7 +409,7 @@ def _shown_messages(flight: Flight) -> np.ndarray:
     signals, mine, n = flight.shared.signals, flight.transmitter_states, flight.model.states
     out = np.zeros((n, 0 if signals.space is None else signals.space.shape[2] * len(signals.names)))
     if mine is not None and signals.space is not None:
-        out[transmitter_error_states(flight)] = mine.of_messages().reshape(len(mine.each), -1)
+        out[transmitter_error_states(flight)] = mine.of_messages().reshape(len(mine.each), out.shape[1])
     return out
 
 

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from navsim.gnss import atmosphere, timescales
 from tests.conftest import Within
+from tests.helpers import case
 
 SITE = np.array([np.radians(35.0), np.radians(140.0), 100.0])
 
@@ -71,3 +73,32 @@ def test_niell_against_the_mapping_of_the_mops(within: Within) -> None:
     np.testing.assert_allclose(hydrostatic, mops, rtol=within["hydrostatic"])
     np.testing.assert_allclose(wet, mops, rtol=within["wet"])  # vapour lies lower: the Earth's curvature matters less
     assert atmosphere.niell_mapping(SITE, np.pi / 2, 10) == pytest.approx((1.0, 1.0), abs=1e-9)
+
+
+@pytest.mark.validates(
+    "air on the paths of pseudolites", "quadrature of ITU-R P.453's atmosphere (scipy)", value="1e-9 m"
+)
+@pytest.mark.parametrize(("a", "b"), [(0.0, 0.0), (153.0, 2.0), (3.0, 3000.0), (10.0, 10.001)])
+def test_ground_delay(a: float, b: float, within: Within) -> None:
+    distance = 5000.0
+    share, _ = quad(lambda s: np.exp(-(a + s * (b - a)) / 7350.0), 0.0, 1.0, epsabs=1e-14)
+    found = 320.0 * atmosphere.ground_delay(np.array(a), np.array(b), np.array(distance))
+    assert found == pytest.approx(320e-6 * distance * share, abs=within["value"])
+    if b == 0.0:
+        assert found == pytest.approx(1.6)  # 0.32 m a kilometre
+
+
+def test_air_lengthens_the_ranges_of_pseudolites() -> None:
+    """By what the receiver does not correct, and those of satellites not at all."""
+    plain, thick, corrected = (
+        case("duration_s=5", "receiver.rate_hz=1", *more).shared.signals
+        for more in ((), ("pseudolites.air.truth_refractivity_n=320",), (
+            "pseudolites.air={truth_refractivity_n: 320, correction: refractivity, corrected_refractivity_n: 300}",
+        ))
+    )  # fmt: skip
+    count = 2
+    added = thick.delay - plain.delay
+    assert not added[:, :-count].any()
+    per_km = added[:, -count:] / plain.range[:, -count:] * 1000.0
+    assert np.all((per_km > 0.31) & (per_km < 0.32))
+    np.testing.assert_allclose(corrected.delay - plain.delay, added * 20.0 / 320.0, atol=1e-12)
