@@ -526,9 +526,9 @@ class PseudolitesSection(Section):
 
     @property
     def drawn(self) -> tuple[str, ...]:
-        """Keys of errors that are drawn and last over a run."""
+        """Keys of errors that are drawn and last over a run, of pseudolites that are there or that a study adds."""
         keys = ("survey_sigma_m", "range_bias_sigma_m", "clock_sigma_ns", "clock_drift_sigma_ppb", "clock_noise")
-        return tuple(key for key in keys if getattr(self, key)) if self.placed() else ()
+        return tuple(key for key in keys if getattr(self, key))
 
     def errors(self, given: FilterPseudolites | None = None) -> TransmitterErrors:
         """Sizes of the errors that are drawn for each run; given: those in a filter model."""
