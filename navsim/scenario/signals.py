@@ -351,7 +351,8 @@ class GroundAirSection(Section):
 
     @model_validator(mode="after")
     def _used(self) -> Self:
-        if self.correction == "none" and "corrected_refractivity_n" in self.model_fields_set:
+        assumed = type(self).model_fields["corrected_refractivity_n"].default
+        if self.correction == "none" and self.corrected_refractivity_n != assumed:  # stored scenarios have every key
             raise reject("is for `correction: refractivity`", "corrected_refractivity_n")
         return self
 
