@@ -20,7 +20,7 @@ from navsim.cli import imports
 from navsim.cli.main import app
 from navsim.formats.conventions import FIX_SIGMAS
 from navsim.formats.logs import reading
-from navsim.formats.logs.contents import QUALITY
+from navsim.formats.logs.contents import QUALITY, LogContents, interpolated
 from navsim.formats.logs.reading import read_logs
 from navsim.formats.logs.tables import log_files
 from navsim.formats.recorded_data import Fixes, Samples
@@ -334,6 +334,47 @@ def test_refusals(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert "--force" in imported(path, "-o", out, code=2).stderr
     monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
     assert "pip install '.[logs]'" in imported(path, "-o", out, code=2).stderr
+
+
+def test_files_of_one_recording(flight: Flight, tmp_path: Path) -> None:
+    """Receivers of the same name stay two; a second file of raw measurements does not replace the first one."""
+    name = in_rtklib(flight, tmp_path)[0]
+    other = tmp_path / "other.pos"
+    other.write_text(name.read_text())
+    imported(name, other, "--receiver", 1, "-o", tmp_path / "out")
+    assert "file: gnss1.csv" in (tmp_path / "out/log.yaml").read_text()
+    first, second = (LogContents("log", clock="week", texts={"gnss.obs": text}) for text in "ab")
+    with pytest.raises(FileError, match="gnss.obs, as a file before it"):
+        first.merge(second, "second.ubx")
+
+
+def test_odd_logs_are_read_or_refused(tmp_path: Path) -> None:
+    """None ends in an error of Python: fixes months apart, a header that changes, settings of settings, no samples."""
+    header = "%  GPST latitude(deg) longitude(deg) height(m) Q"
+    rows = [f"2024/0{month}/01 00:00:00 48 11 500 1" for month in (1, 6)]
+    (tmp_path / "apart.pos").write_text("\n".join([header, *rows]) + "\n")
+    assert read_logs([tmp_path / "apart.pos"]).receivers[0].time.size == 2
+    (tmp_path / "joined.pos").write_text("\n".join([header, *rows, f"{header} ns", f"{rows[1]} 9"]) + "\n")
+    (tmp_path / "own.yaml").write_text("imupath: own.yaml\ngnsspath: own.yaml\n")
+    for name, width in (("IMU_gyro", 3), ("IMU_accelerometer", 3), ("GNSS_live_gnss_ublox", 6)):
+        np.save(tmp_path / f"{name}_t.npy", np.zeros(0))
+        np.save(tmp_path / f"{name}_value.npy", np.zeros((0, width)))
+    for path, text in (
+        (tmp_path / "joined.pos", "split the file here"), (tmp_path / "own.yaml", "the settings name settings"),
+        (tmp_path, "IMU: fewer than two samples"),
+    ):  # fmt: skip
+        with pytest.raises(FileError, match=text):
+            read_logs([path])
+
+
+def test_samples_of_two_clocks_that_end_apart() -> None:
+    """Accelerometers out of order are sorted; a stream that has ended is not held at its last value."""
+    time = np.arange(0.0, 4.0, 0.01)
+    theirs = np.roll(np.arange(-0.003, 2.0, 0.01), 7)
+    on_gyro = interpolated(time, theirs, np.column_stack([theirs, -theirs]))
+    there = time <= theirs.max()
+    assert np.abs(on_gyro[there] - time[there, None] * [1.0, -1.0]).max() < 1e-12
+    assert np.isnan(on_gyro[time > theirs.max() + 0.11]).all()
 
 
 def test_the_formats_are_declared_once() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.formats.logs.contents import FixRecord, ImuRecord, LogContents
+from navsim.formats.logs.contents import FixRecord, ImuRecord, LogContents, interpolated
 from navsim.formats.text import MOST_BYTES, FileError
 from navsim.results import files
 
@@ -29,7 +29,7 @@ def read(folder: Path) -> LogContents:
     """Read a segment. Raises FileError, OSError."""
     out = LogContents(TITLE)
     (time, rate), (theirs, force) = (_pair(folder, name, width) for name, width in _IMU.items())
-    on_gyro = np.column_stack([np.interp(time, theirs, force[:, i]) for i in range(3)])
+    on_gyro = interpolated(time, theirs, force)
     out.decided.append("specific force interpolated to the times of the gyros; axes forward-right-down as recorded")
     out.add_imu(ImuRecord("IMU", time, rate, on_gyro))
     time, fix = _pair(folder, _FIXES, 6)

@@ -29,6 +29,8 @@ SLOWEST_IMU_HZ = 20.0
 """Slower inertial samples cannot be integrated."""
 _TIME_TOLERANCE = 1.0
 """A time farther than this from the median of its five neighbours is damaged, s."""
+_HELD = 0.1
+"""The first and the last sample of a sensor stand for the time before and after it as far as this, s."""
 _LATEST = 200.0 * 365.25 * DAY
 """GPS s of a date that no recording has yet."""
 _LIMITS = {
@@ -183,6 +185,8 @@ class LogContents:
         if self.start is not None and other.start is not None and self.start != other.start:
             weeks = (other.start - self.start) / WEEK
             raise FileError(0, f"it begins {weeks:.0f} weeks after the first file", Path(name))
+        if both := sorted({*self.tables, *self.texts} & {*other.tables, *other.texts}):
+            raise FileError(0, f"it gives {', '.join(both)}, as a file before it; import them one by one", Path(name))
         self.format = f"{self.format}; {other.format}"
         self.start = other.start if self.start is None else self.start
         for list_ in ("imus", "receivers", "left_out", "decided", "imu_keys"):
@@ -268,6 +272,19 @@ def quaternion_angles(q: np.ndarray) -> dict[str, np.ndarray]:
     length = np.linalg.norm(q, axis=1, keepdims=True)
     unit = np.divide(q, length, out=np.full_like(q, np.nan), where=length > 0.0)
     return dict(zip(TRACK_ATTITUDE, np.degrees(roll_pitch_yaw(dcm_from_quaternion(unit))).T, strict=True))
+
+
+def interpolated(time: np.ndarray, theirs: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, k) of another sensor, with times `theirs` (n,) in any order, at times (m,): linear; nan beyond their
+    ends."""
+    known = np.isfinite(theirs)
+    order = np.argsort(theirs[known], kind="stable")
+    if not order.size:
+        return np.full((time.size, values.shape[1]), np.nan)
+    at, values = theirs[known][order], values[known][order]
+    out = np.column_stack([np.interp(time, at, column) for column in values.T])
+    out[(time < at[0] - _HELD) | (time > at[-1] + _HELD)] = np.nan
+    return out
 
 
 def numbers(fields: Mapping[str, Any], *names: str) -> np.ndarray | None:

@@ -34,11 +34,13 @@ def matches(head: bytes, path: Path) -> bool:
     return bool(lines) and all(len(row) in (*_IMU_COLUMNS, *_FIX_COLUMNS) and _numbers(row) for row in lines)
 
 
-def read(path: Path) -> LogContents:
-    """Read one file, or all that settings name. Raises FileError, OSError."""
+def read(path: Path, with_settings: bool = True) -> LogContents:
+    """Read one file, or all that settings name, if it may be settings. Raises FileError, OSError."""
     dropped = Dropped(lenient=True)
     lines = read_lines(path, dropped)
     if any(re.match(r"(imupath|gnsspath)\s*:", line) for line in lines):
+        if not with_settings:
+            raise FileError(0, "the settings name settings; name a file with rows of numbers", path)
         return _by_settings(path, "\n".join(lines))
     out = LogContents(TITLE, clock="week")
     rows = []
@@ -85,7 +87,7 @@ def _by_settings(path: Path, text: str) -> LogContents:
         if not isinstance(name, str):
             raise FileError(0, f"the settings name no {what} file; write `{key}: FILE`", path)
         beside = path.parent / name
-        part = read(beside if beside.exists() else path.parent / Path(name).name)
+        part = read(beside if beside.exists() else path.parent / Path(name).name, with_settings=False)
         if out is None:
             out = part
         else:

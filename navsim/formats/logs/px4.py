@@ -20,6 +20,7 @@ from navsim.formats.logs.contents import (
     RangeRecord,
     Topic,
     foreign_reader,
+    interpolated,
     lever_parameters,
     numbers,
     quaternion_angles,
@@ -146,9 +147,7 @@ def _add_combined(out: LogContents, number: int, found: dict[str, np.ndarray], p
     if shift is not None:
         new = shift < _INVALID
         if new.sum() > 1 and np.any(shift[new] != 0):
-            theirs = time[new] + 1e-6 * shift[new]
-            order = np.argsort(theirs)
-            force = np.column_stack([np.interp(time, theirs[order], force[new][order, i]) for i in range(3)])
+            force = interpolated(time, time[new] + 1e-6 * shift[new], force[new])
             out.decided.append("sensor_combined: specific force interpolated to the times of the gyros")
     out.add_imu(ImuRecord(_numbered("sensor_combined", number), time, rate, force, "averaged", place))
 
@@ -177,9 +176,8 @@ def _add_raw(out: LogContents, gyros: Any, accelerometers: Any, turned: int, pla
         rate, force = numbers(gyro, "x", "y", "z"), numbers(accelerometer, "x", "y", "z")
         if rate is None or force is None:
             continue
-        time, theirs = _seconds(gyro), _seconds(accelerometer)
-        order = np.argsort(theirs, kind="stable")
-        force = np.column_stack([np.interp(time, theirs[order], force[order, i]) for i in range(3)])
+        time = _seconds(gyro)
+        force = interpolated(time, _seconds(accelerometer), force)
         out.add_imu(ImuRecord(f"sensor_gyro {number}", time, rate @ matrix.T, force @ matrix.T, "instantaneous", place))
     out.decided.append(
         f"samples of sensor_gyro and sensor_accel, the log has no faster ones; turned by SENS_BOARD_ROT {turned}, and "

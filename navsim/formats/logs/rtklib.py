@@ -41,7 +41,11 @@ def read(path: Path) -> LogContents:
     for count, line in enumerate(read_lines(path, dropped), 1):
         if header := re.match(r"% +(GPST|UTC|JST)\b(.*)", line):
             scale = header[1]
+            before = names
             names = [_COLUMNS.get(name.split("(")[0], "") for name in header[2].replace(",", " ").split()]
+            if rows and names != before:
+                message = "the columns differ from those of the header before; split the file here, and import each part"
+                raise FileError(count, message, path)
             if missing := [name for name in _LEAST if name not in names]:
                 message = f"the header lacks {', '.join(missing)}; write solutions as latitude, longitude, height"
                 raise FileError(count, f"{message} in decimal degrees (out-solformat llh, out-degform deg)", path)
@@ -55,7 +59,8 @@ def read(path: Path) -> LogContents:
     table = np.array(rows)
     column = {name: table[:, place] for place, name in enumerate(names, 1) if name}
     gps = table[:, 0]
-    start = float(np.floor(gps[np.abs(gps - np.median(gps)) < WEEK].min() / WEEK) * WEEK)  # without damaged dates
+    middle = np.sort(gps)[gps.size // 2]
+    start = float(np.floor(gps[np.abs(gps - middle) < WEEK].min() / WEEK) * WEEK)  # without damaged dates
     out.start = start
     out.left_out += dropped.reasons()
     time = np.round(gps - start, 4)

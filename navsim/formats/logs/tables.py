@@ -94,7 +94,7 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
         taken.append(f"{name}.csv: {several(columns['t_s'].size, 'row')}, {', '.join(list(columns)[1:])}")
     texts = dict(contents.texts)
     taken += [f"{name}: observations for gnss.file with gnss.navigation, instead of the fixes" for name in texts]
-    decided = [*contents.decided]
+    decided = [*dict.fromkeys(contents.decided)]
     if not any("times are" in line for line in decided):
         decided.append(_CLOCKS[contents.clock])
     if contents.start is not None and contents.epoch is None:
@@ -121,8 +121,8 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
     account = Account(taken, contents.left_out, decided, missing)
     head = [f"# From {source}, {contents.format}, by `navsim import`.", *_comments(account)]
     if imus or fixes:
-        named_imu = imus[contents.imus.index(chosen_imu)] if chosen_imu is not None else "imu.csv"
-        named_fixes = fixes[contents.receivers.index(chosen)] if chosen is not None else "gnss.csv"
+        named_imu = imus[min(imu, len(imus) - 1)] if imus else "imu.csv"
+        named_fixes = fixes[min(receiver, len(fixes) - 1)] if fixes else "gnss.csv"
         epoch = [] if contents.epoch is None else [f"epoch: {utc_text(contents.epoch)}  # UTC of t_s = 0"]
         texts[LOG] = "\n".join([
             *head, "kind: replay", "version: 1", f"title: {json.dumps(source, ensure_ascii=False)}", *epoch, "imu:",
