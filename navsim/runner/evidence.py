@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -187,7 +188,7 @@ def _commands(evidence: Evidence) -> str:
     options = "".join(f" --{name.replace('_', '-')} {value}" for name, value in given.items() if value is not None)
     command = KINDS[str(result.attributes["kind"])].command
     main = "study.yaml" if "study.yaml" in evidence.texts else "scenario.yaml"
-    verify = f"sha256sum -c {SUMS}\nnavsim verify {evidence.file.name} --folder {_INPUTS}"
+    verify = f"sha256sum -c {SUMS}\nnavsim verify {shlex.quote(evidence.file.name)} --folder {_INPUTS}"
     if command not in ("run", "sweep", "optimize", "replay"):
         return verify
     seed = "" if command == "replay" else f" --seed {result.attributes['seed']}"

@@ -344,7 +344,7 @@ def test_files_of_one_recording(flight: Flight, tmp_path: Path) -> None:
     imported(name, other, "--receiver", 1, "-o", tmp_path / "out")
     assert "file: gnss1.csv" in (tmp_path / "out/log.yaml").read_text()
     first, second = (LogContents("log", clock="week", texts={"gnss.obs": text}) for text in "ab")
-    with pytest.raises(FileError, match="gnss.obs, as a file before it"):
+    with pytest.raises(FileError, match="as a file before it; import them one by one"):
         first.merge(second, "second.ubx")
 
 
