@@ -18,7 +18,7 @@ from typer.testing import CliRunner, Result
 
 from navsim.cli import imports
 from navsim.cli.main import app
-from navsim.formats.conventions import FIX_SIGMAS
+from navsim.formats.conventions import FIX_ACCURACIES, FIX_SIGMAS
 from navsim.formats.logs import reading
 from navsim.formats.logs.contents import QUALITY, LogContents, interpolated
 from navsim.formats.logs.reading import read_logs
@@ -168,8 +168,8 @@ def test_a_flight_survives_each_format(flight: Flight, tmp_path: Path, name: str
     assert apart.max() < 2.0 * digit
     across = slice(0, 2 if name == "comma2k19" else 3)
     np.testing.assert_allclose(fixes.velocity[:, across], flight.fixes.velocity[:, across], atol=6e-4)
-    # sigmas of the fixes, and a missing vertical velocity, are differences that the formats do have
-    weights = [f"gnss.columns={{{', '.join(f'{key}: absent_{key}' for key in FIX_SIGMAS)}}}"]
+    # sigmas and accuracies of the fixes, and a missing vertical velocity, are differences that the formats do have
+    weights = [f"gnss.columns={{{', '.join(f'{key}: absent_{key}' for key in (*FIX_SIGMAS, *FIX_ACCURACIES))}}}"]
     if name == "comma2k19":
         original = flight.folder / "level.yaml"
         rows = (flight.folder / "gnss.csv").read_text().splitlines()

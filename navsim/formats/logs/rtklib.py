@@ -44,7 +44,7 @@ def read(path: Path) -> LogContents:
             before = names
             names = [_COLUMNS.get(name.split("(")[0], "") for name in header[2].replace(",", " ").split()]
             if rows and names != before:
-                message = "the columns differ from those of the header before; split the file here, and import each part"
+                message = "the columns differ from those of the header before; split the file here, import each part"
                 raise FileError(count, message, path)
             if missing := [name for name in _LEAST if name not in names]:
                 message = f"the header lacks {', '.join(missing)}; write solutions as latitude, longitude, height"
