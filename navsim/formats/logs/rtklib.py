@@ -37,7 +37,7 @@ def read(path: Path) -> LogContents:
     """Read a solution. Raises FileError, OSError."""
     out, dropped = LogContents(TITLE, clock="week"), Dropped(lenient=True)
     names: list[str] = []
-    scale, rows = "", []
+    scale, rows = "", list[list[float]]()
     for count, line in enumerate(read_lines(path, dropped), 1):
         if header := re.match(r"% +(GPST|UTC|JST)\b(.*)", line):
             scale = header[1]
