@@ -116,6 +116,7 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
     """Exit with a message if the contents of result files do not fit together, or lack data that this version shows."""
     from navsim.results.result import ResultError
     from navsim.results.schema import SCHEMA_VERSION
+    from navsim.runner.errors import BadInput
 
     for file, result in zip(files, results, strict=True):
         if (version := _layout(result)) is None:
@@ -138,8 +139,8 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
     except ResultError as error:
         named = any(str(file) in str(error) for file in files)
         leave(BAD_INPUT, error if named else f"{', '.join(map(str, files))}: {error}")
-    except (typer.Exit, OSError, UnicodeEncodeError):
-        raise  # left already, or the terminal's
+    except (typer.Exit, BadInput, OSError, UnicodeEncodeError):
+        raise  # left already, an option, or the terminal's
     except Exception as error:  # only the file's content decides, since anybody may have written it
         of_others = []
         for result, file in zip(results, files, strict=True):

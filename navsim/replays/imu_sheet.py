@@ -160,6 +160,10 @@ def _check_at_rest(samples: Samples, step: float) -> None:
     if abs(gravity / STANDARD_GRAVITY - 1.0) > _GRAVITY_TOLERANCE:
         text = f"the mean specific force is {gravity:.4g} m/s2, not gravity: the sensor is not at rest, or has another "
         raise StaticError(f"{text}unit; declare units in a log.yaml, and name it instead of the table")
+    for name, values in (("gyro", samples.rate), ("accelerometer", samples.force)):
+        if (dead := np.flatnonzero(np.ptp(values, axis=0) == 0.0)).size:
+            text = f"the {name} of the {'xyz'[dead[0]]} axis never changes: its noise is below one digit of the log"
+            raise StaticError(f"{text}, or it is dead; log it with more digits")
     size = max(round(_MEAN_S / step), 1)
     count = samples.time.size // size
     for name, values, unit, factor in (

@@ -135,7 +135,7 @@ SECTIONS: Mapping[str, Applies] = {
     "Altimeters": lambda scenario, root: any(at(scenario, name) is not None for name in _ALTIMETERS),
     "Aircraft, wind, trajectories of runs": of_landing,
     "Runway and Earth": of_landing,
-    "Ranging beacons": lambda scenario, _: at(scenario, "beacons") is not None,
+    "Beacons": lambda scenario, _: at(scenario, "beacons") is not None,
     "Replay, live, exports": lambda _, root: root["kind"] in ("replay", "live"),
 }
 """Sections of `docs/limits.md`, and the results that they are about."""

@@ -195,3 +195,11 @@ def _dataflash(samples: Samples, folder: Path) -> Path:
     ]  # fmt: skip
     logs.write_dataflash(folder / "rest.bin", {"IMU": rows})
     return folder / "rest.bin"
+
+
+def test_a_dead_axis_is_refused() -> None:
+    """Samples that never change have no spectrum to fit."""
+    rng, time = np.random.default_rng(1), np.arange(0.0, 100.0, 0.02)
+    rate, force = rng.normal(0.0, 1e-3, (time.size, 3)), np.tile([0.0, 0.0, -9.80665], (time.size, 1))
+    with pytest.raises(StaticError, match="the accelerometer of the x axis never changes"):
+        measure(Samples(time, rate, force), "log")
