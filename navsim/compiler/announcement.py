@@ -16,7 +16,7 @@ PARTS = {
     "companions": "the tracking filters", "compiler": "arithmetic", "filter": "the navigation filter",
     "geodesy": "positions and attitudes on the Earth", "gnss": "the satellite receiver",
     "integrity": "protection levels", "ranging": "the filter of ranges", "sensors": "the inertial sensors",
-    "simulation": "the simulated measurements", "statistics": "noise and statistics",
+    "simulation": "the simulated measurements", "statistics": "noise and statistics", "trajectory": "the autopilot",
 }  # fmt: skip
 """What the kernels of each package compute, in the words of a navigator."""
 

@@ -275,7 +275,8 @@ def _fill(file: Path | io.BytesIO, result: Result) -> None:
         )
         for path, variable in ordered:
             own = {"units": variable.units, "long_name": variable.long_name} | variable.attributes
-            digest = VariableDigest(variable.data.shape, variable.data.dtype, variable.dims, own)
+            data = variable.data if isinstance(variable.data, Stream) else np.asarray(variable.data)
+            digest = VariableDigest(data.shape, data.dtype, variable.dims, own)
             _describe(_store(tree, path, variable, digest), path, own)
             contents[path] = digest.text()
         _describe(tree.root, "/", {CONTENTS: json.dumps(contents, sort_keys=True, indent=0)})

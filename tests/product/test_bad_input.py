@@ -204,13 +204,13 @@ ALMANAC = b"""13 09 2018    3600
 """
 ALMANACS: list[tuple[str, bytes, list[str]]] = [
     ("cut in half", ALMANAC[: len(ALMANAC) * 3 // 4], ["a.agl:3", "expected 6 numbers"]),
-    ("cut at a line", b"".join(ALMANAC.splitlines(True)[:2]), ["a.agl:2", "ends within a record"]),
+    ("cut at a line", b"".join(ALMANAC.splitlines(True)[:2]), ["a.agl:2", "ends within a satellite"]),
     ("empty", b"", ["empty"]),
     ("another format", b"<html>\n<body>\n</body>\n", ["a.agl:1"]),
     (
         "YUMA cut short",
         b"******** Week 837 almanac for PRN-01 ********\nID: 01\nHealth: 000\n",
-        ["a.agl:3", "breaks off"],
+        ["a.agl:3", "too few lines"],
     ),
     ("garbled number", ALMANAC.replace(b"0.4005432E-03", b"0.40O5432E-03"), ["a.agl:3", "0.40O5432E-03"]),
     (

@@ -128,16 +128,24 @@ def test_each_flaw_of_a_run() -> None:
             if name in expected} == expected  # fmt: skip
 
 
+MEANT = {"beacons_uav": {"epochs_without_fix", "aided_rejections"}}
+"""Findings that shipped scenarios are made for: satellites are silenced, and beacons have outliers."""
+
+
 @pytest.mark.parametrize("runs", [5, pytest.param(20, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", in_brief(LANDINGS, 0, 6))
 def test_no_false_alarm_of_a_shipped_scenario(name: str, runs: int) -> None:
     """Runs by themselves, and as an ensemble."""
     c = case(name=name)
+
+    def told(finding: Finding) -> bool:
+        return finding.text not in c.warnings and finding.name not in MEANT.get(name, ())
+
     study = LandingStudy(c, 1, "none")
     batches = [Batch(*study.batch(k, 1)) for k in range(runs)]
     for k, batch in enumerate(batches):
-        assert [f.text for f in landing.findings(c, ensemble(k, batch)) if f.text not in c.warnings] == []
-    assert [f.text for f in landing.findings(c, ensemble(0, *batches)) if f.text not in c.warnings] == []
+        assert [f.text for f in landing.findings(c, ensemble(k, batch)) if told(f)] == []
+    assert [f.text for f in landing.findings(c, ensemble(0, *batches)) if told(f)] == []
 
 
 def test_thresholds() -> None:

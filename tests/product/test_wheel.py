@@ -42,7 +42,8 @@ def test_it_holds_the_package_and_the_scenarios(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
     scenarios = {f"navsim/scenario/templates/{name.removeprefix('scenarios/')}" for name in tracked("scenarios")}
-    assert held == {*tracked("navsim"), *scenarios}
+    pages = {f"navsim/report/pages/{name}.md" for name in ("limits", "validation")}  # `navsim evidence` reads them
+    assert held == {*tracked("navsim"), *scenarios, *pages}
     assert wheel.stat().st_size < 2_000_000
 
 

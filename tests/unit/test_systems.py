@@ -36,6 +36,7 @@ UTC = timescales.posix(2018, 9, 13, 12)
 LETTER = re.compile(r"[RGECJ](\d\d)?")
 OTHER_MEANINGS = {
     ("formats/conventions.py", "SE"): "south, east",
+    ("formats/logs/ardupilot.py", "C"): "number of an estimator",
     ("formats/nmea.py", "E"): "east, estimated",
     ("formats/rinex_write.py", "E"): "exponents",
     ("formats/sp3.py", "E"): "a clock event",
