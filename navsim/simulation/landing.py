@@ -706,11 +706,14 @@ def fly_inputs(
     if design.tight:
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
     else:
-        given = np.where((watched.status == monitoring.ALARM)[:, None], np.nan, llh) if flight.drops else llh
-        table = table_of_all_fixes(flight, given, velocity, cov)
+        position, speed = llh, velocity
+        if flight.drops:
+            dropped = (watched.status == monitoring.ALARM)[:, None]
+            position, speed = np.where(dropped, np.nan, llh), np.where(dropped, np.nan, velocity)
+        table = table_of_all_fixes(flight, position, speed, cov)
         for candidate in np.unique(watched.excluded[watched.excluded != NOTHING]).astype(int):
             mine = watched.excluded == candidate
-            made = table_of_all_fixes(flight.without(candidate), given, velocity, cov)
+            made = table_of_all_fixes(flight.without(candidate), position, speed, cov)
             for all_fixes, without in zip(table[:3], made[:3], strict=True):
                 np.copyto(all_fixes, without, where=mine.reshape(len(mine), *[1] * (all_fixes.ndim - 2), -1))
         tables = measurements(flight, table, inputs.aided)

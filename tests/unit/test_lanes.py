@@ -246,8 +246,8 @@ def _flown(width: int, kind: int, spoil: Spoil) -> dict[str, np.ndarray]:
 
 
 def _bad_company(lane: int) -> Callable[[State, dict[str, np.ndarray]], None]:
-    """Neighbours of `lane` that are nan, lose fixes or velocities, have wild ones, start far off or with a covariance
-    that is none."""
+    """Neighbours of `lane` that are nan, lose fixes, positions or velocities, have wild ones, start far off or with a
+    covariance that is none."""
 
     def spoil(state: State, tables: dict[str, np.ndarray]) -> None:
         width = state.navigation.shape[-1]
@@ -258,6 +258,7 @@ def _bad_company(lane: int) -> Callable[[State, dict[str, np.ndarray]], None]:
             navigation, covariance = of_sum.navigation[0], of_sum.covariance[0]
         navigation[:, others[0]] = np.nan
         tables["llh"][20:90, :, others[1]] = np.nan
+        tables["velocity"][20:80, :, others[1]] = np.nan
         tables["velocity"][::3, 1, others[1]] = np.nan
         tables["llh"][30:60, :, others[2]] += 1e-3
         if width > 4:
@@ -364,7 +365,7 @@ def test_neighbours_really_are_rejected_and_lost() -> None:
     assert np.sum(status[..., 2] == 1) < np.sum(status[..., 0] == 1) - 50
     assert np.any(status[..., 3] == 2)
     assert not np.any(status[..., 0] == 2)
-    assert set(np.unique(among["degrees"][..., 2])) == {0.0, 5.0, 6.0}
+    assert set(np.unique(among["degrees"][..., 2])) == {0.0, 2.0, 3.0, 5.0, 6.0}
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="the names of registers are those of x86-64")
