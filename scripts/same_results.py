@@ -28,13 +28,14 @@ import numpy as np
 import yaml
 
 from navsim.results.former_names import with_present_names
+from navsim.results.schema import NOT_REPEATED, PROVENANCE
 
 RENAMED: dict[str, str] = {
     "/front": "/pareto", "/useful": "/subsets", "/useful/subsets": "/subsets/number",
     "/useful/subsets_of_all": "/subsets/number_of_all", "/audit": "/published", "/fit/letter": "/fit/id",
 }  # fmt: skip
 """Paths of datasets and groups in results of A, each with its path in results of B."""
-EXCEPTED = ("navsim_version", "created", "contents", "/provenance")
+EXCEPTED = (*NOT_REPEATED, PROVENANCE)
 """Attributes and groups that name the version, the time of computation, the code and the machine."""
 _OF_THE_CLOCK = re.compile(
     rb"^compiling the kernels.*\n|^.* s used.*\n|^.*PGM / RUN BY / DATE *\n|about [\d.]+ s on this .*?timed\), ",

@@ -4,7 +4,7 @@ A result is a tree of variables by path, `/group/name`; a variable named like on
 coordinate. Every dimension has one, so every dataset in the file has units and a long name.
 
 Arrays of numbers have HDF5's own checksums (fletcher32), the file those of `navsim.results.checksum`. The root
-attribute `checksums` says so: a file that lost them is damaged; files of earlier versions have neither.
+attributes `checksums` and `contents` say so: a file that lost them is damaged; files of earlier versions have neither.
 """
 
 from __future__ import annotations
@@ -381,7 +381,7 @@ def read_unchecked(path: Path) -> tuple[Result, dict[str, str] | None, list[str]
     with _damage_of(path):
         attributes = {k: v for k, v in tree.attributes.items() if not _is_of_file(k)}
         variables = {name: _variable(path, tree, found) for name, found in tree.datasets.items()}
-        lost = CHECKSUMS in tree.attributes and not tree.sealed
+        lost = _lost_checksums(tree)
         stated = tree.attributes.get(CONTENTS)
     wrong = ["its checksums are gone: it was cut off, or another program has written to it"] if lost else []
     try:
@@ -429,6 +429,11 @@ def read_kind(path: Path) -> ResultKind:
         return ResultKind(tree.attributes["kind"], method, runs, count)
 
 
+def _lost_checksums(tree: Tree) -> bool:
+    """Whether a file was written with checksums, and has none now. Digests of contents are younger than checksums."""
+    return not tree.sealed and not {CHECKSUMS, CONTENTS}.isdisjoint(tree.attributes)
+
+
 def _open_tree(path: Path, whole: bool = True) -> Tree:
     """whole: refuse a file that lost its checksums."""
     from navsim.results.hdf5 import SIGNATURE, Tree
@@ -452,7 +457,7 @@ def _open_tree(path: Path, whole: bool = True) -> Tree:
             value = tree.attributes[name]
             if not isinstance(value, str) or not _WORD.fullmatch(value):
                 raise ResultError(f"{path}: not a navsim result: {name} is {str(value)[:40]!r}")
-        if whole and CHECKSUMS in tree.attributes and not tree.sealed:
+        if whole and _lost_checksums(tree):
             raise CorruptFile("its checksums are gone: cut off, or another program has written to it")
         return tree
 

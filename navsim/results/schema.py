@@ -1660,6 +1660,8 @@ SECTIONS = (
 
 CHECKSUMS, CONTENTS = "checksums", "contents"
 """Root attributes of files, which `results.result` writes."""
+NOT_REPEATED = ("created", "navsim_version", CONTENTS)
+"""Root attributes that another computation of the same result may change; `PROVENANCE` are the variables."""
 ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "kind": (tuple(LAYOUTS), "kind of result; landing for landing, covariance and rare"),
     "schema_version": (tuple(LAYOUTS), "version of this page's contents"),

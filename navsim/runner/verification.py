@@ -21,7 +21,7 @@ import navsim
 from navsim.results import files
 from navsim.results.findings import several
 from navsim.results.result import DamagedResult, Result, ResultError, contents_of, read_unchecked
-from navsim.results.schema import LIVE, PROVENANCE, SCHEMA_VERSION
+from navsim.results.schema import LIVE, NOT_REPEATED, PROVENANCE, SCHEMA_VERSION
 from navsim.runner.executor import Executor
 from navsim.runner.job import JobError, OptionError, Progress
 from navsim.runner.provenance import (
@@ -47,8 +47,6 @@ ALL = 0
 _FOREIGN = 0.25
 """If a larger part of the variables differs, it isn't one change in the file."""
 FOREIGN = "most numbers differ: seed, scenario, input files or code are not those that gave them"
-_NOT_COMPARED = ("created", "navsim_version")
-"""Root attributes that another computation of the same result changes."""
 _MOST = 12
 """Differences of one sort that are listed."""
 
@@ -157,9 +155,12 @@ def _readable(result: Result, path: str) -> bool:
 
 def _check_contents(out: Verification, result: Result, contents: Mapping[str, str] | None) -> None:
     """Compare the digests of all variables and attributes with those written with them."""
+    if contents is None and stored_software(result):
+        out.add("contents", ["the digests of the contents, which this file was written with, are gone"], "")
+        return
     if contents is None:
         version = result.attributes["navsim_version"]
-        text = f"the file has no digests of its contents: written by an earlier navsim ({version}), or removed"
+        text = f"the file has no digests of its contents: written by an earlier navsim ({version})"
         out.checks.append(VerificationCheck("contents", UNCHECKED if out.differs else NOTE, text))
         return
     here = contents_of(result)
@@ -329,7 +330,7 @@ def _precision(tolerance: float) -> str:
 def attribute_differences(stored: Result, other: Result, tolerance: float) -> Iterator[str]:
     """Differences between root attributes, as text."""
     for name in sorted(set(stored.attributes) | set(other.attributes)):
-        if name in _NOT_COMPARED or (tolerance and name.startswith(("scenario", "study"))):
+        if name in NOT_REPEATED or (tolerance and name.startswith(("scenario", "study"))):
             continue  # another version may add keys to a scenario
         a, b = (one.attributes.get(name) for one in (stored, other))
         if a is None or b is None:

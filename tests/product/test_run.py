@@ -20,6 +20,7 @@ from navsim.filter import states
 from navsim.gnss.dop import dops
 from navsim.results.findings import several
 from navsim.results.result import Result, read
+from navsim.results.schema import NOT_REPEATED, PROVENANCE
 from tests import forks
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim
@@ -160,11 +161,10 @@ def stored(file: Path) -> dict[str, Any]:
     """All that must be identical between repetitions: every dataset and attribute but a few."""
     found: dict[str, Any] = {}
     with h5py.File(file) as h:
-        left_out = ("created", "navsim_version", "contents")
-        found["/"] = {k: v for k, v in h.attrs.items() if k not in left_out and not k.startswith("provenance_")}
+        found["/"] = {k: v for k, v in h.attrs.items() if k not in NOT_REPEATED}
 
         def take(name: str, node: Any) -> None:
-            if name.startswith("provenance"):
+            if f"/{name}".startswith(PROVENANCE):
                 return  # options and paths by which the same was computed
             pointers = ("REFERENCE_LIST", "DIMENSION_LIST")
             found[name + "@"] = {k: np.asarray(v).tobytes() for k, v in node.attrs.items() if k not in pointers}

@@ -82,7 +82,7 @@ def file(tmp_path: Path) -> Path:
 def unsealed(file: Path, change: Callable[[h5py.File], object] = lambda _: None) -> Path:
     """The file as a version without checksums would have written it, and then changed."""
     with h5py.File(file, "r+") as tree:
-        del tree.attrs["checksums"]
+        del tree.attrs["checksums"], tree.attrs["contents"]
         change(tree)
     return file
 
@@ -271,6 +271,17 @@ def test_a_file_that_another_program_changed_is_refused(file: Path) -> None:
         tree["flown/status"][2] = 0
     with pytest.raises(ResultError, match="damaged"):
         read(file)["/flown/status"]
+
+
+def test_a_file_without_the_mark_of_its_checksums_is_refused(file: Path) -> None:
+    """Somebody deletes it before changing a value: digests of the contents say that there were checksums."""
+    with h5py.File(file, "r+") as tree:
+        del tree.attrs["checksums"]
+        tree["flown/status"][2] = 0
+    with pytest.raises(ResultError, match="checksums are gone"):
+        read(file)
+    with pytest.raises(ResultError, match="checksums are gone"):
+        read_kind(file)
 
 
 def test_damage_is_seen_where_it_is_read(file: Path) -> None:

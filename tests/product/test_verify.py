@@ -232,6 +232,21 @@ def test_damaged_files_are_found(original: Path, tmp_path: Path) -> None:
     assert wrong(verified(file, folder=original)).startswith("file:")
 
 
+def test_files_without_marks_of_checksums_and_digests_are_found(original: Path, tmp_path: Path) -> None:
+    """Results that say what computed them have both."""
+    shutil.copy(original / "r.h5", tmp_path)
+    with h5py.File(tmp_path / "r.h5", "r+") as file:
+        del file.attrs["checksums"]
+        file["/summary/rms/horizontal"][0] += 1e-6
+    found = wrong(verified(tmp_path / "r.h5", folder=original))
+    assert "checksums are gone" in found
+    assert "/summary/rms/horizontal: was changed after the file was written" in found
+    assert "checksums are gone" in navsim("show", "r.h5", cwd=tmp_path, code=2).stderr
+    with h5py.File(tmp_path / "r.h5", "r+") as file:
+        del file.attrs["contents"]
+    assert "digests of the contents" in wrong(verified(tmp_path / "r.h5", folder=original))
+
+
 def test_command_exit_codes(original: Path, tmp_path: Path) -> None:
     good = navsim("verify", original / "r.h5", "--folder", original, "--json", cwd=tmp_path)
     assert json.loads(good.stdout)["verdict"] == EQUAL

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from navsim.results.schema import CONTENTS, NOT_REPEATED
 from tests.conftest import SCENARIOS
 from tests.forks import Ended, Forks
 from tests.steps import FULL, KILL
@@ -48,17 +50,17 @@ RESUMED = [name for name, words in STUDIES.items() if name.startswith(("ensemble
 """Those that keep partial work, and know `--fresh`."""
 
 
-_OF_THE_FORMAT = ("REFERENCE_LIST", "DIMENSION_LIST", "created")
-"""Attributes with addresses in the file, and the time when it was made."""
+_OF_THE_FORMAT = ("REFERENCE_LIST", "DIMENSION_LIST")
+"""Attributes with addresses in the file."""
 
 
 def contents(file: Path) -> dict[str, Any]:
-    """All that is in a result, to the bit, but for the time when it was made."""
+    """All that is in a result, to the bit, but for the time when it was made and its digest; options and code too."""
     found: dict[str, Any] = {}
 
     def see(name: str, node: Any) -> None:
         found[f"attributes of {name}"] = {
-            key: repr(value) for key, value in node.attrs.items() if key not in _OF_THE_FORMAT
+            key: repr(value) for key, value in node.attrs.items() if key not in (*_OF_THE_FORMAT, *NOT_REPEATED)
         }
         if isinstance(node, h5py.Dataset):
             data = node[()]
@@ -68,6 +70,8 @@ def contents(file: Path) -> dict[str, Any]:
     with h5py.File(file) as tree:
         see("/", tree)
         tree.visititems(see)
+        found["digests"] = json.loads(tree.attrs[CONTENTS])
+    del found["digests"]["@created"]
     return found
 
 

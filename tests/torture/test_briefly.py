@@ -25,7 +25,8 @@ def scenarios(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_mutants_are_refused_in_words_or_are_in_order(commands: Forks, scenarios: Path) -> None:
-    tally = trials.mutated(commands, scenarios, 101, 24)
+    """Which mutants a seed gives depends on the shipped files; about one of six is accepted."""
+    tally = trials.mutated(commands, scenarios, 101, 24, each=2)
     assert tally.wrong == []
     assert min(tally.ended["accepted"], tally.ended["refused"]) >= 2
 

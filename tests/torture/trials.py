@@ -67,11 +67,16 @@ def scenario_folder(folder: Path) -> Path:
     return folder
 
 
-def mutated(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
-    """`validate` of mutants: refused with a place, or in order by the published schema."""
+def mutated(commands: Forks, folder: Path, seed: int, count: int, each: int = 0) -> Tally:
+    """`validate` of mutants: refused with a place, or in order by the published schema.
+
+    each: how many are to be accepted, and how many refused; more than `count` are drawn for that, up to ten times it.
+    """
     tally = Tally()
     schemas = {kind: jsonschema.Draft202012Validator(section(kind).model_json_schema()) for kind in OF_FILES}
-    for mutant in islice(mutants.mutants(sources(), seed), count):
+    for mutant in islice(mutants.mutants(sources(), seed), 10 * count):
+        if tally.count >= count and min(tally.ended["accepted"], tally.ended["refused"]) >= each:
+            break
         (folder / mutants.NAME).write_bytes(mutant.text)
         done = commands.run("validate", mutants.NAME, cwd=folder, limit_s=HANG_S)
         wrong = done.failure((0, 2))
