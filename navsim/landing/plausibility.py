@@ -24,6 +24,8 @@ REVOLUTION = 360.0
 """Turn of the computed attitude by a gyro's constant drift within a flight, deg, beyond which the drift is doubted."""
 GRAVITY_MG = 1000.0
 """Bias of an accelerometer, mg, as large as gravity."""
+WANDERED = 2.0
+"""Clock error at the end of a flight over the range error at its begin, beyond which loose coupling is doubted."""
 LEAST_ANGLE = 2.0
 """Angle between two pseudolites as the antenna sees them, deg, below which the second adds no geometry."""
 UNDULATION_ERROR = 5.0
@@ -36,8 +38,21 @@ def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings of values that no aircraft, sensor, wind or runway has."""
     return [
         *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),
-        *_undulation(scenario, trajectory),
+        *_undulation(scenario, trajectory), *_free_clocks(scenario),
     ]  # fmt: skip
+
+
+def _free_clocks(scenario: Landing) -> Iterator[str]:
+    """Clocks of pseudolites that leave their setting by more than a loosely coupled filter makes use of."""
+    section = scenario.pseudolites
+    if scenario.filter.tight or not section.placed() or not (errors := section.errors()).wanders:
+        return
+    begin, end = np.sqrt(errors.clock_covariance(np.array([0.0, scenario.duration_s]))[:, 0, 0])
+    if end > WANDERED * math.hypot(begin, errors.offset, section.range_sigma_m):
+        yield (
+            f"pseudolites: their clocks wander by {end:.3g} m (1 sigma) in the flight. A loosely coupled filter may "
+            "then be worse than without them; write filter.coupling: tight, whose filter learns the clocks"
+        )
 
 
 def one_direction(scenario: Landing, trajectory: Moving) -> list[str]:

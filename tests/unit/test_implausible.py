@@ -27,6 +27,7 @@ CASES = [
     ("imu.gyro={drift_deg_h: 1e6}", ["imu.gyro.drift_deg_h: 1e+06 deg/h", "more than a revolution", "give deg/h"]),
     ("imu.gyro={drift_deg_h: null, drift_fixed_deg_h: [0, 0, -2e5]}", ["imu.gyro.drift_fixed_deg_h: 200000 deg/h"]),
     ("imu.accelerometer={bias_mg: 2e3}", ["imu.accelerometer.bias_mg: 2000 mg is more than gravity", "give mg"]),
+    ("pseudolites.clock_drift_sigma_ppb=1", ["clocks wander by 36 m (1 sigma)", "write filter.coupling: tight"]),
 ]  # fmt: skip
 
 
