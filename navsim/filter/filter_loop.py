@@ -59,8 +59,10 @@ _NO_NOISE = 1e-30
 class PropagationBuffers(NamedTuple):
     """Work space of one filter.
 
-    `advance` uses sums, mid (MID_N,), phi (9, 9 + k), a (n, 9) and c_nb (3, 3), with k sensor states. `correct` uses
-    diagonal and column (b, 3, 3), turned (n, 3 b) and columns (n, 3), with b blocks up to the last vector of the body.
+    - The step `advance` uses sums, mid (MID_N,), phi (9, 9 + k), a (n, 9) and c_nb (3, 3), with k sensor states.
+    - The step `correct` uses diagonal and column (b, 3, 3), turned (n, 3 b) and columns (n, 3). There are b blocks up
+      to the last vector of the body.
+
     straight, body: as of `error_parametrisation`.
     """
 

@@ -187,8 +187,11 @@ def mops_niell(gpst: float, llh: np.ndarray, elevation: np.ndarray) -> np.ndarra
 
 
 def ground_delay(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Delay on a straight path of so many m between heights a and b above the runway, m, in m for a refractivity of one
-    N-unit at the runway: 1e-6 times the integral of exp(-h / 7.35 km) [7]. All broadcast against each other."""
+    """Delay, m, on a straight path between heights a and b above the runway, m, for one N-unit at the runway [7].
+
+    distance: length of the path, m. It is 1e-6 times the integral of exp(-h / 7.35 km). All broadcast against each
+    other.
+    """
     rise = (b - a) / SCALE_HEIGHT
     level = np.abs(rise) < 1e-6
     mean = np.where(level, 1.0 - 0.5 * rise, -np.expm1(-rise) / np.where(level, 1.0, rise))

@@ -542,8 +542,10 @@ def _affected(
 
 
 def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:
-    """Change of the pseudoranges of pseudolites (e, p, 4 or 5), m, by one sigma of their places, north, east, down, of
-    their clocks, and of range biases if there are any; towards: (e, p, 3) unit vectors, ECEF."""
+    """Change of the pseudoranges of pseudolites (e, p, 4 or 5), m, by one sigma of each error.
+
+    Errors: positions north, east, down; clocks; range biases if there are any. towards: (e, p, 3) unit vectors, ECEF.
+    """
     errors = pseudolites.errors
     out = np.full((*towards.shape[:2], 5 if errors.bias > 0.0 else 4), errors.offset)
     out[..., 4:] = errors.bias

@@ -182,7 +182,7 @@ class _Search:
         while not converged and self.flown < EVALUATIONS:
             options = {"maxfev": max(min(ROUND, EVALUATIONS - self.flown), 2 * free.size + 2), "scale": False,
                        "initial_tr_radius": REGION[0], "final_tr_radius": REGION[1]}  # fmt: skip
-            found = minimize(cost, x, method="COBYQA", bounds=bounds, options=options)  # type: ignore[call-overload]
+            found = minimize(cost, x, method="COBYQA", bounds=bounds, options=options)  # type: ignore[call-overload]  # stubs lack it
             converged = bool(found.success) and least - found.fun < WORTH
             x, least = (found.x, found.fun) if found.fun < least else (x, least)
         return settings(x), least, converged

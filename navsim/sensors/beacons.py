@@ -131,12 +131,12 @@ class Beacons(AidingSensor):
     """Filter model."""
 
     @property
-    def sources(self) -> int:  # type: ignore[override]
+    def sources(self) -> int:  # type: ignore[override]  # a field of the base class, derived here
         """Number of beacons."""
         return len(self.names)
 
     @property
-    def has_outliers(self) -> bool:  # type: ignore[override]
+    def has_outliers(self) -> bool:  # type: ignore[override]  # likewise
         """Whether some ranges are outliers."""
         return self.outliers.share > 0.0 or self.outliers.long_share > 0.0
 
@@ -185,7 +185,8 @@ class Beacons(AidingSensor):
 
     def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
         """1 sigma (m, 1) of the white noise, m; that of a strong signal where it measures nothing."""
-        return np.hypot(self.sigma, self.weak_sigma / self.reach * np.nan_to_num(exact))
+        range_ = np.where(np.isnan(exact), 0.0, exact)  # nan: no measurement follows, its range stays nan
+        return np.hypot(self.sigma, self.weak_sigma / self.reach * range_)
 
     def spoiled(self, measured: np.ndarray, draw: np.random.Generator) -> np.ndarray:
         """Ranges (m, 1) of a run with lost answers and outliers."""

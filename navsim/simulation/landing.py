@@ -271,8 +271,10 @@ class Flight:
 
     @property
     def white_variance(self) -> np.ndarray:
-        """Change (2, e, s) of the variances of ranges and range rates from those of the receiver to the white noise of
-        the filter model: less the errors of transmitters if they are states, more if they are inflated."""
+        """White noise of the filter model (2, e, s), ranges and range rates, less the receiver's variances.
+
+        Errors of transmitters are taken off if they are states, and enlarged if the filter inflates them.
+        """
         if self.transmitters is None:
             return np.zeros((2, *self.shared.signals.range.shape))
         factor = 0.0 if self.transmitters.followed else self.transmitters.factor
@@ -645,9 +647,8 @@ def fly(
     """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; measured: with their measurements;
     first_order: computes their first-order errors, None if they are not requested.
 
-    Aircraft that their estimates steer fly until the loop closes: guidance acts on the past alone, so each flight is
-    right for longer than the one before, and the trajectory that reproduces itself is the only one. Raises ValueError
-    for more."""
+    Aircraft that their estimates steer fly until the loop closes. Guidance acts on the past alone. So each flight is
+    right for longer than the one before, and one trajectory alone reproduces itself. Raises ValueError for more."""
     inputs = draw(flight, seed, runs)
     flown = fly_inputs(flight, inputs, len(runs), measured, first_order)
     if flight.shared.ways is None or not flight.shared.ways.steered:

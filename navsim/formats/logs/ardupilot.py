@@ -1,7 +1,7 @@
 """ArduPilot DataFlash logs (`.bin`), with the formats of the `pymavlink` package.
 
-Messages are found here, since pymavlink ends at the first damaged one and decodes one by one; it interprets the formats
-that the log declares, and the columns of a message are then decoded at once. Samples are in body
+navsim finds the messages, since pymavlink ends at the first damaged one. pymavlink interprets the formats that the log
+declares; navsim then decodes all messages of a kind at once. Samples are in body
 axes: the autopilot has applied the board's orientation. Source: [1] ArduPilot, "Onboard Message Log Messages":
 IMU, GPS, GPA, ATT, BARO, RFND, MAG, ARSP, XKF0, XKRB, PARM.
 """
