@@ -380,8 +380,7 @@ def of_fixes(case: Case, flaws: Flaws) -> list[Finding]:
     """Findings about fixes that are not there; flaws (run, flaw), see `UNHEARD`."""
     epochs = case.shared.signals.time
     if not epochs.size:
-        text = f"{case.scenario.why_no_fix()}: the filter never gets a fix"
-        return [Finding("no_fix", text, (FIX,))]
+        return [Finding("no_fix", case.scenario.why_no_fix(), (FIX,))]
     names = {UNHEARD: "epochs_without_fix", PENALTY_UNSOLVED: "lost_fixes", NO_VELOCITY: "fixes_without_velocity",
              UNWEIGHED: "unweighed_fixes"}  # fmt: skip
     return _spreads(flaws, {UNRANGED: "epochs_without_range"} if case.design.tight else names, epochs)

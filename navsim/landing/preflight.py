@@ -18,6 +18,7 @@ from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
 from navsim.gnss.interference.horizon import flown_under
 from navsim.landing.plausibility import implausible, one_direction
+from navsim.results.findings import several
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.box import BoxSection
@@ -30,7 +31,7 @@ from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.go_around import GO_AROUND
-from navsim.trajectory.kinematics import Moving
+from navsim.trajectory.kinematics import Motion, Moving
 
 if TYPE_CHECKING:
     from navsim.gnss.pseudorange import Signals
@@ -381,17 +382,47 @@ def _needs_sources(scenario: Landing) -> bool:
     return isinstance(scenario.approach, FileApproach) or any(sections)
 
 
-def _without_fix(signals: Signals) -> list[str]:
-    """Warning about epochs with fewer sources than a fix has unknowns: three of position, one for each clock."""
+def _too_few(signals: Signals, tight: bool) -> np.ndarray:
+    """Fix epochs (e,) bool with fewer sources than a fix has unknowns: three of position, one for each clock; tightly
+    coupled, with none."""
     clocks = [len(set(signals.clock[used].tolist())) for used in signals.used]
-    short = signals.used.sum(axis=1) < 3 + np.maximum(clocks, 1)
+    return np.asarray(signals.used.sum(axis=1) < (1 if tight else 3 + np.maximum(clocks, 1)))
+
+
+def _without_fix(scenario: Landing, environment: Environment, signals: Signals, motion: Motion) -> list[str]:
+    """Warning about fix epochs with too few sources, and what takes them."""
+    from navsim.gnss.signals import build_signals
+
+    tight = scenario.filter.tight
+    short = _too_few(signals, tight)
     if not short.any():
         return []
+    time = signals.time[short]
+    silent = [
+        f"events[{i}]"
+        for i, event in enumerate(scenario.events)
+        if event.what == "silence" and ((time >= (its := event.model()).begin) & (time < its.end)).any()
+    ]
+    environments = {
+        " and ".join(silent): replace(environment, events=()),
+        "interference": replace(environment, jamming=None),
+        "terrain": replace(environment, terrain=environment.terrain[:0]),
+        "receiver.antenna": replace(environment, antenna=None),
+    }
+    causes, remain = [], short
+    for key, without in environments.items():
+        left = _too_few(build_signals(motion, scenario.epoch.timestamp(), without), tight)
+        if (taken := int((short & ~left).sum())) and key:
+            causes.append(f"without {key} there are enough at {taken} of these epochs")
+        remain = remain & left
+    if remain.any():
+        causes.append("lower sky.mask_deg, or add satellite systems or pseudolites")
     many = int(signals.used.sum(axis=1)[short].max())
+    received = f"at most {several(many, 'source')} received" if many else "no source is received"
+    what, needs = ("range", "") if tight else ("fix", ". A fix needs four, and one more for each further clock")
     return [
-        f"no fix at {short.sum()} of {short.size} fix epochs, the first at {signals.time[short][0]:.1f} s: {many} "
-        "sources or fewer. A fix needs four, and one more for each further clock. Lower sky.mask_deg, or add satellite "
-        "systems or pseudolites"
+        f"no {what} at {short.sum()} of {short.size} fix epochs, the first at {time[0]:.1f} s: {received}{needs}; "
+        f"{'; '.join(causes)}"
     ]
 
 
@@ -400,18 +431,20 @@ def warnings_of(scenario: Landing, document: Document) -> list[str]:
 
     Raises the InputErrors of the preparation.
     """
+    receiver = scenario.receiver_model()
+    fixes = receiver.epochs(scenario.duration_s, scenario.imu.rate_hz)
+    none = [] if fixes.size else [scenario.why_no_fix()]
     if not _needs_sources(scenario):
-        return [*scenario.unused(), *trajectory_warnings(scenario, scenario.trajectory())]
+        return [*scenario.unused(), *trajectory_warnings(scenario, scenario.trajectory()), *none]
     from navsim.gnss.signals import build_signals
 
     trajectory, sources, scenario, warnings = modelled(scenario, document)
-    receiver = scenario.receiver_model()
-    fixes = receiver.epochs(scenario.duration_s, scenario.imu.rate_hz)
-    signals = build_signals(trajectory.motion(fixes), scenario.epoch.timestamp(), sources)
+    motion = trajectory.motion(fixes)
+    signals = build_signals(motion, scenario.epoch.timestamp(), sources)
     outputs = np.concatenate([[0.0], fixes + receiver.latency])
     ahead = PreflightChecks(scenario, trajectory, sources, signals, outputs)
     ahead.check(document)
-    return [*warnings, *ahead.warnings, *_without_fix(signals)]
+    return [*warnings, *ahead.warnings, *none, *_without_fix(scenario, sources, signals, motion)]
 
 
 def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> list[float]:

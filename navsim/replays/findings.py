@@ -78,12 +78,17 @@ def _pauses(flight: replay.RecordedFlight) -> list[Finding]:
     solved = Fixes(flight.arrival, flight.llh, flight.velocity).take(np.isfinite(flight.llh[:, 0]))
     if solved.time.size < 2:
         return []
-    pauses = solved.pauses(max(PAUSE, USUAL * float(np.median(np.diff(solved.time)))))
+    pauses = _unusual_pauses(solved)
     if not pauses.size:
         return []
     each = [f"{end - begin:.1f} s from {begin:.1f} s on" for begin, end in pauses]
     text = f"no fixes for {_few(each)}: the filter goes by its inertial sensors alone"
     return [Finding("pauses", text, (), len(each), len(each), 1, float(pauses[0, 0]))]
+
+
+def _unusual_pauses(fixes: Fixes) -> np.ndarray:
+    """Begin and end, s, of the pauses of fixes (k, 2) that a user is told of."""
+    return fixes.pauses(max(PAUSE, USUAL * float(np.median(np.diff(fixes.time)))))
 
 
 def _few(each: list[str]) -> str:
@@ -136,9 +141,7 @@ def warn_of_unflown(scenario: Replay, log: ReadLog, first: float, aligned: align
     They are before the first fix or sample, before the alignment, and after the last sample.
     """
     samples, fixes = log.samples.time, log.fixes.time
-    away = f"no {scenario.alignment.longest_s:g} s of motion give the heading to "
-    away += f"{scenario.alignment.heading_sigma_deg:g} degrees"
-    parts = [(first, aligned.since, away)]
+    parts = [(first, aligned.since, _why_unaligned(scenario, log, first, aligned.since))]
     if scenario.begin is None:
         parts.insert(0, (float(samples[0]), first, "there are samples and no fixes"))
         parts.insert(0, (float(fixes[0]), first, "there are fixes and no samples"))
@@ -149,6 +152,24 @@ def warn_of_unflown(scenario: Replay, log: ReadLog, first: float, aligned: align
         for begin, end, why in parts
         if end - begin > UNFLOWN
     ]
+
+
+def _why_unaligned(scenario: Replay, log: ReadLog, first: float, since: float) -> str:
+    """Why the time from `first` to `since`, s, does not align the filter."""
+    wanted = scenario.alignment
+    if wanted.heading_deg is not None:
+        return "alignment.heading_deg needs a standstill, and the first one begins then"
+    heading = f"give the heading to {wanted.heading_sigma_deg:g} degrees"
+    absent = [("samples", log.samples.missing(aligning.BRIDGED)), ("fixes", _unusual_pauses(log.fixes))]
+    holes = [
+        f"no {name} from {begin:.1f} to {end:.1f} s"
+        for name, spans in absent
+        for begin, end in spans
+        if begin < since and end > first
+    ]
+    if holes:
+        return f"there are {_few(holes)}, and the motion beside does not {heading}"
+    return f"{wanted.longest_s:g} s of motion that begin within do not {heading}"
 
 
 def find_off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:

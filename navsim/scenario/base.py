@@ -104,14 +104,14 @@ _UTC_FORMAT = re.compile(r"\d{4}-\d{2}-\d{2}T\d{2}:\d{2}(:\d{2}(\.\d{1,6})?)?Z")
 
 
 def _utc(value: Any) -> Any:
-    if isinstance(value, str):
-        if not _UTC_FORMAT.fullmatch(value):
-            raise ValueError("expected a UTC time such as 2018-09-13T12:00:00Z")
-        time = datetime.datetime.fromisoformat(value)
-        if not _FIRST_YEAR <= time.year <= _LAST_YEAR:
-            raise ValueError(f"expected a time in the years {_FIRST_YEAR} to {_LAST_YEAR}")
-        return time
-    return value
+    if isinstance(value, datetime.datetime):
+        return value
+    if not (isinstance(value, str) and _UTC_FORMAT.fullmatch(value)):
+        raise ValueError("expected a UTC time such as 2018-09-13T12:00:00Z")
+    time = datetime.datetime.fromisoformat(value)
+    if not _FIRST_YEAR <= time.year <= _LAST_YEAR:
+        raise ValueError(f"expected a time in the years {_FIRST_YEAR} to {_LAST_YEAR}")
+    return time
 
 
 def utc_text(time: datetime.datetime) -> str:
@@ -289,11 +289,11 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         said = hint(given, choices) if isinstance(given, str) else f"allowed: {', '.join(choices)}"
         return Problem(place, key, f"{_as_written(given)} is not allowed; {said}")
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        message = "expected a section, a mapping of keys to values"
-        if error.get("input") is None and isinstance(path[-1], str):
-            return Problem(place, key, f"{message}, not null; without the key it has its defaults")
+        return Problem(place, key, _section_needed(model, error["loc"], error.get("input")))
     elif kind == "tuple_type":
-        message = "expected a list"
+        return Problem(place, key, _list_needed(model, error["loc"], error.get("input")))
+    elif kind == "string_type":
+        message = "expected a text"
     elif kind in ("bool_type", "bool_parsing"):
         message = "expected true or false"
     elif kind == "too_short":
@@ -314,7 +314,7 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         return Problem(place, key, said)
     if kind == "value_error" and isinstance(given, (dict, list, tuple)):
         return Problem(place, key, message)  # errors of a validator of a whole section contain the given value
-    shown = _as_written(given) if isinstance(given, (int, float, str, bool, type(None))) else "a " + _noun(given)
+    shown = _shown(given)
     unit = ""
     if kind in _BOUNDS:
         leaf = error["loc"][-1]
@@ -324,13 +324,66 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
             message = f"follows from the other keys; {message}"
         unit = f" {found}" if (found := unit_of(key)) else ""
         shown = f"{given:.15g}" if isinstance(given, float) else shown
-    return Problem(place, key, f"{message}{unit}, not {shown[:60]}{unit}")
+    return Problem(place, key, f"{message}{unit}, not {shown}{unit}")
+
+
+def _section_needed(model: type[Section], location: tuple[str | int, ...], given: Any) -> str:
+    """Error about a value where a section is needed, with the key that takes such a value."""
+    message = f"expected a section, a mapping of keys to values, not {_shown(given)}"
+    fields = [(one, *each) for one in _sections_at(model, location) for each in one.model_fields.items()]
+    parents = [one.model_fields.get(str(location[-1])) for one in _sections_at(model, location[:-1])]
+    if given is None and any(parents):
+        required = any(field is not None and field.is_required() for field in parents)
+        return f"{message}; " + ("the key is required" if required else "without the key it has its defaults")
+    if isinstance(given, (list, tuple)) and any(isinstance(each, dict) for each in given):
+        return f"{message}: without the dash before its keys"
+    meant = {name: word for _, name, field in fields if (word := _choice(field.annotation, given))}
+    meant = meant or dict([(name, str(given)) for one, name, _ in fields if _fits(one, name, given)][:1])
+    ask = f"did you mean {' or '.join(f'{{{name}: {word}}}' for name, word in meant.items())}? " if meant else ""
+    return f"{message}; {ask}allowed: {', '.join(dict.fromkeys(name for _, name, _ in fields))}"
+
+
+def _list_needed(model: type[Section], location: tuple[str | int, ...], given: Any) -> str:
+    """Error about a value where a list is needed."""
+    message = f"expected a list, not {_shown(given)}"
+    parents = _sections_at(model, location[:-1])
+    fields = [one.model_fields[str(location[-1])] for one in parents if str(location[-1]) in one.model_fields]
+    if isinstance(given, dict) or any(_models_in(field.annotation) for field in fields):
+        return f"{message}; begin each entry with a dash"
+    alone = any(_fits(one, str(location[-1]), (given,)) for one in parents)
+    return f"{message}; one value in brackets is one: [{given}]" if alone else message
+
+
+def _fits(section: type[Section], name: str, value: Any) -> bool:
+    """Whether a key of a section can have a number, or a list, whatever the other keys are."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, tuple)):
+        return False
+    try:
+        section.model_validate({name: value})
+    except ValidationError as error:
+        return all(each["loc"] and each["loc"][0] != name for each in error.errors(include_url=False))
+    return True
+
+
+def _choice(annotation: Any, given: Any) -> str:
+    """A value as YAML has it, if a type chooses from such values; in brackets, if a list of the type does; else ""."""
+    if typing.get_origin(annotation) is Literal:
+        return str(given) if any(given == one and type(given) is type(one) for one in typing.get_args(annotation)) else ""
+    word = next(filter(None, (_choice(part, given) for part in typing.get_args(annotation))), "")
+    return f"[{word}]" if word and typing.get_origin(annotation) is tuple else word
 
 
 _BOUNDS = {
     "less_than": "below", "less_than_equal": "at most", "greater_than": "above", "greater_than_equal": "at least",
 }  # fmt: skip
 """Kinds of errors of numbers that are beyond a bound, and the words for it."""
+
+
+def _shown(given: Any) -> str:
+    """A value of a file in an error, cut off where it is long."""
+    if isinstance(given, (int, float, str, bool, type(None))):
+        return _as_written(given)[:60]
+    return "a " + _noun(given)
 
 
 def _as_written(value: Any) -> str:
@@ -424,6 +477,11 @@ def _value_at(data: Any, path: KeyPath) -> Any:
 
 def _keys_at(model: Any, location: tuple[str | int, ...]) -> list[str]:
     """The keys allowed in the section that pydantic's location leads to."""
+    return [name for one in _sections_at(model, location) for name in one.model_fields]
+
+
+def _sections_at(model: Any, location: tuple[str | int, ...]) -> list[type[Section]]:
+    """The sections that pydantic's location leads to, several in a union."""
     here: list[Any] = [model]
     for part in location:
         below: list[Any] = []
@@ -436,7 +494,7 @@ def _keys_at(model: Any, location: tuple[str | int, ...]) -> list[str]:
                 below = [one]  # tag of a union: keep the member that has it
                 break
         here = below or here
-    return [name for one in here for name in getattr(one, "model_fields", {})]
+    return here
 
 
 def _models_in(annotation: Any) -> list[Any]:

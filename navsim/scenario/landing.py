@@ -680,13 +680,16 @@ class Landing(Section):
         return approach.path(self.runway.rise)
 
     def why_no_fix(self) -> str:
-        """Why no fix reaches the filter of a flight without any."""
+        """Warning that no fix reaches the filter of a flight without any, why, and what to write."""
         receiver, duration = self.receiver, f"duration_s, {self.duration_s:g} s"
         interval = 1.0 / receiver.rate_hz
         if interval <= self.duration_s:
             late = f"receiver.latency_s: {receiver.latency_s:g} s after the first fix"
-            return f"{late} ({interval:g} s) is not within {duration}"
-        return f"{duration}, is shorter than one fix interval, {interval:g} s (receiver.rate_hz)"
+            why, give = f"{late} ({interval:g} s) is not within {duration}", "a shorter latency"
+        else:
+            why = f"{duration}, is shorter than one fix interval, {interval:g} s (receiver.rate_hz)"
+            give = "a higher rate"
+        return f"{why}: the filter never gets a fix; give {give}, or a longer duration_s"
 
     def air(self) -> tuple[Air, tuple[tuple[str, ...], ...]] | None:
         """Disturbances that move runs off the route, and their keys; None if all fly it."""

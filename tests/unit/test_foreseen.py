@@ -85,6 +85,29 @@ def test_warnings_are_those_of_the_flight(given: list[str], said: str) -> None:
     assert told == prepare(*read(file, [*given, "imu.rate_hz=20"])).warnings
 
 
+SILENCE = "events=[{what: silence, sources: [all], at_s: 5, until_s: 9}]"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["receiver.latency_s=5", "duration_s=4"], "the filter never gets a fix; give a shorter latency"),
+        (["receiver.rate_hz=0.01"], "the filter never gets a fix; give a higher rate"),
+        (["sky.mask_deg=89.9", "pseudolites.count=0"], "no source is received. A fix needs four"),
+        (["sky.mask_deg=89.9", "pseudolites.count=0"], "; lower sky.mask_deg, or add"),
+        ([SILENCE], "without events[0] there are enough at 40 of these epochs"),
+        ([SILENCE, "sky.mask_deg=89.9"], "lower sky.mask_deg, or add"),
+        ([SILENCE, "filter.coupling=tight", "sky.mask_deg=50"], "no range at 40 of 100 fix epochs"),
+    ],
+)
+def test_fixes_that_no_source_gives_are_warned_of(given: list[str], said: str) -> None:
+    """With what takes them: latency, rate, mask, or an event."""
+    _, _, warnings = checked(SCENARIOS / "landing.yaml", ["duration_s=10", *given])
+    (about,) = (text for text in warnings if "touchdown" not in text)
+    assert said in about
+    assert ("sky.mask_deg" in about) == (any("mask" in each for each in given) and "tight" not in str(given))
+
+
 def test_a_box_that_is_never_passed_is_refused() -> None:
     with pytest.raises(BadInput, match="never comes down through 500 m above the runway within duration_s"):
         checked(SCENARIOS / "landing.yaml", ["box={lateral_m: 1, vertical_m: 1, height_m: 500}"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ from navsim.report.summary_tables import state_verdict
 from navsim.results.findings import several
 from navsim.results.result import Result, Variable
 from navsim.results.schema import SCHEMA_VERSION
-from navsim.scenario.load import read, resolved_yaml
+from navsim.scenario.base import _models_in
+from navsim.scenario.load import read, resolved_yaml, section
 from navsim.scenario.source import InputError
 from navsim.simulation.aiding import followed_errors
 from tests.conftest import SCENARIOS
@@ -31,7 +33,21 @@ LANDING = SCENARIOS / "landing.yaml"
     [
         ("filter.gate=null",
          "filter.gate: expected a section, a mapping of keys to values, not null; without the key it has its defaults"),
-        ("filter.gate=3", "filter.gate: expected a section, a mapping of keys to values, not 3"),
+        ("filter.gate=0.001", "filter.gate: expected a section, a mapping of keys to values, not 0.001; did you mean "
+         "{probability: 0.001}? allowed: probability, max_rejected"),
+        ("imu=hg1700", "imu: expected a section, a mapping of keys to values, not 'hg1700'; did you mean "
+         "{preset: hg1700}? allowed: preset, gyro, accelerometer, rate_hz, vibration, temperature"),
+        ("runway.threshold=[{lat_deg: 56}]",
+         "runway.threshold: expected a section, a mapping of keys to values, not a list: without the dash before its "
+         "keys"),
+        ("runway.threshold=true",
+         "runway.threshold: expected a section, a mapping of keys to values, not true; allowed: lat_deg, lon_deg"),
+        ("approach=null",
+         "approach: expected a section, a mapping of keys to values, not null; the key is required"),
+        ("wind.gusts=4", "wind.gusts: expected a list, not 4; begin each entry with a dash"),
+        ("sky.systems=gps", "sky.systems: expected a list, not 'gps'; one value in brackets is one: [gps]"),
+        ("title=null", "title: expected a text, not null"),
+        ("epoch=3", "epoch: expected a UTC time such as 2018-09-13T12:00:00Z, not 3"),
         ("pseudolites={sites: [{name: A&B, s_m: 1, l1_m: 2}]}",
          "pseudolites.sites.0.name: expected 1 to 16 of the letters A to Z and a to z, digits, - and _, not 'A&B'"),
         ("integrity={p_pseudolite: monitord}",
@@ -77,6 +93,20 @@ def test_what_is_wrong(setting: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         read(LANDING, [setting])
     assert [f"{problem.key}: {problem.message}" for problem in caught.value.problems] == [said]
+
+
+@pytest.mark.parametrize("given", [1, "x", [1]])
+def test_no_value_takes_the_place_of_a_section(given: object) -> None:
+    """Of each of a landing the error lists the keys, or asks for a list of them."""
+    for name, field in section("landing").model_fields.items():
+        if not _models_in(field.annotation):
+            continue
+        with pytest.raises(InputError) as caught:
+            read(LANDING, [f"{name}={given!r}"])
+        (problem,) = caught.value.problems
+        assert re.search(r"^expected a (section, .*; .*allowed: |list, .*; begin each entry with a dash)", problem.message)
+    with pytest.raises(InputError, match=re.escape("did you mean {count: 1}?")):
+        read(LANDING, ["pseudolites=1"])
 
 
 @pytest.mark.parametrize(
