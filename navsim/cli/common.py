@@ -47,6 +47,18 @@ def leave(code: int, *messages: object) -> NoReturn:
     raise typer.Exit(code)
 
 
+def make_folder(output: Path) -> None:
+    """Make the folder of an output file or folder where it is missing; leave where `require_folder` refuses."""
+    from navsim.runner.target import require_folder
+
+    with leaving():
+        require_folder(output)
+    try:
+        output.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        leave(BAD_INPUT, f"{output.parent}: cannot be made: {error.strerror or error}")
+
+
 SAY_EVERY_S = 10.0
 """Interval of progress messages without a terminal, and in a log, s."""
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import AT_TERMINAL, leave, leaving, print_json
+from navsim.cli.common import AT_TERMINAL, leave, leaving, make_folder, print_json
 from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.options import set_option
 from navsim.kinds import KINDS, OF_FILES
@@ -155,8 +155,7 @@ def init(
     target = output or Path(f"{template}.yaml")
     if target.exists():
         leave(BAD_INPUT, f"{target}: exists already and stays untouched; choose another name with -o")
-    if not target.parent.is_dir():
-        leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
+    make_folder(target)
     from navsim.scenario.json_schema import modeline
 
     beside = {target.parent / name: shipped.content(name) for name in shipped.needs(template)}

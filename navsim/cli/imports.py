@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import AT_TERMINAL, Shown, leave, print_parts
+from navsim.cli.common import AT_TERMINAL, Shown, leave, make_folder, print_parts
 from navsim.cli.exit_status import BAD_INPUT
 from navsim.cli.options import number_option
 
@@ -73,6 +73,7 @@ def import_log(
     folder = given.output or Path(f"{logs[0].resolve().stem}_log")
     if not given.force and (old := [name for name in files.names if (folder / name).exists()]):
         leave(BAD_INPUT, f"{folder} has {', '.join(old)} already; choose another folder with -o, or --force")
+    make_folder(folder)
     try:
         files.write(folder)
     except OSError as error:
@@ -138,10 +139,11 @@ def imu_sheet(
         leave(BAD_INPUT, f"{log}: {error}")
     except OSError as error:
         leave(BAD_INPUT, f"{error.filename or log}: cannot be read: {error.strerror or error}")
+    make_folder(folder)
     heads, rows = curve(noise)
     text = "\n".join([",".join(heads), *(",".join(f"{x:.6g}" for x in row) for row in rows)]) + "\n"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(exist_ok=True)
         for name, content in zip(names, (sheet(noise).encode(), text.encode(), figure(noise)), strict=True):
             write_atomically(folder / name, content)
     except OSError as error:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import leave
+from navsim.cli.common import leave, make_folder
 from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.options import number_option
 from navsim.cli.reports import INSTALL
@@ -69,8 +69,7 @@ def plan(
 
     path = scenario or shipped.path(_TEMPLATE)
     target = output or (path.with_name(f"{path.stem}_planned.yaml") if scenario else Path(f"{_TEMPLATE}_planned.yaml"))
-    if not target.parent.is_dir():
-        leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
+    make_folder(target)
     try:
         read(path)
         document, text = load(path), decoded(files.content(path, MOST_BYTES))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import called, leave, read_result
+from navsim.cli.common import called, leave, make_folder, read_result
 from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED
 from navsim.cli.results import shown_as_stored
 
@@ -36,9 +36,8 @@ def report(
     The page is one file that needs no network. It overlays several results and lists what differs between them.
     """  # fmt: skip
     target = output or files[0].with_suffix(".html")
-    if not target.parent.is_dir():
-        leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
     results = [read_result(path) for path in files]
+    make_folder(target)
     try:
         from navsim.report.page.document import GENERATOR, page
         from navsim.report.provenance import Read

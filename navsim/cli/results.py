@@ -16,6 +16,7 @@ from navsim.cli.common import (
     called,
     leave,
     leaving,
+    make_folder,
     print_json,
     print_parts,
     print_tables,
@@ -298,9 +299,8 @@ def export(
     if not chosen:
         leave(BAD_INPUT, "choose one or more of --rinex, --nmea, --kml, --geojson, --csv, --imu")
     target = (output or file).with_suffix(".h5")
-    if not target.parent.is_dir():
-        leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
     result = read_result(file)
+    make_folder(target)
     with shown_as_stored([result], [file]):
         chosen_run, several = choose_run(result, run)
         for path in convert(chosen_run, target, chosen, result):

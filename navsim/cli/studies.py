@@ -28,6 +28,7 @@ from navsim.cli.options import (
 from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.errors import translate_errors
 from navsim.runner.opening import SweepMethod, open_job, target_of
+from navsim.runner.target import require_folder
 
 StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)]
 
@@ -144,6 +145,8 @@ def table2(given: Table2Options, care: OutputOptions) -> None:
     from navsim.runner.job import Options
 
     options = Options(given.seed, given.runs, workers=given.workers)
+    with leaving():
+        require_folder(given.output)
     wanted = TerminalRequest(care, Required(), options, given.output, given.dry_run)
     result = run_job("table2", Table2Job(given.seed, given.runs), given.output / "table2.h5", wanted)
     if result is None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from navsim.cli.common import leave, leaving, print_json, progress, read_result
+from navsim.cli.common import leave, leaving, make_folder, print_json, progress, read_result
 from navsim.cli.exit_status import BAD_INPUT, CHECK_FAILED, print_message
 from navsim.cli.options import WorkersOption
 from navsim.cli.results import shown_as_stored
@@ -84,14 +84,16 @@ def _print(found: Verification, quiet: bool) -> None:
 def evidence(
     file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="The result.", show_default=False)],
     output: Annotated[
-        Path,
-        typer.Option("--output", "-o", metavar="FOLDER", help="New or empty folder for the files.", show_default=False),
-    ],
+        Path | None,
+        typer.Option("--output", "-o", metavar="FOLDER",
+                     help="New or empty folder for the files. Default: <result stem>_evidence beside the result.",
+                     show_default=False),
+    ] = None,
     folder: FolderOption = None,
     licence: Annotated[
         str, typer.Option("--license", metavar="URL", help="Terms of use, such as a Creative Commons URL.")
     ] = "",
-) -> None:
+) -> None:  # fmt: skip
     """Write a result with its inputs as a folder for a reviewer.
 
     A page has verdicts, warnings, tables, outside judges of the methods, effects that are not modelled, and commands
@@ -100,9 +102,9 @@ def evidence(
     from navsim.runner.evidence import write_evidence
 
     _check_folder(folder)
-    if not output.parent.is_dir():
-        leave(BAD_INPUT, f"{output.parent}: no such folder; create it first or choose another -o/--output")
     result = read_result(file)
+    target = output or file.with_name(f"{file.stem}_evidence")
+    make_folder(target)
     with leaving(), shown_as_stored([result], [file]):
-        for path in write_evidence(file, output, folder, licence):
+        for path in write_evidence(file, target, folder, licence):
             print(path)

@@ -79,11 +79,11 @@ def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section,
 
 
 def target_of(output: Path | None, default: str) -> Path:
-    """The result's path: as given, else results/<default>.h5. Raises BadInput where its folder is not there, nor the
-    one that this would lie in: one folder is made, a mistyped path not."""
-    if output is not None and not (output.parent.is_dir() or output.parent.parent.is_dir()):
-        create = "no such folder; create it first or choose another -o/--output"
-        raise BadInput(as_problems(f"{output.parent}: {create}"))
+    """The result's path: as given, else results/<default>.h5. Raises BadInput as `require_folder`."""
+    from navsim.runner.target import require_folder
+
+    if output is not None:
+        require_folder(output)
     return output or Path("results") / f"{default}.h5"
 
 

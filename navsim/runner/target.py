@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from navsim.results.result import Result, ResultKind
 
 
+def require_folder(output: Path, option: str = "-o/--output") -> None:
+    """Raise BadInput where neither the folder of an output is there nor the one that it would lie in: navsim makes one
+    folder, but none for a mistyped path."""
+    if not (output.parent.is_dir() or output.parent.parent.is_dir()):
+        raise BadInput(as_problems(f"{output.parent}: no such folder; create it first or choose another {option}"))
+
+
 def check_target(target: Path, sort: ResultKind, force: bool) -> None:
     """Raise BadInput, before any computation, if the path cannot be written or holds a file that must stay.
 
@@ -107,11 +114,13 @@ def figure_folder(figures: str | Path | None, target: Path, skipped: bool) -> Pa
     """Folder of the figures.
 
     figures: the option, a folder or the word `none`; a Path is always a folder. skipped: no figures unless a folder is
-    given. Raises BadInput.
+    given. Raises BadInput as `require_folder`, and for a file.
     """
     if figures == "none" or (figures is None and skipped):
         return None
     folder = target.parent if figures is None else Path(figures)
+    if figures is not None:
+        require_folder(folder, "--figures")
     if folder.exists() and not folder.is_dir():
         raise BadInput(as_problems(f"--figures {folder}: is a file, not a folder"))
     return folder

@@ -368,7 +368,9 @@ def _fits(section: type[Section], name: str, value: Any) -> bool:
 def _choice(annotation: Any, given: Any) -> str:
     """A value as YAML has it, if a type chooses from such values; in brackets, if a list of the type does; else ""."""
     if typing.get_origin(annotation) is Literal:
-        return str(given) if any(given == one and type(given) is type(one) for one in typing.get_args(annotation)) else ""
+        return (
+            str(given) if any(given == one and type(given) is type(one) for one in typing.get_args(annotation)) else ""
+        )
     word = next(filter(None, (_choice(part, given) for part in typing.get_args(annotation))), "")
     return f"[{word}]" if word and typing.get_origin(annotation) is tuple else word
 

@@ -273,6 +273,14 @@ def test_a_folder_for_a_result_is_made(tmp_path: Path) -> None:
     refused = navsim("run", "s.yaml", "-o", "folder/deeper/x.h5", cwd=tmp_path)
     assert "folder/deeper: no such folder" in refused.stderr
     assert not (tmp_path / "folder").exists()
+    for name, command in {"s.yaml": ("init",), "e.h5": ("export", "results/x.h5", "--csv")}.items():
+        navsim(*command, "-o", f"{name}_made/{name}", cwd=tmp_path)
+        assert any((tmp_path / f"{name}_made").iterdir())
+        refused = navsim(*command, "-o", f"folder/deeper/{name}", cwd=tmp_path)
+        assert "folder/deeper: no such folder" in refused.stderr
+    assert not (tmp_path / "folder").exists()
+    navsim("evidence", "results/x.h5", cwd=tmp_path)
+    assert (tmp_path / "results" / "x_evidence" / "x.h5").is_file()
 
 
 @pytest.mark.parametrize("command", ["show", "plot", "report", "cite"])

@@ -405,7 +405,7 @@ def test_the_page_takes_no_file_s_place(place: Path, tmp_path: Path) -> None:
     before = (tmp_path / "live.h5").read_bytes()
     (tmp_path / "mine.html").write_text("<p>mine")
     for target, fragment in (("live.h5", "is one of the results"), ("mine.html", "is not a page of navsim report"),
-                             ("no/x.html", "no such folder"), (".", "folder")):  # fmt: skip
+                             ("no/no/x.html", "no such folder"), (".", "folder")):  # fmt: skip
         assert fragment in navsim("report", "live.h5", "-o", target, cwd=tmp_path, code=2).stderr
     assert (tmp_path / "live.h5").read_bytes() == before
     assert (tmp_path / "mine.html").read_text() == "<p>mine"

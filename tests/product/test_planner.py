@@ -405,7 +405,7 @@ def _without(name: str, old: str, new: str) -> Callable[[Path], Path]:
         (lambda folder: folder / "none.yaml", (), "none.yaml: there is no such file"),
         (_without("a.yaml", "heading_deg", "headin_deg"), (), "a.yaml:7:10: runway.headin_deg: unknown key"),
         (lambda folder: SCENARIOS / "placement_sweep.yaml", (), "use navsim sweep"),
-        (_without("b.yaml", "", ""), ("-o", "none/b.yaml"), "no such folder"),
+        (_without("b.yaml", "", ""), ("-o", "none/none/b.yaml"), "no such folder"),
         (_without("c.yaml", "", ""), ("--overlay", "c.yaml"), "--overlay c.yaml: not a GeoJSON file"),
         (_without("d.yaml", "", ""), ("--port", "70000"), "expected a whole number from 0 to 65535"),
         (_without("e.yaml", "interference:", "sky: {source: almanac, almanac: x.agl}\ninterference:"), (), "x.agl"),

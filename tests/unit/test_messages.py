@@ -104,7 +104,9 @@ def test_no_value_takes_the_place_of_a_section(given: object) -> None:
         with pytest.raises(InputError) as caught:
             read(LANDING, [f"{name}={given!r}"])
         (problem,) = caught.value.problems
-        assert re.search(r"^expected a (section, .*; .*allowed: |list, .*; begin each entry with a dash)", problem.message)
+        assert re.search(
+            r"^expected a (section, .*; .*allowed: |list, .*; begin each entry with a dash)", problem.message
+        )
     with pytest.raises(InputError, match=re.escape("did you mean {count: 1}?")):
         read(LANDING, ["pseudolites=1"])
 
