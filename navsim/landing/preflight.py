@@ -18,7 +18,6 @@ from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
 from navsim.gnss.interference.horizon import flown_under
 from navsim.landing.plausibility import implausible, one_direction
-from navsim.results.findings import several
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.box import BoxSection
@@ -391,12 +390,13 @@ def _too_few(signals: Signals, tight: bool) -> np.ndarray:
 
 def _without_fix(scenario: Landing, environment: Environment, signals: Signals, motion: Motion) -> list[str]:
     """Warning about fix epochs with too few sources, and what takes them."""
-    from navsim.gnss.signals import build_signals
-
     tight = scenario.filter.tight
     short = _too_few(signals, tight)
     if not short.any():
         return []
+    from navsim.gnss.signals import build_signals
+    from navsim.results.findings import several
+
     time = signals.time[short]
     silent = [
         f"events[{i}]"
