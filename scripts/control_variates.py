@@ -19,6 +19,7 @@ from navsim.runner.batches import Batch, Ensemble
 from navsim.runner.control_variates import LEAST_RUNS, Controlled
 from navsim.runner.executor import threads
 from navsim.scenario.load import read
+from navsim.statistics.rounding import digits
 
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 87
@@ -69,7 +70,7 @@ class Estimates:
 def landings(gain: float) -> str:
     """Landings for an interval of 1 % to either side, and without control."""
     plain = 0.5 * (1.96 / WITHIN) ** 2
-    return f"{gain:.3g} ({measured.count(max(LEAST_RUNS, round(plain / gain)))})"
+    return f"{digits(gain)} ({measured.count(max(LEAST_RUNS, round(plain / gain)))})"
 
 
 def gains() -> list[str]:

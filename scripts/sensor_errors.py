@@ -15,6 +15,7 @@ from navsim.landing.study import Case, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.runner.statistics import consistency_band
 from navsim.scenario.load import read
+from navsim.statistics.rounding import digits
 
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 417
@@ -105,7 +106,7 @@ def one_by_one() -> list[str]:
     for label, settings in UNKNOWN:
         ready = unknown(settings)
         values, sizes = nees(ready, "nees_position_velocity", 6)
-        lines.append(measured.row(label, *(f"{x:.3g}" for x in values), "{:.2f}, {:.2f}".format(*sizes)))
+        lines.append(measured.row(label, *map(digits, values), "{:.2f}, {:.2f}".format(*sizes)))
     return lines
 
 

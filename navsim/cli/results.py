@@ -27,6 +27,7 @@ from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
 from navsim.runner.target import figure_folder
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from navsim.results.result import Result
@@ -248,7 +249,7 @@ def _inches(given: str) -> float:
         leave(BAD_INPUT, f"--width {given}: a number with its unit is needed, one of {', '.join(_UNITS)}, as 85mm")
     inches = float(found[1]) / _UNITS[found[2]]
     if not _NARROWEST <= inches <= _WIDEST:
-        least, most = (f"{end * _UNITS[found[2]]:.4g}{found[2]}" for end in (_NARROWEST, _WIDEST))
+        least, most = (f"{digits(end * _UNITS[found[2]], 4)}{found[2]}" for end in (_NARROWEST, _WIDEST))
         leave(BAD_INPUT, f"--width {given}: from {least} to {most} can be drawn with letters of 7 points")
     return inches
 

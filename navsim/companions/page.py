@@ -38,6 +38,7 @@ from navsim.report.page.plots import (
 )
 from navsim.report.summary_tables import setting
 from navsim.results.result import Result
+from navsim.statistics.rounding import digits
 
 _OF_RUNS = "σ of the filter"
 
@@ -264,8 +265,8 @@ def _nominal(result: Result, anchor: str, called: str) -> Drawing:
         bias = result["/nominal/bias"][i]
         for k, values in enumerate((bias, np.hypot(bias, result["/nominal/noise"][i]))):
             of = source(x=which(time[late]), y=which(1e3 * values[late]))
-            marks[k].append(line(panels[k], of, "y", colour(i), name=f"Q = {q:.3g}"))
-        keys.append(Key(f"Q = {q:.3g} (deg/s)²", colour(i)))
+            marks[k].append(line(panels[k], of, "y", colour(i), name=f"Q = {digits(q)}"))
+        keys.append(Key(f"Q = {digits(q)} (deg/s)²", colour(i)))
     for k, on in enumerate(panels):
         tell(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
     panels[1].y_range.start = 0.0

@@ -35,6 +35,7 @@ from navsim.formats.tables import TextTable
 from navsim.formats.text import Dropped, FileError, read_lines, within
 from navsim.geodesy import earth
 from navsim.results.findings import several
+from navsim.statistics.rounding import digits
 
 _MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", *GNSS_OPTIONAL)
 _IMU_LIMITS = ((-1e12, 1e12), *((-100.0, 100.0),) * 3, *((-2000.0, 2000.0),) * 3)
@@ -200,7 +201,7 @@ def _agreeing(path: Path, spread: np.ndarray, numbers: np.ndarray, dropped: Drop
         given = np.flatnonzero(np.isfinite(spread[row, len(FIX_AXES) :]))
         names = ", ".join(FIX_CORRELATIONS[i] for i in given)
         message = f"the correlations {names} of this fix are impossible: their matrix has the negative eigenvalue "
-        message += f"{smallest[row]:.2g}; leave them out, or give those of the receiver"
+        message += f"{digits(smallest[row], 2)}; leave them out, or give those of the receiver"
         dropped.damaged("rows left out", FileError(int(numbers[row]), message, path))
         keep[row] = False
     return keep

@@ -11,6 +11,7 @@ from navsim.gnss.pseudorange import Signals
 from navsim.gnss.ranging_geometry import mirror_image, mixed_dops, plane_of, two_way_dops
 from navsim.gnss.sky import enu_matrix
 from navsim.sensors.beacons import Beacons
+from navsim.statistics.rounding import digits
 from navsim.trajectory.kinematics import Moving
 
 FLAT_VDOP = 5.0
@@ -77,8 +78,8 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
         plane, used = plane_of(ecef_from_llh(geometry.llh)), np.flatnonzero(glide)
         flat = f"nearly in one plane ({plane.thickness:.1f} m thick, {plane.width:.0f} m wide)" if plane.is_flat else (
             "badly placed for it")  # fmt: skip
-        text = f"beacons: they hardly show the height on the glide: VDOP up to {largest:.3g}, they are {flat}; put one "
-        out.append(text + "much higher, or one under the glide path, or keep another source of height")
+        text = f"beacons: they hardly show the height on the glide: VDOP up to {digits(largest)}, they are {flat}; "
+        out.append(text + "put one much higher, or one under the glide path, or keep another source of height")
         height, residual = geometry.images(used[[0, -1]])
         sensor = geometry.sensor
         if (residual < _SIGMAS * sensor.sigma).any():
@@ -86,6 +87,6 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
             above = "above" if height[k] > 0.0 else "below"
             out.append(
                 f"beacons: the ranges have a mirror solution {abs(height[k]):.0f} m {above} the aircraft and fit it "
-                f"within {residual[k]:.2g} m: a filter that starts from ranges alone may take it"
+                f"within {digits(residual[k], 2)} m: a filter that starts from ranges alone may take it"
             )
     return out

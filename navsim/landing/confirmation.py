@@ -21,6 +21,7 @@ from navsim.results.result import Result
 from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS, NOT_MET
 from navsim.runner.checkpoint import Arrays
 from navsim.runner.executor import Executor
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from navsim.landing.case import Case
@@ -209,7 +210,8 @@ class Confirmation:
     def _both(self, one: FlownChoice) -> str:
         value, low, high = one.errors[0]
         runs = several(self.runs, "run")
-        return f"{one.analysed:.3g} m by covariance analysis, {value:.3g} m [{low:.3g}, {high:.3g}] in {runs}"
+        in_runs = f"{digits(value)} m [{digits(low)}, {digits(high)}] in {runs}"
+        return f"{digits(one.analysed)} m by covariance analysis, {in_runs}"
 
 
 def confirm(candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int, runs: int) -> Confirmation:

@@ -27,6 +27,7 @@ from navsim.runner.control_variates import LEAST_RUNS, NONE, Controlled
 from navsim.runner.statistics import rms_interval
 from navsim.simulation.landing_covariance import AnalysisError
 from navsim.statistics import normal
+from navsim.statistics.rounding import digits
 
 _PARTS = {"horizontal": [0, 1], "vertical": [2]}
 _HELPS = 2.0
@@ -229,6 +230,6 @@ def stopping_rule(case: Callable[[], Case], expression: str) -> Until:
         if controls is not None and (better := controls.rms(part)).helps:
             value, low, high = better.value
         within = 0.0 if value == 0.0 else 0.5 * (high - low) / value  # errors of 0 are known exactly
-        return bool(within <= share), f"{name} {value:.3g} m within {100.0 * within:.2g}%"
+        return bool(within <= share), f"{name} {digits(value)} m within {digits(100.0 * within, 2)}%"
 
     return Until(judge)

@@ -38,6 +38,7 @@ from navsim.scenario.base import DEG
 from navsim.scenario.requirements import LevelRequirement, singles
 from navsim.simulation.filter_bank import FilterBank
 from navsim.simulation.run import Run
+from navsim.statistics.rounding import digits
 
 WINDOW = 15.0
 """Length of the stretches for which continuity is counted, s: as ICAO Annex 10, table 3.7.2.4-1 has it."""
@@ -439,12 +440,12 @@ def level_warnings(case: Case) -> list[str]:
     if unmonitored[worst] <= section.p_unmonitored_max:
         budget = (section.p_hmi_v + section.p_hmi_h) / section.effective_samples
         if unmonitored[worst] >= budget:
-            text = f"is {unmonitored[worst]:.2g}, and p_hmi_v and p_hmi_h allow {budget:.2g} in all"
+            text = f"is {digits(unmonitored[worst], 2)}, and p_hmi_v and p_hmi_h allow {digits(budget, 2)} in all"
             return [f"{many}: the probability of unmonitored faults {text}"]
         return [f"{many}: there is no fix"]
     what = f" ({unseen})" if unseen else " (several at once)"
     return [
-        f"{many}: the probability of unmonitored faults{what} is {unmonitored[worst]:.2g}; "
+        f"{many}: the probability of unmonitored faults{what} is {digits(unmonitored[worst], 2)}; "
         f"integrity.p_unmonitored_max is {section.p_unmonitored_max:g}"
     ]
 

@@ -13,6 +13,7 @@ import numpy as np
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
 from navsim.scenario.landing import Landing
+from navsim.statistics.rounding import digits
 from navsim.trajectory.approach import ROLL_OUT, TOUCHDOWN
 from navsim.trajectory.kinematics import Moving, Trajectory
 
@@ -50,8 +51,8 @@ def _free_clocks(scenario: Landing) -> Iterator[str]:
     begin, end = np.sqrt(errors.clock_covariance(np.array([0.0, scenario.duration_s]))[:, 0, 0])
     if end > WANDERED * math.hypot(begin, errors.offset, section.range_sigma_m):
         yield (
-            f"pseudolites: their clocks wander by {end:.3g} m (1 sigma) in the flight. A loosely coupled filter may "
-            "then be worse than without them; write filter.coupling: tight, whose filter learns the clocks"
+            f"pseudolites: their clocks wander by {digits(end)} m (1 sigma) in the flight. A loosely coupled filter "
+            "may then be worse than without them; write filter.coupling: tight, whose filter learns the clocks"
         )
 
 

@@ -28,6 +28,7 @@ from navsim.scenario.presets import IMU_SHEETS
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
+from navsim.statistics.rounding import digits
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.go_around import GO_AROUND
 from navsim.trajectory.kinematics import Motion, Moving
@@ -138,7 +139,7 @@ class PreflightChecks:
         if section.method == "chi2":
             return "integrity.method chi2 computes them for a fault that is there (p_md); mhss does for a risk"
         risk = section.risk_of_levels()
-        return f"integrity.p_hmi_v, p_hmi_h and p_unmonitored_max allow {risk:.3g}"
+        return f"integrity.p_hmi_v, p_hmi_h and p_unmonitored_max allow {digits(risk)}"
 
     def _route_outside(self, box: BoxSection) -> list[str]:
         """The limits of the box that an error of 0 is beyond."""
@@ -229,7 +230,7 @@ class PreflightChecks:
         least = float(signals.fix_sigma[signals.used].min())
         if station.ground_sigma_m > least:
             path = ("integrity", "comparison", "gbas", "ground_sigma_m")
-            text = f"is a part of each range's sigma, of which the least is {least:.3g} m: at most that"
+            text = f"is a part of each range's sigma, of which the least is {digits(least)} m: at most that"
             raise InputError([Problem(document.place(path), dotted(path), text)])
 
 
@@ -346,7 +347,7 @@ def _out_of_sight(environment: Environment, antenna: np.ndarray) -> list[str]:
     for name, hidden, far in zip(pseudolites.names, beyond.T, away.T, strict=True):
         if hidden.any():
             when = "the whole flight" if hidden.all() else f"{hidden.sum()} of {hidden.size} fixes"
-            nearest = f"{name} is {far[hidden].min() / 1000.0:.3g} km away or more"
+            nearest = f"{name} is {digits(far[hidden].min() / 1000.0)} km away or more"
             out.append(
                 f"pseudolites: {nearest}, beyond the radio horizon of {when}, and not received then; give it a "
                 "position nearer by or a higher antenna"

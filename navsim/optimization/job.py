@@ -23,6 +23,7 @@ from navsim.runner.job import Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
 from navsim.scenario.source import Document
+from navsim.statistics.rounding import digits
 
 _JUDGED_MEMORY = 70
 """Memory for a site of a placement at an epoch while rules are checked, bytes."""
@@ -119,9 +120,9 @@ def progress_text(progress: SearchProgress, unit: str, large: bool = False, quic
     best = "none found yet"
     if progress.best is not None and progress.places is not None:
         at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
-        best = f"best {1.0 / progress.best if large else progress.best:.4g}{'' if unit == '1' else f' {unit}'}"
+        best = f"best {digits(1.0 / progress.best if large else progress.best, 4)}{'' if unit == '1' else f' {unit}'}"
         if progress.best >= PENALTY_REQUIREMENT:
-            best = f"requirements not met yet, the worst of them by a factor of {load_of(progress.best):.4g}"
+            best = f"requirements not met yet, the worst of them by a factor of {digits(load_of(progress.best), 4)}"
         best += f" at s, l1 {at} m"
     remaining = "time left not known yet" if progress.remaining is None else f"at most {progress.remaining:.0f} s left"
     return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"

@@ -14,6 +14,7 @@ from navsim.report.view import View, one_by_one
 from navsim.results.findings import several
 from navsim.results.result import Result, scenario_of
 from navsim.results.schema import FILTER_QUANTITIES, LARGE
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -244,7 +245,7 @@ def plan_title(result: Result, i: int) -> str:
     where = f"; on the border of the area: {', '.join(border)}" if border else ""
     met = f"; requirements {_met(result['/pareto/met'][i])}" if "/pareto/met" in result else ""
     computed = "" if result["/map/computed"][i] or not result["/map/computed"].any() else "; map not computed"
-    return f"{many}: {result['/pareto/objective'][i]:.4g}{met}{stopped}{where}{computed}"
+    return f"{many}: {digits(result['/pareto/objective'][i], 4)}{met}{stopped}{where}{computed}"
 
 
 def label(result: Result) -> str:

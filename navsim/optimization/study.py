@@ -38,6 +38,7 @@ from navsim.runner.attributes import root_attributes
 from navsim.runner.checkpoint import Arrays, code_key
 from navsim.runner.executor import RemoteExecutor
 from navsim.scenario.load import resolved_yaml
+from navsim.statistics.rounding import digits
 from navsim.sweeps.outputs import dop_outputs
 
 if TYPE_CHECKING:
@@ -551,10 +552,10 @@ def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: Sear
 
 def _missed(one: Fulfilment) -> str:
     """A missed requirement in words."""
-    figure = f"{one.value[0]:.4g} of {one.limit:g}"
+    figure = f"{digits(one.value[0], 4)} of {one.limit:g}"
     if not np.isfinite(one.utilisation):
         return f"{figure}, no size would do"
-    return f"{figure}; {100.0 * (one.utilisation - 1.0):.3g} % beyond the size"
+    return f"{figure}; {digits(100.0 * (one.utilisation - 1.0))} % beyond the size"
 
 
 def _findings(problem: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:

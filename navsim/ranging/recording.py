@@ -15,6 +15,7 @@ from navsim.geodesy import earth
 from navsim.ranging.scenario import LENGTH_UNITS, RANGE_UNITS, RecordedRanges, ReferenceSection, SourceTable
 from navsim.results.findings import several
 from navsim.scenario.source import Document, InputError, Problem
+from navsim.statistics.rounding import digits
 
 LOCAL, GEODETIC = ("x_m", "y_m", "z_m"), ("lat_deg", "lon_deg", "h_m")
 """Columns of positions."""
@@ -265,7 +266,7 @@ def _check_ranges(log: RangeLog, scenario: RecordedRanges, document: Document) -
         raise _refuse(
             document,
             "ranges.range_unit",
-            f"ranges are {np.abs(middle).max():.3g} m long (median of a source); check "
+            f"ranges are {digits(np.abs(middle).max())} m long (median of a source); check "
             "ranges.range_unit, and that the column is the range",
         )
     if two_way and np.mean(log.range < 0.0) > 0.01:
@@ -310,8 +311,8 @@ def _contradiction(log: RangeLog, middle: np.ndarray) -> str | None:
         if excess[a, b] > tolerance:
             length = abs(middle[a] - middle[b]) if words == "differ by" else middle[a] + middle[b]
             return (
-                f"the ranges of {names[a]} and {names[b]} {words} {length:.4g} m (medians), but these are "
-                f"{apart[a, b]:.4g} m apart"
+                f"the ranges of {names[a]} and {names[b]} {words} {digits(length, 4)} m (medians), but these are "
+                f"{digits(apart[a, b], 4)} m apart"
             )
     return None
 

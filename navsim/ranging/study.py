@@ -28,6 +28,7 @@ from navsim.runner.attributes import root_attributes
 from navsim.runner.job import JobError
 from navsim.scenario.source import Document
 from navsim.statistics.consistency import correlated_states
+from navsim.statistics.rounding import digits
 
 TRUE_SIGMA = (0.8, 1.25)
 """Root mean square of error over sigma between which a sigma is true."""
@@ -265,8 +266,8 @@ def _mirror(out: ResultBuilder, model: RangeModel, solution: RangeSolution) -> l
     out["/mirror/near_share"] = near / apart.size
     found = []
     flat = (
-        f"the sources lie nearly in a plane ({plane.thickness:.2g} m thick, {plane.width:.3g} m wide, 1 sigma; normal "
-        f"{plane.normal[0]:+.2f}, {plane.normal[1]:+.2f}, {plane.normal[2]:+.2f})"
+        f"the sources lie nearly in a plane ({digits(plane.thickness, 2)} m thick, {digits(plane.width)} m wide, 1 "
+        f"sigma; normal {plane.normal[0]:+.2f}, {plane.normal[1]:+.2f}, {plane.normal[2]:+.2f})"
     )
     if other is not None:
         less = smoothed.filtered.likelihood - other.filtered.likelihood

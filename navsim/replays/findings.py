@@ -19,6 +19,7 @@ from navsim.results.findings import CONSISTENT, Finding
 from navsim.results.result import Result
 from navsim.runner.findings import DOUBTED, limit, notes, of_flight
 from navsim.scenario.base import DEG
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from navsim.replays.study import Recording
@@ -46,7 +47,7 @@ def findings(
     for first, length in flight.gaps:
         begin = float(flight.imu_time[first])
         if begin not in broken:
-            text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
+            text = f"no samples for {digits(length)} s from {begin:.3f} s on; the covariance was widened"
             out.append(Finding("gap", text, (), 1, 1, 1, begin))
     out += _pauses(flight) + [_of_lost(one) for one in flown.lost] + find_outliers(flight, flown)
     if recording.scenario.checks != "off":
@@ -103,7 +104,7 @@ def _of_lost(lost: replay.LostSpan) -> Finding:
         text = f"no samples for {lost.end - lost.begin:.1f} s, longer than the attitude survives: there is no output"
     else:
         jump = float(np.linalg.norm(lost.jump))
-        apart = f", {jump:.3g} m apart at the end" if np.isfinite(jump) else " twice, and the fixes came back"
+        apart = f", {digits(jump)} m apart at the end" if np.isfinite(jump) else " twice, and the fixes came back"
         text = f"the filter contradicted its fixes{apart}: its output is unusable"
     after = "nothing after it is flown, since no alignment was found" if lost.ended else "then the filter restarts"
     text += f" from {lost.begin:.1f} to {lost.end:.1f} s; {after}"

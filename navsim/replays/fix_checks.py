@@ -30,6 +30,7 @@ from navsim.replays.mistakes import (
 )
 from navsim.replays.sensor_checks import NOTHING_EXPLAINS, motion
 from navsim.replays.unit_checks import overlap
+from navsim.statistics.rounding import digits
 
 FITS, MISFITS = 0.35, 0.5
 """Difference of two displacements over their mean, median of all pieces: a fit up to the first, none from the second
@@ -88,7 +89,7 @@ def _angles(log: Log) -> tuple[list[Mistake], Log]:
     if lat > 1e4:
         unit, factor = "1e-7 deg", conventions.ANGLE_UNITS["1e-7 deg"] / conventions.ANGLE_UNITS[log.gnss.angle_unit]
         if log.gnss.angle_unit != unit and lat * factor <= 90.0:
-            evidence = f"latitudes reach {lat:.6g} degrees"
+            evidence = f"latitudes reach {digits(lat, 6)} degrees"
             found = Mistake(evidence, f"angles seem to be in {unit}", ({"gnss.angle_unit": unit},))
             return [found], with_angles(log, unit, factor)
     elif lat > 90.0 >= lon:
@@ -259,7 +260,7 @@ def _speed(log: Log, way: np.ndarray, summed: np.ndarray) -> tuple[list[Mistake]
 
 
 def _ratio(value: float) -> str:
-    return f"{value:.3g}"
+    return digits(value)
 
 
 def _simplest(options: list[tuple[int, float]], as_written: float) -> list[int]:

@@ -31,6 +31,7 @@ from navsim.statistics.allan import (
     overlapping_deviation,
     spectra,
 )
+from navsim.statistics.rounding import digits
 
 SHORTEST = 60.0
 """A shorter record shows no noise to some per cent, s."""
@@ -158,8 +159,8 @@ def _check_at_rest(samples: Samples, step: float) -> None:
     """Raise StaticError where the samples show motion, or no gravity."""
     gravity = float(np.linalg.norm(samples.force.mean(axis=0)))
     if abs(gravity / STANDARD_GRAVITY - 1.0) > _GRAVITY_TOLERANCE:
-        text = f"the mean specific force is {gravity:.4g} m/s2, not gravity: the sensor is not at rest, or has another "
-        raise StaticError(f"{text}unit; declare units in a log.yaml, and name it instead of the table")
+        text = f"the mean specific force is {digits(gravity, 4)} m/s2, not gravity: the sensor is not at rest, or has "
+        raise StaticError(f"{text}another unit; declare units in a log.yaml, and name it instead of the table")
     for name, values in (("gyro", samples.rate), ("accelerometer", samples.force)):
         if (dead := np.flatnonzero(np.ptp(values, axis=0) == 0.0)).size:
             text = f"the {name} of the {'xyz'[dead[0]]} axis never changes: its noise is below one digit of the log"
@@ -184,8 +185,8 @@ def _check_at_rest(samples: Samples, step: float) -> None:
             where = f"{ends[0]:.0f} to {ends[1]:.0f} s"
             change, allowed = off[row].max() / factor, least.max() / factor
             raise StaticError(
-                f"the sensor moves: the {name}s change by {change:.3g} {unit} at {at:.1f} s, where their noise allows "
-                f"{allowed:.3g}; the longest rest is {where}: choose it with --start and --end"
+                f"the sensor moves: the {name}s change by {digits(change)} {unit} at {at:.1f} s, where their noise "
+                f"allows {digits(allowed)}; the longest rest is {where}: choose it with --start and --end"
             )
 
 
@@ -206,11 +207,11 @@ def _remarks(sensor: SensorNoise, seconds: float) -> list[str]:
     """Why a term is missing, and how long a record has to be for it."""
     found = sensor.together
     _, unit, words = _UNITS[sensor.name]["flicker"]
-    limit = f"at most {math.sqrt(FLAT) * found.flicker.high / unit:.3g} {words}"
+    limit = f"at most {digits(math.sqrt(FLAT) * found.flicker.high / unit)} {words}"
     if sensor.holds_flicker():
         return []
     due = LONGEST_SHARE * found.corner
-    longer = f"; record {due / 3600.0:.2g} h or more" if math.isfinite(due) and due > seconds else ""
+    longer = f"; record {digits(due / 3600.0, 2)} h or more" if math.isfinite(due) and due > seconds else ""
     if found.ambiguous:
         return [f"{sensor.name}: {seconds:.0f} s show a slow drift, and cannot tell flicker noise from a random walk: "
                 f"no bias instability, {limit}{longer}"]  # fmt: skip
@@ -240,9 +241,15 @@ def tables(noise: ImuNoise) -> list[Table | str]:
                 table.add(_WORDS[term], "not shown", "", words)
                 continue
             unit = unit / (math.sqrt(FLAT) if term == "flicker" else 1.0)
-            axes = ", ".join(f"{getattr(axis, term).value / unit:.3g}" for axis in sensor.axes)
-            table.add(_WORDS[term], f"{shown.value:.3g}", f"{shown.low:.3g} to {shown.high:.3g}", words, axes)
-    text = f"{noise.seconds:.0f} s at rest, {noise.rate_hz:.4g} Hz"
+            axes = ", ".join(digits(getattr(axis, term).value / unit) for axis in sensor.axes)
+            table.add(
+                _WORDS[term],
+                digits(shown.value),
+                f"{digits(shown.low)} to {digits(shown.high)}",
+                words,
+                axes,
+            )
+    text = f"{noise.seconds:.0f} s at rest, {digits(noise.rate_hz, 4)} Hz"
     return [table, "; ".join([text, *noise.remarks])]
 
 
@@ -260,10 +267,14 @@ def sheet(noise: ImuNoise) -> str:
         for term, (key, _, words) in _UNITS[sensor.name].items():
             shown = _shown(sensor, term)
             if shown is not None:
-                lines.append(f"    {key}: {shown.value:.4g}  # {shown.low:.3g} to {shown.high:.3g} {words}")
+                lines.append(
+                    f"    {key}: {digits(shown.value, 4)}  # {digits(shown.low)} to {digits(shown.high)} {words}"
+                )
                 if term == "flicker":
                     time = sensor.flat_to / MARKOV_PEAK[0]
-                    lines.append(f"    markov_time_s: {time:.4g}  # flat up to {sensor.flat_to:.4g} s at least")
+                    lines.append(
+                        f"    markov_time_s: {digits(time, 4)}  # flat up to {digits(sensor.flat_to, 4)} s at least"
+                    )
     return "\n".join(lines) + "\n"
 
 

@@ -39,6 +39,7 @@ from navsim.sensors import imu
 from navsim.simulation.landing import initial_errors, initial_estimate
 from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator
+from navsim.statistics.rounding import digits
 
 Block = Literal["receiver", "imu"]
 _OF_NMEA = (
@@ -468,8 +469,8 @@ def failures(result: Result) -> list[str]:
     if result.attributes["replaced_block"] == "receiver" and (sigmas := float(np.median(off))) > MOST_OFF:
         metres = float(np.median(distance))
         out.append(
-            f"half of the fixes lie more than {metres:.3g} m ({sigmas:.3g} sigmas) from where the flight is at their "
-            "times: another flight, or another time of it?"
+            f"half of the fixes lie more than {digits(metres)} m ({digits(sigmas)} sigmas) from where the flight is "
+            "at their times: another flight, or another time of it?"
         )
     out += _aside_failures(result)
     rejected = int(np.sum(result["/innovations/status"] == REJECTED))
@@ -480,7 +481,9 @@ def failures(result: Result) -> list[str]:
     if judged.any():
         nis = float(np.median(result["/innovations/normalized_squared"][judged] / degrees[judged]))
         if nis > MOST_NIS:
-            out.append(f"half of the normalised innovations squared are over {nis:.3g} per degree of freedom, 1 is due")
+            out.append(
+                f"half of the normalised innovations squared are over {digits(nis)} per degree of freedom, 1 is due"
+            )
     return out
 
 

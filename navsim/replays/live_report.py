@@ -10,6 +10,7 @@ from navsim.report.table import Table, cell
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result
 from navsim.results.schema import RMS_WINDOW
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +25,7 @@ def tables(result: Result) -> list[Table | str]:
     rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
     time = result["/filter/time"]
     span = min(RMS_WINDOW, float(time[-1] - time[0])) if time.size else 0.0
-    text = f"rms position error N E D over the last {span:.3g} s: {rms} m"
+    text = f"rms position error N E D over the last {digits(span)} s: {rms} m"
     text += f"; NIS per degree {result['/summary/nis'][0]:.2f}"
     offset, base = float(result["/clock/offset"]), result.attributes["clock"]
     clock = f"time 0 of the flight by the source's clock: {offset:.3f} s ({base})"

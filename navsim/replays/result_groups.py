@@ -16,6 +16,7 @@ from navsim.replays import flight as replay
 from navsim.replays.findings import outage_spans
 from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
 from navsim.results.builder import ResultBuilder
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from navsim.replays.study import Recording
@@ -140,7 +141,7 @@ def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: re
         "all": used, "moving": used & fast, "parked": used & ~fast, "straight": used & fast & ~turning,
         "turning": used & fast & turning,
     }  # fmt: skip
-    draft.put("/summary/fixes", np.array(list(groups)), moving=f"{moving:.2g} m/s")
+    draft.put("/summary/fixes", np.array(list(groups)), moving=f"{digits(moving, 2)} m/s")
     rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
     draft["/summary/innovation_position"] = rms[:, :3]
     draft["/summary/innovation_velocity"] = rms[:, 3:]

@@ -29,6 +29,7 @@ from navsim.replays.axes_fit import (
 )
 from navsim.replays.fix_readings import position_readings
 from navsim.replays.mistakes import CERTAIN, OF_SENSORS, WINDOW, WORSE, Log, Mistake, relative_units, without_seem
+from navsim.statistics.rounding import digits
 
 MOST_SECONDS = 600.0
 """Longest part of a flight, from its first motion on, that sensors are compared over."""
@@ -244,7 +245,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     readings = _readings(log)
     if not readings:
         lat = float(np.degrees(np.abs(log.fixes.llh[:, 0])).max())
-        evidence = f"latitudes reach {lat:.6g} degrees"
+        evidence = f"latitudes reach {digits(lat, 6)} degrees"
         return [Mistake(evidence, "no known unit of the angles explains it", (), "gnss")], log
     too_short = f"{OF_SENSORS}: fewer than two windows of {PIECE * PIECES:g} s have samples and fixes without holes"
     if readings[0].fixes.time.size < PIECES:
@@ -266,7 +267,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         return [], log
     at, others, beyond = best_clocks
     if np.isfinite(beyond):
-        unseen.append(f"offsets of the clocks of {beyond:.3g} s and more: too little of the flight overlaps then")
+        unseen.append(f"offsets of the clocks of {digits(beyond)} s and more: too little of the flight overlaps then")
     clocks = [AxesHypothesis(offset=at)]
     for apart in others:
         finer = apart + 0.1 * np.arange(-4, 5)
@@ -366,7 +367,8 @@ def _evidence(home: HypothesisFit, as_written: float, best: _Explanation) -> str
     if best.square < 0.8 * as_written:
         text.append(
             "carried along by the gyros, the specific force misses the changes of velocity by "
-            f"{np.sqrt(as_written):.2g} m/s in each second as written, by {np.sqrt(best.square):.2g} m/s corrected"
+            f"{digits(np.sqrt(as_written), 2)} m/s in each second as written, by {digits(np.sqrt(best.square), 2)} "
+            "m/s corrected"
         )
     for name, mean, due in (("down", home.down, 2), ("the velocity", home.ahead, 0)):
         if as_written <= WORSE**2 * best.square and np.abs(mean).max() >= ALONG and mean[due] < ALONG:

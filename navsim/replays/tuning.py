@@ -17,6 +17,7 @@ from navsim.replays import flight as replay
 from navsim.results.findings import CONSISTENT, Finding
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.base import FIX_LATENCIES
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from navsim.replays.study import Recording
@@ -93,8 +94,8 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
     if fast <= FEWEST:
         names = ", ".join(recording.tuned[i].replace("_", " ") for i in free)
         remark = (
-            f"nothing is tuned: {fast} fixes are in motion (faster than {threshold:.2g} m/s), needed are more than "
-            f"{FEWEST}, and receivers at rest do not show their noise; untuned are {names}: give them in the log"
+            f"nothing is tuned: {fast} fixes are in motion (faster than {digits(threshold, 2)} m/s), needed are more "
+            f"than {FEWEST}, and receivers at rest do not show their noise; untuned are {names}: give them in the log"
         )
         return Tuning(given, np.zeros(SETTINGS, bool), (Finding("tuning", remark),))
     search = _Search(recording, done)
@@ -241,7 +242,7 @@ def _remarks(recording: Recording, best: np.ndarray, free: np.ndarray, converged
     if LATENCY in recording.free and min(abs(best[LATENCY] - bound) for bound in SEARCHED) <= AT_BOUND:
         side = "earlie" if best[LATENCY] < 0.0 else "late"
         out.append(
-            f"the tuned latency is at its bound of {best[LATENCY]:.3g} s. The fixes are stamped even {side}r than "
+            f"the tuned latency is at its bound of {digits(best[LATENCY])} s. The fixes are stamped even {side}r than "
             "that, or something else is wrong with them. Set the clocks right with gnss.time_offset_s, or give "
             f"gnss.latency_s ({FIX_LATENCIES[0]:g} to {FIX_LATENCIES[1]:g} s)"
         )
@@ -258,8 +259,8 @@ def _remarks(recording: Recording, best: np.ndarray, free: np.ndarray, converged
         ratio = float(best[i] / recording.settings[i])
         if i in recording.free and np.log(ratio) > STRAYED * TRUST:
             out.append(
-                f"the tuned {recording.tuned[i].replace('_', ' ')} is {ratio:.3g} times that of the sensor class. The "
-                "fixes or the attitude disagree with the samples by more than noise does. Look at the innovations, "
+                f"the tuned {recording.tuned[i].replace('_', ' ')} is {digits(ratio)} times that of the sensor class. "
+                "The fixes or the attitude disagree with the samples by more than noise does. Look at the innovations, "
                 f"choose another imu.sensor_class, or give {key}"
             )
     return out

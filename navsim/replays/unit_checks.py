@@ -10,6 +10,7 @@ from navsim.formats import conventions
 from navsim.formats.recorded_data import Samples
 from navsim.formats.recording import increments_as_rates
 from navsim.replays.mistakes import Log, Mistake, relative_units
+from navsim.statistics.rounding import digits
 
 GRAVITY = 9.8
 """m/s2, where a tenth does not matter."""
@@ -43,7 +44,8 @@ def times(log: Log) -> tuple[list[Mistake], Log]:
             unit = min(fits, key=lambda u: abs(np.log(fits[u] * span / other)))
             found.append(
                 Mistake(
-                    f"the inertial samples are {interval:g} s apart and span {span:.6g} s, the fixes {other:.6g} s",
+                    f"the inertial samples are {interval:g} s apart and span {digits(span, 6)} s, the fixes "
+                    f"{digits(other, 6)} s",
                     f"their time seems to be in {unit}",
                     ({"imu.time_unit": unit},),
                 )
@@ -64,7 +66,8 @@ def times(log: Log) -> tuple[list[Mistake], Log]:
             unit = min(fits, key=lambda u: abs(np.log(fits[u] * other / span)))
             found.append(
                 Mistake(
-                    f"the fixes are {apart:g} s apart and span {other:.6g} s, the inertial samples {span:.6g} s",
+                    f"the fixes are {apart:g} s apart and span {digits(other, 6)} s, the inertial samples "
+                    f"{digits(span, 6)} s",
                     f"their time seems to be in {unit}",
                     ({"gnss.time_unit": unit},),
                 )
@@ -100,7 +103,7 @@ def scales(log: Log) -> tuple[list[Mistake], Log]:
     if PLAUSIBLE[0] <= force / GRAVITY <= PLAUSIBLE[1]:
         return [], log
     units = relative_units(conventions.ACCELEROMETER_UNITS, log.imu.accelerometer_unit)
-    evidence = f"the mean specific force is {force:.4g} where gravity is {GRAVITY} m/s2"
+    evidence = f"the mean specific force is {digits(force, 4)} where gravity is {GRAVITY} m/s2"
     if NEAR[0] <= rate / GRAVITY <= NEAR[1] and force < 0.3 * GRAVITY and spread < STEADY:
         gyros, accelerometers = conventions.IMU_COLUMNS[1:4], conventions.IMU_COLUMNS[4:]
         before = {name: log.imu.columns.get(name, name) for name in (*gyros, *accelerometers)}
@@ -108,7 +111,7 @@ def scales(log: Log) -> tuple[list[Mistake], Log]:
         for ours, theirs in zip(gyros, accelerometers, strict=True):
             columns |= {ours: before[theirs], theirs: before[ours]}
         found = Mistake(
-            f"{evidence}, and the mean of the angular rate {rate:.3g} rad/s",
+            f"{evidence}, and the mean of the angular rate {digits(rate)} rad/s",
             "gyros and accelerometers seem to be exchanged",
             ({"imu.columns": columns},),
         )
@@ -128,7 +131,7 @@ def scales(log: Log) -> tuple[list[Mistake], Log]:
             if factor != 1.0:
                 remedy["imu.accelerometer_unit"] = unit
             found = Mistake(
-                f"{evidence}, {factor * force / interval:.3g} when divided by the interval of {interval:g} s",
+                f"{evidence}, {digits(factor * force / interval)} when divided by the interval of {interval:g} s",
                 "the samples seem to be increments of angle and velocity, not rates",
                 (remedy,),
             )
@@ -138,7 +141,7 @@ def scales(log: Log) -> tuple[list[Mistake], Log]:
             return [found], replace(log, samples=samples, imu=imu)
     elif NEAR[0] <= force * interval / GRAVITY <= NEAR[1]:
         found = Mistake(
-            f"{evidence}, {force * interval:.3g} when not divided by the interval of {interval:g} s",
+            f"{evidence}, {digits(force * interval)} when not divided by the interval of {interval:g} s",
             "the samples seem to be rates, not increments",
             ({"imu.samples": "instantaneous"},),
         )

@@ -11,6 +11,7 @@ from navsim.report.table import ABSENT, Cell, Table
 from navsim.results.estimates import BRANCH
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
+from navsim.statistics.rounding import digits
 
 _MILLION = 1e6
 _NO_GAIN = "no better"
@@ -68,6 +69,6 @@ def as_good_as(result: Result, gain: float) -> str:
     if not math.isfinite(runs):
         return "any number"
     if runs >= _MILLION:
-        return f"{float(f'{runs / _MILLION:.2g}'):.15g} million"
+        return f"{float(f'{digits(runs / _MILLION, 2)}'):.15g} million"
     unit = 10 ** max(0, math.floor(math.log10(runs)) - 1)
     return f"{round(runs / unit) * unit:,}".replace(",", " ")

@@ -16,6 +16,7 @@ from navsim.results.findings import several
 from navsim.results.result import Result
 from navsim.statistics import normal
 from navsim.statistics.importance_sampling import FEW, TWO_SIDED, relative_error
+from navsim.statistics.rounding import write_out
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -179,7 +180,7 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
             ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(bottom, 1.0)
     ax.set_xlim(0.0, grid[-1])
-    off = f" {-centre:+.3g} m" if (centre := middle(result, i)) else ""
+    off = f" {write_out(f'{-centre:+.3g}')} m" if (centre := middle(result, i)) else ""
     ax.set_ylabel(f"P(|{result['/axis'][i]} error{off}| > x)")
     _mark(ax, of.limit, float(grid[-1]))
     required = min((one.limit for one in required_limits(result, "box")), default=math.inf)

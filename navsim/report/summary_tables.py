@@ -15,6 +15,7 @@ from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
 from navsim.results.result import Result, scenario_of
 from navsim.results.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
 from navsim.statistics.importance_sampling import LEAST
+from navsim.statistics.rounding import digits
 
 FINDINGS = "/findings/"
 """Path of the findings in a result."""
@@ -568,7 +569,7 @@ def verdict_cell(word: str, interval: np.ndarray, more: float, one_run: bool = F
     value, low, high = map(float, interval)
     if np.isnan(value):
         return cell("{}: not evaluated by this method", word)
-    number = f"{more:.2g}" if more >= 1e5 else f"{more:.0f}"
+    number = digits(more, 2) if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
     if low == high or np.isnan(low) or one_run:
         return cell("{}: {:.4g}" + enough, word, value, names=("verdict", "found"))

@@ -17,6 +17,8 @@ from html import escape
 from string import Formatter
 from typing import TYPE_CHECKING
 
+from navsim.statistics.rounding import write_out
+
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 
@@ -30,7 +32,7 @@ class _NumberOrAbsent(float):
     def __format__(self, how: str) -> str:
         if not math.isfinite(self):
             return ABSENT
-        text = float.__format__(self, how)
+        text = write_out(float.__format__(self, how))
         return text if text.strip("+-.0") else float.__format__(0.0, how)  # no negative zero
 
 

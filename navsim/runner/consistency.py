@@ -27,6 +27,7 @@ import numpy as np
 from navsim.filter.states import display_name, is_sigma_wrong
 from navsim.results.findings import several
 from navsim.statistics import chi_square, normal
+from navsim.statistics.rounding import digits
 
 FALSE_ALARM = 1e-3
 """Chance that a right filter is outside the band in any state at any output."""
@@ -195,11 +196,11 @@ def _off(z: float) -> str:
     if math.isinf(z):
         return "0 where there are errors"
     if z > _GROSS:
-        return f"too small by a factor of {z:.3g}"
+        return f"too small by a factor of {digits(z)}"
     if z < _NONE:
         return "over 1000 times too large"
     if z < 1.0 / _GROSS:
-        return f"too large by a factor of {1.0 / z:.3g}"
+        return f"too large by a factor of {digits(1.0 / z)}"
     return f"too {'small' if z > 1.0 else 'large'}, errors {_beside(z)} it"
 
 
@@ -209,7 +210,7 @@ def _beside(z: float) -> str:
 
 
 def _number(z: float) -> str:
-    return f"{z:.2f}" if z < 10.0 else f"{z:.3g}"
+    return f"{z:.2f}" if z < 10.0 else digits(z)
 
 
 def _percent(share: float) -> str:

@@ -18,6 +18,7 @@ from navsim.results.result import Result
 from navsim.runner.consistency import StateVerdict
 from navsim.runner.statistics import poisson_exceedance
 from navsim.statistics import chi_square
+from navsim.statistics.rounding import digits
 
 FALSE_ALARM = 1e-6
 """Chance that a filter which is right causes a finding that rests on chance."""
@@ -118,7 +119,7 @@ def doubted(name: str, whose: str, mean: float, degrees: float, runs: int = 1) -
     """The finding of a mean normalised square per degree of freedom beyond its `limit`, if it is; whose: in words."""
     if not degrees or not mean > limit(degrees):
         return []
-    size = f"{math.sqrt(mean):.3g} times their expected size (mean square {mean:.3g}, expected 1)"
+    size = f"{digits(math.sqrt(mean))} times their expected size (mean square {digits(mean)}, expected 1)"
     text = f"{whose}, normalised by the filter's covariance, are {size}"
     return [Finding(name, text, LANDING[name][0], runs, runs, runs)]
 
@@ -173,7 +174,7 @@ def open_loops(gap: np.ndarray, tolerance: float) -> list[Finding]:
         return []
     text = (
         f"the loop through guidance is not closed in {wrong} of {several(gap.size, 'run')}: trajectories are up to "
-        f"{np.max(gap):.3g} m off those that guidance by the estimate gives"
+        f"{digits(np.max(gap))} m off those that guidance by the estimate gives"
     )
     return [Finding("open_loop", text, against, wrong, gap.size, wrong)]
 

@@ -12,6 +12,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from navsim.scenario.base import DEG, reject
+from navsim.statistics.rounding import digits
 
 STEEPEST = 5.0
 """Largest slope of a runway, percent."""
@@ -75,7 +76,7 @@ def _check_thresholds(runway: dict[str, Any]) -> None:
     swapped = distance(first[::-1], end) <= LONGEST_RUNWAY or distance(first, end[::-1]) <= LONGEST_RUNWAY
     hint = "swap lat_deg and lon_deg of one of them" if swapped else "check lat_deg and lon_deg of both"
     raise reject(
-        f"is {apart / 1000.0:.4g} km from runway.threshold, and no runway is longer than "
+        f"is {digits(apart / 1000.0, 4)} km from runway.threshold, and no runway is longer than "
         f"{LONGEST_RUNWAY / 1000.0:g} km: {hint}",
         "runway",
         "end",
@@ -110,7 +111,7 @@ def _write(runway: dict[str, Any], key: str, value: float, source: str) -> None:
     if given is None:
         runway[key] = value
     elif _number(given) and abs(given - value) > _SAME:
-        raise reject(f"is {value:.6g} by {source}; leave one of them out", "runway", key)
+        raise reject(f"is {digits(value, 6)} by {source}; leave one of them out", "runway", key)
 
 
 def _write_length(runway: dict[str, Any]) -> None:

@@ -23,6 +23,7 @@ from navsim.scenario.base import (
     reject,
 )
 from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from navsim.sensors.imu import Triad
@@ -351,8 +352,9 @@ def _check_lowest(
         alone = density / math.sqrt(MARKOV_PEAK[0] * time) / unit
         longer = (density / (lowest * unit)) ** 2 / MARKOV_PEAK[0]
         raise reject(
-            f"the white noise alone has an Allan deviation of {alone:.3g} after 1.89 correlation times of {time:g} s: "
-            f"{lowest:g} is reached later; give a markov_time_s above {longer:.3g} s, or less noise", *path, key,
+            f"the white noise alone has an Allan deviation of {digits(alone)} after 1.89 correlation times of "
+            f"{time:g} s: {lowest:g} is reached later; give a markov_time_s above {digits(longer)} s, or less "
+            "noise", *path, key,
         )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from navsim.formats.units import unit_of
+from navsim.statistics.rounding import digits
 
 Schema = Mapping[str, Any]
 
@@ -241,7 +242,7 @@ def _range(schema: Schema, form: Schema) -> str:
 
 def number(value: float) -> str:
     """A number as text."""
-    return f"{value:g}"
+    return digits(value, 6)
 
 
 def _ends(low: float | None, high: float | None, text: Callable[[float], str]) -> str:

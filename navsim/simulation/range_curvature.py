@@ -19,6 +19,7 @@ import numpy as np
 
 from navsim.geodesy.earth import E2, A, llh_from_ecef, ned_matrix
 from navsim.gnss.pseudorange import Signals
+from navsim.statistics.rounding import digits
 
 NEAR = 1e5
 """Distance of sources, m, whose ranges are curved: the error of 30 m of a fix makes that of a farther one longer by 5
@@ -128,8 +129,8 @@ class NearPass:
     def __str__(self) -> str:
         order = "first" if self.order == 1 else "second"
         return (
-            f"{self.name} is passed at {self.distance:.0f} m with a position sigma of {self.sigma:.2g} m across the "
-            f"line of sight: covariances are right only to {order} order there; trust runs, or move it away"
+            f"{self.name} is passed at {self.distance:.0f} m with a position sigma of {digits(self.sigma, 2)} m "
+            f"across the line of sight: covariances are right only to {order} order there; trust runs, or move it away"
         )
 
 

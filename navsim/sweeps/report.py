@@ -19,6 +19,7 @@ from navsim.report.table import Cell, Table, as_text, cell
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result
 from navsim.results.schema import LARGE, VERDICTS
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -285,7 +286,7 @@ def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
     everywhere = bool(tied[np.isfinite(values)].all())
     at = np.argwhere(tied & ~everywhere)  # no star where any place is as good as the others
     ax.plot(x[at[:, 1]], y[at[:, 0]], marker="*" if at.size else "", color=COLOURS[1], ms=9, mec="white", mew=0.6,
-            ls="", clip_on=False, label=f"{'any' if everywhere else 'best'}: {cube[found]:.4g}")  # fmt: skip
+            ls="", clip_on=False, label=f"{'any' if everywhere else 'best'}: {digits(cube[found], 4)}")  # fmt: skip
     hollow = "; grey: no value" if not np.isfinite(values).all() else ""
     ax.locator_params(axis="x", nbins=5)
     ax.ticklabel_format(useOffset=False)
@@ -413,7 +414,7 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
             borders = ", ".join(key_label(key_path(result, key)) for key in ends)
             where = f", on the border of the map ({borders}): better may lie beyond" if ends else ""
             found_there = "any place" if everywhere else "best"
-            title = f"{text + ': ' if text else ''}{found_there} {values[here]:.4g}{where}"
+            title = f"{text + ': ' if text else ''}{found_there} {digits(values[here], 4)}{where}"
         out.append(Panel(values, sites, corners, star, title))
     return out
 

@@ -15,6 +15,7 @@ from navsim.results.schema import (
     WATCHED_QUANTITIES,
 )
 from navsim.scenario.base import DistinctListOf, Dotted, ListOf, Section, Version, reject
+from navsim.statistics.rounding import digits
 
 DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(SWEEP_QUANTITIES)
 """Outputs of every method; further ones of methods with a filter; all outputs."""
@@ -64,7 +65,7 @@ class Range(Section):
             raise reject("must not lie below first", "last")
         steps = self._steps()
         if steps >= MOST_VALUES:
-            raise reject(f"gives {steps + 1.0:.4g} values; at most {MOST_VALUES} are allowed on an axis", "step")
+            raise reject(f"gives {digits(steps + 1.0, 4)} values; at most {MOST_VALUES} are allowed on an axis", "step")
         return self
 
     def _steps(self) -> float:
@@ -178,7 +179,7 @@ class Sweep(Section):
             raise reject(f"{len(self.shape)} axes; at most {MOST_AXES} are allowed", "vary")
         if self.combinations > MOST_COMBINATIONS:
             counts = " x ".join(map(str, self.shape))
-            many = f"{self.combinations:.4g}" if self.combinations > 10**12 else str(self.combinations)
+            many = digits(self.combinations, 4) if self.combinations > 10**12 else str(self.combinations)
             raise reject(f"{many} combinations ({counts}); at most {MOST_COMBINATIONS} are allowed", "vary")
         if self.method == "dop":
             for i, name in enumerate(self.outputs):

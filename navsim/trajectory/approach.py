@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.statistics.rounding import digits
 from navsim.trajectory.path import DEGREE, AnySegment, Arc, Path, Segment, blend, ended, shifted, uniform
 
 GLIDE_START, FLARE, TOUCHDOWN = "glide_start", "flare", "touchdown"
@@ -145,8 +146,8 @@ def smooth_profile(
         root = speed_start**2 - 2.0 * deceleration * drop
         if root <= 0.0:
             raise ValueError(
-                f"decelerating from {3.6 * speed_start:.4g} to {3.6 * speed_touchdown:.4g} km/h does not fit this "
-                "glide; change speed_start_kmh, speed_touchdown_kmh, start_height_m or glide_slope_deg"
+                f"decelerating from {digits(3.6 * speed_start, 4)} to {digits(3.6 * speed_touchdown, 4)} km/h does "
+                "not fit this glide; change speed_start_kmh, speed_touchdown_kmh, start_height_m or glide_slope_deg"
             )
         glide_time = 2.0 * drop / (speed_start + math.sqrt(root))
         sink = sin * (speed_start - deceleration * glide_time)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from navsim.report.table import cell
+from navsim.statistics.rounding import digits
 
 PACKAGE = Path(__file__).resolve().parents[2] / "navsim"
 BASE = {"compiler", "geodesy", "statistics", "defect"}
@@ -274,6 +278,21 @@ def test_a_landing_imports_only_what_it_needs(tmp_path: Path) -> None:
         "navsim.formats.rinex_nav", "navsim.formats.sp3", "navsim.formats.almanac",
     }  # fmt: skip
     assert not (unneeded | OF_OTHER_KINDS) & found
+
+
+def test_sizes_have_no_power_of_ten() -> None:
+    """Python's format `.3g` writes 1940 km as 1.94e+03 km: `rounding.digits` does not, nor do cells of tables."""
+    assert [digits(x) for x in (1937.0, 0.0, -98765.0, 1.5e-7, 2e9, 3.14159)] == (
+        ["1940", "0", "-98800", "1.5e-07", "2e+09", "3.14"]
+    )
+    assert str(cell("{:.3g} {:+.2g} {:g}", 1937.0, 150.0, 2.5e6)) == "1940 +150 2500000"
+    sized = re.compile(r"\.[1-6]g\} ?(%|(k?m|s|h|Hz|deg|rad|km/h|m/s2?|ns|us)\b)")
+    wrong = [
+        f"{path.name}: {text}"
+        for path in PACKAGE.glob("**/*.py")
+        for text in re.findall(r"\{[^{}\"]+" + sized.pattern, path.read_text())
+    ]
+    assert not wrong
 
 
 def test_what_a_handler_catches_is_imported_before_its_try() -> None:

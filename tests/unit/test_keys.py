@@ -47,7 +47,7 @@ def test_every_key_of_the_resolved_templates_has_a_row(name: str) -> None:
 
 def test_rows_say_what_the_models_say() -> None:
     by_key = {row.key: row for row in of("landing")}
-    assert by_key["duration_s"].range == "above 0 to 1e+06"
+    assert by_key["duration_s"].range == "above 0 to 1000000"
     assert (by_key["duration_s"].unit, by_key["duration_s"].default) == ("s", 120.0)
     assert by_key["epoch"].required
     assert not by_key["duration_s"].required

@@ -28,7 +28,7 @@ def grid(name: str, count: int) -> str:
 
 MANY = [
     ("{first: 0, last: 1.0e+12, step: 1}", "step: gives 1e+12 values; at most 100000 are allowed on an axis"),
-    ("{first: 0, last: 100000, step: 1}", "step: gives 1e+05 values; at most 100000 are allowed"),
+    ("{first: 0, last: 100000, step: 1}", "step: gives 100000 values; at most 100000 are allowed"),
     ("{first: -1.0e+12, last: 1.0e+12, step: 1.0e-12}", "step: gives 2e+24 values; at most 100000 are allowed"),
     ("{first: 0, last: 1.0e+13, step: 1}", "last: must be at most 1000000000000"),
 ]

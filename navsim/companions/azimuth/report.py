@@ -9,6 +9,7 @@ import numpy as np
 from navsim.report.table import Table, cell, interval, number
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,7 +122,7 @@ def filter_labels(result: Result) -> dict[str, str]:
     from navsim.report.summary_tables import setting
 
     sigmas = setting(result, "filters", "singer_sigma_m_s2")
-    return {name: f"Singer, {sigma:.3g} m/s²" for name, sigma in zip(("S1", "S2"), sigmas, strict=True)} | _WORDS
+    return {name: f"Singer, {digits(sigma)} m/s²" for name, sigma in zip(("S1", "S2"), sigmas, strict=True)} | _WORDS
 
 
 def _errors(result: Result) -> Figure:

@@ -12,6 +12,7 @@ from navsim.report.summary_tables import setting
 from navsim.report.table import Table, cell, number
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -282,7 +283,7 @@ def _nominal(result: Result) -> Figure:
     for i, q in enumerate(result["/nominal/rate_variance"]):
         colour = COLOURS[i % len(COLOURS)]
         bias = result["/nominal/bias"][i]
-        upper.plot(time[late], 1e3 * bias[late], color=colour, label=f"Q = {q:.3g} (deg/s)²")
+        upper.plot(time[late], 1e3 * bias[late], color=colour, label=f"Q = {digits(q)} (deg/s)²")
         lower.plot(time[late], 1e3 * np.hypot(bias, result["/nominal/noise"][i])[late], color=colour)
     upper.set_ylabel("bias, 10⁻³ deg")
     lower.set_ylabel("RMSE, 10⁻³ deg")
@@ -343,7 +344,7 @@ def channel_curves(result: Result) -> list[Curve]:
     late = time >= float(setting(result, "azimuth", "from_s")) + settling
     for i, q in enumerate(result["/azimuth/rate_variance"]):
         rmse = np.hypot(result["/azimuth/bias"][i], result["/azimuth/noise"][i])
-        out.append(Curve(0, time[late], 1e3 * rmse[late], f"Q = {q:.3g} (deg/s)²"))
+        out.append(Curve(0, time[late], 1e3 * rmse[late], f"Q = {digits(q)} (deg/s)²"))
     time = result["/flare/time"]
     late = time >= time[0] + settling
     for i, name in enumerate(map(str, result["/flare/source"])):

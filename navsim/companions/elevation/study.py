@@ -23,6 +23,7 @@ from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import doubted, positive
 from navsim.statistics import chi_square
 from navsim.statistics.random_streams import generator
+from navsim.statistics.rounding import digits
 
 BANDS = ("std_theory", "std_sample", "variance")
 """Interpretations of "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the
@@ -242,7 +243,7 @@ def orders(scenario: Elevation, flown: ChannelRun) -> list[OrderRun]:
         least**2 / (1.0 - least) * r,
         *scenario.nominal.first_order_variances_deg2,
     ]
-    names = [*ORDERS, *(f"first order, {q:.4g} deg2" for q in scenario.nominal.first_order_variances_deg2)]
+    names = [*ORDERS, *(f"first order, {digits(q, 4)} deg2" for q in scenario.nominal.first_order_variances_deg2)]
     out = [_order(names[0], f.rate_variance_deg2_s2, m, _initial(scenario, n), (*f.initial_deg, 0.0)[:n], flown)]
     for name, variance in zip(names[1:], variances, strict=True):
         p0 = np.array([[f.initial_variance[0]]])

@@ -21,6 +21,7 @@ from navsim.formats.text import MOST_BYTES, FileError
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.gnss.timescales import DAY, WEEK, utc_from_gps
 from navsim.results import files
+from navsim.statistics.rounding import digits
 
 Clock = Literal["own", "week"]
 """own: s since the start of the device. week: GPS s since the beginning of a week, which `LogContents.start` tells."""
@@ -135,7 +136,7 @@ class LogContents:
             self.left_out.append(f"{record.name}: fewer than two samples")
             return
         if kept.rate_hz < SLOWEST_IMU_HZ:
-            why = f"{kept.rate_hz:.3g} samples a second are too few; log at {SLOWEST_IMU_HZ:g} Hz or more"
+            why = f"{digits(kept.rate_hz)} samples a second are too few; log at {SLOWEST_IMU_HZ:g} Hz or more"
             self.left_out.append(f"{record.name}: {why}")
             return
         self.imus.append(kept)

@@ -17,6 +17,7 @@ from navsim.formats.conventions import FIX_SIGMAS
 from navsim.formats.logs.contents import SLOWEST_IMU_HZ, FixRecord, ImuRecord, LogContents
 from navsim.formats.recording import increments_as_rates
 from navsim.formats.text import Dropped, FileError, read_lines
+from navsim.statistics.rounding import digits
 
 TITLE = "a text file of KF-GINS"
 GIVES = "increments of the IMU; positions with accuracies; lever arm of its settings"
@@ -57,20 +58,22 @@ def read(path: Path, with_settings: bool = True) -> LogContents:
     table = np.array(rows)
     rate = 1.0 / max(float(np.median(np.diff(table[:, 0]))), 1e-9)
     if width in _IMU_COLUMNS and rate >= SLOWEST_IMU_HZ:
-        out.decided.append(f"{path.name} has IMU increments: {width} columns, {rate:.4g} rows a second")
+        out.decided.append(f"{path.name} has IMU increments: {width} columns, {digits(rate, 4)} rows a second")
         keep = np.diff(table[:, 0], prepend=-np.inf) > 0.0
         out.count_left_out(int((~keep).sum()), f"samples of {path.name} with the time of another, or out of order")
         table = table[keep]
         rates = increments_as_rates(table[:, 0], table[:, 1:7])
         out.add_imu(ImuRecord(path.stem, table[:, 0], rates[:, :3], rates[:, 3:], "averaged"))
     elif width in _FIX_COLUMNS:
-        out.decided.append(f"{path.name} has fixes: {width} columns, {rate:.3g} rows a second")
+        out.decided.append(f"{path.name} has fixes: {width} columns, {digits(rate)} rows a second")
         velocity = table[:, 7:10] if width == _FIX_COLUMNS[1] else np.full((len(rows), 3), np.nan)
         sigma = table[:, 4:7] if width == _FIX_COLUMNS[0] else table[:, [4, 5, 6, 10, 11, 12]]
         known = {name: np.where(each > 0.0, each, np.nan) for name, each in zip(FIX_SIGMAS, sigma.T, strict=False)}
         out.add_receiver(FixRecord(path.stem, table[:, 0], table[:, 1:4], velocity, known))
     else:
-        raise FileError(0, f"{width} columns at {rate:.3g} rows a second are neither IMU increments nor fixes", path)
+        raise FileError(
+            0, f"{width} columns at {digits(rate)} rows a second are neither IMU increments nor fixes", path
+        )
     return out
 
 

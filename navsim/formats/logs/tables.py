@@ -15,6 +15,7 @@ from navsim.formats.logs.contents import MEANINGS, FixRecord, ImuRecord, LogCont
 from navsim.gnss.timescales import utc_text
 from navsim.results.atomic_write import replacing
 from navsim.results.findings import several
+from navsim.statistics.rounding import digits
 
 LOG, RANGES = "log.yaml", "ranges.yaml"
 _WIDTH = 110
@@ -82,7 +83,7 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
     for name, sensor in zip(imus, contents.imus, strict=True):
         tables[name] = [*IMU_COLUMNS], np.column_stack([sensor.time, sensor.rate, sensor.force])
         taken.append(f"{name}: {sensor.name}, {several(sensor.time.size, 'sample')} of {_span(sensor.time)}, "
-                     f"{sensor.rate_hz:.4g} Hz")  # fmt: skip
+                     f"{digits(sensor.rate_hz, 4)} Hz")  # fmt: skip
     fixes = _file_names("gnss", len(contents.receivers))
     for name, one in zip(fixes, contents.receivers, strict=True):
         tables[name] = _fix_table(one)

@@ -1,0 +1,18 @@
+"""Rounded numbers as text."""
+
+from __future__ import annotations
+
+_WRITTEN_OUT = 1e9
+"""Size from which on numbers have a power of ten."""
+
+
+def digits(value: float, count: int = 3) -> str:
+    """Significant digits of a number as text: 1940, where Python's format `.3g` writes 1.94e+03."""
+    return write_out(f"{value:.{count}g}")
+
+
+def write_out(text: str) -> str:
+    """Write a formatted number without a power of ten, unless it is huge."""
+    if "e+" not in text or abs(float(text)) >= _WRITTEN_OUT:
+        return text
+    return f"{float(text):{'+' if text.startswith('+') else ''}.0f}"
