@@ -7,6 +7,8 @@ import importlib.util
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -45,10 +47,30 @@ ALLOWED = {
 }
 
 
+@cache
+def tree(source: Path) -> ast.Module:
+    """The parsed file."""
+    return ast.parse(source.read_text())
+
+
+@cache
+def nodes(source: Path) -> tuple[ast.AST, ...]:
+    """All nodes of the parsed file."""
+    return tuple(ast.walk(tree(source)))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _forgotten_afterwards() -> Iterator[None]:
+    """The nodes of all files are many, which would slow the collection of garbage in later tests."""
+    yield
+    tree.cache_clear()
+    nodes.cache_clear()
+
+
 def rooms_imported(source: Path) -> set[str]:
     """Rooms of navsim that a file imports, also inside functions."""
     found = set()
-    for node in ast.walk(ast.parse(source.read_text())):
+    for node in nodes(source):
         if isinstance(node, ast.ImportFrom) and node.module:
             names = [node.module]
             if node.module == "navsim":
@@ -73,7 +95,7 @@ def test_imports_point_one_way(room: str) -> None:
 def modules_imported(source: Path, modules: set[str]) -> set[str]:
     """Modules of navsim that a file imports as it is imported itself."""
     found = set()
-    for node in ast.parse(source.read_text()).body:
+    for node in tree(source).body:
         if isinstance(node, ast.ImportFrom) and node.module:
             for alias in node.names:
                 whole = f"{node.module}.{alias.name}"
@@ -129,7 +151,7 @@ def test_states_are_named_and_not_counted() -> None:
     ]  # fmt: skip
     counted = []
     for source in sources:
-        for node in ast.walk(ast.parse(source.read_text())):
+        for node in nodes(source):
             allowed = 2  # a number up to 2 may be an axis
             if isinstance(node, ast.Call) and called(node.func) in ("slice", "range"):
                 bounds: list[ast.expr | None] = [*node.args]
@@ -151,7 +173,7 @@ def nodes_of(kind: type[ast.AST]) -> list[tuple[Path, ast.AST]]:
     return [
         (source.relative_to(PACKAGE), node)
         for source in sorted(PACKAGE.glob("**/*.py"))
-        for node in ast.walk(ast.parse(source.read_text()))
+        for node in nodes(source)
         if isinstance(node, kind)
     ]
 
@@ -174,7 +196,7 @@ def test_scripts_and_benchmarks_name_what_there_is() -> None:
     for source in sorted(
         path for folder in ("scripts", "benchmarks") for path in (PACKAGE.parent / folder).glob("*.py")
     ):
-        for node in ast.walk(ast.parse(source.read_text())):
+        for node in nodes(source):
             if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith("navsim"):
                 continue
             module = importlib.import_module(str(node.module))
@@ -299,7 +321,7 @@ def test_what_a_handler_catches_is_imported_before_its_try() -> None:
     """A command that leaves early inside `try` must find the names of its handlers: else UnboundLocalError."""
     seen = 0
     for source in sorted((PACKAGE / "cli").glob("*.py")):
-        for node in ast.walk(ast.parse(source.read_text())):
+        for node in nodes(source):
             if isinstance(node, ast.Try):
                 seen += 1
                 late = {
