@@ -27,7 +27,7 @@ from navsim.runner.batches import Ensemble
 from navsim.runner.exact_sums import Sums
 from navsim.runner.job import Options
 from navsim.runner.merge_state import batch_of, together
-from navsim.runner.verification import FOREIGN, Again, attribute_differences, differences
+from navsim.runner.verification import FOREIGN, Recomputation, attribute_differences, differences
 
 
 def options_of(result: Result, options: Options) -> Options:
@@ -39,7 +39,7 @@ def options_of(result: Result, options: Options) -> Options:
     return Options(options.seed, int(runs.size), int(runs[0]), keep=None if rare else keep)
 
 
-def check_ensemble(again: Again, runs: int) -> None:
+def check_ensemble(again: Recomputation, runs: int) -> None:
     """Check tables, histories and as many drawn runs."""
     numbers = again.result["/run"]
     wrong = [] if np.array_equal(numbers, numbers[0] + np.arange(numbers.size)) else ["/run: its numbers have gaps"]
@@ -60,10 +60,10 @@ def check_ensemble(again: Again, runs: int) -> None:
     again.out.add("tables", wrong, f"{len(tables)} variables computed again from statistics of all runs")
     if "/filter/error" in again.result:
         _check_histories(again, case, ensemble)
-    _fly_again(again, runs, set(tables))
+    _compare_drawn_runs(again, runs, set(tables))
 
 
-def _check_histories(again: Again, case: Case, ensemble: Ensemble) -> None:
+def _check_histories(again: Recomputation, case: Case, ensemble: Ensemble) -> None:
     """Compare statistics of runs with those that the stored histories give."""
     stored, study = again.result, LandingStudy(case, again.job.seed, "none")
     columns, first, runs = ensemble.columns(), ensemble.first_run, ensemble.runs
@@ -112,7 +112,7 @@ def _check_histories(again: Again, case: Case, ensemble: Ensemble) -> None:
     again.out.add("histories", texts, f"errors and sigmas of {runs} runs give the stored statistics")
 
 
-def _fly_again(again: Again, runs: int, tables: set[str]) -> None:
+def _compare_drawn_runs(again: Recomputation, runs: int, tables: set[str]) -> None:
     """Fly drawn runs, as many side by side as a register has lanes, and compare all that is stored of them.
 
     tables: variables that statistics of all runs gave.

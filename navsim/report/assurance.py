@@ -155,7 +155,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class UnmodelledEffect:
     """An effect that is not modelled. instead: what takes its place. remedy: "" for none."""
 
     section: str
@@ -194,7 +194,7 @@ def judged(result: Result) -> tuple[list[Judged], list[str]]:
     return out, without
 
 
-def left_out(result: Result) -> list[LeftOut]:
+def unmodelled_effects(result: Result) -> list[UnmodelledEffect]:
     """Effects that concern this scenario and are not modelled.
 
     A row about a key is left away where the scenario lacks the key, or has another value than the row names.
@@ -206,7 +206,7 @@ def left_out(result: Result) -> list[LeftOut]:
         return all(there is not None and value in ("", str(there)) for there, value in keys)
 
     return [
-        LeftOut(section, *map(_without_marks, (cells[0], cells[1], cells[2] if len(cells) > 2 else "")))
+        UnmodelledEffect(section, *map(_without_marks, (cells[0], cells[1], cells[2] if len(cells) > 2 else "")))
         for section, cells in rows_of("limits.md")
         if SECTIONS.get(section, lambda *_: True)(scenario, root) and concerns(cells[0])
     ]

@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from navsim.kinds import KINDS
-from navsim.report.assurance import judged, left_out
+from navsim.report.assurance import judged, unmodelled_effects
 from navsim.report.citations import cited, methods_of
 from navsim.report.table import Table, html
 from navsim.report.view import view
@@ -147,7 +147,7 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     if without:
         yield f"<p>Methods of this result without an outside judge: {escape('; '.join(without))}.</p>"
     yield "<h2>Effects that are not modelled</h2>"
-    effects = [(each.section, each.effect, each.instead, each.remedy) for each in left_out(result)]
+    effects = [(each.section, each.effect, each.instead, each.remedy) for each in unmodelled_effects(result)]
     if effects:
         yield _table(("subject", "not modelled", "instead", "remedy"), _once(effects))
     else:

@@ -95,11 +95,11 @@ class Verification:
 class EnsembleCheck(Protocol):
     """Check of an ensemble by statistics and drawn runs (`landing.verification.check_ensemble`)."""
 
-    def __call__(self, again: Again, runs: int) -> None: ...
+    def __call__(self, again: Recomputation, runs: int) -> None: ...
 
 
 @dataclass
-class Again:
+class Recomputation:
     """A result and the prepared job that computes it again."""
 
     result: Result
@@ -287,12 +287,12 @@ def _check_numbers(
             return
         job = named(kind.job)(section, document, options)
         job.prepare(executor, lambda *_, **__: None)
-        again = Again(result, job, executor, tell, tolerance, out)
+        again = Recomputation(result, job, executor, tell, tolerance, out)
         count = int(result["/run"].size) if many is not None and "/run" in result else 0
         if many is not None and runs != ALL and count > max(runs, 1):
             many(again, runs)
         else:
-            compare_whole(again)
+            recompute_all(again)
     except InputError as error:
         out.add("scenario", [f"cannot be computed: {problem}" for problem in error.problems], "")
     except (OptionError, JobError, ValueError, KeyError, TypeError, ResultError) as error:
@@ -311,7 +311,7 @@ def _document(result: Result, file: Path, found: dict[str, Path]) -> tuple[Any, 
     return validated(section(str(document.data.get("kind"))), document), document
 
 
-def compare_whole(again: Again) -> None:
+def recompute_all(again: Recomputation) -> None:
     """Do the whole work again and compare everything."""
     other = again.job.run(again.executor, None, again.tell).result
     wrong = [*attribute_differences(again.result, other, again.tolerance)]

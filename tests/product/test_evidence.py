@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.report.assurance import JUDGES, SECTIONS, judged, left_out, rows_of
+from navsim.report.assurance import JUDGES, SECTIONS, judged, rows_of, unmodelled_effects
 from navsim.report.citations import METHODS
 from navsim.results.result import read
 from tests.forks import navsim
@@ -40,7 +40,7 @@ def test_every_kind_has_its_limits_and_judges(kind: str, place: Path) -> None:
     result = read(place / f"{kind}.h5")
     rows, without = judged(result)
     assert rows or without or kind == "ranges"
-    texts = " ".join(f"{each.effect} {each.instead} {each.remedy}" for each in left_out(result))
+    texts = " ".join(f"{each.effect} {each.instead} {each.remedy}" for each in unmodelled_effects(result))
     assert "`" not in texts
     assert "](" not in texts
     if kind == "runs":
