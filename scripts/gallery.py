@@ -136,10 +136,9 @@ def text() -> str:
     for title, commands, picture, caption in (
         ("The report", (REPORT,), "report", "[The report](report.md): one page for any browser, figures with numbers"),
         ("The planner", (START, PLANNER), "planner", "[The planner](planner.md): the effect of moving a pseudolite"),
-        ("Outages", (), "outages", "[Tight and loose coupling in outages](outages-measured.md): drift of the position"),
     ):
-        typed = [*(f"    {command}" for command in commands), ""] if commands else []
-        lines += [f"## {title}", "", *typed, f"![{title}](images/{picture}.png)", "", f"{caption}.", ""]
+        typed = [f"    {command}" for command in commands]
+        lines += [f"## {title}", "", *typed, "", f"![{title}](images/{picture}.png)", "", f"{caption}.", ""]
     return "\n".join(lines)
 
 

@@ -208,8 +208,8 @@ def test_the_analysis_carries_places_and_clocks() -> None:
 
 
 def rows_of_nees() -> list[tuple[tuple[str, ...], list[float]]]:
-    """Settings, smallest and largest NEES of docs/how-to/pseudolite-clock.md: all the time, and from 10 s on."""
-    page = (ROOT / "docs" / "how-to" / "pseudolite-clock.md").read_text(encoding="utf-8")
+    """Settings, smallest and largest NEES of docs/covariance-measured.md: all the time, and from 10 s on."""
+    page = (ROOT / "docs" / "covariance-measured.md").read_text(encoding="utf-8")
     out: list[tuple[tuple[str, ...], list[float]]] = []
     first: tuple[str, ...] = ()
     for line in page.partition("| `--set` |")[2].splitlines()[2:]:
