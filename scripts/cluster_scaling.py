@@ -158,13 +158,11 @@ def page(costs: dict[str, Costs], size: int) -> str:
         "# How far a cluster reaches",
         "",
         f"Made by `python scripts/cluster_scaling.py` with the code of commit {commit()}.",
-        "The first table is measured on one machine, with a scheduler and two workers, the quickest of several",
-        "tries. The second is a simulation from it, event by event.",
-        "No cluster of a hundred or a thousand workers was used.",
+        "The first table was measured on one machine with a scheduler and two workers. The second is an event-by-event",
+        "simulation with these costs; no cluster of a hundred or a thousand workers was used.",
         "",
-        f"The shipped landing (`scenarios/landing.yaml`), batches of {BATCH} runs. The study that every worker is sent",
-        f"once has {size / 1e6:.1f} MB. A task that does nothing takes {1e3 * some.task_s:.1f} ms of client and",
-        f"scheduler, a megabyte {1e3 * some.megabyte_s:.1f} ms.",
+        f"Scenario `landing.yaml`, batches of {BATCH} runs. Each worker receives the study once, {size / 1e6:.1f} MB. An empty",
+        f"task costs client and scheduler {1e3 * some.task_s:.1f} ms, a megabyte {1e3 * some.megabyte_s:.1f} ms.",
         "",
         "| `--keep` | a batch is flown, s | brings back, MB | is kept, ms | batches a task | a task lasts, s | "
         "costs the client, ms |",
@@ -177,7 +175,7 @@ def page(costs: dict[str, Costs], size: int) -> str:
         )
     lines += [
         "",
-        "A million runs by so many workers of one thread each:",
+        "A million runs, by the number of workers of one thread each:",
         "",
         "| `--keep` | workers | time, s | times as quick as one | of that many | client busy |",
         "|---|---|---|---|---|---|",
@@ -189,16 +187,15 @@ def page(costs: dict[str, Costs], size: int) -> str:
             gain = alone / seconds
             shares = f"{100 * gain / workers:.0f} % | {100 * busy:.0f} %"
             lines.append(f"| {keep} | {workers} | {seconds:.0f} | {gain:.0f} | {shares} |")
-    lines += ["", "The client becomes what everybody waits for at about", ""]
+    lines += ["", "The client is the bottleneck from about these numbers on:", ""]
     for keep, c in costs.items():
         most = c.batches * c.flown_s / c.client_s()
         lines.append(f"- {most:.0f} workers with `--keep {keep}`")
     lines += [
         "",
-        "More workers are idle from there on. Parts of a job array keep their own results and have no such limit: for",
-        "more, or for `--keep all`, use `--first-run` and `navsim merge` ([beyond one machine](cluster.md)).",
-        "The simulation leaves out the start of workers and the loading of kernels (seconds each, at the same time).",
-        "Also missing: sending the study to each worker, a slow network, a slower shared disk, unlike workers.",
+        "Further workers are idle. A job array has no such limit: for more workers, or for `--keep all`, use",
+        "`--first-run` and `navsim merge` ([beyond one machine](cluster.md)).",
+        "The simulation leaves out the start of workers, the transfer of the study, slow networks and disks.",
         "",
     ]
     return "\n".join(lines)

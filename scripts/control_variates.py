@@ -40,7 +40,7 @@ GAINS: list[tuple[str, str, tuple[str, ...]]] = [
 SHORT = ("approach.start_height_m=20", "duration_s=9", "imu.rate_hz=25", "receiver.rate_hz=1", "filter.kind=eskf")
 COVERAGE: list[tuple[str, str, tuple[str, ...]]] = [
     ("landing", "as shipped", ()),
-    ("landing", "errors that last", ("signals.preset=open-sky",)),
+    ("landing", "time-correlated errors", ("signals.preset=open-sky",)),
     ("landing", "tight", ("filter.coupling=tight",)),
     ("landing", "1 s without fixes", ("events=[{what: silence, sources: [all], at_s: 3.5, until_s: 4.5}]",)),
 ]

@@ -38,21 +38,21 @@ CASES: list[tuple[str, tuple[str, ...]]] = [
     ("the same, used over the runway alone", (RADIO % RISING, "filter.radio_altimeter={ground: [], from_m: 0}")),
     ("its latency, 0.1 s", (RADIO % "", "filter.radio_altimeter.latency_s=0")),
     ("its lever arm, 0.3 m", (RADIO % "", "filter.radio_altimeter.lever_arm_m=[0, 0, 0]")),
-    ("its noise, twice as large as believed", (
+    ("its noise, twice as large as assumed", (
         RADIO % "", "filter.radio_altimeter={sigma_floor_m: 0.15, sigma_share: 0.01}")),
     ("barometric, all known", (BARO % "",)),
     ("its lag, 0.4 s", (BARO % "", "filter.barometric_altimeter.lag_s=0")),
     ("air 15 K colder", (BARO % "", "filter.barometric_altimeter.isa_deviation_k=0")),
     ("the geoid, 1 m", (BARO % "", "filter.barometric_altimeter.geoid_undulation_m=14.5")),
-    ("its noise, twice as large as believed", (BARO % "", "filter.barometric_altimeter.sigma_m=0.25")),
+    ("its noise, twice as large as assumed", (BARO % "", "filter.barometric_altimeter.sigma_m=0.25")),
     ("its setting, 0.2 hPa too high", (BARO % ", qnh_error_hpa: 0.2",)),
     ("its setting, 1σ of 0.5 hPa", (BARO % ", qnh_sigma_hpa: 0.5",)),
-    ("the same, followed", (BARO % ", qnh_sigma_hpa: 0.5", FOLLOWED)),
+    ("the same, estimated", (BARO % ", qnh_sigma_hpa: 0.5", FOLLOWED)),
     ("its drift, 3 m, 300 s", (BARO % ", drift_m: 3, drift_time_s: 300",)),
-    ("the same, followed", (BARO % ", drift_m: 3, drift_time_s: 300", FOLLOWED)),
+    ("the same, estimated", (BARO % ", drift_m: 3, drift_time_s: 300", FOLLOWED)),
     ("setting and drift", (BARO % ", qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300",)),
-    ("the same, followed", (BARO % ", qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300", FOLLOWED)),
-    ("both altimeters, all known or followed", (
+    ("the same, estimated", (BARO % ", qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300", FOLLOWED)),
+    ("both altimeters, all known or estimated", (
         RADIO % "", BARO % ", qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300", FOLLOWED)),
 ]  # fmt: skip
 """What the filter does not know, and what is set for it."""
@@ -95,13 +95,13 @@ def main() -> None:
         "Made by `make validate` (`scripts/heights.py`), landing.yaml to 61 s with fixes at 1 Hz, filter `eskf`, 1° of",
         f"attitude, gyros of 70 °/h, {RUNS} runs of seed {SEED}. The radio altimeter has 0.3 m or 2 %, 0.1 s of",
         "latency and an arm of 0.3 m, the barometric one 0.5 m, 0.4 s of lag and air 15 K colder than the standard",
-        "atmosphere. Each row has one thing that the filter does not know, or follows. Equations:",
+        "atmosphere. Each row has one error that the filter ignores, or estimates. Equations:",
         "[altimeters and heights](theory/altimeters.md).",
         "",
         f"Vertical error (RMS) below {BELOW:g} m and the filter's σ, m; NEES of position and velocity over 6, of all",
         f"states over their number, there. The 95 % band of a single moment of NEES/6 is {low:.2f} to {high:.2f}.",
         "",
-        "| not known | vertical, σ | NEES/6 | NEES |",
+        "| ignored | vertical, σ | NEES/6 | NEES |",
         "|---|---|---|---|",
         *(row(label, settings) for label, settings in CASES),
     ]

@@ -121,10 +121,10 @@ def main() -> None:
     """Fly every case and write the tables."""
     begun = measured.commit()
     lines = [
-        "# Errors that last, measured",
+        "# Time-correlated ranging errors, measured",
         "",
         f"Made by `make validate` (`scripts/lasting_errors.py`), seed {SEED}, default filter (`gaussian-sum`).",
-        "Equations: [errors that last](theory/lasting-errors.md).",
+        "Equations: [time-correlated ranging errors](theory/lasting-errors.md).",
         "",
         *consistency(),
         "",

@@ -31,10 +31,10 @@ UNKNOWN: list[tuple[str, tuple[str, ...]]] = [
     ("none", ()),
     ("scale factors, 1000 ppm", (
         "imu.gyro.scale_ppm=1000", "imu.accelerometer.scale_ppm=1000", "filter.scale_factors=false")),
-    ("the same, followed (default)", ("imu.gyro.scale_ppm=1000", "imu.accelerometer.scale_ppm=1000")),
+    ("the same, estimated (default)", ("imu.gyro.scale_ppm=1000", "imu.accelerometer.scale_ppm=1000")),
     ("misalignments, 1 mrad", (
         "imu.gyro.misalignment_mrad=1", "imu.accelerometer.misalignment_mrad=1", "filter.misalignments=false")),
-    ("the same, followed (default)", ("imu.gyro.misalignment_mrad=1", "imu.accelerometer.misalignment_mrad=1")),
+    ("the same, estimated (default)", ("imu.gyro.misalignment_mrad=1", "imu.accelerometer.misalignment_mrad=1")),
     ("asymmetry, 500 ppm", ("imu.gyro.asymmetry_ppm=500", "imu.accelerometer.asymmetry_ppm=500")),
     ("nonlinearity, 20 ppm/(°/s), 100 µg/g²", (
         "imu.gyro.nonlinearity_ppm_deg_s=20", "imu.accelerometer.nonlinearity_ug_g2=100")),
@@ -93,7 +93,7 @@ def one_by_one() -> list[str]:
     columns = " | ".join(map(str, TIMES))
     low, high = consistency_band(6, RUNS)
     lines = [
-        "## Errors that the filter does not know, one by one",
+        "## Errors that the filter ignores, one by one",
         "",
         f"NEES/6 of position and velocity of {RUNS} runs at each time, s; the 95 % band of a single moment is "
         f"{low:.2f} to {high:.2f}. Horizontal",
@@ -112,7 +112,7 @@ def one_by_one() -> list[str]:
 
 def by_kind() -> list[str]:
     lines = [
-        "## Misalignments that are followed, by kind of filter",
+        "## Estimated misalignments, by kind of filter",
         "",
         f"The largest NEES of all states over their number of {RUNS} runs at these times: 27 states, 15 without",
         "misalignments.",

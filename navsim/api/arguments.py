@@ -164,13 +164,13 @@ def _right(command: str, name: str, value: Any) -> Any:
 
     least = _LEAST.get((command, name), _LEAST.get(name))
     if least is not None:
-        words = f"expected a whole number from {least} to {MOST_WHOLE}"
+        words = f"expected a whole number of at least {least}"
         try:
             number = operator.index(value)
         except TypeError:
             raise TypeError(words) from None
         if isinstance(value, bool) or not least <= number <= MOST_WHOLE:
-            raise ValueError(words)
+            raise ValueError(words if number <= MOST_WHOLE else f"{words} and at most {MOST_WHOLE}")
         return number
     if name == "time_limit":
         if isinstance(value, bool) or not 0.0 <= float(value) <= _LONGEST:

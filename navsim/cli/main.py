@@ -89,6 +89,15 @@ class _Group(TyperGroup):
         """Their names: the usual way makes them all."""
         return list(PLACES)
 
+    def resolve_command(self, ctx: Context, args: list[str]) -> Any:
+        """The command. The error of an unknown one names those that are spelt alike, otherwise all."""
+        if args[0] not in PLACES:
+            from difflib import get_close_matches
+
+            if not get_close_matches(args[0], PLACES):
+                ctx.fail(f"No such command {args[0]!r}. Commands: {', '.join(PLACES)}.")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
         """List the commands with the first line of their functions' docstrings; the default would load them all."""
         with formatter.section("Commands"):

@@ -38,7 +38,8 @@ def number_option(
         text = str(given)  # a default comes as a number
         if not _PLAIN[kind].fullmatch(text) or not least <= kind(text) <= most:
             instead = f": write {float(text):.0f}" if _is_integer(text, least, most) else ""
-            raise typer.BadParameter(f"expected {what} from {least:g} to {most}, not {text[:40]!r}{instead}")
+            bounds = f"of at least {least:g}" if most == MOST else f"from {least:g} to {most}"
+            raise typer.BadParameter(f"expected {what} {bounds}, not {text[:40]!r}{instead}")
         return kind(text)
 
     return typer.Option(parser=parse, metavar=metavar, help=f"{meaning} [{least:g} or more]", show_default=show_default)

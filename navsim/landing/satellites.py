@@ -241,7 +241,7 @@ class _Files:
 
 def _warn_of_age(limit_days: float, constellations: Sequence[Constellation], gpst: float, warnings: list[str]) -> None:
     for constellation in constellations:
-        age = constellation.age(gpst) / 86400.0
+        age = max(abs(gpst - end) for end in constellation.span or (gpst,)) / timescales.DAY
         if age > limit_days:
             warnings.append(
                 f"the {constellation.system.name} almanac is {age:.0f} days away from the epoch; satellite positions "
@@ -258,6 +258,12 @@ def _not_used(unused: dict[str, list[str]]) -> list[str]:
     """One warning of all satellites that are not used, by why; none if all are."""
     told = "; ".join(f"{', '.join(names)} ({why})" for why, names in unused.items())
     return [f"satellites not used: {told}"] if unused else []
+
+
+def _covered(constellation: Constellation) -> str:
+    """The times of a file, and what to do, for an error about a time without any."""
+    times = [timescales.utc_text(float(timescales.utc_from_gps(end)))[:16] for end in constellation.span or ()]
+    return f"; it covers {' to '.join(times)}: change `epoch`, or give a file of that day" if times else ""
 
 
 def _group(
@@ -284,6 +290,7 @@ def _group(
         where = document.place(("sky", sky.source))
         of = constellation.system.name
         message = f"has no {of} satellite for the time of the scenario, {scenario.epoch:%Y-%m-%d %H:%M}"
+        message += _covered(constellation)
         message += "".join(f"; {w}" for w in warnings)
         raise InputError([Problem(where, f"sky.{sky.source}", message)])
     served = known | ~usable

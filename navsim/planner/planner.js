@@ -130,7 +130,7 @@ window.planner = (function () {
       coordinates(row, each.name, { along: each.x, right: each.y },
                   (x, y) => settle({ do: "place", kind: "jammer", number: i, x: x, y: y }));
     });
-    options($("subject"), [...state.pseudolites.map((p, i) => [i, p.name]), [-1, `${state.more} (one more)`]], state.subject);
+    options($("subject"), [...state.pseudolites.map((p, i) => [i, p.name]), [-1, `${state.more} (additional)`]], state.subject);
   }
   function figures() {
     $("figures").replaceChildren(...state.figures.map((each) => {
@@ -140,7 +140,7 @@ window.planner = (function () {
       card.append(element("dt", each.said), value);
       return card;
     }));
-    $("exact").textContent = state.exact ? "as navsim run finds it" : "while it moves";
+    $("exact").textContent = state.exact ? "all fix epochs, as in navsim run" : "while something moves: every eighth epoch";
     $("exact").dataset.exact = state.exact;
   }
   function shares() {
@@ -163,9 +163,9 @@ window.planner = (function () {
     }
   }
   function about(map) {
-    const with_ = map.subject < 0 ? `${state.more}, one more pseudolite,` : (state.pseudolites[map.subject] || {}).name;
+    const with_ = map.subject < 0 ? `${state.more}, an additional pseudolite,` : (state.pseudolites[map.subject] || {}).name;
     const unit = map.unit ? ` ${map.unit}` : "";
-    $("about").textContent = `${map.said}, with ${with_} there and all others where they stand; ${map.low.toPrecision(4)} to ${map.high.toPrecision(4)}${unit}, ${map.size} × ${map.size} places in ${(1000 * map.took).toFixed(0)} ms. Nothing is drawn where there is no solution. Drag a transmitter; type its coordinates for more.`;
+    $("about").textContent = `${map.said}, with ${with_} at this point and all others at their positions; ${map.low.toPrecision(4)} to ${map.high.toPrecision(4)}${unit}, ${map.size} × ${map.size} positions in ${(1000 * map.took).toFixed(0)} ms. The map is empty where there is no solution. Drag a transmitter, or type its coordinates.`;
   }
 
   function told(text) {

@@ -263,7 +263,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
     place = document.place(path)
     key = dotted(path)
     if kind == "extra_forbidden":
-        return Problem(place, key, "unknown key; " + _nearest_key(str(path[-1]), _keys_at(model, error["loc"][:-1])))
+        near = _nearest_key(str(path[-1]), _keys_at(model, error["loc"][:-1]))
+        return Problem(place, key, "unknown key; " + (_elsewhere(model, path[-1], near) or near))
     if kind == "missing" and isinstance(error["loc"][-1], int):
         return Problem(place, key, f"the list is too short: value {error['loc'][-1] + 1} is missing")
     if kind == "missing":
@@ -432,6 +433,16 @@ def _nearest_key(given: str, allowed: list[str]) -> str:
         if unit and given.startswith(f"{begins}_") and _FOREIGN.fullmatch(given.removeprefix(f"{begins}_").lower()):
             return f"did you mean '{key}', in {unit}? allowed: {', '.join(allowed)}"
     return hint(given, allowed)
+
+
+def _elsewhere(model: type[Section], name: str | int, near: str) -> str:
+    """Where a kind of file has a key of this name, if nothing near it is allowed; else ""."""
+    if near.startswith("did you mean"):
+        return ""
+    from navsim.scenario.keys import rows
+
+    found = [row.key for row in rows(model.model_json_schema()) if row.key.rpartition(".")[2] == name]
+    return f"did you mean '{found[0]}'?" if len(found) == 1 else ""
 
 
 def _noun(value: Any) -> str:

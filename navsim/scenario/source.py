@@ -440,7 +440,7 @@ def _misread(error: yaml.MarkedYAMLError) -> tuple[yaml.Mark | None, str]:
     """Place and reason of a YAML error: for an unclosed item its start, since the parser notices only further down."""
     begun, noticed = error.context_mark, error.problem_mark
     if "\\t" in str(error.problem):
-        return noticed, "a tab begins this value; YAML takes no tabs there: write spaces instead"
+        return noticed, "a tab is not allowed here: write spaces instead"
     opened = _OPENED.get(error.context or "")
     if opened is None or begun is None or noticed is None:
         return noticed or begun, str(error.problem or error.context)

@@ -33,8 +33,9 @@ class Constellation(Protocol):
         If each message has a health flag, satellites without a healthy message have no state.
         """
 
-    def age(self, gpst: float) -> float:
-        """Distance of a GPS time from the data of the constellation, s."""
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last GPS time of the data, s; None for a design, which does not age."""
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities (m, n, 3), m, m/s; nan without data."""
@@ -72,7 +73,7 @@ class CachedConstellation:
         self._known: dict[tuple[tuple[int, ...], bytes], tuple[np.ndarray, np.ndarray]] = {}
         self.system, self.names = constellation.system, constellation.names
         self.channels, self.usable = constellation.channels, constellation.usable
-        self.age, self.clock, self.messages = constellation.age, constellation.clock, constellation.messages
+        self.span, self.clock, self.messages = constellation.span, constellation.clock, constellation.messages
         self.accuracy = constellation.accuracy
         self.using_unhealthy, self.broadcast = constellation.using_unhealthy, constellation.broadcast
 

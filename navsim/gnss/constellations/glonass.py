@@ -90,9 +90,10 @@ class GlonassAlmanac:
         """(n,): those that are healthy, or all."""
         return self.healthy | self.use_unhealthy
 
-    def age(self, gpst: float) -> float:
-        """Largest distance in s of the almanac's own times from a GPS time."""
-        return float(np.max(np.abs(gpst - self._node_gpst)))
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last GPS time of the almanac, s."""
+        return float(self._node_gpst.min()), float(self._node_gpst.max())
 
     @property
     def _node_gpst(self) -> np.ndarray:
@@ -191,9 +192,10 @@ class Glonass24Slots:
         """(n,): all."""
         return self.healthy
 
-    def age(self, gpst: float) -> float:
-        """0: a design does not age."""
-        return 0.0
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """None: a design does not age."""
+        return None
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities, (m, 24, 3), at GPS times (m,) or (m, 24); see `GlonassAlmanac.state`."""

@@ -111,9 +111,10 @@ class StateVectorEphemerides:
         usable = self.records.healthy | self.use_unhealthy
         return nearest(self.records.slot, usable, self._time, self.slot, gpst, self.reach, self.reach)
 
-    def age(self, gpst: float) -> float:
-        """Largest distance, s, of the records' times from a GPS time."""
-        return float(np.max(np.abs(gpst - self._time)))
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last GPS time of the records, s."""
+        return float(self._time.min()), float(self._time.max())
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF (ITRF) positions and velocities (m, n, 3), m, m/s, at GPS times (m,) or (m, n); nan without a record."""

@@ -243,9 +243,10 @@ class KeplerianEphemerides:
         ahead = self.reach if self.ahead is None else self.ahead
         return nearest(self.records.prn, usable, self.records.toe, self.prn, gpst, self.reach, ahead)
 
-    def age(self, gpst: float) -> float:
-        """Largest distance, s, of the records' reference times from a GPS time."""
-        return float(np.max(np.abs(gpst - self.records.toe)))
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last reference time of the records, GPS s."""
+        return float(self.records.toe.min()), float(self.records.toe.max())
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities (m, n, 3), m and m/s, at GPS times (m,) or (m, n); nan without a record."""

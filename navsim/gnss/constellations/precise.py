@@ -111,9 +111,10 @@ class PreciseOrbits:
         """(n,): all, for tables have no marks of health."""
         return np.ones(len(self.names), dtype=bool)
 
-    def age(self, gpst: float) -> float:
-        """Distance of a GPS time from the table, s."""
-        return float(max(self.time[0] - gpst, gpst - self.time[-1], 0.0))
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last GPS time of the table, s."""
+        return float(self.time[0]), float(self.time[-1])
 
     def _first(self, gpst: np.ndarray) -> np.ndarray:
         """Index of the first of the epochs around GPS times: as many before as after, but at the ends of the table."""

@@ -123,9 +123,11 @@ class TwoLineElements:
         """(n,): all, for elements have no marks of health."""
         return np.ones(len(self.names), dtype=bool)
 
-    def age(self, gpst: float) -> float:
-        """Largest distance, s, of the elements' epochs from a GPS time."""
-        return float(np.max(np.abs(gpst - timescales.gps_from_utc(self.epochs))))
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last epoch of the elements, GPS s."""
+        times = timescales.gps_from_utc(self.epochs)
+        return float(times.min()), float(times.max())
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities (m, n, 3), m, m/s, at GPS times (m,) or (m, n); nan where SGP4 fails."""
