@@ -47,7 +47,7 @@ def import_log(
     """Turn a log of an autopilot or a receiver into a recorded flight.
 
     navsim writes tables and a commented log.yaml for `navsim replay`. It lists the data that it took and left out, and
-    its decisions.
+    its assumptions.
     """
     from navsim.formats.logs.reading import read_logs
     from navsim.formats.logs.tables import LOG, RANGES, log_files
@@ -107,7 +107,7 @@ class SheetOptions:
 def imu_sheet(
     log: Annotated[
         Path,
-        typer.Argument(metavar="LOG", help="A log at rest: as of `navsim import`, a log.yaml, or a table of samples.",
+        typer.Argument(metavar="LOG", help="A log at rest that `navsim import` reads, a log.yaml, or a table of samples.",
                        show_default=False),
     ],
     given: SheetOptions,

@@ -274,7 +274,7 @@ def export(
         bool, typer.Option("--imu", help="Inertial samples and fixes, and the log for navsim replay.")
     ] = False,
     run: Annotated[
-        int | None, number_option(int, 0, "Which run of an ensemble, by its number. Default: the first.")
+        int | None, number_option(int, 0, "Number of the run to write, of an ensemble. Default: the first.")
     ] = None,
     output: Annotated[
         Path | None,

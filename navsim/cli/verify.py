@@ -37,7 +37,7 @@ def verify(
     folder: FolderOption = None,
     runs: Annotated[
         str,
-        typer.Option(metavar="N|all", help="Number of runs of an ensemble to fly again, drawn at random."),
+        typer.Option(metavar="N|all", help="Number of randomly chosen runs of an ensemble to simulate again."),
     ] = "96",
     workers: WorkersOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print differences only.")] = False,
@@ -96,7 +96,7 @@ def evidence(
 ) -> None:  # fmt: skip
     """Write a result with its inputs as a folder for a reviewer.
 
-    A page has verdicts, warnings, tables, outside judges of the methods, effects that are not modelled, and commands
+    A page has verdicts, warnings, tables, independent references of the methods, effects that are not modelled, and commands
     that repeat the result. The folder is an RO-Crate, for archives of research data.
     """
     from navsim.runner.evidence import write_evidence

@@ -57,7 +57,7 @@ def tables(result: Result) -> list[Table | str]:
     places = Table(
         "Positions, and how far each may move before the objective worsens (smallest and largest over directions; "
         "*: up to the limit of area or rules)",
-        ("of", "name", "s, m", "l1, m", "latitude, °", "longitude, °", *losses),
+        ("pseudolites", "name", "s, m", "l1, m", "latitude, °", "longitude, °", *losses),
     )
     for i, count in enumerate(result["/pseudolites"]):
         for k in range(int(count)):

@@ -57,11 +57,11 @@ def examine(log: Log) -> Diagnosis:
     found += more
     apart = overlap(log)
     if apart or any(not mistake.remedies for mistake in found):
-        return Diagnosis(found + apart, [*unseen, f"{OF_SENSORS}: other mistakes come first"])
+        return Diagnosis(found + apart, [*unseen, f"{OF_SENSORS}: correct the other mistakes first"])
     more, log = motion(log, unseen)
     return Diagnosis(found + without_mirrors(more, log), unseen)
 
 
 NEVER_JUDGED = (
-    "lever arm, scale factors of the sensors, datum of the heights (ellipsoid or mean sea level): no check covers them"
+    "lever arm, scale factors of the sensors, datum of the heights (ellipsoid or mean sea level): no check exists"
 )

@@ -365,7 +365,7 @@ def _vertical(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         as_well = [text for changes, due, *_, text in options if changes == 1 and slope.chi_square(due) <= least]
         if as_well:
             noun = ", ".join(without_seem(text) for text in as_well)
-            unseen.append(f"{OF_HEIGHTS}: with such a mistake ({noun}) they would fit about as well")
+            unseen.append(f"{OF_HEIGHTS}: with this mistake ({noun}) the data would fit about as well")
         return [], log
     chosen = slope.explained([(changes, due) for changes, due, *_ in options])
     ratio = _ratio(1.0 / slope.slope[0])

@@ -51,9 +51,7 @@ def tables(result: Result) -> list[Table | str]:
     if "flown_s" in alignment:  # results of earlier versions lack it
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
         text += "; used " + " of the recording's ".join(spans)
-    if unseen := str(alignment.get("not_judged", "")):
-        text += f"\nnot checked: {unseen}"
-    every: list[Table | str] = [seen, *evidence, tuned, *_unusable(result)]
+    every: list[Table | str] = [seen, *evidence, tuned, *_unusable(result), *_unchecked(result)]
     if not result["/outages/start"].size:
         return [*every, text]
     lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest", "NEES"))
@@ -64,6 +62,15 @@ def tables(result: Result) -> list[Table | str]:
         nees = result["/summary/drift_nees"][i] if "/summary/drift_nees" in result else math.nan
         lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift, number(nees, 2))
     return [*every, lost, text]
+
+
+def _unchecked(result: Result) -> list[Table]:
+    """Mistakes that the recording cannot reveal, and why."""
+    out = Table("Not checked", ("mistake", "because"))
+    for item in filter(None, str(result.attributes.get("not_judged", "")).split("; ")):
+        mistake, _, reason = item.partition(": ")
+        out.add(mistake, reason)
+    return [out] if out.rows else []
 
 
 def _evidence(result: Result) -> list[Table]:

@@ -267,7 +267,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         return [], log
     at, others, beyond = best_clocks
     if np.isfinite(beyond):
-        unseen.append(f"offsets of the clocks of {digits(beyond)} s and more: too little of the flight overlaps then")
+        unseen.append(f"clock offsets of {digits(beyond)} s or more: samples and fixes would overlap too little")
     clocks = [AxesHypothesis(offset=at)]
     for apart in others:
         finer = apart + 0.1 * np.arange(-4, 5)
@@ -321,7 +321,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         seen = (e for e in options if e.changes == 1 and e.usual and not _OF_TIMES & set(e.remedy))
         hidden = {"another horizontal axis forward" if _turns_forward(e) else without_seem(e.seems) for e in seen}
         if hidden:
-            unseen.append(f"{', '.join(sorted(hidden))}: with such a mistake the flight would fit as well")
+            unseen.append(f"{', '.join(sorted(hidden))}: with this mistake the data would fit equally well")
         return [], log
     alternatives = [
         e for e in options if (e.changes, e.usual) == (first.changes, first.usual) and e.square <= 1.3 * first.square

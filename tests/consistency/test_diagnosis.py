@@ -274,7 +274,7 @@ def test_what_cannot_be_judged_is_listed() -> None:
     assert horizontal.startswith("unit and axes of the horizontal velocity, unit of the angles: fewer than three")
     assert sensors.startswith("signs, columns and axes of the sensors, unit of the gyros, clocks: fewer than two")
     straight_on = "; ".join(examine(Log(*level())).not_judged)
-    for name in ("the gyro's z axis reversed", "the columns x and y of the gyros exchanged", "offsets of the clocks",
+    for name in ("the gyro's z axis reversed", "the columns x and y of the gyros exchanged", "clock offsets",
                  "sign of the vertical velocity", "the accelerometer's y axis reversed"):  # fmt: skip
         assert name in straight_on, name
 
