@@ -54,8 +54,8 @@ def main() -> None:
         "# Covariance analysis against runs, measured",
         "",
         f"Made by `make validate`: RMS error of {RUNS} runs of seed {SEED} divided by that of `--method covariance`,",
-        "landing.yaml with fixes at 1 Hz. Sampling alone spreads a ratio by 1.6 % (1 sigma). The mistuned filter assumes",
-        "twice the error of the fixes, a drift of 20 °/h and three times the gyro noise.",
+        "landing.yaml with fixes at 1 Hz. Sampling alone spreads a ratio by 1.6 % (1 sigma). The mistuned filter",
+        "assumes twice the error of the fixes, a drift of 20 °/h and three times the gyro noise.",
         "[Covariance analysis](covariance.md#how-good) summarises the tables.",
     ]
     for label, settings in CASES:

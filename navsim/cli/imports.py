@@ -107,7 +107,7 @@ class SheetOptions:
 def imu_sheet(
     log: Annotated[
         Path,
-        typer.Argument(metavar="LOG", help="A log at rest that `navsim import` reads, a log.yaml, or a table of samples.",
+        typer.Argument(metavar="LOG", help="A log that `navsim import` reads, a log.yaml, or a table of samples.",
                        show_default=False),
     ],
     given: SheetOptions,

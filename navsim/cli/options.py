@@ -38,7 +38,8 @@ def number_option(
         text = str(given)  # a default comes as a number
         if not _PLAIN[kind].fullmatch(text) or not least <= kind(text) <= most:
             instead = f": write {float(text):.0f}" if _is_integer(text, least, most) else ""
-            bounds = f"of at least {least:g}" if most == MOST else f"from {least:g} to {most}"
+            large = _PLAIN[float].fullmatch(text) and float(text) > most
+            bounds = f"from {least:g} to {most}" if large or most < MOST else f"of at least {least:g}"
             raise typer.BadParameter(f"expected {what} {bounds}, not {text[:40]!r}{instead}")
         return kind(text)
 

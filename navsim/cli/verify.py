@@ -96,8 +96,8 @@ def evidence(
 ) -> None:  # fmt: skip
     """Write a result with its inputs as a folder for a reviewer.
 
-    A page has verdicts, warnings, tables, independent references of the methods, effects that are not modelled, and commands
-    that repeat the result. The folder is an RO-Crate, for archives of research data.
+    A page has verdicts, warnings, tables, independent references of the methods, effects that are not modelled, and
+    commands that repeat the result. The folder is an RO-Crate, for archives of research data.
     """
     from navsim.runner.evidence import write_evidence
 
