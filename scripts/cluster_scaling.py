@@ -161,8 +161,9 @@ def page(costs: dict[str, Costs], size: int) -> str:
         "The first table was measured on one machine with a scheduler and two workers. The second is an event-by-event",
         "simulation with these costs; no cluster of a hundred or a thousand workers was used.",
         "",
-        f"Scenario `landing.yaml`, batches of {BATCH} runs. Each worker receives the study once, {size / 1e6:.1f} MB. An",
-        f"empty task costs client and scheduler {1e3 * some.task_s:.1f} ms, a megabyte {1e3 * some.megabyte_s:.1f} ms.",
+        f"Scenario `landing.yaml`, batches of {BATCH} runs. Each worker receives the study once, {size / 1e6:.1f} MB.",
+        f"An empty task costs client and scheduler {1e3 * some.task_s:.1f} ms,",
+        f"a megabyte {1e3 * some.megabyte_s:.1f} ms.",
         "",
         "| `--keep` | a batch is flown, s | brings back, MB | is kept, ms | batches a task | a task lasts, s | "
         "costs the client, ms |",

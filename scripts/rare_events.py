@@ -142,8 +142,8 @@ def honesty() -> list[str]:
     lines = [
         "## The interval where errors are not linear",
         "",
-        f"{TRIALS} studies of each row. Two errors have a Gaussian part ν σ that is not linear in the random inputs, so",
-        f"that importance sampling does not shift it; boxes at {COST_AT:g} to first order, until ±20 %.",
+        f"{TRIALS} studies of each row. Two errors have a Gaussian part ν σ that is not linear in the random inputs,",
+        f"so that importance sampling does not shift it; boxes at {COST_AT:g} to first order, until ±20 %.",
         f"At most {MOST} runs. Missed: share of the intervals that end below the truth; 2.5 % is right.",
         "",
         "| ν | runs | found over truth, median | missed | effective samples, median |",
