@@ -246,7 +246,7 @@ def _slowed(path: Path, deceleration: float, taxi: Taxi) -> Path:
     rollout = path.segments[-1]
     fast = float(ended(rollout, rollout.start)[1, _X])
     if fast <= taxi.speed:
-        raise ValueError(f"the roll-out begins at {3.6 * fast:.4g} km/h, no faster than taxi_speed_kmh: give less")
+        raise ValueError(f"the roll-out begins at {3.6 * fast:.1f} km/h, no faster than taxi_speed_kmh: give less")
     if deceleration <= 0.0:
         raise ValueError("the roll-out is not braked: give rollout_deceleration_m_s2")
     # full brakes until they are let go; a small difference of speed leaves less time for that
