@@ -56,8 +56,9 @@ class Point(Section):
 _LOW, _MAST = 100.0, 30.0
 """Pseudolites above a runway higher than the first, m, and no more than the second above that height, were likely given
 the height of a mast above the ellipsoid or the geoid."""
-_DEEPEST, _HIGHEST = -100.0, 1000.0
-"""Heights of pseudolites above the runway, m, beyond which they are doubted: valleys and hills reach them."""
+_USUAL_HEIGHTS = {"pseudolites": (-100.0, 1000.0), "beacons": (-1.0, 100.0)}
+"""Heights above the runway, m, beyond which navsim doubts them. Valleys and hills reach those of pseudolites; beacons
+are within sight of the strip."""
 
 
 class Runway(Section):
@@ -168,19 +169,22 @@ class Runway(Section):
         """Height above the ellipsoid, m."""
         return self.height_m + (self.undulation_m if self.height_above == "geoid" else 0.0)
 
-    def doubted_height(self, key: str, height: float) -> str:
-        """Warning about a pseudolite's height above the runway, m, that is implausible; else empty.
+    def doubted_height(self, key: str, height: float, of: Literal["pseudolites", "beacons"] = "pseudolites") -> str:
+        """Warning about a height of a pseudolite or beacon above the runway, m, that is implausible; else empty.
 
-        It is probably one above the ellipsoid or the geoid, or not that of a pseudolite on the ground.
+        It is probably one above the ellipsoid or the geoid, or not that of an antenna on the ground.
         """
+        deepest, highest = _USUAL_HEIGHTS[of]
         meant = (h for h in (self.ellipsoidal_m, self.height_m) if h > _LOW and 0.0 <= height - h <= _MAST)
         other = next(meant, None)
-        if other is None and _DEEPEST <= height <= _HIGHEST:
+        if other is None and deepest <= height <= highest:
             return ""
         side = "above" if height > 0.0 else "below"
-        text = f"{key}: {abs(height):g} m {side} the runway; heights of pseudolites are counted from the runway"
+        text = f"{key}: {abs(height):g} m {side} the runway; heights of {of} are counted from the runway"
         if other is not None:
             return f"{text}, which is itself at {other:g} m; give {height - other:g} if that was meant"
+        if of == "beacons" and height < 0.0:
+            return f"{text}, up positive: this one is under the ground unless that falls there; give 0 or more"
         return (
             f"{text}, not from the ellipsoid or the geoid (the runway is {self.ellipsoidal_m:g} m above the "
             "ellipsoid); give the height of the antenna less that of the runway, and check runway.height_m"

@@ -28,7 +28,8 @@ class BeaconsSection(AidingSection):
     after the other. Errors are drawn for each beacon and run."""
 
     preset: Literal["none", "uwb"] = "none"
-    """noise and bias as measured; none: the keys here. uwb: ultra-wideband modules outdoors in line of sight"""
+    """defaults of noise and bias, as measured; keys here replace them. none: the keys here alone. uwb: ultra-wideband
+    modules outdoors in line of sight"""
     sites: Annotated[ListOf[Site], Field(min_length=1, max_length=50)]
     """the beacons, each with s_m and l1_m in runway axes, or with coordinates; names left out: B and a number"""
     height_m: Signed = 0.0

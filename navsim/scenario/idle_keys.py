@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from navsim.scenario.base import Section
 from navsim.scenario.filter import SUM
 from navsim.scenario.imu import assumed_sensor, lone_correlation_times
+from navsim.scenario.presets import BEACON_PRESETS, MAGNETOMETER_PRESETS
 from navsim.scenario.sky import SOURCES_FROM_FILES
 
 if TYPE_CHECKING:
@@ -40,9 +41,21 @@ def idle_keys(scenario: Landing) -> list[str]:
         _assumed(scenario.imu.gyro, scenario.filter.imu.gyro),
         _assumed(scenario.imu.accelerometer, scenario.filter.imu.accelerometer),
     )
-    return lone + [
+    return [*lone, *_idle_presets(scenario)] + [
         f"{prefix}.{name} is not used: it needs {needed}"
         for used, prefix, section, names, needed in sections
         for name in names
         if not used and getattr(section, name) != type(section).model_fields[name].default
     ]
+
+
+def _idle_presets(scenario: Landing) -> list[str]:
+    """Presets of which the keys beside them leave nothing, as messages."""
+    of_beacons, of_magnetometer = ("beacons", BEACON_PRESETS), ("magnetometer", MAGNETOMETER_PRESETS)
+    return [
+        f"{name}.preset: {section.preset} changes nothing: {', '.join(its)} beside it replace all of its values; leave "
+        "these keys out, or the preset"
+        for name, presets in (of_beacons, of_magnetometer)
+        if (section := getattr(scenario, name)) is not None and (its := presets.get(section.preset))
+        and all(getattr(section, key) != value for key, value in its.items())
+    ]  # fmt: skip

@@ -628,12 +628,18 @@ class Landing(Section):
         return out
 
     def doubted_heights(self) -> list[str]:
-        """Warnings of pseudolites whose height above the runway is likely one above something else."""
-        of_sites = [site.height_m for site in self.pseudolites.sites]
-        keys = {f"pseudolites.sites[{i}].height_m": h for i, h in enumerate(of_sites) if h is not None}
-        if self.pseudolites.count or None in of_sites:
-            keys["pseudolites.height_m"] = self.pseudolites.height_m
-        return [text for key, height in keys.items() if (text := self.runway.doubted_height(key, height))]
+        """Warnings of pseudolites and beacons whose height above the runway is likely one above something else."""
+        out = []
+        for section in (self.pseudolites, self.beacons):
+            if section is None:
+                continue
+            name: Literal["pseudolites", "beacons"] = "pseudolites" if section is self.pseudolites else "beacons"
+            of_sites = [site.height_m for site in section.sites]
+            keys = {f"{name}.sites[{i}].height_m": h for i, h in enumerate(of_sites) if h is not None}
+            if None in of_sites or (section is self.pseudolites and section.count):
+                keys[f"{name}.height_m"] = section.height_m
+            out += [text for key, height in keys.items() if (text := self.runway.doubted_height(key, height, name))]
+        return out
 
     def aiding_sections(self) -> dict[str, AidingSection]:
         """Sections of the sensors beside the receiver that there are, by their names."""

@@ -155,8 +155,12 @@ class Beacons(AidingSensor):
         return out
 
     def asked(self, time: np.ndarray) -> np.ndarray:
-        """Number of the beacon asked at times (m,), s, those of its measurements."""
-        return (np.rint(time * self.rate).astype(np.int64) - 1) % len(self.names)
+        """Number of the beacon asked at times (m,), s, those of measurements."""
+        return self.in_turn(np.rint(time * self.rate).astype(np.int64) - 1)
+
+    def in_turn(self, question: np.ndarray) -> np.ndarray:
+        """Number of the beacon asked by questions (m,) int, counted from 0."""
+        return question % len(self.names)
 
     def away(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Vectors (t, n, 3) from the antenna to the beacons at times (t,), s, ECEF, m, and which of them (t, n) bool it
@@ -198,7 +202,7 @@ class Beacons(AidingSensor):
         """Ranges as the filter takes them."""
         its, llh = self.design, self.positions(frame)
         return BeaconTable(
-            measured[:, 0].copy(), np.arange(len(measured)) % len(self.names), ecef_from_llh(llh),
+            measured[:, 0].copy(), self.in_turn(np.arange(len(measured))), ecef_from_llh(llh),
             ned_matrix(llh), its.sigma, its.weak_sigma / self.reach, its.errors.growth,
             its.errors.growth_distance, its.lever_arm,
         )  # fmt: skip

@@ -178,6 +178,31 @@ def test_outliers_are_no_part_of_first_order_errors() -> None:
     assert "beacons" not in case(*BRIEF, section()).why_not_linear
 
 
+def test_keys_beside_a_preset_replace_its_values() -> None:
+    """As those of other presets; a preset of which nothing is left is named."""
+    uwb = "beacons={sites: [{s_m: 300, l1_m: 900}], preset: uwb, rate_hz: 6, range_limit_m: 900%s}"
+    (kept,) = case(*BRIEF, uwb % ", growth_m: 0.5").shared.aids
+    assert isinstance(kept.sensor, Beacons)
+    assert (kept.sensor.sigma, kept.sensor.true_errors.growth) == (0.025, 0.5)
+    assert not scenario(uwb % ", growth_m: 0.5").unused()
+    every = ", sigma_m: 1, bias_sigma_m: 0, growth_m: 0, growth_sigma_m: 0, growth_distance_m: 1"
+    (said,) = scenario(uwb % every).unused()
+    assert said.startswith("beacons.preset: uwb changes nothing")
+
+
+@pytest.mark.parametrize(("runway", "height", "text"), [
+    ("runway.height_m=120", 121.5, "beacons.height_m: 121.5 m above the runway; heights of beacons are counted from "
+     "the runway, which is itself at 120 m; give 1.5"),
+    ("runway.height_m=20", 140.0, "heights of beacons are counted from the runway, not from the ellipsoid"),
+    ("runway.height_m=20", -2.0, "under the ground"),
+    ("runway.height_m=20", 30.0, ""),
+])  # fmt: skip
+def test_heights_above_something_else_are_doubted(runway: str, height: float, text: str) -> None:
+    said = scenario(runway, "pseudolites.count=0", section(f"height_m: {height}")).doubted_heights()
+    assert len(said) == bool(text)
+    assert all(text in each for each in said)
+
+
 def test_a_link_budget_is_a_largest_range() -> None:
     keys = section().replace("range_limit_m: 9000", "eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868")
     (aid,) = case(*BRIEF, keys).shared.aids
