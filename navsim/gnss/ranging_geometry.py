@@ -58,14 +58,37 @@ def two_way_dops(away: np.ndarray) -> np.ndarray:
 
     away: (e, n, 3) from the antenna to the beacons, the third axis vertical, nan where one is not received.
     """
-    unit = away / np.linalg.norm(away, axis=2, keepdims=True)
-    information = np.nansum(unit[..., :, None] * unit[..., None, :], axis=1)
-    least, largest = np.linalg.eigvalsh(information)[:, [0, -1]].T
-    solved = largest < SINGULAR * least
-    variance = np.full((len(away), 3), np.nan)
-    variance[solved] = np.diagonal(np.linalg.inv(information[solved]), axis1=1, axis2=2)
-    level = variance[:, 0] + variance[:, 1]
-    return np.sqrt(np.stack([level + variance[:, 2], level, variance[:, 2]], axis=1))
+    axes = np.ascontiguousarray(np.moveaxis(away, (2, 1), (0, 1)))
+    east, north, up = inverse_diagonal(axes, np.ones(axes.shape[1:]))
+    return np.sqrt(np.stack([east + north + up, east + north, up], axis=1))
+
+
+def inverse_diagonal(away: np.ndarray, weight: np.ndarray, prior: float = 0.0) -> np.ndarray:
+    """Diagonal (3, ...), east, north, up, of the inverse of the information sum w u u' + prior I of ranges.
+
+    nan where it is singular.
+
+    away: (3, n, ...) to the beacons, nan where one is not received. weight: (n, ...) of each range.
+    """
+    square = (away * away).sum(axis=0)
+    weight = np.where(np.isnan(square), 0.0, weight / square)
+    x, y, z = np.where(weight > 0.0, away, 0.0)
+    xx, yy, zz = ((weight * axis * axis).sum(axis=0) + prior for axis in (x, y, z))
+    xy, xz, yz = ((weight * one * other).sum(axis=0) for one, other in ((x, y), (x, z), (y, z)))
+    # L D L' of the matrix; a pivot that is not positive leaves nan
+    first = np.where(xx > 0.0, xx, np.nan)
+    low, last = xy / first, xz / first
+    second = yy - low * xy
+    second = np.where(second > 0.0, second, np.nan)
+    across = (yz - last * xy) / second
+    third = zz - last * xz - across * across * second
+    third = np.where(third > 0.0, third, np.nan)
+    up = 1.0 / third
+    north = 1.0 / second + across**2 * up
+    east = 1.0 / first + low**2 / second + (low * across - last) ** 2 * up
+    # trace of the matrix times that of its inverse bounds its condition number
+    out = np.stack([east, north, up])
+    return np.where((xx + yy + zz) * out.sum(axis=0) < SINGULAR, out, np.nan)
 
 
 def mixed_dops(away: np.ndarray, los: np.ndarray, clock: np.ndarray) -> np.ndarray:

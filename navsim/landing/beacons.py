@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.gnss.pseudorange import Signals
-from navsim.gnss.ranging_geometry import mirror_image, mixed_dops, plane_of, two_way_dops
+from navsim.gnss.ranging_geometry import inverse_diagonal, mirror_image, mixed_dops, plane_of, two_way_dops
 from navsim.gnss.sky import enu_matrix
 from navsim.sensors.beacons import Beacons
 from navsim.statistics.rounding import digits
@@ -18,6 +19,10 @@ FLAT_VDOP = 5.0
 """VDOP on the glide above which navsim warns that beacons do not show the height."""
 _SIGMAS = 3.0
 """Residual of a mirror image, over the sigma of a range, below which the ranges do not tell it from the position."""
+_PRIOR = 30.0
+"""1 sigma of a position along each axis before ranges, m, in the ranking of placements."""
+_AT_ONCE = 400_000
+"""Ranges of placements that are computed at a time."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,70 @@ class BeaconGeometry:
             if np.isfinite(image).all():
                 height[k] = llh_from_ecef(image)[2] - llh_from_ecef(self.position[e])[2]
         return height, residual
+
+
+@dataclass(frozen=True)
+class BeaconGlide:
+    """The glide as placements of beacons see it: what `placement_geometry.Geometry` is for pseudolites."""
+
+    sensor: Beacons
+    threshold: np.ndarray
+    """(3,) rad, rad, m."""
+    receiver: np.ndarray
+    """(e, 3) antenna at epochs, ECEF, m."""
+
+    @classmethod
+    def of(cls, sensor: Beacons, trajectory: Moving, time: np.ndarray) -> BeaconGlide:
+        """The glide at times (e,), s."""
+        return cls(sensor, sensor.threshold(trajectory.frame), sensor.antenna(trajectory, time))
+
+    def at(self, epochs: np.ndarray) -> BeaconGlide:
+        """The same at some of the epochs, (n,) int or (e,) bool."""
+        return replace(self, receiver=self.receiver[epochs])
+
+    def dops(self, sites: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """PDOP, HDOP, VDOP by mean, smallest, largest (3, 3, p), nan without, and epochs without a solution (p,).
+
+        sites: (p, k, 3) ECEF of the beacons of each placement, m.
+        """
+        return self._statistics(sites, lambda away: inverse_diagonal(away, np.ones(away.shape[1:])))
+
+    def fix_sigmas(self, sites: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """1 sigma of positions from a range of each beacon in space, horizontal, vertical, m, by the filter model of a
+        range and `_PRIOR`; an order of placements, not an error of the filter."""
+        its, errors = self.sensor.design, self.sensor.design.errors
+
+        def variances(away: np.ndarray) -> np.ndarray:
+            distance = np.sqrt((away * away).sum(axis=0))
+            variance = its.sigma**2 + (its.weak_sigma / self.sensor.reach * distance) ** 2
+            variance += errors.bias**2 + (errors.growth_sigma * errors.grown(distance)) ** 2 + errors.survey**2
+            return inverse_diagonal(away, 1.0 / variance, 1.0 / _PRIOR**2)
+
+        return self._statistics(sites, variances)
+
+    def _statistics(
+        self, sites: np.ndarray, variances: Callable[[np.ndarray], np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As `dops`. variances: along east, north and up (3, e, p), nan without a solution, from the vectors to the
+        beacons (3, k, e, p), nan where one is not received."""
+        count, each = sites.shape[:2]
+        epochs, axes = len(self.receiver), enu_matrix(llh_from_ecef(self.receiver))
+        out, lost = np.full((3, 3, count), np.nan), np.full(count, float(epochs))
+        step = max(_AT_ONCE // max(epochs * each, 1), 1)
+        for first in range(0, count if each and epochs else 0, step):
+            some = sites[first : first + step].swapaxes(0, 1)
+            away, received = self.sensor.away_from(self.receiver, llh_from_ecef(some).reshape(-1, 3), self.threshold)
+            enu = np.where(received[..., None], away @ np.swapaxes(axes, 1, 2), np.nan)
+            by_beacon = np.ascontiguousarray(enu.reshape(epochs, each, -1, 3).transpose(3, 1, 0, 2))
+            east, north, up = variances(by_beacon)
+            found = np.sqrt(np.stack([east + north + up, east + north, up]))
+            part, solved = slice(first, first + step), np.isfinite(up)
+            lost[part] = epochs - solved.sum(axis=0)
+            with np.errstate(invalid="ignore"):  # 0 / 0 without a solution
+                out[:, 0, part] = np.where(solved, found, 0.0).sum(axis=1) / solved.sum(axis=0)
+            out[:, 1, part] = np.where(solved, found, np.inf).min(axis=1)
+            out[:, 2, part] = np.where(solved, found, -np.inf).max(axis=1)
+        return np.where(lost < epochs, out, np.nan), lost
 
 
 def beacon_geometry(sensor: Beacons, trajectory: Moving, time: np.ndarray) -> BeaconGeometry:

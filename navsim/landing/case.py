@@ -220,14 +220,20 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     """
     trajectory, sources, scenario, warnings = modelled(scenario, document)
     ask(scenario, sources)
+    case = case_of(scenario, trajectory, sources, world_of(scenario, trajectory, sources), warnings)
+    case.preflight.check(document)
+    return case
+
+
+def case_of(
+    scenario: Landing, trajectory: Moving, sources: Environment, shared: SharedTruth, warnings: Sequence[str] = ()
+) -> Case:
+    """The case of a scenario over its simulation inputs."""
     gyro, accel = scenario.imu.triads()
-    shared = world_of(scenario, trajectory, sources)
     watched = watching(scenario, sources)
     design = _filter_design(scenario, shared)
     flight = prepare_flight(shared, _initial(scenario), gyro, accel, *design, watched, _transmitters(scenario))
-    case = Case(scenario, trajectory, sources, flight, warnings)
-    case.preflight.check(document)
-    return case
+    return Case(scenario, trajectory, sources, flight, [*warnings])
 
 
 def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> SharedTruth:

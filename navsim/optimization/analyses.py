@@ -1,7 +1,6 @@
-"""Analysis of a placement of pseudolites: covariance analysis of the flight, and protection levels of its fixes.
+"""Analysis of a placement of pseudolites or beacons: covariance of the flight, and protection levels of its fixes.
 
-The satellites' part does not depend on the pseudolites. A case without pseudolites is prepared once, and placements are
-added to it.
+The satellites' part does not depend on them. A case without them is prepared once, and placements are added to it.
 """
 
 from __future__ import annotations
@@ -14,10 +13,11 @@ from functools import cached_property
 import numpy as np
 
 from navsim.gnss.constellations.constellation import CachedConstellation
+from navsim.gnss.pseudorange import Signals
 from navsim.gnss.signals import Environment, build_signals
 from navsim.gnss.sky import enu_matrix
 from navsim.landing import integrity
-from navsim.landing.case import Case, world_of
+from navsim.landing.case import Case, case_of, world_of
 from navsim.landing.confirmation import filter_outputs
 from navsim.landing.covariance import (
     covariance_analysis,
@@ -32,6 +32,7 @@ from navsim.optimization.placement import ObjectiveFunction, Rules, RunwayPlane
 from navsim.optimization.scenario import LEVEL_OBJECTIVES
 from navsim.results.findings import Finding
 from navsim.results.schema import LARGE
+from navsim.scenario.beacons import BeaconsSection
 from navsim.scenario.requirements import (
     AccuracyRequirement,
     AvailabilityRequirement,
@@ -39,11 +40,15 @@ from navsim.scenario.requirements import (
     ThresholdRequirement,
     singles,
 )
+from navsim.scenario.signals import Site
+from navsim.simulation.aiding import aids_of
 from navsim.simulation.landing_covariance import Analysis
 from navsim.trajectory.kinematics import Motion
 
 COARSE_FIXES = 1.0
 """Rate of fixes of the coarse analysis, Hz."""
+COARSE_RANGES = 4.0
+"""Ranges a second to all beacons together in the coarse analysis, of the same information, Hz."""
 COARSE_IMU = 10.0
 """Inertial samples of the coarse analysis, Hz."""
 SCREENED = 8
@@ -73,7 +78,7 @@ class Prepared:
         axes = enu_matrix(self.motion.llh)
         return axes if self.watched is None else axes[self.watched]
 
-    def with_pseudolites(self, llh: np.ndarray) -> Case:
+    def with_sites(self, llh: np.ndarray) -> Case:
         """The case with pseudolites at (k, 3) rad, rad, m; of its world only the signals know of them."""
         names = self.names or tuple(f"PL{i}" for i in range(1, len(llh) + 1))
         sources = replace(self.case.environment, pseudolites=replace(self.case.pseudolites, names=names, llh=llh))
@@ -81,23 +86,64 @@ class Prepared:
         signals = signals.select(np.concatenate([self.heard, np.full(len(llh), True)]))
         if self.watched is not None:
             signals = signals.at(self.watched)
+        signals = self.thinned(signals)
+        return replace(self.case, environment=sources).over(replace(self.case.shared, signals=signals))
+
+    def thinned(self, signals: Signals) -> Signals:
+        """Signals with the noise of so much fewer fixes of the same information."""
         # fewer epochs have less to smooth already
         share = self.share if signals.smoothing is None else self.share**2
-        signals = replace(
+        return replace(
             signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
             fix_sigma=signals.with_noise(share), fix_rate_sigma=self.share * signals.fix_rate_sigma,
         )  # fmt: skip
-        return replace(self.case, environment=sources).over(replace(self.case.shared, signals=signals))
+
+
+@dataclass(frozen=True)
+class BeaconFlight:
+    """A flight without beacons, to which placements of them are added."""
+
+    flight: Prepared
+    section: BeaconsSection
+    """The beacons, whose sites are those of the placement."""
+
+    @classmethod
+    def of(cls, case: Case, section: BeaconsSection, end: float, coarse: bool) -> BeaconFlight:
+        """The flight up to `end`, s, with its filter to be analysed; see `flown`."""
+        flight = flown(case, end, coarse)
+        if not coarse or section.rate_hz <= COARSE_RANGES:
+            return cls(flight, section)
+        share = math.sqrt(COARSE_RANGES / section.rate_hz)
+        scenario, noise = flight.case.scenario, ("sigma_m", "weak_sigma_m")
+        less = {key: share * getattr(section, key) for key in noise}
+        its = scenario.filter.beacons
+        of_filter = {key: share * value for key in noise if (value := getattr(its, key)) is not None}
+        own = scenario.filter.model_copy(update={"beacons": its.model_copy(update=of_filter)})
+        case = replace(flight.case, scenario=scenario.model_copy(update={"filter": own}))
+        return cls(replace(flight, case=case), section.model_copy(update={"rate_hz": COARSE_RANGES, **less}))
+
+    def with_sites(self, llh: np.ndarray) -> Case:
+        """The case with beacons at (k, 3) rad, rad, m."""
+        case, ground = self.flight.case, self.flight.case.scenario.runway.ellipsoidal_m
+        sites = tuple(
+            Site(lat_deg=math.degrees(lat), lon_deg=math.degrees(lon), height_m=height - ground)
+            for lat, lon, height in llh
+        )
+        placed = self.section.model_copy(update={"sites": sites}) if sites else None
+        scenario = case.scenario.model_copy(update={"beacons": placed})
+        aids = aids_of(scenario.aiding(), case.trajectory, scenario.duration_s, scenario.imu.rate_hz)
+        shared = replace(case.shared, aids=aids, signals=self.flight.thinned(case.shared.signals))
+        return case_of(scenario, case.trajectory, case.environment, shared)
 
 
 class FidelityEvaluator:
     """Evaluation of placements at one fidelity.
 
-    flown: for the filter; watched: for levels; None if not needed. The last placement is cached, since objective and
-    requirements need the same.
+    flown: for the filter, with pseudolites or beacons; watched: for levels; None if not needed. The last placement is
+    cached, since objective and requirements need the same.
     """
 
-    def __init__(self, kept: Rules, flown: Prepared | None, watched: Prepared | None) -> None:
+    def __init__(self, kept: Rules, flown: Prepared | BeaconFlight | None, watched: Prepared | None) -> None:
         self._kept, self._flown, self._watched = kept, flown, watched
         self._last: tuple[bytes, _Found] | None = None
 
@@ -105,9 +151,7 @@ class FidelityEvaluator:
         key = np.ascontiguousarray(places, np.float64).tobytes()
         if self._last is None or self._last[0] != key:
             llh = self._kept.plane.llh(places)
-            cases = [
-                None if flight is None else flight.with_pseudolites(llh) for flight in (self._flown, self._watched)
-            ]
+            cases = [None if flight is None else flight.with_sites(llh) for flight in (self._flown, self._watched)]
             self._last = key, _Found(*cases)
         return self._last[1]
 
@@ -161,7 +205,7 @@ class LevelScreen:
 
     def _of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         n, k = places.shape[:2]
-        case = self._flight.with_pseudolites(self._plane.llh(places[0]))
+        case = self._flight.with_sites(self._plane.llh(places[0]))
         signals, watching = case.shared.signals, case.flight.watching
         assert watching is not None
         e, s = signals.used.shape

@@ -80,7 +80,7 @@ class OptimizeJob:
         )
 
     def described(self) -> str:
-        return f"{self.section.objective} for {list(self.section.counts)} pseudolites"
+        return f"{self.section.objective} for {list(self.section.counts)} {self.section.placed}"
 
     def key(self) -> dict[str, object]:
         return optimize.partial_key(self.posed, self.options.seed)
@@ -119,7 +119,7 @@ def progress_text(progress: SearchProgress, unit: str, large: bool = False, quic
         tried += f", {analysed} by {'levels' if quick else 'covariance analysis'}"
     best = "none found yet"
     if progress.best is not None and progress.places is not None:
-        at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
+        at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places[:, :2])
         best = f"best {digits(1.0 / progress.best if large else progress.best, 4)}{'' if unit == '1' else f' {unit}'}"
         if progress.best >= PENALTY_REQUIREMENT:
             best = f"requirements not met yet, the worst of them by a factor of {digits(load_of(progress.best), 4)}"

@@ -43,7 +43,8 @@ def _front(results: Sequence[Named]) -> Drawing:
     objectives = list(dict.fromkeys(str(r.attributes["objective"]) for _, r in results))
     for objective in objectives:
         mine = [(i, name, r) for i, (name, r) in enumerate(results) if r.attributes["objective"] == objective]
-        on = plot("", "pseudolites", report.label(mine[0][2]), 300)
+        what = report.placed(mine[0][2])
+        on = plot("", what, report.label(mine[0][2]), 300)
         marks, values = [], []
         for i, name, result in mine:
             counts, found, met = report.front_points(result)
@@ -62,13 +63,13 @@ def _front(results: Sequence[Named]) -> Drawing:
         on.xaxis[0].ticker = sorted({int(c) for _, _, r in mine for c in report.front_points(r)[0]})
         reach(on, values)
         text = (report.label(mine[0][2]), "@y{0.0000}")
-        tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), text, ("", "@said"))
+        tell(on, marks, ("", "$name"), (what, "@x{0}"), text, ("", "@said"))
         panels.append(on)
     judged = any("/pareto/met" in r for _, r in results)
-    caption = "The best found for each number of pseudolites." + (
-        " Crosses: requirements are not met." if judged else ""
+    caption = "The best found for each number placed." + (" Crosses: requirements are not met." if judged else "")
+    return Drawing(
+        "front", f"What {report.placed(results[0][1])} buy", panels, caption, keys_of(results), min(2, len(panels))
     )
-    return Drawing("front", "What pseudolites buy", panels, caption, keys_of(results), min(2, len(panels)))
 
 
 def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
@@ -90,28 +91,40 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
             flipped = flipped if s[-1] > s[0] else flipped[::-1]
             shade_ground(on, *map(np.array, ends))
             drawn = image(on, flipped, ends[0], ends[1], mapper, report.label(result))
-            tell(on, [drawn], ("along", "$x{0} m"), ("right", "$y{0} m"), ("PL1 there", "@image{0.0000}"))
-        of = source(x=sites[0], y=sites[1], said=[f"PL{n + 1}" for n in range(count)])
+            tell(
+                on,
+                [drawn],
+                ("along", "$x{0} m"),
+                ("right", "$y{0} m"),
+                (f"{report.site_name(result, 0)} there", "@image{0.0000}"),
+            )
+        of = source(x=sites[0], y=sites[1], said=[report.site_name(result, n) for n in range(count)])
         stars = on.scatter("x", "y", source=of, marker="star", size=15, fill_color=ORANGE, line_color="white")
-        labels(on, *sites, [f"PL{n + 1}" for n in range(count)])
+        labels(on, *sites, [report.site_name(result, n) for n in range(count)])
         tell(on, [stars], ("", "@said"), ("along", "@x{0.00} m"), ("right", "@y{0.00} m"))
         draw_runway(on, result, [(np.append(along, sites[0]), np.append(s, sites[1][0]).repeat(1))])
         panels.append(on)
     unmet = ", or requirements are not met" if "/pareto/met" in result else ""
     caption = "Stars: the placement found."
     if np.isfinite(result["/map/objective"]).any():
-        shown = f"{report.label(result)}, with PL1 moved there and the others kept"
+        shown = f"{report.label(result)}, with {report.site_name(result, 0)} moved there and the others kept"
         caption = f"Colours: {shown}; grey where that is not allowed{unmet}. {caption}"
     else:
         caption += " The maps were not computed."
     title = f"Placement map{f' ({name})' if several else ''}"
-    keys = [RUNWAY, Key("pseudolites", ORANGE, "star"), Key(f"not allowed{unmet}", GREY, "band"), *terrain_key(result)]
+    keys = [
+        RUNWAY,
+        Key(report.placed(result), ORANGE, "star"),
+        Key(f"not allowed{unmet}", GREY, "band"),
+        *terrain_key(result),
+    ]
     return Drawing(f"plan-{k}", title, panels, caption, keys, min(2, len(panels)))
 
 
 def _requirements(k: int, name: str, result: Result, several: bool) -> Drawing:
     """Utilisation of each requirement, by number of pseudolites."""
-    on = plot("", "pseudolites", "size kept as often as required, relative to the required size", 320)
+    what = report.placed(result)
+    on = plot("", what, "size kept as often as required, relative to the required size", 320)
     counts, statements, used = report.used(result)
     marks = []
     for i, statement in enumerate(statements):
@@ -121,7 +134,7 @@ def _requirements(k: int, name: str, result: Result, several: bool) -> Drawing:
     level(on, 1.0)
     reach(on, [used], 1.1)
     on.xaxis[0].ticker = [int(count) for count in counts]
-    tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), ("used", "@y{0.000}"))
+    tell(on, marks, ("", "$name"), (what, "@x{0}"), ("used", "@y{0.000}"))
     keys = [Key(statement, colour(i)) for i, statement in enumerate(statements)]
     caption = "Below the dashed line a requirement is met. The table has those that only runs decide."
     return Drawing(f"requirements-{k}", f"Requirements{f' ({name})' if several else ''}", [on], caption, keys, 1)

@@ -1,4 +1,6 @@
-"""Constraints on a placement of pseudolites, as distances by which it violates them; s and l1 are in runway axes.
+"""Constraints on a placement of pseudolites or beacons, as distances by which it violates them.
+
+Axes s and l1 are those of the runway.
 
 Source: [1] ICAO Annex 14, vol. I, 3.4 (runway strip) and table 4-1 (approach and transitional surfaces).
 """
@@ -27,17 +29,22 @@ ObjectiveFunction = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class RunwayPlane:
-    """The runway's plane: where places (s, l1) lie on the Earth, all at one height above it, or k each at its own."""
+    """The runway's plane: where places (s, l1) lie on the Earth, all at one height above it, or k each at its own.
+    Places (s, l1, height) have their own."""
 
     threshold: np.ndarray
     heading: float
     height: float | np.ndarray
 
     def llh(self, places: np.ndarray) -> np.ndarray:
-        """Antennas at places (..., 2), geodetic (..., 3), rad, rad, m."""
-        out = runway_positions(self.threshold, self.heading, places, 0.0)
-        out[..., 2] += self.height
+        """Antennas at places (..., 2 or 3), geodetic (..., 3), rad, rad, m."""
+        out = runway_positions(self.threshold, self.heading, places[..., :2], 0.0)
+        out[..., 2] += self.heights(places)
         return out
+
+    def heights(self, places: np.ndarray) -> np.ndarray | float:
+        """Heights of antennas above the plane, m."""
+        return self.height if places.shape[-1] == 2 else places[..., 2]
 
     def ecef(self, places: np.ndarray) -> np.ndarray:
         """Positions in ECEF (..., 3), m."""
@@ -65,7 +72,7 @@ class Rules:
     keep_out: Any
 
     def violation(self, places: np.ndarray) -> np.ndarray:
-        """Violation of the tightest rule by placements (n, k, 2), (n,); zero or less without one, -inf without rules.
+        """Violation of the tightest rule by placements (n, k, c), (n,); zero or less without one, -inf without rules.
 
         Metres, but for near_far_db, which counts in dB.
         """
@@ -90,7 +97,9 @@ class Rules:
         if self.given.runway_strip is not None:
             keep("runway_strip", _into_strip(self.given.runway_strip, self.runway_length, s, l1))
         if self.given.surfaces is not None:
-            keep("surfaces", self.plane.height - surface_height(self.given.surfaces, self.runway_length, s, l1))
+            keep(
+                "surfaces", self.plane.heights(places) - surface_height(self.given.surfaces, self.runway_length, s, l1)
+            )
         if self.keep_out is not None:
             import shapely
 

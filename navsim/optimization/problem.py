@@ -27,19 +27,27 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.signals import Environment
+from navsim.landing.beacons import BeaconGlide
 from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
 from navsim.landing.plausibility import implausible
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.landing.sources import environment, glide_epochs, touchdown_time
 from navsim.optimization.placement import ObjectiveFunction, Rules, rules
-from navsim.optimization.scenario import DOP_OBJECTIVES, FILTER_DISTANCE, LEVEL_OBJECTIVES, Optimize
+from navsim.optimization.scenario import (
+    BEACON_DISTANCE,
+    BEACON_OBJECTIVES,
+    DOP_OBJECTIVES,
+    FILTER_DISTANCE,
+    LEVEL_OBJECTIVES,
+    Optimize,
+)
 from navsim.results.findings import Finding
 from navsim.results.schema import HEIGHTS, LARGE, MET, MOST_LEVELS, RMS_WINDOW
 from navsim.runner.executor import threads
@@ -53,7 +61,7 @@ from navsim.sweeps.scenario import FILTER_OUTPUTS
 if TYPE_CHECKING:
     from navsim.landing.case import Ask, Case
     from navsim.landing.requirements import Fulfilment
-    from navsim.optimization.analyses import FidelityEvaluator, LevelScreen
+    from navsim.optimization.analyses import BeaconFlight, FidelityEvaluator, LevelScreen, Prepared
 
 PENALTY_CONSTRAINT = 1e9
 """Objective of a placement that breaks a rule by nothing; more for worse."""
@@ -161,6 +169,8 @@ class PlacementProblem:
     `FULL`)."""
     fly: Fly | None = None
     """Runs of a placement."""
+    beacons: BeaconGlide | None = None
+    """Geometry of beacons, where these are placed."""
 
     @property
     def flies(self) -> bool:
@@ -224,16 +234,24 @@ class PlacementProblem:
         return replace(self.rules, receiver=track[::step]), _TRACK_MARGIN if step > 1 else 0.0
 
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the area, or of the sites, (2,) least and largest s and l1."""
-        if self.study.area is not None:
-            low, high = np.array([self.study.area.s_m, self.study.area.l1_m]).T
+        """Corners of the area, or of the sites, (c,) least and largest s, l1, and height where each has its own."""
+        if (area := self.study.area) is not None:
+            ends = (area.s_m, area.l1_m) if area.height_m is None else (area.s_m, area.l1_m, area.height_m)
+            low, high = np.array(ends).T
             return low, high
         sites = self.sites()
         return sites.min(axis=0), sites.max(axis=0)
 
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates of a position, c: 2, or 3 with its own height."""
+        return 3 if self.study.has_heights else 2
+
     def sites(self) -> np.ndarray:
-        """The sites to choose from (n, 2) s and l1, m."""
-        return np.array([[site.s_m, site.l1_m] for site in self.study.sites])
+        """The sites to choose from (n, c) s, l1, and height, m."""
+        common = self.study.height_m
+        each = [(s.s_m, s.l1_m, common if s.height_m is None else s.height_m) for s in self.study.sites]
+        return np.array(each)[:, : self.coordinates]
 
 
 def _of_broken(broken: np.ndarray) -> np.ndarray:
@@ -247,10 +265,11 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     Raises InputError, and errors of `ask`.
     """
     bare = base.copy()
-    for key in ("count", "s_m", "l1_m", "sites"):
+    for key in ("count", "s_m", "l1_m", "sites") if study.beacons is None else ():
         if isinstance(bare.data.get("pseudolites"), dict):
             bare.data["pseudolites"].pop(key, None)
-    set_value(bare, "pseudolites.count", 0, document.place(("base",)), document.folder)
+    if study.beacons is None:
+        set_value(bare, "pseudolites.count", 0, document.place(("base",)), document.folder)
     scenario, flies = _posed(study, document, bare)
     sources, scenario, warnings = environment(scenario, bare)
     ask(scenario, sources)
@@ -283,7 +302,11 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
             "depend on the positions of pseudolites; the objective includes them"
         )
     geometry = glide_geometry(trajectory, seen, starts, fixes, counted)
-    if 1 in study.counts and (lone := int(geometry.find_lone_pseudolite(1).sum())):
+    beacons = None
+    if study.beacons is not None:
+        assert scenario.beacons is not None  # `_posed` has looked
+        beacons = BeaconGlide.of(scenario.beacons.model(scenario), trajectory, epochs)
+    elif 1 in study.counts and (lone := int(geometry.find_lone_pseudolite(1).sum())):
         equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""
         clock, when = CLOCKS[sources.pseudolites.clock], f"at {lone} of {len(geometry.receiver)} epochs"
         warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
@@ -293,54 +316,65 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
             f"the search ignores the requirements of {study.base}; navsim judges by them only the best placements that "
             "it flies. To search placements that meet them, write `constraints: {requirements: true}`"
         )
-    if doubted := scenario.runway.doubted_height("height_m", study.height_m):
+    if doubted := scenario.runway.doubted_height("height_m", study.height_m, study.placed):
         warnings.append(doubted)
     if study.objective in FILTER_OUTPUTS and study.constraints.distance_m is None:
-        own = study.constraints.model_copy(update={"distance_m": FILTER_DISTANCE})
+        distance = FILTER_DISTANCE if beacons is None else BEACON_DISTANCE
+        own = study.constraints.model_copy(update={"distance_m": distance})
         study = study.model_copy(update={"constraints": own})
-    kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
+    placing = geometry if beacons is None else beacons
+    kept = rules(study, document, scenario, placing.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
-    objective: ObjectiveFunction = partial(_of_geometry, study.objective, geometry, kept)
+    objective: ObjectiveFunction = partial(_of_geometry, study.objective.removeprefix("beacons_"), placing, kept)
     fly = partial(_fly, study, bare, document)
-    if study.objective in DOP_OBJECTIVES and not study.constraints.requirements:
-        return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly)
+    by_geometry = study.objective in (*DOP_OBJECTIVES, *BEACON_OBJECTIVES)
+    if by_geometry and not study.constraints.requirements:
+        return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly, beacons=beacons)
     # the filter and its monitors, which objectives of the geometry do without
     from navsim.landing.case import prepare
-    from navsim.optimization.analyses import FidelityEvaluator, LevelScreen, flown, screened, watched
+    from navsim.optimization.analyses import BeaconFlight, FidelityEvaluator, LevelScreen, flown, screened, watched
 
-    watches = study.constraints.requirements or study.objective in LEVEL_OBJECTIVES
+    # levels are those of fixes, to which beacons give nothing
+    watches = beacons is None and (study.constraints.requirements or study.objective in LEVEL_OBJECTIVES)
     if watches and scenario.integrity is not None and scenario.integrity.method == "filter":
         text = "levels of filters take seconds each and are not searched; use integrity.method mhss, then navsim run"
         raise _refused(document, ("base",), f"{study.base}: {text}")
-    case = prepare(scenario, bare)
+    case = prepare(scenario if beacons is None else scenario.model_copy(update={"beacons": None}), bare)
     end = touchdown = touchdown_time(scenario, trajectory)
-    if study.objective not in (*DOP_OBJECTIVES, *LEVEL_OBJECTIVES):
+    if not by_geometry and study.objective not in LEVEL_OBJECTIVES:
         end = _read_at(study.objective, case)
         if not math.isfinite(end):
             text = f"'{study.objective}' has no value: the flight of {study.base} does not pass there within duration_s"
             raise _refused(document, ("objective",), f"{text}: {case.scenario.duration_s:g}")
     until = max(end, touchdown) if study.constraints.requirements else end
+
+    def flight(rough: bool) -> Prepared | BeaconFlight:
+        its = scenario.beacons
+        return flown(case, until, rough) if study.beacons is None or its is None else (
+            BeaconFlight.of(case, its, until, rough))  # fmt: skip
+
     full, coarse = (
         FidelityEvaluator(
             kept,
-            flown(case, until, rough) if flies else None,
+            flight(rough) if flies else None,
             watched(case, MOST_LEVELS if rough else None) if watches and case.flight.watching is not None else None,
         )
         for rough in (False, True)
     )
     first: tuple[ObjectiveFunction, ...] = ()
     quick = objective
-    if study.objective in DOP_OBJECTIVES:
+    if by_geometry:
         first = (objective,)
     else:
         objective, quick = full.judge(study.objective), coarse.judge(study.objective)
     problem = PlacementProblem(
         study, scenario, kept, geometry, objective, warnings, quick,
-        (*first, *_screens(study.objective, geometry, epochs, end, kept)),
-        _features(geometry, epochs, end, kept, flies),
+        (*first, *_screens(study.objective, placing, epochs, end, kept)),
+        _features(placing, epochs, end, kept, flies),
         full.findings if flies else None,
         not flies,
         fly=fly,
+        beacons=beacons,
     )  # fmt: skip
     if study.constraints.requirements:
         problem = _with_requirements(problem, full, coarse, document)
@@ -353,16 +387,21 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
 
 
 def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Corners (4, 2) of an area from its least to its largest s and l1."""
+    """Corners (2^c, c) of an area from its least to its largest coordinates."""
     return np.array([*itertools.product(*zip(low, high, strict=True))])
 
 
 def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing, bool]:
     """The base scenario, and whether its filter is analysed. Raises InputError if it lacks what the study needs."""
-    of_filter = study.objective not in (*DOP_OBJECTIVES, *LEVEL_OBJECTIVES)
+    of_filter = study.objective in FILTER_OUTPUTS
     if of_filter:
         set_value(bare, "method", "covariance", document.place(("objective",)), document.folder)
     scenario = validated(Landing, bare)
+    if study.beacons is not None and scenario.beacons is None:
+        text = (
+            f"{study.base} has no section `beacons`: describe one there, with rate_hz, sigma_m and how far it reaches"
+        )
+        raise _refused(document, ("beacons",), text)
     if study.objective in LEVEL_OBJECTIVES and scenario.integrity is None:
         text = f"{study.objective} needs `integrity`, which {study.base} does not have"
         raise _refused(document, ("objective",), text)
@@ -374,8 +413,13 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
     judged, key = study.constraints.requirements, ("constraints", "requirements")
     if judged and not scenario.requirements:
         raise _refused(document, key, f"there are no `requirements` in {study.base}")
-    flies = of_filter or (
-        judged and any(isinstance(one, ErrorRequirement | RmsRequirement) for _, one in singles(scenario.requirements))
+    flies = (
+        of_filter
+        or (judged and study.beacons is not None)
+        or (
+            judged
+            and any(isinstance(one, ErrorRequirement | RmsRequirement) for _, one in singles(scenario.requirements))
+        )
     )
     # importance sampling has no monitor of the fixes
     if flies != of_filter or (scenario.method == "rare" and (judged or study.objective in LEVEL_OBJECTIVES)):
@@ -387,16 +431,26 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
 def _fly(
     study: Optimize, bare: Document, document: Document, places: np.ndarray, seed: int, first: int, runs: int
 ) -> OfRuns:
-    """Results of runs of the base scenario with pseudolites at `places` (k, 2)."""
-    own = bare.copy()
-    own.data["pseudolites"].pop("count")
-    sites = [{"s_m": float(s), "l1_m": float(l1), "height_m": study.height_m} for s, l1 in places]
-    for key, value in (("method", "monte-carlo"), ("pseudolites.frame", "runway"), ("pseudolites.sites", sites)):
-        set_value(own, key, value, document.place(("base",)), document.folder)
+    """Results of runs of the base scenario with pseudolites, or beacons, at `places` (k, c)."""
     from navsim.landing.case import prepare
+
+    own = with_sites(study, bare, document, places)
+    set_value(own, "method", "monte-carlo", document.place(("base",)), document.folder)
 
     case = prepare(validated(Landing, own), own)
     return of_runs(fly_case(case, seed, first, runs, threads()))
+
+
+def with_sites(study: Optimize, bare: Document, document: Document, places: np.ndarray) -> Document:
+    """The base scenario with pseudolites, or beacons, at `places` (k, c)."""
+    own = bare.copy()
+    settings: dict[str, Any] = {f"{study.placed}.sites": [study.site(place) for place in places]}
+    if study.beacons is None:
+        own.data["pseudolites"].pop("count")
+        settings["pseudolites.frame"] = "runway"
+    for key, value in settings.items():
+        set_value(own, key, value, document.place(("base",)), document.folder)
+    return own
 
 
 def _refused(document: Document, key: KeyPath, text: str) -> InputError:
@@ -443,11 +497,11 @@ def _check_known(sources: Environment, starts: np.ndarray, document: Document) -
             raise InputError([Problem(document.place(("period",)), "period", text)])
 
 
-def _of_geometry(name: str, geometry: Geometry, kept: Rules, places: np.ndarray) -> np.ndarray:
+def _of_geometry(name: str, geometry: Geometry | BeaconGlide, kept: Rules, places: np.ndarray) -> np.ndarray:
     return of_geometry(name, geometry, kept.plane.ecef(places))
 
 
-def of_geometry(name: str, geometry: Geometry, sites: np.ndarray) -> np.ndarray:
+def of_geometry(name: str, geometry: Geometry | BeaconGlide, sites: np.ndarray) -> np.ndarray:
     """An objective of the geometry (n,) of placements (n, k, 3), ECEF, m; inf where an epoch has no solution."""
     which = 2 if name.endswith("_max") else 0
     if name.startswith("fix_"):
@@ -469,14 +523,16 @@ def _read_at(name: str, case: Case) -> float:
     )
 
 
-def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> tuple[ObjectiveFunction, ...]:
+def _screens(
+    name: str, geometry: Geometry | BeaconGlide, time: np.ndarray, end: float, kept: Rules
+) -> tuple[ObjectiveFunction, ...]:
     """Screens by the sigma of fixes: along the objective's axis, and in space, over the seconds before it is evaluated;
     along the axis over the glide until then. The number of epochs without a fix counts first."""
     before = time <= end
     late = before & (time > end - RMS_WINDOW)
-    row = 2 if name.startswith(("v", "fix_vertical")) else 1
+    row = 2 if name.startswith(("v", "fix_vertical", "beacons_v")) else 1
 
-    def screen(of: int, part: Geometry, places: np.ndarray) -> np.ndarray:
+    def screen(of: int, part: Geometry | BeaconGlide, places: np.ndarray) -> np.ndarray:
         values, lost = part.fix_sigmas(kept.plane.ecef(places))
         return np.where(lost < len(part.receiver), values[of, 0] + _NO_FIX * lost, np.inf)
 
@@ -484,7 +540,9 @@ def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: 
     return tuple(partial(screen, *part) for part in parts)
 
 
-def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, flies: bool) -> ObjectiveFunction:
+def _features(
+    geometry: Geometry | BeaconGlide, time: np.ndarray, end: float, kept: Rules, flies: bool
+) -> ObjectiveFunction:
     """Geometry features of stretches of the glide before `end`.
 
     They are logarithms of the mean sigma of fixes in space, horizontal, vertical, and the number of epochs without a
@@ -508,6 +566,6 @@ def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, fli
     return features
 
 
-def _some(geometry: Geometry, epochs: np.ndarray) -> Geometry:
+def _some(geometry: Geometry | BeaconGlide, epochs: np.ndarray) -> Geometry | BeaconGlide:
     """Every fifth of these epochs (e,) bool, which is enough."""
     return geometry.at(np.flatnonzero(epochs)[::5])

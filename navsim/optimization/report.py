@@ -29,12 +29,22 @@ def _range_text(values: np.ndarray) -> Cell | str:
     return cell(pattern, float(known.min()), float(known.max()), names=("smallest", "largest"))
 
 
+def placed(result: Result) -> str:
+    """Kind of what is placed: pseudolites, or beacons."""
+    return "pseudolites" if scenario_of(result, "study").get("beacons") is None else "beacons"
+
+
+def site_name(result: Result, k: int) -> str:
+    """Name of the k-th of a placement, from 0."""
+    return f"{'PL' if placed(result) == 'pseudolites' else 'B'}{k + 1}"
+
+
 def tables(result: Result) -> list[Table | str]:
     """The front, and every placement with its neighbourhood."""
     name = str(result.attributes["objective"])
     variable = result.variables["/pareto/objective"]
     none = variable.attributes["without_pseudolites"]
-    heads = ("pseudolites", "objective", "better than none", "PDOP", "HDOP", "VDOP", "tried", "tightest rule")
+    heads = (placed(result), "objective", "better than none", "PDOP", "HDOP", "VDOP", "tried", "tightest rule")
     judged = "/pareto/met" in result
     front = Table(f"{name}: {variable.long_name}", (*heads, *(("requirements",) if judged else ())))
     front.add("0", number(none, 4), *([""] * 6), *((_met(result["/pareto/met_without"]),) if judged else ()))
@@ -43,7 +53,8 @@ def tables(result: Result) -> list[Table | str]:
         # a maximised objective gains in the other direction
         gain = value / none - 1 if name in LARGE else 1 - value / none
         gain = cell("{:.1f} %", float(100 * gain)) if np.isfinite(gain) else ABSENT
-        dops = [number(result[f"/optimum/{dop}"][i]) for dop in ("pdop", "hdop", "vdop")]
+        of = "" if placed(result) == "pseudolites" else "beacons_"
+        dops = [number(result[f"/optimum/{of}{dop}"][i]) for dop in ("pdop", "hdop", "vdop")]
         tried = "{} (all)" if result["/pareto/every_choice"][i] else "{}"
         tried += "" if result["/pareto/finished"][i] else " (stopped)"
         margin = result["/optimum/violation"][i]
@@ -52,12 +63,13 @@ def tables(result: Result) -> list[Table | str]:
         front.add(cell("{}", int(count)), number(value, 4), gain, *dops, evaluations, room,
                   *((_met(result["/pareto/met"][i]),) if judged else ()))  # fmt: skip
     if judged:
-        front.notes = _fewest(int(result["/pareto/fewest"]))
+        front.notes = _fewest(placed(result), int(result["/pareto/fewest"]))
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
+    axes = ("s", "l1", "up") if "/optimum/up" in result else ("s", "l1")
     places = Table(
         "Positions, and how far each may move before the objective worsens (smallest and largest over directions; "
         "*: up to the limit of area or rules)",
-        ("pseudolites", "name", "s, m", "l1, m", "latitude, °", "longitude, °", *losses),
+        (placed(result), "name", *(f"{axis}, m" for axis in axes), "latitude, °", "longitude, °", *losses),
     )
     for i, count in enumerate(result["/pseudolites"]):
         for k in range(int(count)):
@@ -65,8 +77,8 @@ def tables(result: Result) -> list[Table | str]:
             explored = result["/optimum/explored"][i]
             around = result["/optimum/neighbourhood"][i, k]
             reach = [_range_text(row) if explored else "not computed" for row in around]
-            where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
-            places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
+            where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in axes]
+            places.add(cell("{}", int(count)), site_name(result, k), *where, *angles, *reach)
     return [front, *flown(result), *_judged(result), *([requirements(result)] if judged else []), places]
 
 
@@ -77,7 +89,7 @@ def flown(result: Result) -> list[Table | str]:
         return ["The best placements were not flown (--runs 0); --runs 200 compares them with the errors of a filter."]
     name = str(result.attributes["objective"])
     of_filter = name in FILTER_QUANTITIES
-    heads = ("pseudolites", *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",
+    heads = (placed(result), *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",
              "vertical, m", "runs")  # fmt: skip
     out = Table("Runs of the best placements (RMS [95 %])", heads)
     for i, count in enumerate(counts):
@@ -87,13 +99,15 @@ def flown(result: Result) -> list[Table | str]:
         )
         out.add(cell("{}", int(count)), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
     if "/flown/verdict" in result:  # results of before have none
-        text = {several(int(count), "pseudolite"): str(result["/flown/verdict"][i]) for i, count in enumerate(counts)}
+        text = {
+            several(int(count), placed(result)[:-1]): str(result["/flown/verdict"][i]) for i, count in enumerate(counts)
+        }
         out.notes = "\n".join(f"All states, {whose}: {verdict}" for whose, verdict in text.items() if verdict)
     if "/rejected/rejected" not in result:
         return [out]
     against = Table(
         "Rejected: runs are worse than the covariance analysis says",
-        ("pseudolites", "covariance analysis", "runs [95 %]", "s, l1, m"),
+        (placed(result), "covariance analysis", "runs [95 %]", "s, l1, m"),
     )
     for i in range(result["/rejected/rejected"].size):
         k = int(result["/rejected/pseudolites"][i])
@@ -108,7 +122,7 @@ def flown(result: Result) -> list[Table | str]:
 
 
 def _judged(result: Result) -> list[Table | str]:
-    counts = [several(int(count), "pseudolite") for count in result["/pseudolites"]]
+    counts = [several(int(count), placed(result)[:-1]) for count in result["/pseudolites"]]
     return flown_requirements(result, "Requirements of the best placements", counts)
 
 
@@ -123,17 +137,17 @@ def _met(flag: np.ndarray) -> str:
     return "met" if flag else "not met"
 
 
-def _fewest(number: int) -> str:
-    """With how many pseudolites requirements are met, in words."""
+def _fewest(what: str, number: int) -> str:
+    """With how many of what is placed requirements are met, in words."""
     if number < 0:
-        return "no placement found meets the requirements, for any number of pseudolites"
-    return f"the fewest pseudolites with which the requirements are met: {number}"
+        return f"no placement found meets the requirements, for any number of {what}"
+    return f"the fewest {what} with which the requirements are met: {number}"
 
 
 def requirements(result: Result) -> Table:
     """Every requirement with each number of pseudolites: verdict, value, and margin."""
     counts = [0, *(int(count) for count in result["/pseudolites"])]
-    heads = ("requirement", "limit", *(f"{count} pseudolite{'' if count == 1 else 's'}" for count in counts))
+    heads = ("requirement", "limit", *(several(count, placed(result)[:-1]) for count in counts))
     out = Table("Requirements: verdict, value (margin to the required size)", heads)
     branch = "/requirements"
     for k, statement in enumerate(result[f"{branch}/statement"]):
@@ -170,12 +184,16 @@ def best_plain(result: Result) -> dict[str, Any]:
     out["stopped"] = str(result.attributes["stopped"])
     out["placements"] = [
         {
-            "pseudolites": int(count),
+            placed(result): int(count),
             "value": _plain(float(result["/pareto/objective"][i])),
             "finished": bool(result["/pareto/finished"][i]),
             "flown": _flown_plain(result, i),
             "sites": [
-                {"s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}
+                {
+                    f"{key}_m": float(result[f"/optimum/{axis}"][i, k])
+                    for axis, key in (("s", "s"), ("l1", "l1"), ("up", "height"))
+                    if f"/optimum/{axis}" in result
+                }
                 for k in range(int(count))
             ],
             **(
@@ -232,14 +250,14 @@ def _on_border(result: Result, i: int) -> list[str]:
     for k in range(int(result["/pseudolites"][i])):
         place = {"s_m": result["/optimum/s"][i, k], "l1_m": result["/optimum/l1"][i, k]}
         if any(abs(place[key] - end) <= _NEAR for key in place for end in area[key]):
-            out.append(f"PL{k + 1}")
+            out.append(site_name(result, k))
     return out
 
 
 def plan_title(result: Result, i: int) -> str:
     """Objective of the i-th placement, with notes."""
     count = int(result["/pseudolites"][i])
-    many = "1 pseudolite" if count == 1 else f"{count} pseudolites"
+    many = several(count, placed(result)[:-1])
     stopped = "" if result["/pareto/finished"][i] else " (search stopped)"
     border = _on_border(result, i)
     where = f"; on the border of the area: {', '.join(border)}" if border else ""
@@ -303,7 +321,7 @@ def plan(result: Result) -> Figure:
             )  # fmt: skip
             fig.colorbar(image, ax=ax, label=label(result), extend="min" if large else "max")
         x, y = -result["/optimum/l1"][i], result["/optimum/s"][i]
-        ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="pseudolites",
+        ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label=placed(result),
                 clip_on=False, zorder=5)  # fmt: skip
         ends = [0.0, setting(result, "runway", "length_m")]
         ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
@@ -321,12 +339,12 @@ def plan(result: Result) -> Figure:
         ax.margins(0.03)
         ridge_lines(ax, shown_ridges(result), ax.get_xlim(), ax.get_ylim())
         view_from_above(ax)
-        label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
+        label_points(ax, (site_name(result, k) for k in range(count)), x[:count], y[:count])
     mapped = np.isfinite(maps).any()
     others = ", the others kept" if counts.max() > 1 else ""
     stopped = str(result.attributes["stopped"])
     unmapped = "maps not computed" + (f" (stopped: {stopped})" if stopped else "")
-    legend_above(fig, axes[0], 3, f"colours: PL1 moved{others}" if mapped else unmapped)
+    legend_above(fig, axes[0], 3, f"colours: {site_name(result, 0)} moved{others}" if mapped else unmapped)
     unmet = ", or requirements not met" if "/pareto/met" in result else ""
     grey = f"; grey: not allowed{unmet}" if mapped else ""
     axes[-1].set_xlabel(f"beyond the threshold (= -l1), m{grey}")
@@ -354,7 +372,7 @@ def front(result: Result) -> Figure:
     legend_above(fig, ax, 1, title)
     ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel("pseudolites")
+    ax.set_xlabel(placed(result))
     ax.set_ylabel(label(result))
     return fig
 
@@ -374,7 +392,7 @@ def utilisation(result: Result) -> Figure:
     ax.axhline(1.0, color="black", lw=0.9, ls="--", label="limit: met below")
     ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel("pseudolites")
+    ax.set_xlabel(placed(result))
     ax.set_ylabel("size kept as often as required,\nrelative to the required size")
     legend_above(fig, ax, 1)
     return fig

@@ -1,11 +1,13 @@
-"""`kind: optimize`: positions of pseudolites under constraints."""
+"""`kind: optimize`: positions of pseudolites or beacons under constraints."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from navsim.results.findings import several
 from navsim.scenario.base import (
     Checksum,
     Dotted,
@@ -19,27 +21,31 @@ from navsim.scenario.base import (
     Version,
     reject,
 )
-from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS
+from navsim.sweeps.scenario import BEACON_OUTPUTS, DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS
 
 DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_fix")
 """Objectives from the geometry alone."""
 LEVEL_OBJECTIVES = LEVEL_OUTPUTS
 """Objectives from the levels of monitored fixes, which also follow from the geometry."""
-OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS, *LEVEL_OBJECTIVES)
+BEACON_OBJECTIVES = BEACON_OUTPUTS
+"""Objectives from the geometry of beacons."""
+OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS, *LEVEL_OBJECTIVES, *BEACON_OBJECTIVES)
 FILTER_DISTANCE = (100.0, 100_000.0)
 """Default of `constraints.distance_m` if a filter error is the objective, m. With fix errors of 3 m, the third-order
 term of a range is then at most 3 % of the second-order term, and that 5 % of the range's sigma."""
+BEACON_DISTANCE = (30.0, 100_000.0)
+"""The same where beacons are placed, m: ten sigmas of fixes, beyond which a range is linear."""
 Number = Annotated[int, Field(ge=1, le=12)]
-"""Number of pseudolites."""
+"""Number of pseudolites or beacons."""
 
 
 class Numbers(Section):
-    """Numbers of pseudolites one after the other, both ends included."""
+    """Numbers of pseudolites or beacons one after the other, both ends included."""
 
     first: Number
-    """smallest number of pseudolites"""
+    """smallest number"""
     last: Number
-    """largest number of pseudolites"""
+    """largest number"""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -52,19 +58,27 @@ def _written(value: Any) -> str:
     return "range" if isinstance(value, (dict, Numbers)) else "list"
 
 
+Counts = Annotated[
+    Annotated[ListOf[Number], Tag("list")] | Annotated[Numbers, Tag("range")],
+    Discriminator(_written),
+]
+"""Numbers one by one, or first and last."""
+
+
 class Area(Section):
-    """Area for pseudolites, in runway axes."""
+    """Area for pseudolites or beacons, in runway axes."""
 
     s_m: Pair
     """from, to across the runway, positive to the right of landing"""
     l1_m: Pair
     """from, to along it, positive before the threshold"""
+    height_m: Pair | None = None
+    """from, to of the height of the antennas above the runway, one for each; omitted: height_m of the study for all"""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
-        for key in ("s_m", "l1_m"):
-            low, high = getattr(self, key)
-            if low >= high:
+        for key in ("s_m", "l1_m", "height_m"):
+            if (ends := getattr(self, key)) is not None and ends[0] >= ends[1]:
                 raise reject("the lower end comes first", key)
         return self
 
@@ -94,7 +108,7 @@ class Surfaces(Section):
 
 
 class SiteChoice(Section):
-    """A place where a pseudolite could be put up."""
+    """A place where a pseudolite or beacon could be put up."""
 
     name: SourceName | None = None
     """name of the place; left out: its number in the list"""
@@ -102,6 +116,8 @@ class SiteChoice(Section):
     """distance from the runway axis, positive to the right of landing"""
     l1_m: Signed
     """distance before the threshold"""
+    height_m: Signed | None = None
+    """height of the antenna above the runway; omitted: height_m of the study"""
 
 
 class Constraints(Section):
@@ -116,10 +132,11 @@ class Constraints(Section):
     keep_out_sha256: Checksum | None = None
     """checksum of that file; when given, another file is refused"""
     spacing_m: NonNegative = 0.0
-    """least distance between pseudolites"""
+    """least distance between pseudolites, or beacons"""
     distance_m: Pair | None = None
-    """least and largest distance from the aircraft during the glide. Left out: 100 m to 100 km if the objective is an
-    error of the filter, because covariance analysis is unreliable for nearer passes, else no limits"""
+    """least and largest distance from the aircraft during the glide. Left out: 100 m to 100 km (beacons: from 30 m) if
+    the objective is an error of the filter, because covariance analysis is unreliable for nearer passes, else no
+    limits"""
     near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
     requirements: bool = False
@@ -145,7 +162,7 @@ class Period(Section):
 
 
 class Optimize(Section):
-    """The best placement of pseudolites for a base scenario."""
+    """The best placement of pseudolites or beacons for a base scenario."""
 
     kind: Literal["optimize"]
     """kind of the file"""
@@ -157,21 +174,21 @@ class Optimize(Section):
     """scenario file, relative to this one"""
     set: dict[Dotted, Any] = Field(default_factory=dict)
     """settings of the base: dotted keys and values"""
-    pseudolites: Annotated[
-        Annotated[ListOf[Number], Tag("list")] | Annotated[Numbers, Tag("range")],
-        Discriminator(_written),
-    ]
+    pseudolites: Counts | None = None
     """numbers of pseudolites to place, a list or first and last; several give the trade-off of accuracy and number"""
+    beacons: Counts | None = None
+    """numbers of ranging beacons to place, in place of pseudolites; the base scenario describes them, and its own
+    `sites` are not used"""
     objective: Literal[OBJECTIVES]  # type: ignore[valid-type]
     """quantity that navsim minimises: a mean or (…_max) worst DOP or sigma of a fix of the glide, an error of the
     filter, or a protection level, if all of the glide has it. It maximises level_share, the share of epochs that have
-    levels"""
+    levels. With beacons: beacons_…, a DOP of their ranges, or an error of the filter"""
     area: Area | None = None
-    """area for pseudolites; give this or sites"""
+    """area for pseudolites or beacons; give this or sites"""
     sites: ListOf[SiteChoice] = ()
     """instead of area: the places there are; the choice is then combinatorial"""
     height_m: Signed = 0.0
-    """height of the antennas above the runway"""
+    """height of the antennas above the runway, for those without their own"""
     constraints: Constraints = Constraints()
     """constraints on a placement"""
     period: Period | None = None
@@ -181,22 +198,61 @@ class Optimize(Section):
 
     @model_validator(mode="after")
     def _check_consistent(self) -> Self:
+        if (self.pseudolites is None) == (self.beacons is None):
+            raise reject("give exactly one of pseudolites and beacons: the numbers to place", "pseudolites")
         if (self.area is None) == (not self.sites):
             raise reject("give exactly one of area and sites", "area")
-        if not self.pseudolites:
-            raise reject("an empty list", "pseudolites")
+        if not self.counts:
+            raise reject("an empty list", self.placed)
         if len({*self.counts}) < len(self.counts):
-            raise reject("a number is given twice", "pseudolites")
+            raise reject("a number is given twice", self.placed)
         if self.sites and max(self.counts) > len(self.sites):
-            raise reject(f"there are only {len(self.sites)} sites", "pseudolites")
+            raise reject(f"there are only {len(self.sites)} sites", self.placed)
+        if self.height_m and self.area is not None and self.area.height_m is not None:
+            raise reject("area.height_m is where the height is searched; give one of both", "height_m")
+        self._check_objective()
         if self.period is not None and (self.objective not in DOP_OBJECTIVES or self.constraints.requirements):
             raise reject(
                 "errors of the filter, levels and requirements are taken over one epoch; leave this out", "period"
             )
         return self
 
+    def _check_objective(self) -> None:
+        """Raise for what does not depend on the positions of the beacons, or pseudolites, that are placed."""
+        of_beacons = self.objective in BEACON_OBJECTIVES
+        if self.beacons is None and of_beacons:
+            raise reject("depends on beacons alone: give `beacons` in place of `pseudolites`", "objective")
+        if self.beacons is not None and not of_beacons and self.objective not in FILTER_OUTPUTS:
+            text = "does not depend on beacons, whose ranges the filter takes: use one of "
+            raise reject(text + f"{', '.join((*BEACON_OBJECTIVES, *FILTER_OUTPUTS))}", "objective")
+        if self.beacons is not None and self.constraints.near_far_db is not None:
+            raise reject("is for pseudolites; beacons answer one after the other", "constraints", "near_far_db")
+
+    @property
+    def placed(self) -> Literal["pseudolites", "beacons"]:
+        """Kind of what is placed, as the name of its section."""
+        return "pseudolites" if self.beacons is None else "beacons"
+
+    def named(self, count: int) -> str:
+        """So many of them, in words."""
+        return several(count, self.placed[:-1])
+
     @property
     def counts(self) -> tuple[int, ...]:
-        """The numbers of pseudolites, the smallest first."""
-        given = self.pseudolites
-        return tuple(range(given.first, given.last + 1)) if isinstance(given, Numbers) else tuple(sorted(given))
+        """The numbers to place, the smallest first."""
+        given = self.pseudolites if self.beacons is None else self.beacons
+        if isinstance(given, Numbers):
+            return tuple(range(given.first, given.last + 1))
+        return tuple(sorted(given or ()))
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether a position has a height of its own, above the runway."""
+        return (
+            self.area.height_m is not None if self.area is not None else any(s.height_m is not None for s in self.sites)
+        )
+
+    def site(self, place: Sequence[float]) -> dict[str, float]:
+        """Keys of a site of the base scenario at a position: s, l1, and the height where it has its own, m."""
+        s, l1, *height = map(float, place)
+        return {"s_m": s, "l1_m": l1, "height_m": height[0] if height else self.height_m}

@@ -1,4 +1,4 @@
-"""Search for the best placement of one number of pseudolites.
+"""Search for the best placement of one number of pseudolites or beacons.
 
 Objectives of geometry in an area: differential evolution [1] (scipy's, whole populations at once in the geometry
 kernel). It starts from several independent populations, and from the best position for one more pseudolite beside those
@@ -45,7 +45,7 @@ from navsim.optimization.problem import (
     PlacementProblem,
 )
 from navsim.optimization.progress import SearchMonitor, Step
-from navsim.optimization.scenario import LEVEL_OBJECTIVES
+from navsim.optimization.scenario import BEACON_OBJECTIVES, LEVEL_OBJECTIVES
 from navsim.runner.job import JobError
 
 if TYPE_CHECKING:
@@ -99,9 +99,9 @@ class _SearchBudget:
     sizes: tuple[float, ...]
     tries: int
 
-    def finishing(self, count: int) -> int:
-        """Analyses that finish the best placements."""
-        return self.finished * len(self.sizes) * self.tries * 2 * count
+    def finishing(self, coordinates: int) -> int:
+        """Analyses that finish the best placements, which have so many coordinates."""
+        return self.finished * len(self.sizes) * self.tries * coordinates
 
 
 _FLOWN, _WATCHED = _SearchBudget(1, 3, 1, (20.0,), 6), _SearchBudget(3, 10, 3, (100.0, 20.0, 4.0), 15)
@@ -174,29 +174,38 @@ def steps(problem: PlacementProblem, count: int, earlier: bool) -> list[Step]:
         usable = int(np.sum(_usable(problem)))
         choices = math.comb(usable, count)
         if problem.analysed and choices <= _all(problem):
-            return [Step(_choosing(count), {FULL: choices})]
+            return [Step(_choosing(problem, count), {FULL: choices})]
         # greedy choices, and some three rounds of exchanges of every site
         tried = choices if choices <= ALL_CHOICES else 5 * effort * 4 * count * usable
         if not problem.analysed:
-            return [Step(_choosing(count), {GEOMETRY: tried})]
-        screening = Step(_choosing(count), {GEOMETRY: len(problem.screens) * tried})
+            return [Step(_choosing(problem, count), {GEOMETRY: tried})]
+        screening = Step(_choosing(problem, count), {GEOMETRY: len(problem.screens) * tried})
         pool = len(problem.screens) * min(tried, _POOL)
         learning = {GEOMETRY: rounds * pool, COARSE: _first(problem, count) + rounds * pace.learning}
-        return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(problem)})]
+        return [
+            screening,
+            Step(_learning(problem, count), learning),
+            Step(_deciding(problem, count), {FULL: _decisions(problem)}),
+        ]
     if not problem.analysed:
-        per_start = 2 * count * (_POPULATION * (_GENERATIONS + 1) + len(_FINISHING) * _FINISHING_TRIES)
-        return [Step(_evolving(count), {GEOMETRY: effort * per_start + _MORE * earlier})]
+        of_coordinate = _POPULATION * (_GENERATIONS + 1) + len(_FINISHING) * _FINISHING_TRIES
+        per_start = problem.coordinates * count * of_coordinate
+        return [Step(_evolving(problem, count), {GEOMETRY: effort * per_start + _MORE * earlier})]
     evolving = _members(count) * (_SCREEN_GENERATIONS + 1)
     most = {GEOMETRY: len(problem.screens) * (_POOL + evolving + _MORE * earlier)}
-    learning = {COARSE: _first(problem, count) + pace.finishing(count)}
+    learning = {COARSE: _first(problem, count) + pace.finishing(problem.coordinates * count)}
     if problem.level_screen is not None:
         most[LEVELS] = (_LEVEL_STARTS + effort) * _members(count) * (_LEVEL_GENERATIONS + 1) + _LEVEL_MORE * earlier
     else:
         learning[COARSE] += rounds * pace.learning
         learning[GEOMETRY] = rounds * (2 * _POOL + evolving)
-    screening = Step(_screening(count), most)
-    anew = {} if problem.requirements is None else {COARSE: _AGAIN * pace.finishing(count)}
-    return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(problem), **anew})]
+    screening = Step(_screening(problem, count), most)
+    anew = {} if problem.requirements is None else {COARSE: _AGAIN * pace.finishing(problem.coordinates * count)}
+    return [
+        screening,
+        Step(_learning(problem, count), learning),
+        Step(_deciding(problem, count), {FULL: _decisions(problem), **anew}),
+    ]
 
 
 def _all(problem: PlacementProblem) -> int:
@@ -213,28 +222,24 @@ def _decisions(problem: PlacementProblem) -> int:
     return (problem.study.effort + 1) * (1 if problem.requirements is None else 1 + _AGAIN) + 1
 
 
-def named(count: int) -> str:
-    return f"{count} pseudolite{'' if count == 1 else 's'}"
+def _choosing(problem: PlacementProblem, count: int) -> str:
+    return f"{problem.study.named(count)}, choosing"
 
 
-def _choosing(count: int) -> str:
-    return f"{named(count)}, choosing"
+def _evolving(problem: PlacementProblem, count: int) -> str:
+    return f"{problem.study.named(count)}, searching"
 
 
-def _evolving(count: int) -> str:
-    return f"{named(count)}, searching"
+def _screening(problem: PlacementProblem, count: int) -> str:
+    return f"{problem.study.named(count)}, screening by geometry"
 
 
-def _screening(count: int) -> str:
-    return f"{named(count)}, screening by geometry"
+def _learning(problem: PlacementProblem, count: int) -> str:
+    return f"{problem.study.named(count)}, coarse analysis"
 
 
-def _learning(count: int) -> str:
-    return f"{named(count)}, coarse analysis"
-
-
-def _deciding(count: int) -> str:
-    return f"{named(count)}, full analysis"
+def _deciding(problem: PlacementProblem, count: int) -> str:
+    return f"{problem.study.named(count)}, full analysis"
 
 
 def _members(count: int) -> int:
@@ -307,8 +312,9 @@ def search_one(
         places, value, others, every = place(problem, count, seed, earlier, trials, watch)
     if value >= PENALTY_CONSTRAINT or (value >= PENALTY_UNSOLVED and problem.requirements is None):
         what = "protection level" if problem.study.objective in LEVEL_OBJECTIVES else "fix"
+        what = "position from the ranges of beacons" if problem.study.objective in BEACON_OBJECTIVES else what
         reason = "breaks a rule" if value >= PENALTY_CONSTRAINT else f"leaves epochs of the glide without a {what}"
-        raise NoPlacement(f"{count} pseudolite(s): every placement tried {reason}")
+        raise NoPlacement(f"{problem.study.named(count)}: every placement tried {reason}")
     if not problem.study.sites:
         judge = (lambda some: trials.full(some).value) if problem.analysed else trials.at_once
         places, value = _printed(places, value, judge)
@@ -352,12 +358,14 @@ def _place(
     watch: SearchMonitor,
 ) -> _Best:
     def value(x: np.ndarray) -> float:
-        return float(trials.at_once(x.reshape(1, count, 2))[0])
+        return float(trials.at_once(x.reshape(1, count, -1))[0])
 
     bounds = _bounds(problem, count)
-    with watch.step(_evolving(count)):
+    with watch.step(_evolving(problem, count)):
         candidates = [
-            _evolve(trials.at_once, bounds, np.random.default_rng([seed, count, start]), _GENERATIONS, _POPULATION)[0]
+            _evolve(
+                problem, trials.at_once, bounds, np.random.default_rng([seed, count, start]), _GENERATIONS, _POPULATION
+            )[0]
             for start in range(problem.study.effort)
         ]
         if earlier is not None and len(earlier) < count:
@@ -366,7 +374,7 @@ def _place(
         for candidate in candidates:
             x, reached = _finish(value, candidate.ravel(), bounds, _FINISHING, _FINISHING_TRIES)
             if reached < lowest:
-                best, lowest = x.reshape(count, 2), reached
+                best, lowest = x.reshape(count, -1), reached
     return _Best(best, lowest)
 
 
@@ -378,6 +386,7 @@ def _bounds(problem: PlacementProblem, count: int) -> Bounds:
 
 
 def _evolve(
+    problem: PlacementProblem,
     judge: ObjectiveFunction,
     bounds: Bounds,
     rng: np.random.Generator,
@@ -389,7 +398,7 @@ def _evolve(
     from scipy.optimize import differential_evolution
 
     def values(x: np.ndarray, /) -> np.ndarray:
-        return judge(x.T.reshape(x.shape[1], -1, 2))
+        return judge(x.T.reshape(x.shape[1], -1, problem.coordinates))
 
     found = differential_evolution(
         values,  # type: ignore[arg-type]  # vectorized: a population at once
@@ -398,7 +407,7 @@ def _evolve(
         init="sobol" if init is None else init.reshape(len(init), -1),
     )  # fmt: skip
     order = np.argsort(found.population_energies, kind="stable")
-    return found.population[order].reshape(order.size, -1, 2)
+    return found.population[order].reshape(order.size, -1, problem.coordinates)
 
 
 def _one_more(
@@ -413,7 +422,7 @@ def _one_more(
     low, high = problem.limits()
     places = earlier
     while True:
-        tries = rng.uniform(low, high, (_MORE, 2))
+        tries = rng.uniform(low, high, (_MORE, low.size))
         whole = np.concatenate([np.broadcast_to(places, (len(tries), *places.shape)), tries[:, None]], axis=1)
         ranked = whole[np.argsort(trials.at_once(whole, judge), kind="stable")[:20]]
         places = ranked[0]
@@ -431,7 +440,8 @@ def _finish(
     low, high = bounds.lb, bounds.ub
     lowest = value(x)
     for size in sizes:
-        steps = np.where(x + size > high, -size, size)
+        most = np.minimum(size, 0.5 * (high - low))  # so that no step ends where it begins
+        steps = np.where(x + most > high, -most, most)
         simplex = np.vstack([x, np.clip(x + np.diag(steps), low, high)])
         found = minimize(
             value, x, method="Nelder-Mead", bounds=bounds,
@@ -467,7 +477,7 @@ def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
 def _choose(problem: PlacementProblem, count: int, seed: int, trials: Evaluator, watch: SearchMonitor) -> _Best:
     """The best `count` of the study's sites."""
     usable = _sites(problem, count)
-    with watch.step(_choosing(count)):
+    with watch.step(_choosing(problem, count)):
         if math.comb(len(usable), count) <= ALL_CHOICES:
             best, lowest = usable[:count], math.inf
             for chunk in _chunks(len(usable), count):
@@ -542,20 +552,20 @@ def _place_analysed(
     rng = np.random.default_rng([seed, count])
     bounds = _bounds(problem, count)
     size, pace = _members(count), _pace(problem)
-    with watch.step(_screening(count)):
+    with watch.step(_screening(problem, count)):
         pool = _pool(problem, count, rng)
         lists: list[Iterable[np.ndarray]] = []
         for screen in problem.screens:
             judge = trials.by(screen)
             ranked = pool[np.argsort(judge(pool), kind="stable")]
-            lists += [_evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, ranked[:size]), ranked]
+            lists += [_evolve(problem, judge, bounds, rng, _SCREEN_GENERATIONS, 1, ranked[:size]), ranked]
             if earlier is not None and len(earlier) < count:
                 lists.append(_one_more(problem, count, earlier, rng, trials, screen))
         if problem.level_screen is not None:
             lists = _by_levels(problem, count, rng, lists, earlier, trials)
         lists.append(pool)
     learner = SurrogateFit(problem, trials)
-    with watch.step(_learning(count)):
+    with watch.step(_learning(problem, count)):
         gaps = _gaps(problem, count)
         learner.analyse(
             learner.new(_in_turn(lists), _first(problem, count), gaps[0] if problem.level_screen is None else 1.0)
@@ -567,7 +577,9 @@ def _place_analysed(
             best = np.array(learner.ranked()[: size // 3])
             if i % 2:  # around the best, and by turns around the best elsewhere
                 around = learner.spaced(2, _REGION * gaps[0])[i // 2 % 2 - 1]
-                near = np.clip(around + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, 2)), low, high)
+                near = np.clip(
+                    around + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, low.size)), low, high
+                )
                 judge = trials.by(learner.surrogate(0.0, around))
                 evolved = near[np.argsort(judge(near), kind="stable")][:size]
                 learner.analyse(learner.new(evolved, pace.learning, 0.2 * gap))
@@ -576,11 +588,11 @@ def _place_analysed(
             moved = best[rng.integers(min(len(best), 6), size=_POOL)]
             moved[np.arange(_POOL), rng.integers(count, size=_POOL)] = pool[rng.integers(len(pool), size=_POOL), 0]
             likely = [some[np.argsort(judge(some), kind="stable")][: size // 3] for some in (pool, moved)]
-            evolved = _evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, np.concatenate([best, *likely]))
+            evolved = _evolve(problem, judge, bounds, rng, _SCREEN_GENERATIONS, 1, np.concatenate([best, *likely]))
             learner.analyse(learner.new(evolved, pace.learning, gap))
 
         def value(x: np.ndarray) -> float:
-            learner.analyse([x.reshape(count, 2)])
+            learner.analyse([x.reshape(count, -1)])
             return float(learner.values[-1])
 
         def refine() -> None:
@@ -609,7 +621,7 @@ def _by_levels(
     out: list[Iterable[np.ndarray]] = []
     for _ in range(_LEVEL_STARTS + problem.study.effort):
         start = np.concatenate([promising, pool[rng.integers(len(pool), size=size - len(promising))]])
-        out.append(_evolve(judge, bounds, rng, _LEVEL_GENERATIONS, 1, start))
+        out.append(_evolve(problem, judge, bounds, rng, _LEVEL_GENERATIONS, 1, start))
     if earlier is not None and len(earlier) < count:
         added = pool[rng.integers(len(pool), size=(_LEVEL_MORE, count - len(earlier))), 0]
         whole = np.concatenate([np.repeat(earlier[None], len(added), axis=0), added], axis=1)
@@ -630,8 +642,8 @@ def _decided(
     If none of them meets requirements that the coarse analysis finds met, the coarse limit is tightened accordingly,
     and the refined placements are evaluated again.
     """
-    best, lowest = np.empty((0, 2)), math.inf
-    with watch.step(_deciding(count)):
+    best, lowest = np.empty((0, problem.coordinates)), math.inf
+    with watch.step(_deciding(problem, count)):
         watch.judge_anew()
         for again in range(1 + _AGAIN):
             if again:
@@ -654,7 +666,7 @@ def _pool(problem: PlacementProblem, count: int, rng: np.random.Generator) -> np
     from scipy.stats.qmc import Sobol
 
     low, high = problem.limits()
-    singles = low + (high - low) * Sobol(2, rng=rng).random(_SINGLES)
+    singles = low + (high - low) * Sobol(low.size, rng=rng).random(_SINGLES)
     allowed = singles[problem.rules.violation(singles[:, None]) <= 0.0]
     source = allowed if len(allowed) else singles
     pool = source[rng.integers(len(source), size=(_POOL, count))]
@@ -669,19 +681,19 @@ def _choose_analysed(
     """The best `count` of the study's sites by analyses."""
     usable = _sites(problem, count)
     if math.comb(len(usable), count) <= _all(problem):
-        with watch.step(_choosing(count)):
+        with watch.step(_choosing(problem, count)):
             choices = usable[np.concatenate(list(_chunks(len(usable), count)))]
             values = trials.full(choices).value
         best, *others = np.argsort(values, kind="stable")
         return _Best(choices[best], float(values[best]), tuple(choices[others[: CANDIDATES - 1]]), every=True)
-    with watch.step(_choosing(count)):
+    with watch.step(_choosing(problem, count)):
         ranked = [
             _screened_choices(usable, count, seed, problem.study.effort, trials.by(screen))
             for screen in problem.screens
         ]
     learner, pace = SurrogateFit(problem, trials), _pace(problem)
     pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
-    with watch.step(_learning(count)):
+    with watch.step(_learning(problem, count)):
         starts = (usable[list(c)] for c in _in_turn([*ranked, np.random.default_rng([seed, count]).permutation(pool)]))
         learner.analyse(learner.new(starts, _first(problem, count), 0.0))
         for _ in range(_rounds(count) * problem.study.effort):

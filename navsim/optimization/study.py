@@ -27,7 +27,8 @@ from navsim.optimization.problem import (
     penalised,
 )
 from navsim.optimization.progress import SearchMonitor, Step, TimeUp
-from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, Found, NoPlacement, named, search_one, steps
+from navsim.optimization.scenario import Optimize
+from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, Found, NoPlacement, search_one, steps
 from navsim.optimization.search_log import SearchLog
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
@@ -39,7 +40,7 @@ from navsim.runner.checkpoint import Arrays, code_key
 from navsim.runner.executor import RemoteExecutor
 from navsim.scenario.load import resolved_yaml
 from navsim.statistics.rounding import digits
-from navsim.sweeps.outputs import dop_outputs
+from navsim.sweeps.outputs import beacon_outputs, dop_outputs
 
 if TYPE_CHECKING:
     from navsim.landing.requirements import Fulfilment
@@ -75,17 +76,17 @@ class SearchOutcome:
     stopped: str = ""
     """TIME_LIMIT or INTERRUPTED if the work ended early, else empty."""
 
-    def undone(self, counts: tuple[int, ...]) -> list[str]:
-        """Remaining work on these numbers of pseudolites."""
+    def undone(self, study: Optimize) -> list[str]:
+        """Remaining work on the numbers of pseudolites, or beacons, of a study."""
         out = []
         for what, done in (
             ("the search", {count for count, found in self.found.items() if found.finished}),
             ("the neighbourhood", self.neighbourhoods.keys()),
             ("the map", self.maps.keys()),
         ):
-            left = [count for count in sorted(counts) if count not in done]
+            left = [count for count in study.counts if count not in done]
             if left:
-                out.append(f"{what} for {', '.join(map(str, left))} pseudolite(s)")
+                out.append(f"{what} for {', '.join(map(str, left))} {study.placed[:-1]}(s)")
         return out
 
 
@@ -100,7 +101,7 @@ def planned(problem: PlacementProblem) -> list[Step]:
     """All steps of the work, each with the largest number of placements."""
     return [
         *_search_steps(problem),
-        *(Step(_flying(count), {}) for count in problem.study.counts),
+        *(Step(_flying(problem, count), {}) for count in problem.study.counts),
         *_later_steps(problem),
     ]
 
@@ -185,17 +186,17 @@ def solve(
         for count, found in _searches(problem, seed, watch, journal):
             outcome.found[count] = found
         for count in counts if runs else ():
-            with watch.step(_flying(count)):
+            with watch.step(_flying(problem, count)):
                 _fly_best(problem, outcome, count, seed, runs, journal)
         for count in counts:
             best = outcome.found[count]
             watch.best, watch.places = best.value, best.places
-            with watch.step(_around(count)):
+            with watch.step(_around(problem, count)):
                 outcome.neighbourhoods[count] = step("around", count, neighbourhood, best)
         for count in counts:
             best = outcome.found[count]
             watch.best, watch.places = best.value, best.places
-            with watch.step(_mapping(count)):
+            with watch.step(_mapping(problem, count)):
                 outcome.maps[count] = step("map", count, objective_map, best)
     except (TimeUp, KeyboardInterrupt) as stop:
         outcome.stopped = TIME_LIMIT if isinstance(stop, TimeUp) else INTERRUPTED
@@ -261,16 +262,16 @@ def _keep_unfinished(
         outcome.found[count] = Found(watch.places, objective, watch.tried_since(), False, finished=False, load=load)
 
 
-def _flying(count: int) -> str:
-    return f"{named(count)}, flying the best"
+def _flying(problem: PlacementProblem, count: int) -> str:
+    return f"{problem.study.named(count)}, flying the best"
 
 
-def _around(count: int) -> str:
-    return f"{named(count)}, neighbourhood"
+def _around(problem: PlacementProblem, count: int) -> str:
+    return f"{problem.study.named(count)}, neighbourhood"
 
 
-def _mapping(count: int) -> str:
-    return f"{named(count)}, map"
+def _mapping(problem: PlacementProblem, count: int) -> str:
+    return f"{problem.study.named(count)}, map"
 
 
 def _later_steps(problem: PlacementProblem) -> list[Step]:
@@ -279,8 +280,8 @@ def _later_steps(problem: PlacementProblem) -> list[Step]:
     reach = _ANALYSED_REACH.size if problem.analysed else _REACH.size
     points = _map_points(problem)
     return [
-        *(Step(_around(count), {fidelity: count * BEARINGS.size * reach}) for count in counts),
-        *(Step(_mapping(count), {fidelity: points * points}) for count in counts),
+        *(Step(_around(problem, count), {fidelity: count * BEARINGS.size * reach}) for count in counts),
+        *(Step(_mapping(problem, count), {fidelity: points * points}) for count in counts),
     ]
 
 
@@ -322,8 +323,8 @@ def neighbourhood(problem: PlacementProblem, best: Found, trials: Evaluator) -> 
             moved[:, k, 1] -= reach * np.cos(bearing)
             inside = np.full(reach.size, True)
             if problem.study.area is not None:
-                low, high = problem.limits()
-                inside = np.all((moved[:, k] >= low) & (moved[:, k] <= high), axis=1)
+                (low, high), level = problem.limits(), moved[:, k, :2]
+                inside = np.all((level >= low[:2]) & (level <= high[:2]), axis=1)
             usable = inside & (problem.rules.violation(moved) <= 0.0)
             blocked = int(np.argmin(usable)) if not usable.all() else reach.size
             if not blocked:
@@ -393,7 +394,7 @@ def objective_map(problem: PlacementProblem, best: Found, trials: Evaluator) -> 
     requirements are not met."""
     s, l1 = map_axes(problem)
     moved = np.repeat(best.places[None], s.size * l1.size, axis=0)
-    moved[:, 0] = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
+    moved[:, 0, :2] = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
     if not best.met:
         return np.full((s.size, l1.size), np.nan)
     values = _judged(problem, best, trials)(moved)
@@ -425,7 +426,8 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
         ("/map/computed", [c in outcome.maps for c in counts]),
     ):
         draft[path] = np.array(marks, dtype=np.int8)
-    places = np.full((len(counts), most, 2), np.nan)
+    axes = ("s", "l1", "up")[: problem.coordinates]
+    places = np.full((len(counts), most, len(axes)), np.nan)
     llh = np.full((len(counts), most, 3), np.nan)
     around = np.full((len(counts), most, len(LOSSES), BEARINGS.size), np.nan)
     margin, tightest = np.empty(len(counts)), np.full(len(counts), "", dtype=object)
@@ -438,14 +440,18 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
         margin[i] = problem.rules.violation(best.places[None])[0]
         if excesses := problem.rules.excesses(best.places[None]):
             tightest[i] = max(excesses, key=lambda rule: float(excesses[rule][0]))
-    for axis, name in enumerate(("s", "l1")):
+    for axis, name in enumerate(axes):
         draft[f"/optimum/{name}"] = places[..., axis]
     for axis, name in enumerate(("latitude", "longitude", "height")):
         draft[f"/optimum/{name}"] = llh[..., axis]
     draft["/optimum/neighbourhood"] = around
     draft["/optimum/violation"] = margin
     draft["/optimum/tightest_rule"] = tightest
-    others = [dop_outputs(problem.geometry, problem.rules.plane.ecef(found[c].places)[None]) for c in counts]
+    sites = [problem.rules.plane.ecef(found[c].places)[None] for c in counts]
+    if problem.beacons is None:
+        others = [dop_outputs(problem.geometry, each) for each in sites]
+    else:
+        others = [beacon_outputs(problem.beacons, each) for each in sites]
     for name in others[0]:
         draft[f"/optimum/{name}"] = np.array([o[name][0] for o in others])
     s, l1 = map_axes(problem)
@@ -457,16 +463,16 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     unmet = _requirements(draft, problem, outcome) + _flown_requirements(draft, problem, outcome)
     attributes = root_attributes(
         "optimize", seed, problem.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
-        undone="; ".join(outcome.undone(study.counts)),
+        undone="; ".join(outcome.undone(study)),
     )  # fmt: skip
     out = draft.result(attributes)
-    flown = [each for c, one in sorted(outcome.confirmed.items()) for each in one.findings(named(c), _at)]
+    flown = [each for c, one in sorted(outcome.confirmed.items()) for each in one.findings(problem.study.named(c), _at)]
     out.variables.update(kept(judging.notes(problem.warnings) + _findings(problem, outcome) + flown + unmet))
     return out
 
 
 def _at(places: np.ndarray) -> str:
-    return f"the placement at s, l1 {', '.join(f'({s:.2f}, {l1:.2f})' for s, l1 in places)} m"
+    return f"the placement at s, l1 {', '.join(f'({s:.2f}, {l1:.2f})' for s, l1 in places[:, :2])} m"
 
 
 def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: str) -> None:
@@ -486,12 +492,13 @@ def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: st
     rejected = [(count, one) for count, found in known.items() for one in found.rejected]
     if not rejected:
         return
-    places = np.full((len(rejected), max(counts), 2), np.nan)
+    axes = ("s", "l1", "up")[: rejected[0][1].choice.shape[1]]
+    places = np.full((len(rejected), max(counts), len(axes)), np.nan)
     for i, (count, one) in enumerate(rejected):
         places[i, :count] = one.choice
     draft["/rejected/rejected"] = np.arange(1, len(rejected) + 1)
     draft["/rejected/pseudolites"] = np.array([count for count, _ in rejected])
-    for axis, name in enumerate(("s", "l1")):
+    for axis, name in enumerate(axes):
         draft[f"/rejected/{name}"] = places[..., axis]
     draft.put("/rejected/analysed", np.array([one.analysed for _, one in rejected]), unit=unit, quantity=quantity)
     draft.put("/rejected/flown", np.array([one.errors[0] for _, one in rejected]), unit=unit, quantity=quantity)
@@ -504,8 +511,8 @@ def _flown_requirements(draft: ResultBuilder, problem: PlacementProblem, outcome
         return []
     best = [outcome.confirmed[count].best.requirements if count in outcome.confirmed else None for count in counts]
     return [
-        Finding("requirements", f"{named(count)}: runs of the best placement don't meet: {'; '.join(missed)}", (),
-                len(missed), len(asked))
+        Finding("requirements", f"{problem.study.named(count)}: runs of the best placement don't meet: "
+                f"{'; '.join(missed)}", (), len(missed), len(asked))
         for count, missed in zip(counts, put_requirements(draft, asked, best), strict=True) if missed
     ]  # fmt: skip
 
@@ -545,7 +552,8 @@ def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: Sear
             if decided and one.verdict() != MET
         ]
         every = "every choice of sites was tried" if outcome.found[count].every else "of those tried"
-        text = f"{named(count)}: no placement meets the requirements ({every}); the nearest misses {'; '.join(missed)}"
+        text = f"no placement meets the requirements ({every}); the nearest misses {'; '.join(missed)}"
+        text = f"{problem.study.named(count)}: {text}"
         out.append(Finding("requirements", text, (), len(missed), int(asked.decided.sum())))
     return out
 
@@ -564,4 +572,4 @@ def _findings(problem: PlacementProblem, outcome: SearchOutcome) -> list[Finding
         return []
     counts = sorted(outcome.found)
     marked = np.array([judging.marks(f.name for f in problem.found(outcome.found[c].places)) for c in counts])
-    return judging.among(marked, "best placements", lambda i: named(counts[i]))
+    return judging.among(marked, "best placements", lambda i: problem.study.named(counts[i]))

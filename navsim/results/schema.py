@@ -1051,7 +1051,13 @@ FILTER_QUANTITIES = {
     },
 }
 """Quantities of methods with a filter."""
-QUANTITIES = DOP_QUANTITIES | FILTER_QUANTITIES
+BEACON_QUANTITIES = {
+    f"beacons_{dop}{end}": ("1", f"{dop.upper()} of the ranges to beacons, {which} over the glide")
+    for end, which in (("", "mean"), ("_max", "largest"))
+    for dop in ("pdop", "hdop", "vdop")
+}
+"""Quantities of scenarios with beacons, for every method."""
+QUANTITIES = DOP_QUANTITIES | FILTER_QUANTITIES | BEACON_QUANTITIES
 """Unit and meaning of quantities for the evaluation of placements."""
 LEVEL_QUANTITIES = {
     **{
@@ -1168,12 +1174,14 @@ _SWEEP = Chapter(
 )  # fmt: skip
 
 _MEETING = "with `constraints.requirements`"
+_HEIGHTS_FOUND = "where heights are searched, or differ between sites"
 _OPTIMIZE = Chapter(
     "Best placements",
     "By number of pseudolites; a placement of fewer than the most is filled up with nan.",
     (
-        _a("/pseudolites", "pseudolites", "1", "number of pseudolites", OPTIMIZE, WHOLE),
-        _a("/pseudolite", "pseudolite", "1", "pseudolite of a placement", OPTIMIZE, WHOLE),
+        _a("/pseudolites", "pseudolites", "1", "number of pseudolites, or of the beacons that are placed", OPTIMIZE,
+           WHOLE),
+        _a("/pseudolite", "pseudolite", "1", "pseudolite, or beacon, of a placement", OPTIMIZE, WHOLE),
         _a("/bearing", "bearing", "deg", "direction from the landing direction, clockwise", OPTIMIZE),
         _a("/loss", "loss", "1", "relative loss of the objective", OPTIMIZE),
         _a("/pareto/objective", "pseudolites", "{unit}", "{quantity}", OPTIMIZE, attributes=("without_pseudolites",)),
@@ -1187,6 +1195,7 @@ _OPTIMIZE = Chapter(
         _a("/optimum/explored", "pseudolites", "1", "1: the neighbourhood was computed", OPTIMIZE, WHOLE),
         _a("/optimum/s", "pseudolites pseudolite", "m", "right of the runway's axis", OPTIMIZE),
         _a("/optimum/l1", "pseudolites pseudolite", "m", "before the threshold", OPTIMIZE),
+        _a("/optimum/up", "pseudolites pseudolite", "m", "above the runway", OPTIMIZE, when=_HEIGHTS_FOUND),
         _a("/optimum/{coordinate}", "pseudolites pseudolite", "rad", "WGS-84 {coordinate}", OPTIMIZE,
            coordinate=("latitude", "longitude")),
         _a("/optimum/{coordinate}", "pseudolites pseudolite", "m", "WGS-84 {coordinate}", OPTIMIZE,
@@ -1199,8 +1208,12 @@ _OPTIMIZE = Chapter(
         _a("/optimum/tightest_rule", "pseudolites", "1", "rule with the least margin, a key below `constraints`; "
            "`aircraft`: the distance of pseudolites from it", OPTIMIZE, TEXT),
         *(
-            _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE)
+            _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE, when="where pseudolites are placed")
             for name, (units, meaning) in DOP_QUANTITIES.items()
+        ),
+        *(
+            _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE, when="where beacons are placed")
+            for name, (units, meaning) in BEACON_QUANTITIES.items()
         ),
         _a("/flown/runs", "pseudolites", "1", "runs of the best placement; 0: none", OPTIMIZE, WHOLE),
         _a("/flown/verdict", "pseudolites", "1", "verdict of the runs on all states at all outputs; empty without runs",
@@ -1219,6 +1232,8 @@ _OPTIMIZE = Chapter(
         _a("/rejected/pseudolites", "rejected", "1", "number of pseudolites", OPTIMIZE, WHOLE, when=_REJECTING),
         _a("/rejected/s", "rejected pseudolite", "m", "right of the runway's axis", OPTIMIZE, when=_REJECTING),
         _a("/rejected/l1", "rejected pseudolite", "m", "before the threshold", OPTIMIZE, when=_REJECTING),
+        _a("/rejected/up", "rejected pseudolite", "m", "above the runway", OPTIMIZE,
+           when=f"{_REJECTING}, {_HEIGHTS_FOUND}"),
         _a("/rejected/analysed", "rejected", "{unit}", "{quantity}, by covariance analysis", OPTIMIZE,
            when=_REJECTING),
         _a("/rejected/flown", "rejected interval", "{unit}", "{quantity}, by runs", OPTIMIZE, when=_REJECTING),

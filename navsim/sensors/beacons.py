@@ -163,18 +163,26 @@ class Beacons(AidingSensor):
         return question % len(self.names)
 
     def away(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vectors (t, n, 3) from the antenna to the beacons at times (t,), s, ECEF, m, and which of them (t, n) bool it
-        receives: those within reach, before the radio horizon and not behind terrain."""
-        from navsim.gnss.interference.horizon import behind, horizon_distance
+        """`away_from` the antenna at times (t,), s, of a flight."""
+        return self.away_from(self.antenna(flight, time), self.positions(flight.frame), self.threshold(flight.frame))
+
+    def antenna(self, flight: Moving, time: np.ndarray) -> np.ndarray:
+        """The antenna (t, 3), ECEF, m, at times (t,), s."""
         from navsim.gnss.signals import antenna_ecef
 
-        llh, antenna = self.positions(flight.frame), antenna_ecef(flight.motion(time), self.lever_arm)
-        beacons = np.repeat(ecef_from_llh(llh)[None], time.size, axis=0)
+        return antenna_ecef(flight.motion(time), self.lever_arm)
+
+    def away_from(self, antenna: np.ndarray, llh: np.ndarray, threshold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors (t, n, 3) from an antenna (t, 3) to beacons at (n, 3), rad, rad, m, ECEF, m, and which of them (t, n)
+        bool it receives: those within reach, before the radio horizon and not behind terrain."""
+        from navsim.gnss.interference.horizon import behind, horizon_distance
+
+        beacons = np.repeat(ecef_from_llh(llh)[None], len(antenna), axis=0)
         out = beacons - antenna[:, None]
         here, there = llh_from_ecef(antenna)[:, 2] - self.height, llh[:, 2] - self.height
         horizon = horizon_distance(here)[:, None] + horizon_distance(there)
         received = np.linalg.norm(out, axis=2) <= np.minimum(self.reach, horizon)
-        return out, received & ~behind(self.tops(self.threshold(flight.frame)), beacons, antenna)
+        return out, received & ~behind(self.tops(threshold), beacons, antenna)
 
     def line_of_sight(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Vectors (m, 3) to the beacons asked, and whether they are received (m,), as `away`."""

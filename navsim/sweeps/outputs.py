@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.results.schema import VERDICTS
-from navsim.sweeps.scenario import DOP_OUTPUTS, WATCHED_OUTPUTS
+from navsim.sweeps.scenario import BEACON_OUTPUTS, DOP_OUTPUTS, WATCHED_OUTPUTS
 
 if TYPE_CHECKING:
+    from navsim.landing.beacons import BeaconGlide
     from navsim.landing.requirements import Fulfilment
     from navsim.results.builder import ResultBuilder
     from navsim.results.result import Result
@@ -28,12 +29,25 @@ def dop_outputs(geometry: Geometry, sites: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip(DOP_OUTPUTS, values, strict=True))
 
 
+def beacon_outputs(glide: BeaconGlide, sites: np.ndarray) -> dict[str, np.ndarray]:
+    """The outputs of beacons for placements (p, k, 3), ECEF m: each (p,)."""
+    dops, _ = glide.dops(sites)
+    return dict(zip(BEACON_OUTPUTS, [*dops[:, 0], *dops[:, 2]], strict=True))
+
+
 def landing_outputs(summary: ResultBuilder, lost: int) -> dict[str, float]:
     """Outputs of a landing from its result; lost: epochs of the glide without a fix."""
-    dops = [summary[f"/summary/dop/{name}"] for name in ("pdop", "hdop", "vdop")]
-    sigmas = [summary[f"/summary/fix/rms_{name}"] for name in ("horizontal", "vertical")]
-    values = [*(d[0] for d in dops), *(d[2] for d in dops), *(s[0] for s in sigmas), lost]
-    return dict(zip(DOP_OUTPUTS, map(float, values), strict=True))
+
+    def of_dops(group: str) -> list[float]:
+        """Means, then largest values."""
+        dops = [summary[f"/summary/{group}/{name}"] for name in ("pdop", "hdop", "vdop")]
+        return [float(d[i]) for i in (0, 2) for d in dops]
+
+    sigmas = [float(summary[f"/summary/fix/rms_{name}"][0]) for name in ("horizontal", "vertical")]
+    out = dict(zip(DOP_OUTPUTS, [*of_dops("dop"), *sigmas, float(lost)], strict=True))
+    if "/summary/beacons/pdop" in summary:
+        out |= dict(zip(BEACON_OUTPUTS, of_dops("beacons"), strict=True))
+    return out
 
 
 def watched_outputs(flown: Result) -> dict[str, float]:

@@ -30,6 +30,7 @@ from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.placement_geometry import Geometry, glide_geometry
 from navsim.sweeps.scenario import (
+    BEACON_OUTPUTS,
     FILTER_OUTPUTS,
     LEVEL_OUTPUTS,
     REQUIREMENTS,
@@ -223,7 +224,7 @@ class Plan:
     def geometry_alone(self) -> bool:
         """Whether all combinations only move pseudolites, without effect on other signals, and need no filter."""
         moves = self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
-        moves &= not set(self.study.wanted()) & {*LEVEL_OUTPUTS, REQUIREMENTS}
+        moves &= not set(self.study.wanted()) & {*LEVEL_OUTPUTS, *BEACON_OUTPUTS, REQUIREMENTS}
         return moves and not self.sources.placed and not self.sources.singled_out
 
     @cached_property
@@ -273,6 +274,12 @@ class Plan:
                 f"the sweep has no verdicts on the requirements of {self.study.base}{but}. For a verdict on each "
                 "combination, add `requirements` to `outputs`"
             ]
+        moved = [key for axis in self.axes for key in axis.keys if key.startswith("beacons")]
+        if moved and self.study.method == "dop" and not set(self.study.wanted()) & {*BEACON_OUTPUTS, REQUIREMENTS}:
+            unused.append(
+                f"vary: {moved[0]} changes no output: these are of satellites and pseudolites. Add beacons_vdop or "
+                "other ones of beacons to `outputs`, or use method covariance"
+            )
         return [*warnings, *implausible(scenario, self.trajectory), *fixed, *unused]
 
     def warnings_of(self, case: Case) -> list[str]:
@@ -365,15 +372,19 @@ def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
 
 
 def check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
-    """Raise InputError for outputs of monitored fixes without a monitor or without limits."""
+    """Raise InputError for outputs of monitored fixes without a monitor or without limits, and of beacons without
+    any."""
     section = scenario.integrity
     for name in study.wanted():
         lacking = "integrity" if name in LEVEL_OUTPUTS and section is None else ""
+        if name in BEACON_OUTPUTS and scenario.beacons is None:
+            lacking = "beacons"
         if name in WATCHED_OUTPUTS and (section is None or section.limits is None):
             lacking = "integrity.limits"
         if lacking:
             text = f"the output {name} needs `{lacking}`, which the scenario does not have"
-            raise InputError([Problem(document.place(("integrity",)), "integrity", text)])
+            key = lacking.split(".")[0]
+            raise InputError([Problem(document.place((key,)), key, text)])
     if REQUIREMENTS in study.wanted() and not scenario.requirements:
         text = "the output requirements needs `requirements`, of which the scenario has none"
         raise InputError([Problem(document.place((REQUIREMENTS,)), REQUIREMENTS, text)])

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.results.schema import (
+    BEACON_QUANTITIES,
     DOP_QUANTITIES,
     FILTER_QUANTITIES,
     LEVEL_QUANTITIES,
@@ -21,6 +22,8 @@ DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANT
 """Outputs of every method; further ones of methods with a filter; all outputs."""
 REQUIREMENTS = "requirements"
 """Output that adds a value and a verdict for each requirement of the base scenario."""
+BEACON_OUTPUTS = tuple(BEACON_QUANTITIES)
+"""Outputs of every method with beacons."""
 LEVEL_OUTPUTS, WATCHED_OUTPUTS = tuple(LEVEL_QUANTITIES), tuple(WATCHED_QUANTITIES)
 """Outputs of every method with monitored fixes; further ones of runs with limits."""
 MOST_VALUES = 100_000
@@ -156,7 +159,8 @@ class Sweep(Section):
     # mypy knows no choice of names that are computed
     outputs: DistinctListOf[Literal[(*OUTPUTS, REQUIREMENTS)]] = ()  # type: ignore[valid-type]
     """outputs to store; default: all that the method gives of geometry and filter. Name those of the integrity monitor
-    (hpl_p95 to hmi) and the verdicts on the base scenario's requirements to get them"""
+    (hpl_p95 to hmi), of beacons (beacons_pdop to beacons_vdop_max) and the verdicts on the base scenario's
+    requirements to get them"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None

@@ -33,8 +33,9 @@ from navsim.simulation.landing_covariance import AnalysisError
 from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.placement_geometry import Geometry
 from navsim.simulation.shared_truth import SharedTruth
+from navsim.sweeps.outputs import beacon_outputs
 from navsim.sweeps.plan import plan
-from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
+from navsim.sweeps.scenario import BEACON_OUTPUTS, DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.sweeps.study import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs
 from tests.helpers import SCENARIOS, case, scenario
 
@@ -505,6 +506,53 @@ def test_an_error_of_the_filter_is_the_landings_own(
         return
     # sources that are never heard are left out of it: sums are rounded otherwise
     assert objective.problem(*study).objective(np.array([places]))[0] == pytest.approx(expected, rel=1e-9)
+
+
+BEACON = st.fixed_dictionaries(
+    {"s_m": st.sampled_from([-400.0, -90.0, 300.0]), "l1_m": st.sampled_from([-900.0, 200.0, 1500.0])},
+    optional={"height_m": st.sampled_from([3.0, 25.0])},
+)
+BEACONS: dict[str, st.SearchStrategy[Any]] = {
+    "height_m": st.just(8.0), "weak_sigma_m": st.just(0.4), "bias_sigma_m": st.just(0.2), "growth_m": st.just(0.3),
+    "growth_sigma_m": st.just(0.1), "growth_distance_m": st.just(90.0), "survey_sigma_m": st.just(0.1),
+    "latency_s": st.just(0.2), "lever_arm_m": st.just([1.0, 0.0, -0.5]), "loss": st.just(0.1),
+    "range_limit_m": st.sampled_from([9000.0, 1800.0]), "rate_hz": st.sampled_from([2.0, 5.0]),
+}  # fmt: skip
+
+
+@settings(max_examples=1, derandomize=True, suppress_health_check=list(HealthCheck), phases=PHASES)
+@given(
+    st.fixed_dictionaries(BEACONS), st.lists(BEACON, min_size=3, max_size=4, unique_by=str),
+    st.sampled_from(FILTER_OUTPUTS),
+)  # fmt: skip
+def test_a_placement_of_beacons_is_the_landings_own(
+    tmp_path_factory: pytest.TempPathFactory, keys: dict[str, Any], sites: list[dict[str, float]], output: str
+) -> None:
+    """DOPs of beacons and an error of the filter by optimize and by a sweep, against the landing."""
+    folder, base = tmp_path_factory.mktemp("study"), {"rate_hz": 4.0, "sigma_m": 0.2, "range_limit_m": 9000.0}
+    ridge = [{"azimuth_deg": [30.0, 180.0], "elevation_deg": 3.0, "distance_m": 700.0}]
+    section = base | keys | {"sites": [{"s_m": 500.0, "l1_m": 0.0}]}
+    given_ = {"imu.rate_hz": 10.0, "receiver.rate_hz": 0.5, "duration_s": 62.0, "beacons": section, "terrain": ridge}
+    placed = given_ | {"beacons": section | {"sites": sites}}
+    flown = case(*(f"{key}={json.dumps(value)}" for key, value in placed.items()))
+    result = covariance_result(flown, covariance_analysis(flown), 1)
+    expected = [result[f"/summary/beacons/{d}dop"][i] for i in (0, 2) for d in "phv"]
+    solved = np.isfinite(result["/beacons/vdop"][on_glide(flown.scenario, flown.trajectory, result["/beacons/time"])])
+    area = "area: {s_m: [-500, 500], l1_m: [-900, 5000], height_m: [0, 30]}\nbeacons: [3]\n"
+    places = np.array([[[s["s_m"], s["l1_m"], s.get("height_m", section.get("height_m", 0.0))] for s in sites]])
+    of_filter, of_geometry = (
+        objective.problem(*read_study(study_of(folder, "optimize", given_, f"{area}objective: {name}\n"), Optimize, []))
+        for name in (output, "beacons_vdop")
+    )
+    assert of_filter.objective(places)[0] == pytest.approx(filter_outputs(result)[output], rel=1e-9)
+    assert of_geometry.objective(places)[0] == (pytest.approx(expected[2], rel=1e-9) if solved.all() else np.inf)
+    assert of_geometry.beacons is not None
+    dops = beacon_outputs(of_geometry.beacons, of_geometry.rules.plane.ecef(places))
+    assert [dops[name][0] for name in BEACON_OUTPUTS] == pytest.approx(expected, rel=1e-9)
+    vary = [{"key": "beacons.sites", "values": [sites]}]
+    text = f"vary: {json.dumps(vary)}\nmethod: dop\noutputs: [beacons_vdop]\n"
+    rows, _, _ = SweepStudy(plan(*read_study(study_of(folder, "sweep", given_, text), Sweep, []), 1)).batch(0, 1)
+    np.testing.assert_array_equal(rows["beacons_vdop"], expected[2])
 
 
 def of_result(result: ResultBuilder, lost: int) -> np.ndarray:

@@ -495,7 +495,7 @@ def test_a_glimpse_hears_what_the_whole_way_does(tmp_path: Path) -> None:
     lost = 0
     for along, right in ((0.0, 300.0), (-3000.0, -500.0), (20_000.0, 5000.0), (500.0, 40_000.0)):
         llh = llh_from_ecef(proposal.sites(proposal.places() + np.array([along, right, 0.0])))
-        ours, theirs = (each.with_pseudolites(llh).shared.signals for each in (brief, whole))
+        ours, theirs = (each.with_sites(llh).shared.signals for each in (brief, whole))
         np.testing.assert_array_equal(ours.time, theirs.time)
         np.testing.assert_array_equal(ours.used, theirs.used)
         np.testing.assert_array_equal(ours.cn0, theirs.cn0)
