@@ -19,7 +19,7 @@ BRANCH = "/integrity/tails"
 SHORT = ("--set", "duration_s=20", "--set", "receiver.rate_hz=2", "--set", "filter.kind=eskf", "--figures", "none")
 
 
-@pytest.mark.parametrize("method", ["monte-carlo", "covariance"])
+@pytest.mark.parametrize("method", [pytest.param("monte-carlo", marks=pytest.mark.long), "covariance"])
 def test_levels_of_a_landing_keep_what_is_allowed(tmp_path: Path, method: str) -> None:
     """By separation: no fault, all faults and what is not monitored, with the interval; runs again by their seed."""
     section = "integrity={p_constellation: 1.0e-8, tails: {at_s: [0, 7.3], samples: 20000}}"

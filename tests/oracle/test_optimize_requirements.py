@@ -82,7 +82,7 @@ AVAILABLE = [{"what": "availability", "at_least": 0.95}, {"what": "emt", "below_
         pytest.param(EVENING, "pdop", CHI2, LEVEL, 1, {1: 500.0}, marks=pytest.mark.long),
         (EVENING, "pdop", CHI2, [{"what": "accuracy", "below_m": 8.5, "share": 0.9}], 1, {1: 500.0}),
         pytest.param(EVENING, "hpl_max", MHSS, AVAILABLE, 2, BOTH, marks=pytest.mark.long),
-        (EVENING, "hpl_max", MHSS, AVAILABLE, -1, {1: 1000.0}),
+        pytest.param(EVENING, "hpl_max", MHSS, AVAILABLE, -1, {1: 1000.0}, marks=pytest.mark.long),
     ],
 )
 def test_the_fewest_that_meet_requirements_are_those_of_brute_force(
@@ -170,9 +170,6 @@ def test_errors_of_the_filter_as_requirements(tmp_path: Path) -> None:
     found = search(here, 1)[1]
     assert found.met
     assert found.value <= judged.objective[judged.load <= 1.0].min() * 1.002
-    free = search(easy, 1)[1]
-    assert free.value <= found.value
-    assert free.load < 1.0
     assert not search(asked(100.0, float(0.5 * used[:, 1].min() * 100.0)), 1)[1].met
 
 
