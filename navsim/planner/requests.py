@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +12,8 @@ from navsim.planner.outlook import QUANTITIES
 _FARTHEST = 1e6
 """Largest distance of a position from the threshold, m."""
 _DAY = 86400.0
+_MOST = 1e15
+"""Largest number of a request."""
 _LONGEST = 10_000
 """Characters of an order; the longest that the page sends has some hundred."""
 
@@ -41,7 +42,7 @@ def read_order(text: object, known: SourceCounts) -> dict[str, Any]:
         raise UnknownRequest("the page asks for something that the planner does not do")
     out: dict[str, Any] = {"do": do}
     if "n" in order:
-        out["n"] = _number(order["n"], "n", -math.inf, math.inf)
+        out["n"] = _number(order["n"], "n", -_MOST, _MOST)
     for name in _MEMBERS[do]:
         if name == "up" and name not in order:  # its height does not change
             continue
@@ -56,10 +57,10 @@ def read_order(text: object, known: SourceCounts) -> dict[str, Any]:
 
 
 def _number(value: object, name: str, least: float, most: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
         raise UnknownRequest(f"{name}: a finite number is needed, not {str(value)[:40]}")
     if not least <= value <= most:
-        raise UnknownRequest(f"{name}: {value:g} is not from {least:g} to {most:g}")
+        raise UnknownRequest(f"{name}: {str(value)[:40]} is not from {least:g} to {most:g}")
     return float(value)
 
 

@@ -323,9 +323,11 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         if hidden:
             unseen.append(f"{', '.join(sorted(hidden))}: with this mistake the data would fit equally well")
         return [], log
+    # usual mistakes come first, but not alone where one of equally many changes fits better
     alternatives = [
-        e for e in options if (e.changes, e.usual) == (first.changes, first.usual) and e.square <= 1.3 * first.square
-    ]
+        e for e in options if e.changes == first.changes
+        and (e.square <= _ALIKE * first.square if e.usual == first.usual else _ALIKE * e.square <= first.square)
+    ]  # fmt: skip
     # forward is kept if the motion does not show it: of several mountings of the triads the one with the fewest changes
     alternatives.sort(key=lambda e: (_changed_letters(e), e.square))
     alike: dict[str, _Explanation] = {}
@@ -338,6 +340,8 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     return [mistake], log
 
 
+_ALIKE = 1.3
+"""Mean squares of explanations within this factor are alike."""
 _OF_TIMES = {"gnss.time_offset_s", "gnss.latency_s"}
 
 

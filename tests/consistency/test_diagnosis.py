@@ -262,6 +262,16 @@ def test_a_slow_flight_in_order_raises_no_alarm(seed: int, velocities: Any) -> N
         assert diagnose(Log(samples.between(0.0, 45.0), fixes.take(fixes.time < 45.0))) == []
 
 
+def test_a_usual_mistake_that_fits_worse_is_not_named_alone() -> None:
+    """Columns x and y of both triads exchanged, in a noisy hover: seen before, one reversed axis of the gyros alone."""
+    samples, fixes = record(
+        quadrotor(110.0), 77, rate=60.0, fix_rate=5.0, velocity_noise=0.15, gyro_bias=0.001, accel_bias=0.03
+    )
+    order = [1, 0, 2]
+    (found,) = diagnose(Log(replace(samples, rate=samples.rate[:, order], force=samples.force[:, order]), fixes))
+    assert found.remedies[0].keys() == {"imu.axes"}
+
+
 def test_what_cannot_be_judged_is_listed() -> None:
     assert examine(Log(*aircraft())).not_judged == [NEVER_JUDGED]
     _, nose = examine(Log(*drone())).not_judged

@@ -190,7 +190,8 @@ def test_other_sites_and_floods_are_let_off(tmp_path: Path) -> None:
         '{"do": "remove", "number": -1}', '{"do": "time", "seconds": NaN}', '{"do": "hasten", "seconds": -1}',
         '{"do": "area", "factor": 0}', '{"do": "show", "quantity": "beauty", "subject": 0}',
         '{"do": "show", "quantity": "pdop", "subject": -2}', '{"do": "save", "consent": 1}',
-        '{"do": "undo", "n": "one"}',
+        '{"do": "undo", "n": "one"}', f'{{"do": "undo", "n": 1{400 * "0"}}}',
+        f'{{"do": "time", "seconds": 1{400 * "0"}}}',
     ],
 )  # fmt: skip
 def test_malformed_orders_are_refused(order: object) -> None:
