@@ -19,7 +19,7 @@ from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import rpy_error, rpy_jacobian
 from navsim.gnss.dop import MAX_CLOCKS
 from navsim.integrity.monitoring import ALARM
-from navsim.landing import integrity
+from navsim.landing import integrity, total_errors
 from navsim.landing.case import MOVING, Case, crossing_times, rms_window
 from navsim.landing.consistency import evaluate_states, ratios_of_runs
 from navsim.results.findings import FIX, Finding
@@ -45,6 +45,8 @@ LEVELS = np.array([1.0, 2.0, 3.0])
 
 FIRST_ORDER = "first_order_square"
 """Statistic of runs that have first-order errors."""
+_NO_HISTORY = ("clipped", "first_order", "touchdown", "go_around", "loop_gap")
+"""Numbers of a run that are stored as statistics."""
 HISTORIES = {
     "none": (),
     "errors": (
@@ -64,7 +66,7 @@ HISTORIES = {
         "monitor_level",
         "deviation",
     ),
-    "all": tuple(name for name in Run.__dataclass_fields__ if name not in ("clipped", "first_order", "loop_gap")),
+    "all": tuple(name for name in Run.__dataclass_fields__ if name not in _NO_HISTORY),
 }
 """Histories of a run that are stored, by `--keep`."""
 
@@ -82,7 +84,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "start_llh": (3,), "start_velocity": (3,), "start_rpy": (3,),
     "filter_fix_llh": ("loose", 3), "filter_fix_velocity": ("loose", 3),
     "filter_fix_covariance": ("loose", MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE),
-    "clipped": ("limited",), "first_order": ("linear", 3), "loop_gap": ("steered",),
+    "clipped": ("limited",), "first_order": ("linear", 3), "touchdown": ("ended", 4), "go_around": ("broken_off", 3),
+    "loop_gap": ("steered",),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
@@ -496,8 +499,14 @@ def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndar
 
 
 def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.ndarray]:
-    """Flight-technical errors (run, h, 3) at the crossings of the route, where runs deviate from it."""
-    return {} if case.shared.ways is None else {"at_deviation": _technical(case, crossings, runs)}
+    """Flight-technical errors (run, h, 3) at the crossings of the route, where runs deviate from it, and their ends."""
+    ways = case.shared.ways
+    if ways is None:
+        return {}
+    seen = runs.deviation
+    if ways.steered:
+        seen = seen - runs.error[..., states.SLICES["position"]] @ to_runway(case).T
+    return {"at_deviation": _technical(case, crossings, runs), **total_errors.of_runs(case, runs, seen)}
 
 
 def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:
@@ -508,10 +517,15 @@ def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:
 
 
 def judged(case: Case, when: list[float], runs: Run) -> np.ndarray:
-    """The errors (run, h, 3) that the scenario's box limits, at times (h,), s: of navigation, or the total ones."""
+    """The errors (run, h, 3) that the scenario's box limits, at times (h,), s: of navigation, the total ones, or those
+    of touchdown."""
     error, box = at_heights(case, when, runs.error), case.scenario.box
     if box is None or box.error == "navigation":
         return error
+    if box.error == "touchdown":
+        place = np.zeros((runs.touchdown.shape[0], 1, 3))
+        place[:, 0, :2] = runs.touchdown[:, [2, 1]]
+        return place
     return error + _technical(case, when, runs)
 
 

@@ -29,7 +29,7 @@ class ErrorBox:
     upper: np.ndarray
     """(3,) largest error, likewise."""
     total: bool
-    """Limits apply to total system errors."""
+    """Limits apply to total system errors, or to touchdowns."""
     place: float
     """Position of the route then, along the runway from the threshold, m, if limits are relative to it, else nan."""
 
@@ -46,7 +46,7 @@ def box_of(case: Case) -> ErrorBox | None:
     place = case.preflight.box_place
     lower, upper = map(np.array, section.limits(place))
     return ErrorBox(
-        section.height_m, case.preflight.box_time, lower, upper, section.error == "total",
+        section.height_m, case.preflight.box_time, lower, upper, section.error != "navigation",
         math.nan if section.from_threshold_m is None else place,
     )  # fmt: skip
 
@@ -62,10 +62,10 @@ def described(draft: ResultBuilder, box: ErrorBox) -> None:
         draft["/summary/box/place"] = box.place
 
 
-def counted(draft: ResultBuilder, box: ErrorBox, errors: np.ndarray) -> None:
-    """The box, and how many errors (run, 3) are outside."""
+def counted(draft: ResultBuilder, box: ErrorBox, errors: np.ndarray, gone: np.ndarray) -> None:
+    """The box, and how many errors (run, 3) are outside; runs that have gone around (run,) end nowhere."""
     described(draft, box)
-    outside = box.beyond(errors)
+    outside = box.beyond(errors) & ~gone[:, None]
     draft["/summary/box/error_run"] = errors
     draft["/summary/box/outside"] = np.int64(outside.any(axis=1).sum())
     draft["/summary/box/probability"] = share_interval(int(outside.any(axis=1).sum()), errors.shape[0])
@@ -73,8 +73,9 @@ def counted(draft: ResultBuilder, box: ErrorBox, errors: np.ndarray) -> None:
     draft["/summary/box/axis_probability"] = where_limited(box, np.stack(of_axes))
     if box.total:
         chances = np.full(3, np.nan)  # one run has no sigma
-        if errors.shape[0] > 1:
-            chances = normal.outside(box.lower, box.upper, errors.mean(axis=0), errors.std(axis=0, ddof=1))
+        ended = errors[~gone]
+        if ended.shape[0] > 1:
+            chances = normal.outside(box.lower, box.upper, ended.mean(axis=0), ended.std(axis=0, ddof=1))
         draft["/summary/box/axis_gaussian"] = where_limited(box, chances)
 
 

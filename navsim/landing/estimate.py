@@ -12,6 +12,7 @@ from navsim.gnss.signals import Environment
 from navsim.integrity.fix_exclusion import MOST_KEPT, STRETCH
 from navsim.landing.ensemble import HISTORIES, history_bytes
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
+from navsim.landing.total_errors import indicator_of
 from navsim.results.schema import SKY_TIMES
 from navsim.runner.batches import BATCH, TASK_BYTES
 from navsim.runner.control_variates import LEAST_RUNS
@@ -84,6 +85,8 @@ class Extent:
     """Each run has its own trajectory. Discrete gusts are not drawn."""
     steered: bool = False
     """Estimates steer the runs."""
+    breaks_off: bool = False
+    """Alarms break runs off."""
     interfering: int | None = None
     """Signals that interfere with the sources', None without interference."""
     single: int = 0
@@ -99,6 +102,7 @@ class Extent:
             "ranged": self.ranged, "loose": 0 if self.ranged else self.epochs,
             "tried": self.tried,
             "limited": self.limited, "sample": self.samples, "linear": 0, "steered": int(self.steered),
+            "ended": int(self.ways), "broken_off": int(self.breaks_off),
             "deviating": self.epochs + 1 if self.ways else 0, "met": self.epochs if self.ways else 0,
         }  # fmt: skip
 
@@ -134,6 +138,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         any(triad.further.there for triad in scenario.imu.triads()),
         scenario.air() is not None,
         scenario.steered,
+        scenario.breaks_off,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
         (correlated if scenario.filter.tight else 0)
         + scenario.transmitter_states
@@ -165,7 +170,7 @@ def estimate_landing(
     # in addition to the sums of each block, once, the entry of each of their numbers
     linear = FIRST_ORDER if runs > 1 else 0
     statistics = STATISTICS + NUMBER * linear
-    part = runs * (COLUMNS + linear + (36 if sizes.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(sizes)
+    part = runs * (COLUMNS + linear + (56 if sizes.ways else 0)) * NUMBER + (_blocks(runs) + 1) * sums_bytes(sizes)
     result = _common_bytes(scenario, sizes) + streamed + part + runs * 13 * NUMBER
     result += NUMBER * (5 + sizes.sizes()["group"] + 3 * sizes.states) * (sizes.epochs + 1)
     variables = {"none": 119, "errors": 128, "all": 152}[keep] + (27 if runs > 1 else 0)
@@ -173,7 +178,14 @@ def estimate_landing(
         variables += CONTROLLED
         result += 12 * NUMBER * runs
     if sizes.ways:
-        variables += {"none": 16, "errors": 19, "all": 23}[keep]
+        variables += {"none": 32, "errors": 35, "all": 39}[keep]
+        result += 4 * NUMBER * runs
+    if sizes.breaks_off:
+        variables += 9
+        result += 4 * NUMBER * runs
+    if indicator_of(scenario) is not None:
+        variables += 24
+        result += 24 * NUMBER * runs
     correlated = 0 if scenario.filter.tight else scenario.correlated_states(sizes.sources)
     if keep == "all" and correlated:
         result += NUMBER * MAX_MEASUREMENT_SIZE * sizes.epochs * correlated  # their effects on fixes

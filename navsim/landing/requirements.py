@@ -34,6 +34,8 @@ from navsim.scenario.requirements import (
     AvailabilityRequirement,
     BoxRequirement,
     ErrorRequirement,
+    GoAroundRequirement,
+    IndicatorRequirement,
     LevelRequirement,
     PresetRequirement,
     RiskRequirement,
@@ -217,6 +219,11 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
         return _of_rms(one, nothing, draft, runs) if touches_down(case) else nothing
     if draft.layout == COVARIANCE:
         return nothing
+    if isinstance(one, GoAroundRequirement):
+        return _counted(nothing, int(draft["/summary/go_around/count"]), runs)
+    if isinstance(one, IndicatorRequirement):
+        largest = draft[f"/summary/indicator/{one.what}_largest_run"]
+        return _counted(nothing, int((largest <= one.within).sum()), runs)
     if isinstance(one, AlertRequirement):
         return replace(nothing, value=_exactly(float(draft["/summary/integrity/time_to_alert"])))
     return _of_shares(one, nothing, draft, runs)
@@ -244,6 +251,11 @@ def _statement(one: AnySingle) -> tuple[str, float, bool]:
         return f"{one.of} RMS error before touchdown below {one.below_m:g} m", one.below_m, False
     if isinstance(one, BoxRequirement):
         return f"outside the box in at most {one.at_most:g} of landings", one.at_most, False
+    if isinstance(one, GoAroundRequirement):
+        return f"a go-around after an alarm in at most {one.at_most:g} of landings", one.at_most, False
+    if isinstance(one, IndicatorRequirement):
+        seen = f"largest {one.what.replace('_', ' ')} deviation within {one.within:g} of full scale"
+        return f"{seen} in {100 * one.share:g} % of runs", one.share, True
     if isinstance(one, LevelRequirement):
         name = one.of.upper()
         return f"{name} within {one.below_m:g} m at {100 * one.share:g} % of epochs of the glide", one.share, True

@@ -17,6 +17,7 @@ from navsim.landing.controlled import controls_of, far_from_first_order, put_con
 from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, findings
 from navsim.landing.error_box import box_of, counted
 from navsim.landing.result_groups import accuracy, attributes, base, belief
+from navsim.landing.total_errors import put_total_errors, went_around
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result, Stream
@@ -202,15 +203,11 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         size = np.sqrt(squares[:, first:last].sum(axis=1))
         draft[f"/summary/rms/{name}_percentile"] = np.percentile(size, PERCENTILES)
 
-    if case.shared.ways is not None:
-        technical = ensemble.per_run("at_deviation")
-        for i, name in enumerate(RUNWAY_AXES):
-            for kind, values in (("fte", technical[..., i]), ("tse", technical[..., i] + at[..., i])):
-                draft[f"/summary/at/{name}_{kind}_run"] = values
-                each_height = [rms_interval(values[:, [h]] ** 2) for h in range(values.shape[1])]
-                draft[f"/summary/at/{name}_{kind}"] = np.stack(each_height)
+    put_total_errors(draft, case, ensemble)
     if (box := box_of(case)) is not None:
-        counted(draft, box, ensemble.per_run("at_box")[:, 0])
+        errors = ensemble.per_run("at_box")[:, 0]
+        gone = went_around(ensemble, box.time)
+        counted(draft, box, np.where(gone[:, None], np.nan, errors), gone)
     inside = ensemble.per_run("inside")
     draft["/summary/coverage/level"] = LEVELS
     draft["/summary/coverage/position"] = np.clip([mean_interval(inside[:, k]) for k in range(LEVELS.size)], 0.0, 1.0)

@@ -13,7 +13,7 @@ from navsim.filter.states import display_name, is_sigma_wrong
 from navsim.report.controlled_rows import controlled_rows
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
 from navsim.results.result import Result, scenario_of
-from navsim.results.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
+from navsim.results.schema import HEIGHTS, INDICATED, RMS_WINDOW, RUNWAY_AXES
 from navsim.statistics.importance_sampling import LEAST
 from navsim.statistics.rounding import digits
 
@@ -374,7 +374,10 @@ def outside_box(result: Result) -> np.ndarray:
     """Which runs (r,) of a result end outside its box: of one of an ensemble that one alone."""
     error = result["/summary/box/error_run"]
     within = (result["/summary/box/lower"] <= error) & (error <= result["/summary/box/upper"])
-    return np.logical_not(within.all(axis=1))
+    outside = np.logical_not(within.all(axis=1))
+    if "/summary/go_around/time_run" in result:
+        outside &= ~(result["/summary/go_around/time_run"] < result["/summary/box/time"])
+    return outside
 
 
 def box_limits(result: Result, axis: int) -> tuple[float, float] | None:
@@ -394,6 +397,8 @@ def box_head(result: Result, flown: bool) -> str:
         return ""
     interval = " [95 %]" if flown and (result["/run"].size > 1 or "/summary/rare/probability" in result) else ""
     total = ", of total system errors" if of_total(result) else ""
+    if setting(result, "box", "error") == "touchdown":
+        return f"probability{interval}, where runs touch down"
     height = float(result["/summary/box/height"])
     where = f"{height:g} m above the runway" if height else "at touchdown"
     return f"probability{interval}, {where}{total}"
@@ -813,6 +818,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         for i, label in enumerate(labels):
             for name in ("lateral", "along", "vertical"):
                 row(f"  {label}, {name}", lambda r, n=name, i=i: _total(r, n, i))
+        _ends(table, results)
     if any("/summary/at/headwind" in r for _, r in results):
         section("Mean wind and airspeed at height")
         for i, label in enumerate(labels):
@@ -878,7 +884,15 @@ def _total(result: Result, axis: str, height: int) -> Cell | str:
         return ABSENT
     kinds = ("", "_fte", "_tse")
     one = [float(result[f"{path}{kind}_run"][0, height]) for kind in kinds]
-    found = one if single(result) else [float(result[f"{path}{kind}"][height, 0]) for kind in kinds]
+    if single(result):
+        found = one
+    elif _count(result, "/summary/go_around/count") != ABSENT:
+        # the errors of runs that have not gone around before
+        every = np.stack([result[f"{path}{kind}_run"][:, height] for kind in kinds])
+        landing = every[:, np.isfinite(every).all(axis=0)]
+        found = [float(np.sqrt(np.mean(each**2))) if each.size else math.nan for each in landing]
+    else:
+        found = [float(result[f"{path}{kind}"][height, 0]) for kind in kinds]
     if not np.isfinite(found).all():
         return ABSENT
     if single(result) or "/summary/guidance/loop_gap" not in result:
@@ -886,6 +900,61 @@ def _total(result: Result, axis: str, height: int) -> Cell | str:
     navigation, technical, total = found
     both = (total**2 - navigation**2 - technical**2) / (2.0 * navigation * technical)
     return Cell("{:.3f}  {:.3f}  {:.3f}  {:+.2f}", (*found, both), names=("nse", "fte", "tse", "correlation"))
+
+
+def _ends(table: Table, results: list[tuple[str, Result]]) -> None:
+    """Sizes of total system errors, deviations that pilots see, touchdowns, go-arounds."""
+
+    def row(label: str, shown: Any) -> None:
+        table.add(label, *(shown(r) for _, r in results))
+
+    def levels(result: Result) -> str:
+        return "  ".join(f"{p} %" for p in result["/summary/percentile"]) + " of runs below"
+
+    def section(title: str, path: str, shown: Callable[[Result], str]) -> bool:
+        there = any(path in r for _, r in results)
+        if there:
+            table.head(title, *(shown(r) if path in r else "" for _, r in results))
+        return there
+
+    several = not all(single(r) for _, r in results)
+    if several and section("Size of the total system error, m", "/summary/at/lateral_tse_percentile", levels):
+        for i, label in enumerate(name.replace("ft", " ft") for name in HEIGHTS):
+            for name in ("lateral", "along", "vertical"):
+                path = f"/summary/at/{name}_tse_percentile"
+                row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i) if p in r else ABSENT)
+    if section("Largest deviation, parts of full scale", "/summary/indicator/localizer_percentile", levels):
+        for name in INDICATED:
+            for kind, whose in (("", "aircraft"), ("_indicated", "indicated")):
+                path = f"/summary/indicator/{name}{kind}"
+                row(f"  {name.replace('_', ' ')}, {whose}",
+                    lambda r, p=f"{path}_percentile": _percentiles(r, p) if p in r else ABSENT)  # fmt: skip
+                row(f"  {name.replace('_', ' ')}, {whose}: runs beyond half scale",
+                    lambda r, p=f"{path}_beyond_half": _share(r, p))  # fmt: skip
+    if section("Touchdown", "/summary/touchdown/along", lambda r: "value" if single(r) else "mean, sigma"):
+        for label, name in (("beyond the threshold, m", "along"), ("right of the centre line, m", "lateral"),
+                            ("sink rate, m/s", "sink_rate")):  # fmt: skip
+            row(f"  {label}", lambda r, n=name: _touchdown(r, n))
+    if section("Go-arounds after an alarm", "/summary/go_around/share", lambda r: f"of {runs_of(r)}"):
+        row("  share of runs", lambda r: _share(r, "/summary/go_around/share"))
+        row("  height lost, m", lambda r: _percentiles(r, "/summary/go_around/lost_percentile"))
+        row("  largest height lost, m", lambda r: _of_go_around(r, "lost_largest"))
+        row("  that touch the ground", lambda r: _count(r, "/summary/go_around/touched"))
+
+
+def _touchdown(result: Result, name: str) -> Cell | str:
+    """Mean and sigma of a number of touchdowns; of one run the number."""
+    path = f"/summary/touchdown/{name}"
+    if path not in result or not np.isfinite(mean := float(result[path][0])):
+        return ABSENT
+    if not np.isfinite(sigma := float(result[f"{path}_sigma"])):
+        return number(mean, 2)
+    return Cell("{:.2f}  {:.2f}", (mean, sigma), names=("mean", "sigma"))
+
+
+def _of_go_around(result: Result, name: str) -> Cell | str:
+    path = f"/summary/go_around/{name}"
+    return number(float(result[path]), 2) if path in result and np.isfinite(result[path]) else ABSENT
 
 
 _WIND = (

@@ -132,6 +132,10 @@ _WIND = "where there is a mean wind"
 _TRACK = "with `approach.profile: track`"
 _ALL = "with `--keep all`, which is the default for one run"
 _WAYS = "where runs deviate from the route"
+INDICATED = ("localizer", "glide_path")
+"""Deviations that a pilot sees."""
+_INDICATED = "where the scenario has `approach.indicator`"
+_BROKEN_OFF = "with `approach.go_around.on_alarm`"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
 _LOOSE = f"{_ALL}, of a loosely coupled filter"
 _CORRELATED = f"{_LOOSE} with states of lasting errors"
@@ -450,6 +454,57 @@ _SUMMARY = Chapter(
         _a("/summary/at/{axis}_tse_run", "run height", "m",
            "{axis} total system error of each run: its flight-technical error plus its position error", LANDING,
            when=_WAYS, axis=RUNWAY_AXES),
+        _a("/summary/at/{axis}_tse_percentile", "height percentile", "m",
+           "percentiles over runs of the size of the {axis} total system error", LANDING, when=_WAYS, axis=RUNWAY_AXES),
+        *(
+            entry
+            for kind, whose in (("", "aircraft"), ("_indicated", "estimate, as the pilot sees it"))
+            for entry in (
+                _a(f"/summary/at/{{seen}}{kind}", "height interval", "1", "root mean square over runs of the {seen} "
+                   f"deviation of the {whose}, in parts of full scale", LANDING, when=_INDICATED, seen=INDICATED),
+                _a(f"/summary/at/{{seen}}{kind}_run", "run height", "1", "likewise of each run, right and up positive; "
+                   "nan at touchdown for the glide path", LANDING, when=_INDICATED, seen=INDICATED),
+                _a(f"/summary/indicator/{{seen}}{kind}_largest_run", "run", "1", "largest {seen} deviation of the "
+                   f"{whose} on the glide down to `until_height_m`, in parts of full scale", LANDING, when=_INDICATED,
+                   seen=INDICATED),
+                _a(f"/summary/indicator/{{seen}}{kind}_percentile", "percentile", "1", "percentiles over runs of it",
+                   LANDING, when=_INDICATED, seen=INDICATED),
+                _a(f"/summary/indicator/{{seen}}{kind}_beyond_{{part}}", "interval", "1", "share of runs with more "
+                   "than {part} scale", LANDING, when=_INDICATED, seen=INDICATED, part=("half", "full")),
+            )
+        ),
+        _a("/summary/touchdown/landed", "", "1", "number of runs that touch down", LANDING, WHOLE, when=_WAYS),
+        *(
+            entry
+            for name, units, meaning in (
+                ("time", "s", "time when a run touches down"),
+                ("along", "m", "where a run touches down, beyond the threshold"),
+                ("lateral", "m", "where a run touches down, right of the centre line"),
+                ("sink_rate", "m/s", "sink rate relative to the runway when a run touches down"),
+            )
+            for entry in (
+                _a(f"/summary/touchdown/{name}", "interval", units, f"{meaning}: mean", LANDING, when=_WAYS),
+                _a(f"/summary/touchdown/{name}_sigma", "", units, f"{meaning}: standard deviation", LANDING,
+                   when=_WAYS),
+                _a(f"/summary/touchdown/{name}_run", "run", units, f"{meaning}; nan where it does not", LANDING,
+                   when=_WAYS),
+            )
+        ),
+        *(
+            _a(f"/summary/go_around/{name}", dims, units, meaning, LANDING, of, when=_BROKEN_OFF)
+            for name, dims, units, meaning, of in (
+                ("count", "", "1", "number of runs that go around after an alarm", WHOLE),
+                ("share", "interval", "1", "share of runs that go around", NUMBER),
+                ("touched", "", "1", "number of go-arounds that touch the ground", WHOLE),
+                ("time_run", "run", "s", "when a run's pull-up begins; nan where none does", NUMBER),
+                ("height_run", "run", "m", "height above the runway then", NUMBER),
+                ("lowest_run", "run", "m", "lowest height above the runway after it, below 0 if it touches the ground",
+                 NUMBER),
+                ("lost_run", "run", "m", "height lost", NUMBER),
+                ("lost_percentile", "percentile", "m", "percentiles of it over runs that go around", NUMBER),
+                ("lost_largest", "", "m", "largest height lost", NUMBER),
+            )
+        ),
         _a("/summary/at/headwind", "height", "m/s", "mean wind against the course, at the heights", _FLOWN,
            when=_WIND),
         _a("/summary/at/crosswind", "height", "m/s", "mean wind across the course, from the left positive", _FLOWN,
@@ -593,7 +648,8 @@ _BOX = Chapter(
                  "share of runs whose error exceeds its limit, nan for none", (LANDING,), NUMBER),
                 ("/summary/box/outside", "", "1", "number of runs that end outside the box", (LANDING,), WHOLE),
                 ("/summary/box/error_run", "run axis", "m",
-                 "position error of each run at the height of the box, truth minus estimate, or its total system error",
+                 "position error of each run at the height of the box, truth minus estimate, or its total system "
+                 "error, or its touchdown from that of the route; nan after a go-around",
                  (LANDING,), NUMBER),
                 ("/summary/box/axis_first_order", "axis", "1",
                  "chance that a Gaussian error of this mean and sigma exceeds its limit, nan for none",
@@ -609,7 +665,7 @@ _BOX = Chapter(
            (*_FLOWN, RARE), when="where the scenario has `box.from_threshold_m`"),
         _a("/summary/box/axis_gaussian", "axis", "1",
            "chance that a Gaussian error with the mean and sigma of the runs exceeds its limit, nan for none", LANDING,
-           when=f"{_BOX_WHEN}, with `box.error: total`"),
+           when=f"{_BOX_WHEN}, with `box.error` total or touchdown"),
         _a("/summary/rare/probability", "interval", "1",
            "probability that a landing ends outside the box; nan, its interval from 0, if it is below 1e-300", RARE),
         _a("/summary/rare/axis_probability", "axis interval", "1",
@@ -1075,11 +1131,20 @@ WATCHED_QUANTITIES = {
     "hmi": ("1", "share of runs with hazardously misleading information"),
 }
 """Quantities of runs with monitored fixes and limits."""
+TOTAL_QUANTITIES = {
+    f"{axis}_total_{height}": ("m", f"root mean square {axis} total system error at {height}")
+    for axis in RUNWAY_AXES
+    for height in HEIGHTS
+} | {
+    "outside_box": ("1", "share of runs that end outside the box"),
+    "go_around": ("1", "share of runs that go around after an alarm"),
+}
+"""Quantities of runs that leave their route, and of where they end."""
 OBJECTIVE_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES
 """Possible objectives of placements."""
 LARGE = ("level_share", "availability", "approaches")
 """Objectives that are maximised."""
-SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES
+SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES | TOTAL_QUANTITIES
 """Possible outputs of sweeps."""
 
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
@@ -1121,7 +1186,7 @@ _SWEEP = Chapter(
         *(
             _a(f"/sweep/{name}_{{end}}", "*axes", units, meaning + ", {end} end of its 95 % interval", SWEEP,
                when="with method monte-carlo, where it is one of `outputs`", end=("low", "high"))
-            for name, (units, meaning) in (FILTER_QUANTITIES | WATCHED_QUANTITIES).items()
+            for name, (units, meaning) in (FILTER_QUANTITIES | WATCHED_QUANTITIES | TOTAL_QUANTITIES).items()
         ),
         _a("/sweep/requirement_{number}", "*axes", "{unit}", "{statement}: value", SWEEP,
            when=_OF_REQUIREMENTS, attributes=("limit", "least")),

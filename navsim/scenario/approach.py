@@ -19,6 +19,7 @@ from navsim.scenario.base import (
     ListOf,
     LogTime,
     Longitude,
+    NonNegative,
     Section,
     Sigma,
     Size,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from navsim.trajectory.air import Deviation
     from navsim.trajectory.approach import Taxi
     from navsim.trajectory.autopilot import Autopilot
+    from navsim.trajectory.go_around import AlarmGoAround, PullUp
     from navsim.trajectory.path import Path
     from navsim.trajectory.waypoints import Waypoint
 
@@ -206,11 +208,14 @@ class Runway(Section):
         is level."""
         if self.slope_percent == 0.0:
             return ()
-        length = self.length_m
-        if self.threshold is not None and self.end is not None:
-            first, other = ((place.lat_deg, place.lon_deg) for place in (self.threshold, self.end))
-            length = distance(first, other)
-        return (0.0, 0.0), (length, self.rise * length)
+        return (0.0, 0.0), (self.extent_m, self.rise * self.extent_m)
+
+    @property
+    def extent_m(self) -> float:
+        """Distance from the threshold to that of the other direction where it is given, else length_m."""
+        if self.threshold is None or self.end is None:
+            return self.length_m
+        return distance(*((place.lat_deg, place.lon_deg) for place in (self.threshold, self.end)))
 
     @property
     def elevation_m(self) -> float:
@@ -337,6 +342,39 @@ class AutopilotSection(Section):
         return self
 
 
+FULL_SCALE = {"ils": 0.24, "gls": 0.25}
+"""Full-scale deviation in height, as a part of the glide slope's angle: ICAO Annex 10, volume I, 3.1.5.6 (175 uA at
+0.24 of it), and RTCA DO-253, 2.3.11.5."""
+BEYOND_END = {"ils": 300.0, "gls": 305.0}
+"""Distance of the vertex of the course beyond the runway's end, m: a usual place of a localizer's antenna, and of the
+GARP of GBAS (RTCA DO-253)."""
+
+
+class IndicatorSection(Section):
+    """Deviations from localizer and glide path as a pilot sees them: angles, in parts of full scale."""
+
+    system: Literal["ils", "gls"] = "ils"
+    """whose scales: instrument landing system; or GBAS, whose receiver imitates it"""
+    course_width_m: Annotated[float, Field(ge=20.0, le=300.0)] = 106.75
+    """distance from the centre line at the threshold that is full scale; the FAS data block of GBAS has it"""
+    course_origin_m: Annotated[float, Field(ge=100.0, le=20000.0)] | None = None
+    """distance beyond the threshold of the localizer's antenna, or of the GARP; null: 300 m (ils) or 305 m (gls) beyond
+    the end of the runway"""
+    glide_full_scale: Annotated[float, Field(ge=0.05, le=1.0)] | None = None
+    """full scale of the glide path as a part of its angle; null: 0.24 (ils) or 0.25 (gls)"""
+    until_height_m: Annotated[float, Field(ge=1.0, le=1000.0)] = 60.96
+    """height above the runway down to which deviations are judged, for instance the decision height"""
+
+    def origin_m(self, runway: Runway) -> float:
+        """Distance of the course's vertex beyond the threshold, m."""
+        return runway.extent_m + BEYOND_END[self.system] if self.course_origin_m is None else self.course_origin_m
+
+    @property
+    def share(self) -> float:
+        """Full scale of the glide path as a part of its angle."""
+        return FULL_SCALE[self.system] if self.glide_full_scale is None else self.glide_full_scale
+
+
 class _Approach(Section):
     start: Point | None = None
     """where the simulation begins; leave out to derive it from runway.threshold"""
@@ -361,6 +399,8 @@ class _Approach(Section):
     estimate of each run, so that navigation errors take the aircraft off the route and change its measurements"""
     autopilot: AutopilotSection = AutopilotSection()
     """the autopilot of guidance by the estimate"""
+    indicator: IndicatorSection | None = None
+    """deviations from localizer and glide path in parts of full scale; null: none"""
 
     @model_validator(mode="after")
     def _steered(self) -> Self:
@@ -407,6 +447,12 @@ class GoAroundSection(Section):
     """height above the runway at which it begins during the descent; null: use at_s"""
     at_s: FlightTime | None = None
     """time at which it begins; null: use height_m"""
+    on_alarm: bool = False
+    """each run goes around after its own first alarm of the integrity monitor, or epoch without a fix, on the glide"""
+    delay_s: Annotated[float, Field(ge=0.0, le=60.0)] = 1.0
+    """with on_alarm: time from the alarm to the pull-up, of the crew or the autopilot"""
+    decision_height_m: NonNegative = 0.0
+    """with on_alarm: height above the runway below which an alarm breaks no landing off"""
     load_factor: Annotated[float, Field(ge=1.01, le=5.0)] = 1.2
     """lift by weight in the pull-up; less where easing on and off turns it to the climb already"""
     climb_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 5.0
@@ -416,19 +462,37 @@ class GoAroundSection(Section):
 
     @model_validator(mode="after")
     def _one_begin(self) -> Self:
-        if (self.height_m is None) == (self.at_s is None):
-            raise reject("give exactly one of height_m and at_s", "height_m")
+        if (self.height_m is not None) + (self.at_s is not None) + self.on_alarm != 1:
+            raise reject("give exactly one of height_m, at_s and on_alarm: true", "height_m")
+        fields = type(self).model_fields
+        for key in ("delay_s", "decision_height_m"):
+            if not self.on_alarm and getattr(self, key) != fields[key].default:
+                raise reject("is for on_alarm: true", key)
         return self
 
-    def broken_off(self, path: Path) -> Path:
-        """A landing with this go-around. Raises NoSuchPath."""
-        from navsim.trajectory.go_around import PullUp, time_at, with_go_around
+    @property
+    def _pull_up(self) -> PullUp:
+        from navsim.trajectory.go_around import PullUp
 
+        return PullUp(self.load_factor, self.climb_deg * DEG, self.ease_s)
+
+    def by_alarm(self) -> AlarmGoAround | None:
+        """The go-around after an alarm; None if it begins at a height or time."""
+        from navsim.trajectory.go_around import AlarmGoAround
+
+        return AlarmGoAround(self._pull_up, self.delay_s, self.decision_height_m) if self.on_alarm else None
+
+    def broken_off(self, path: Path) -> Path:
+        """A landing with this go-around, where no alarm decides. Raises NoSuchPath."""
+        from navsim.trajectory.go_around import time_at, with_go_around
+
+        if self.on_alarm:
+            return path
         at = self.at_s
         if at is None:
             assert self.height_m is not None
             at = time_at(path, self.height_m)
-        return with_go_around(path, at, PullUp(self.load_factor, self.climb_deg * DEG, self.ease_s))
+        return with_go_around(path, at, self._pull_up)
 
 
 class _ToTheGround(_Approach):

@@ -27,9 +27,11 @@ class BoxSection(Section):
 
     height_m: NonNegative = 0.0
     """true height above the runway at which the error is evaluated, at the last descent through it; 0: touchdown"""
-    error: Literal["navigation", "total"] = "navigation"
+    error: Literal["navigation", "total", "touchdown"] = "navigation"
     """error that must stay inside: the filter's position error, or with total also the run's distance from its route.
-    An aircraft that steers by its estimate ends there. `total` is counted over runs that leave their route"""
+    An aircraft that steers by its estimate ends there. touchdown: the place where the run meets the runway, from that
+    of the route, early or late by its error in height. `total` and `touchdown` are counted over runs that leave their
+    route"""
     lateral_m: Limit = None
     """largest size of the error across the runway, or its limits to the left (below 0) and to the right"""
     along_m: Limit = None
@@ -47,6 +49,11 @@ class BoxSection(Section):
             raise reject("limits nothing: give lateral_m, along_m, from_threshold_m or vertical_m")
         if {"along_m", "from_threshold_m"} <= given.keys():
             raise reject("is the limit along the runway that along_m is; leave one of them out", "from_threshold_m")
+        if self.error == "touchdown" and self.height_m:
+            raise reject("is for other errors: `error: touchdown` is where the run meets the runway", "height_m")
+        if self.error == "touchdown" and self.vertical_m is not None:
+            text = "an aircraft touches down at the height of the runway: give lateral_m, along_m or from_threshold_m"
+            raise reject(text, "vertical_m")
         for name, value in given.items():
             if isinstance(value, tuple) and not value[1] - value[0] >= _LEAST:
                 raise reject(f"the lower limit comes first, and is below the other by {_LEAST:g} m at least", name)

@@ -201,14 +201,22 @@ class Landing(Section):
                 self.interference.check_pseudolites(self.pseudolites.names(), self.pseudolites.strength_known)
             except KeyedError as error:
                 raise reject(str(error), "interference", *error.path) from None
-        if self.box is not None and self.box.error == "total" and self.air() is None:
+        if self.box is not None and self.box.error != "navigation" and self.air() is None:
             text = "all runs fly the route: give approach.guidance: estimate, approach.flight_technical_error"
             raise reject(f"{text}, wind.turbulence or wind.gusts", "box", "error")
+        if getattr(self.approach, "indicator", None) is not None and self.air() is None:
+            text = "all runs fly the route: give approach.guidance: estimate, approach.flight_technical_error"
+            raise reject(f"{text}, wind.turbulence or wind.gusts", "approach", "indicator")
+        if self.breaks_off and self.integrity is None:
+            text = "there is no monitor that raises alarms: give `integrity`, or height_m"
+            raise reject(text, "approach", "go_around", "on_alarm")
         if self.steered and self.filter.kind in SMOOTHERS:
             text = f"{self.filter.kind} is a smoother, with output after the flight; use another filter.kind"
             raise reject(text, "approach", "guidance")
         there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
         there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
+        there["approach.go_around.on_alarm"] = self.breaks_off
+        there["approach.indicator"] = getattr(self.approach, "indicator", None) is not None
         for i, requirement in enumerate(self.requirements):
             if not there[requirement.needs]:
                 of_limits = requirement.needs == "integrity.limits"
@@ -357,9 +365,12 @@ class Landing(Section):
                 "method rare shifts sensor errors, not the trajectory; use method monte-carlo" + beside(air[1]),
                 *air[1][0],
             )
-        if self.box is not None and self.box.error == "total":
+        if self.box is not None and self.box.error != "navigation":
             text = "the covariance analysis is of the route; use method monte-carlo, or `error: navigation`"
             raise reject(text, "box", "error")
+        if self.breaks_off:
+            text = "covariance analysis and method rare have no alarms; use method monte-carlo, or height_m"
+            raise reject(text, "approach", "go_around", "on_alarm")
         if self.integrity is not None and self.integrity.error_model != "gaussian":
             raise reject(
                 "covariance analysis and method rare assume Gaussian noise with the sigmas of the filter model; use "
@@ -699,11 +710,13 @@ class Landing(Section):
 
     def air(self) -> tuple[Air, tuple[tuple[str, ...], ...]] | None:
         """Disturbances that move runs off the route, and their keys; None if all fly it."""
-        wind, technical, autopilot = self.wind, None, None
+        wind, technical, autopilot, go_around = self.wind, None, None, None
         if not isinstance(self.approach, FileApproach):
             technical = self.approach.flight_technical_error
             autopilot = self.approach.autopilot.model() if self.approach.guidance == "estimate" else None
-        if technical is None and autopilot is None and not wind.buffets:
+            section = getattr(self.approach, "go_around", None)
+            go_around = None if section is None else section.by_alarm()
+        if technical is None and autopilot is None and go_around is None and not wind.buffets:
             return None
         from navsim.trajectory.air import Air  # only if any of it is present
 
@@ -711,22 +724,34 @@ class Landing(Section):
         turbulence = None if wind.turbulence is None else wind.turbulence.model(mean)
         gusts = tuple(gust.model() for gust in wind.gusts)
         acting = {"turbulence": wind.turbulence is not None, "gusts": bool(wind.gusts)}
-        keys = tuple(("wind", name) for name, acts in acting.items() if acts)
+        keys: tuple[tuple[str, ...], ...] = tuple(("wind", name) for name, acts in acting.items() if acts)
+        if go_around is not None:
+            keys = ("approach", "go_around", "on_alarm"), *keys
         if autopilot is not None:
             keys = ("approach", "guidance"), *keys
+        out = Air(
+            response, turbulence=turbulence, gusts=gusts, autopilot=autopilot, go_around=go_around,
+            rise=self.runway.rise,
+        )  # fmt: skip
         if technical is None:
-            return Air(response, turbulence=turbulence, gusts=gusts, autopilot=autopilot), keys
+            return out, keys
         parts = (technical.lateral, technical.along, technical.vertical)
         lateral, along, vertical = (None if part is None else part.model() for part in parts)
         own = replace(response, bank_lag=technical.bank_lag_s)
         keys = ("approach", "flight_technical_error"), *keys
-        return Air(own, lateral, along, vertical, turbulence, gusts, autopilot), keys
+        return replace(out, response=own, lateral=lateral, along=along, vertical=vertical), keys
 
     @property
     def steered(self) -> bool:
         """Whether aircraft are steered by their estimates."""
         air = self.air()
         return air is not None and air[0].autopilot is not None
+
+    @property
+    def breaks_off(self) -> bool:
+        """Whether an alarm breaks a run's landing off."""
+        air = self.air()
+        return air is not None and air[0].go_around is not None
 
     def trajectory_draws(self) -> int:
         """Random numbers at each IMU sample for the trajectory of a run."""

@@ -21,7 +21,7 @@ Height = Literal["touchdown", "50ft", "100ft", "200ft"]
 class RequirementSection(Section):
     """A requirement; `what` selects its kind.
 
-    needs: section that it refers to, "", `box`, `integrity` or `integrity.limits`.
+    needs: section or key that it refers to, "" for none.
     """
 
     needs: ClassVar[str] = ""
@@ -63,6 +63,28 @@ class BoxRequirement(RequirementSection):
     """probability of ending outside the scenario's box"""
     at_most: Risk
     """probability that is allowed"""
+
+
+class GoAroundRequirement(RequirementSection):
+    """Runs go around after an alarm less often than this."""
+
+    needs: ClassVar[str] = "approach.go_around.on_alarm"
+    what: Literal["go_around"]
+    """share of runs that go around after an alarm"""
+    at_most: Risk
+    """share that is allowed"""
+
+
+class IndicatorRequirement(RequirementSection):
+    """The aircraft's largest deviation from localizer or glide path stays within a part of full scale."""
+
+    needs: ClassVar[str] = "approach.indicator"
+    what: Literal["localizer", "glide_path"]
+    """largest deviation of the aircraft on the glide down to approach.indicator.until_height_m"""
+    within: Annotated[float, Field(ge=1e-3, le=100.0)] = 0.5
+    """part of full scale; 0.5: half scale, one of two dots"""
+    share: Share = 0.95
+    """share of the runs in which it stays within"""
 
 
 class LevelRequirement(RequirementSection):
@@ -207,8 +229,8 @@ class PresetRequirement(RequirementSection):
 
 
 AnySingle = (
-    ErrorRequirement | RmsRequirement | BoxRequirement | LevelRequirement | ThresholdRequirement | AccuracyRequirement
-    | AvailabilityRequirement | RiskRequirement | AlertRequirement
+    ErrorRequirement | RmsRequirement | BoxRequirement | GoAroundRequirement | IndicatorRequirement | LevelRequirement
+    | ThresholdRequirement | AccuracyRequirement | AvailabilityRequirement | RiskRequirement | AlertRequirement
 )  # fmt: skip
 """A requirement that is one statement."""
 AnyRequirement = Annotated[AnySingle | PresetRequirement, Field(discriminator="what")]

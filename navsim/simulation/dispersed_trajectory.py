@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from navsim.gnss.signals import antenna_motion
 from navsim.simulation.dispersion_kernels import deviate, ranges_from
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.air import Air
+from navsim.trajectory.broken_off import Endings, LandingEnd
 from navsim.trajectory.dispersion import Departure, Disturbance, deviated
 from navsim.trajectory.guidance import GuidanceErrors
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
@@ -137,6 +139,29 @@ class Dispersion:
         """Whether aircraft are steered by their estimates."""
         return self.disturbance.air.autopilot is not None
 
+    @property
+    def depends(self) -> bool:
+        """Whether trajectories depend on what runs measure: on their estimates, or on their alarms."""
+        return self.steered or self.breaks_off
+
+    @property
+    def breaks_off(self) -> bool:
+        """Whether an alarm breaks a run's landing off."""
+        return self.disturbance.air.go_around is not None
+
+    @cached_property
+    def end(self) -> LandingEnd:
+        """The ends of the landings."""
+        return LandingEnd(self.trajectory, self.disturbance.air, self.disturbance.time)
+
+    def begins(self, alerts: np.ndarray) -> np.ndarray:
+        """Times (W,), s, when runs with alerts (e, W) at their fixes begin a go-around; inf for none."""
+        return self.end.begins(self.at_fixes.time, self.at_filter.time[1:], alerts)
+
+    def endings(self, flown: DispersedTrajectories) -> Endings:
+        """Where runs touch down or go around."""
+        return self.end.endings(flown.departure)
+
     def known(self, error: np.ndarray) -> GuidanceErrors:
         """Errors of the estimates that guidance has, from errors of position and velocity (o, 6, W), truth minus
         estimate, NED, m and m/s, at the filter's outputs."""
@@ -147,10 +172,18 @@ class Dispersion:
         turned = np.einsum("oaj,opjw->opaw", turn, error.reshape(outputs, 2, 3, lanes))
         return GuidanceErrors.of(since, turned.reshape(error.shape))
 
-    def departure(self, seed: int, runs: Sequence[int], lanes: int, known: GuidanceErrors | None = None) -> Departure:
+    def departure(
+        self,
+        seed: int,
+        runs: Sequence[int],
+        lanes: int,
+        known: GuidanceErrors | None = None,
+        begin: np.ndarray | None = None,
+    ) -> Departure:
         """Deviations of the runs from the route, in the first of so many lanes; further lanes repeat the last run.
 
-        known: errors of the estimates that steer, None before they are known.
+        known: errors of the estimates that steer, None before they are known. begin: (W,) when they begin a go-around,
+        s, inf for none; None before it is known.
         """
         others = lanes - len(runs)
         rngs = {}
@@ -158,6 +191,8 @@ class Dispersion:
             own = [generator(seed, run, "air", number) for run in runs]
             rngs[number] = (*own, *(own[-1] for _ in range(others)))
         departure = self.disturbance.drawn(rngs, len(runs), lanes, known)
+        if begin is not None:
+            departure = self.end.broken_off(departure, begin)
         for each in (departure.way, departure.turn, departure.gust):
             each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
         return departure
@@ -174,7 +209,10 @@ class Dispersion:
         )  # fmt: skip
         way, turn = departure.at(self.at_filter.time)
         there = deviated(self.at_filter, frame, way, turn)
-        at_fixes = deviated(self.at_fixes, frame, *departure.at(self.at_fixes.time))
+        if np.array_equal(self.at_fixes.time, self.at_filter.time[1:]):
+            at_fixes = _without_first(there, lanes)
+        else:
+            at_fixes = deviated(self.at_fixes, frame, *departure.at(self.at_fixes.time))
         antenna, antenna_velocity = (_lanes(m, lanes) for m in antenna_motion(at_fixes, self.lever_arm))
         ranges, rates = self._ranges(antenna, antenna_velocity)
         return DispersedTrajectories(
@@ -207,6 +245,15 @@ class Dispersion:
         old, faster = np.empty((e, s)), np.empty((e, s))
         ranges_from(self.sources, signals.velocity, signals.antenna, signals.antenna_velocity, old, faster)
         return ranges + (signals.range - old)[..., None], rates + (signals.range_rate - faster)[..., None]
+
+
+def _without_first(motion: Motion, lanes: int) -> Motion:
+    """The motion of runs one after the other (W m) without the first time of each."""
+
+    def rest(values: np.ndarray) -> np.ndarray:
+        return values.reshape(lanes, -1, *values.shape[1:])[:, 1:].reshape(-1, *values.shape[1:])
+
+    return Motion(**{name: rest(getattr(motion, name)) for name in Motion.__dataclass_fields__})
 
 
 def _lanes(values: np.ndarray, lanes: int) -> np.ndarray:

@@ -23,8 +23,9 @@ from navsim.filter import eskf, states
 from navsim.filter.design import FilterDesign, clock_sigma
 from navsim.filter.estimate import fly as fly_filter
 from navsim.filter.estimate import in_all_lanes, is_smoother
-from navsim.filter.measurement_models import FIX, RANGE, SOURCE, FixTable
+from navsim.filter.measurement_models import FIX, RANGE, SOURCE, FixTable, Measurements
 from navsim.filter.records import (
+    ErrorHistory,
     Events,
     FilterModel,
     ImuData,
@@ -41,6 +42,7 @@ from navsim.gnss.dll import ReflectionErrors
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.fix_exclusion import Excluder
+from navsim.integrity.fixes import ReceiverFixes
 from navsim.sensors import imu
 from navsim.simulation.aiding import Aid
 from navsim.simulation.correlated_errors import RangeErrors, as_noise
@@ -527,8 +529,8 @@ class Inputs:
 def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | None = None) -> Inputs:
     """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.
 
-    departure: their deviations from the route where an autopilot has steered them; None: it has not. Raises ValueError
-    for more.
+    departure: their deviations from the route where these depend on what they measure; None: nothing is measured yet.
+    Raises ValueError for more.
     """
     if not 0 < len(runs) <= WIDTH:
         raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
@@ -647,25 +649,30 @@ def fly(
     """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; measured: with their measurements;
     first_order: computes their first-order errors, None if they are not requested.
 
-    Aircraft that their estimates steer fly until the loop closes. Guidance acts on the past alone. So each flight is
-    right for longer than the one before, and one trajectory alone reproduces itself. Raises ValueError for more."""
-    inputs = draw(flight, seed, runs)
-    flown = fly_inputs(flight, inputs, len(runs), measured, first_order)
-    if flight.shared.ways is None or not flight.shared.ways.steered:
-        return flown
-    gap, ways = np.full(WIDTH, np.inf), flight.shared.ways
+    Aircraft that their estimates steer, or that an alarm breaks off, fly until the loop closes. Guidance acts on the
+    past alone. So each flight is right for longer than the one before, and one trajectory alone reproduces itself.
+    Raises ValueError for more."""
+    inputs, ways = draw(flight, seed, runs), flight.shared.ways
+    filtered = _filter(flight, inputs)
+    if ways is None or not ways.depends:
+        return _as_runs(flight, inputs, filtered, len(runs), measured, first_order)
+    gap = np.full(WIDTH, np.inf)
     for flights in range(1, MOST_FLIGHTS + 1):
         assert inputs.flown is not None
-        errors = flown.error[..., states.POS : states.ATT]
-        of_lanes = errors[np.minimum(np.arange(WIDTH), len(runs) - 1)].transpose(1, 2, 0)
-        before, now = inputs.flown.departure, ways.departure(seed, runs, WIDTH, ways.known(of_lanes))
+        known = None
+        if ways.steered:  # a run's numbers lie side by side: sums over them have one order
+            errors = _of_runs(filtered.errors.errors.error[:, states.POS : states.ATT], WIDTH)
+            known = ways.known(errors.transpose(1, 2, 0))
+        begin = ways.begins(_monitored(flight, inputs, filtered, WIDTH).alerts) if ways.breaks_off else None
+        before, now = inputs.flown.departure, ways.departure(seed, runs, WIDTH, known, begin)
         # a run whose loop is closed flies the same again, whoever flies beside it
         gap = np.where(gap <= LOOP_TOLERANCE, gap, np.abs(now.way[:, :3] - before.way[:, :3]).max(axis=(0, 1)))
         if gap.max() <= LOOP_TOLERANCE or flights == MOST_FLIGHTS:
             break
         inputs = draw(flight, seed, runs, before.where(gap <= LOOP_TOLERANCE, now))
-        flown = fly_inputs(flight, inputs, len(runs), measured, first_order)
-    return replace(flown, loop_gap=gap[: len(runs), None])
+        filtered = _filter(flight, inputs)
+    out = _as_runs(flight, inputs, filtered, len(runs), measured, first_order)
+    return replace(out, loop_gap=gap[: len(runs), None]) if ways.steered else out
 
 
 NO_FIXES = FixTable(
@@ -689,11 +696,37 @@ def _runs_of_lanes(lanes: np.ndarray, runs: np.ndarray) -> None:
                 runs[run, row] = lanes[row, run]
 
 
+def _of_runs(lanes: np.ndarray, count: int) -> np.ndarray:
+    """The first `count` runs (r, ...) of lanes (..., W)."""
+    runs = np.empty((count, *lanes.shape[:-1]))
+    _runs_of_lanes(lanes.reshape(-1, WIDTH), runs.reshape(count, -1))
+    return runs
+
+
+@dataclass(frozen=True)
+class _Filtered:
+    """WIDTH landings after the filter, one in each SIMD lane."""
+
+    nav: np.ndarray
+    """(NAV, W) initial navigation states of the filter."""
+    ranges: np.ndarray
+    """(e, s, W) pseudoranges, m, as the receiver uses them."""
+    fixes: ReceiverFixes
+    tables: Measurements
+    watched: MonitorOutput
+    errors: ErrorHistory
+
+
 def fly_inputs(
     flight: Flight, inputs: Inputs, count: int, measured: bool = False, first_order: Linear | None = None
 ) -> Run:
     """Run the filter on these inputs; returns the first `count` landings, with their measurements and first-order
     errors if requested."""
+    return _as_runs(flight, inputs, _filter(flight, inputs), count, measured, first_order)
+
+
+def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
+    """Run the receiver, its monitor and the filter on these inputs."""
     shared, design = flight.shared, flight.design
     n = flight.covariance.shape[0]
     nav = with_clock(flight, initial_estimate(flight, inputs.initial, inputs.flown), inputs.clock)
@@ -703,7 +736,7 @@ def fly_inputs(
     watched = MonitorOutput.of_fixes(flight, antenna, ranges, fixes).after_exclusion(
         flight, antenna, ranges, rates, fixes
     )
-    llh, velocity, clocks, cov = fixes
+    llh, velocity, _, cov = fixes
     if design.tight:
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
     else:
@@ -719,7 +752,6 @@ def fly_inputs(
                 np.copyto(all_fixes, without, where=mine.reshape(len(mine), *[1] * (all_fixes.ndim - 2), -1))
         tables = measurements(flight, table, inputs.aided)
 
-    linear = None if first_order is None else first_order.errors(flight, inputs, ranges)
     errors = empty_error_history(
         _truth(shared, inputs), n, flight.events.time.size, WIDTH,
         single=n - 3 * len(states.slices(design.sensors.blocks)), innovations=flight.bank is not None,
@@ -728,37 +760,74 @@ def fly_inputs(
     fly_filter(ImuData(shared.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, errors)
     if flight.bank is not None:
         watched = MonitorOutput.of_filter(flight, errors, fixes, ranges, rates)
+    return _Filtered(nav, ranges, fixes, tables, watched, errors)
+
+
+@dataclass(frozen=True)
+class _Monitored:
+    """Events and monitor status of runs."""
+
+    of_events: dict[str, np.ndarray]
+    """See `_of_events`."""
+    status: np.ndarray
+    """(r, e) status of the monitor."""
+    ratio: np.ndarray
+    """(r, e) see `Run.innovation_ratio`."""
+
+    @property
+    def alerts(self) -> np.ndarray:
+        """(e, r) whether the user is alerted."""
+        return monitoring.alerted(self.status).T
+
+
+def _monitored(flight: Flight, inputs: Inputs, filtered: _Filtered, count: int) -> _Monitored:
+    """Events and monitor status of the first `count` runs."""
+    errors = filtered.errors
+    of_events = _of_events(
+        flight, [_of_runs(m, count) for m in inputs.aided], _of_runs(errors.innovation_squared, count),
+        _of_runs(errors.degrees, count).astype(np.int64), _of_runs(errors.status, count).astype(np.int64),
+    )  # fmt: skip
+    status, ratio = _of_runs(filtered.watched.status, count).astype(np.int64), np.empty((count, 0))
+    if flight.watching is not None and flight.watching.innovations is not None:
+        squared, degrees = of_events["innovation_squared"], of_events["degrees"]
+        ratio = flight.watching.innovations.ratio(flight.shared.signals.time, squared, degrees)
+        status = np.where((ratio > 1.0) & (status != monitoring.NO_FIX), monitoring.ALARM, status)
+    return _Monitored(of_events, status, ratio)
+
+
+def _as_runs(
+    flight: Flight, inputs: Inputs, filtered: _Filtered, count: int, measured: bool, first_order: Linear | None
+) -> Run:
+    """The first `count` landings, with their measurements and first-order errors if requested."""
+    shared, design, nav, watched, errors = flight.shared, flight.design, filtered.nav, filtered.watched, filtered.errors
+    llh, velocity, clocks, _ = filtered.fixes
+    linear = None if first_order is None else first_order.errors(flight, inputs, filtered.ranges)
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
-        runs = np.empty((count, *lanes.shape[:-1]))
-        _runs_of_lanes(lanes.reshape(-1, WIDTH), runs.reshape(count, -1))
-        return runs
+        return _of_runs(lanes, count)
 
     def of_signals(lanes: np.ndarray) -> np.ndarray:
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
 
-    of_filter = tables.fixes if measured and not design.tight else NO_FIXES
+    of_filter = filtered.tables.fixes if measured and not design.tight else NO_FIXES
     none = np.empty((0, 3, WIDTH))
     own = {"deviation": none, "attitude": none, "antenna": none, "gust": none}
-    if inputs.flown is not None:
+    own |= {"touchdown": np.empty((0, WIDTH)), "go_around": np.empty((0, WIDTH))}
+    if inputs.flown is not None and shared.ways is not None:
         flown = inputs.flown
-        own = {"deviation": flown.deviation, "attitude": flown.rpy, "antenna": flown.antenna, "gust": flown.gust}
-    of_events = _of_events(
-        flight, [of_runs(m) for m in inputs.aided], of_runs(errors.innovation_squared),
-        of_runs(errors.degrees).astype(np.int64), of_runs(errors.status).astype(np.int64),
-    )  # fmt: skip
-    status, ratio = of_runs(watched.status).astype(np.int64), np.empty((count, 0))
-    if flight.watching is not None and flight.watching.innovations is not None:
-        squared, degrees = of_events["innovation_squared"], of_events["degrees"]
-        ratio = flight.watching.innovations.ratio(shared.signals.time, squared, degrees)
-        status = np.where((ratio > 1.0) & (status != monitoring.NO_FIX), monitoring.ALARM, status)
+        own |= {"deviation": flown.deviation, "attitude": flown.rpy, "antenna": flown.antenna, "gust": flown.gust}
+        ends = shared.ways.endings(flown)
+        own["touchdown"] = ends.touchdown
+        if shared.ways.breaks_off:
+            own["go_around"] = ends.go_around
+    monitored = _monitored(flight, inputs, filtered, count)
     return Run(
-        of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
+        of_signals(filtered.ranges), of_signals(inputs.rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
         of_runs(errors.errors.error), of_runs(errors.sigma), of_runs(errors.cross),
         of_runs(errors.errors.nees), of_runs(errors.errors.nees_position_velocity),
         of_runs(errors.errors.nees_group),
-        **of_events,
-        monitor_statistic=of_runs(watched.statistic), monitor_status=status, innovation_ratio=ratio,
+        **monitored.of_events,
+        monitor_statistic=of_runs(watched.statistic), monitor_status=monitored.status, innovation_ratio=monitored.ratio,
         watched_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
         monitor_level=of_runs(watched.level),
         **{name: of_runs(lanes) for name, lanes in own.items()},

@@ -110,6 +110,10 @@ class Run:
     """(2,) samples of gyros and of accelerometers beyond their range; empty without a range."""
     first_order: np.ndarray
     """(o, 3) first-order error of position, NED, m, truth minus estimate; empty if not requested."""
+    touchdown: np.ndarray
+    """(4,) see `Endings`; empty if all runs fly the route."""
+    go_around: np.ndarray
+    """(3,) likewise; empty if no alarm breaks a landing off."""
     loop_gap: np.ndarray
     """(1,) largest distance between the flown trajectory and the one that guidance by this estimate gives, m. Empty if
     the estimate does not steer."""

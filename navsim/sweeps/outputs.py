@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.results.schema import VERDICTS
-from navsim.sweeps.scenario import BEACON_OUTPUTS, DOP_OUTPUTS, WATCHED_OUTPUTS
+from navsim.results.schema import HEIGHTS, VERDICTS
+from navsim.sweeps.scenario import BEACON_OUTPUTS, DOP_OUTPUTS, TOTAL_OUTPUTS, WATCHED_OUTPUTS
 
 if TYPE_CHECKING:
     from navsim.landing.beacons import BeaconGlide
@@ -52,10 +52,27 @@ def landing_outputs(summary: ResultBuilder, lost: int) -> dict[str, float]:
 
 def watched_outputs(flown: Result) -> dict[str, float]:
     """Counts of monitored fixes, if any, with the ends of the intervals."""
+    return _with_ends({
+        name: flown[path] for name in WATCHED_OUTPUTS if (path := f"/summary/integrity/{name}") in flown
+    })  # fmt: skip
+
+
+def total_outputs(flown: Result) -> dict[str, float]:
+    """Total system errors and ends of runs, if any, with the ends of the intervals."""
+    paths = {"outside_box": "/summary/box/probability", "go_around": "/summary/go_around/share"}
+    found = {name: flown[path] for name, path in paths.items() if path in flown}
+    for name in TOTAL_OUTPUTS:
+        axis, _, height = name.partition("_total_")
+        if height and (path := f"/summary/at/{axis}_tse") in flown:
+            found[name] = flown[path][list(HEIGHTS).index(height)]
+    return _with_ends(found)
+
+
+def _with_ends(found: dict[str, np.ndarray]) -> dict[str, float]:
+    """Values with their intervals (3,) as outputs."""
     out: dict[str, float] = {}
-    for name in WATCHED_OUTPUTS:
-        if (path := f"/summary/integrity/{name}") in flown:
-            out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, flown[path]), strict=True))
+    for name, interval in found.items():
+        out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
     return out
 
 

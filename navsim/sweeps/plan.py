@@ -371,6 +371,15 @@ def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
     return out
 
 
+def _lacks(name: str, scenario: Landing) -> str:
+    """Key that an output of where runs end needs and a scenario does not have; "" for none."""
+    if name == "outside_box" and scenario.box is None:
+        return "box"
+    if name == "go_around" and not scenario.breaks_off:
+        return "approach.go_around.on_alarm"
+    return "approach.guidance: estimate" if "_total_" in name and scenario.air() is None else ""
+
+
 def check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
     """Raise InputError for outputs of monitored fixes without a monitor or without limits, and of beacons without
     any."""
@@ -381,7 +390,7 @@ def check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
             lacking = "beacons"
         if name in WATCHED_OUTPUTS and (section is None or section.limits is None):
             lacking = "integrity.limits"
-        if lacking:
+        if lacking := lacking or _lacks(name, scenario):
             text = f"the output {name} needs `{lacking}`, which the scenario does not have"
             key = lacking.split(".")[0]
             raise InputError([Problem(document.place((key,)), key, text)])

@@ -13,6 +13,7 @@ from navsim.results.schema import (
     FILTER_QUANTITIES,
     LEVEL_QUANTITIES,
     SWEEP_QUANTITIES,
+    TOTAL_QUANTITIES,
     WATCHED_QUANTITIES,
 )
 from navsim.scenario.base import DistinctListOf, Dotted, ListOf, Section, Version, reject
@@ -26,6 +27,8 @@ BEACON_OUTPUTS = tuple(BEACON_QUANTITIES)
 """Outputs of every method with beacons."""
 LEVEL_OUTPUTS, WATCHED_OUTPUTS = tuple(LEVEL_QUANTITIES), tuple(WATCHED_QUANTITIES)
 """Outputs of every method with monitored fixes; further ones of runs with limits."""
+TOTAL_OUTPUTS = tuple(TOTAL_QUANTITIES)
+"""Outputs of runs that leave their route, and of where they end."""
 MOST_VALUES = 100_000
 """Most values an axis may have, counted before they are made."""
 MOST_COMBINATIONS = 100_000_000
@@ -159,8 +162,8 @@ class Sweep(Section):
     # mypy knows no choice of names that are computed
     outputs: DistinctListOf[Literal[(*OUTPUTS, REQUIREMENTS)]] = ()  # type: ignore[valid-type]
     """outputs to store; default: all that the method gives of geometry and filter. Name those of the integrity monitor
-    (hpl_p95 to hmi), of beacons (beacons_pdop to beacons_vdop_max) and the verdicts on the base scenario's
-    requirements to get them"""
+    (hpl_p95 to hmi), of beacons (beacons_pdop to beacons_vdop_max), total system errors and ends of runs
+    (lateral_total_touchdown to go_around), and the verdicts on the base scenario's requirements to get them"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
@@ -191,7 +194,7 @@ class Sweep(Section):
                     raise reject(f"method dop flies no filter: '{name}' needs covariance or monte-carlo", "outputs", i)
         if self.method != "monte-carlo":
             for i, name in enumerate(self.outputs):
-                if name in WATCHED_OUTPUTS:
+                if name in (*WATCHED_OUTPUTS, *TOTAL_OUTPUTS):
                     raise reject(f"'{name}' is of runs: it needs method monte-carlo", "outputs", i)
         return self
 

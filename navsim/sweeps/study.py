@@ -61,6 +61,7 @@ from navsim.sweeps.outputs import (
     landing_outputs,
     outputs_of_fulfilments,
     requirement_outputs,
+    total_outputs,
     watched_outputs,
 )
 from navsim.sweeps.plan import MOST_MAP_SITES, PLACE_KEYS, Plan, check_watched, short
@@ -68,6 +69,7 @@ from navsim.sweeps.scenario import (
     FILTER_OUTPUTS,
     LEVEL_OUTPUTS,
     REQUIREMENTS,
+    TOTAL_OUTPUTS,
     WATCHED_OUTPUTS,
 )
 
@@ -168,7 +170,7 @@ class SweepStudy:
             return outputs, site, covariance_findings(case, analysis), warned, alone
         if method == "monte-carlo":
             flown = fly_case(case, self.plan.seed, 0, self.plan.study.runs, threads(1))
-            outputs = out | filter_outputs(flown) | watched_outputs(flown)
+            outputs = out | filter_outputs(flown) | watched_outputs(flown) | total_outputs(flown)
             return outputs | requirement_outputs(flown), site, of(flown), warned, alone
         if self.plan.requirements:
             out |= outputs_of_fulfilments(judged_without_runs(case, None))
@@ -193,7 +195,7 @@ def columns(planned: Plan) -> list[str]:
                 out += [f"{NUMBERED}{i}{end}" for end in ends]
             continue
         out.append(name)
-        if flown and name in (*FILTER_OUTPUTS, *WATCHED_OUTPUTS):
+        if flown and name in (*FILTER_OUTPUTS, *WATCHED_OUTPUTS, *TOTAL_OUTPUTS):
             out += [f"{name}_low", f"{name}_high"]
     return out
 

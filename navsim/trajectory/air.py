@@ -20,6 +20,7 @@ import numpy as np
 from navsim.statistics.linear_processes import stationary
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.autopilot import Autopilot
+from navsim.trajectory.go_around import AlarmGoAround
 from navsim.trajectory.kinematics import Trajectory, faded
 from navsim.trajectory.path import AnyPath
 
@@ -491,6 +492,10 @@ class Air:
     """The same for all runs."""
     autopilot: Autopilot | None = None
     """Steers each run by its own estimate; None: guidance has the truth."""
+    go_around: AlarmGoAround | None = None
+    """Breaks off a run after its own alarm; None: alarms change nothing."""
+    rise: float = 0.0
+    """Slope of the runway in the direction of landing, m a m."""
 
     @property
     def draws(self) -> int:

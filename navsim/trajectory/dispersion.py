@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -40,10 +40,14 @@ class Departure:
     """(k, 6, W) Gibbs vector of the attitude in the reference's body axes, and its rate."""
     gust: np.ndarray
     """(k, 3, W) wind minus the mean wind, m/s, to the right of the course, along it, up."""
+    begin: np.ndarray = field(default_factory=lambda: np.array(np.inf))
+    """(W,) or () when runs begin a go-around after an alarm, s; inf for none."""
 
     def where(self, kept: np.ndarray, other: Departure) -> Departure:
         """These deviations in the lanes (W,) that are kept, and others elsewhere."""
-        pairs = ((getattr(self, name), getattr(other, name)) for name in ("way", "turn", "gust"))
+        if not kept.any():
+            return other
+        pairs = ((getattr(self, name), getattr(other, name)) for name in ("way", "turn", "gust", "begin"))
         return Departure(self.time, *(np.where(kept, own, new) for own, new in pairs))
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -43,6 +43,17 @@ class PullUp:
     ease: float
 
 
+@dataclass(frozen=True)
+class AlarmGoAround:
+    """A go-around that each run begins after its own first alarm."""
+
+    how: PullUp
+    delay: float
+    """From the alarm to the begin of the pull-up, s."""
+    decision_height: float
+    """Height above the runway, m, below which no alarm breaks the landing off."""
+
+
 def time_at(path: Path, height: float) -> float:
     """Last time at which a path descends through a height, m, on its glide, s. Raises NoSuchPath."""
     first, last = path.events[GLIDE_START], path.events[TOUCHDOWN]
@@ -57,9 +68,9 @@ def time_at(path: Path, height: float) -> float:
     return float(low)
 
 
-def with_go_around(path: Path, begin: float, how: PullUp) -> Path:
+def with_go_around(path: Path, begin: float, how: PullUp, through_ground: bool = False) -> Path:
     """A landing up to a time on its glide, s, and a climb from there. Its flare, if begun, is no event any more: the
-    nose stays turned into the wind. Raises NoSuchPath."""
+    nose stays turned into the wind. through_ground: allows a pull-up that touches it. Raises NoSuchPath."""
     first, last = path.events[GLIDE_START], path.events[TOUCHDOWN]
     if not first <= begin < last:
         text = f"a go-around at {begin:g} s is not within the glide, which lasts from {first:.2f} to {last:.2f} s"
@@ -120,7 +131,7 @@ def with_go_around(path: Path, begin: float, how: PullUp) -> Path:
     events = {name: t for name, t in path.events.items() if t <= begin and name != FLARE}
     out = Path(tuple(segments), events | {GO_AROUND: begin})
     lowest = float(np.min(-out.jet(np.linspace(begin, now, 400))[:, 0, 2]))
-    if lowest <= 0.0:
+    if lowest <= 0.0 and not through_ground:
         raise NoSuchPath(f"the pull-up of the go-around would go down to {lowest:.2f} m above the runway")
     return out
 

@@ -1,0 +1,177 @@
+"""Where runs touch down, what a pilot sees of their deviations, and go-arounds after their own alarms."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.compiler.lanes import WIDTH
+from navsim.filter import states
+from navsim.integrity.monitoring import ALARM
+from navsim.landing.result import result as summarised
+from navsim.landing.study import fly_all
+from navsim.landing.total_errors import indicated
+from navsim.report.summary_tables import outside_box, summary_table
+from navsim.results.result import Result, read
+from navsim.runner.executor import threads
+from navsim.scenario.source import InputError
+from navsim.simulation.landing import fly
+from navsim.trajectory.approach import TOUCHDOWN
+from navsim.trajectory.go_around import PullUp, with_go_around
+from tests.conftest import SCENARIOS
+from tests.consistency.test_flown_ways import mechanised, ways_of
+from tests.helpers import case, scenario
+from tests.layout import as_declared
+from tests.product.test_run import navsim
+
+MONITOR = ("integrity={method: chi2, p_fa: 1e-4}", "receiver.rate_hz=1", "duration_s=61")
+SPOOF = "events=[{what: step, at_s: 45, until_s: 61, sources: [PL1], error_m: 300}]"
+ON_ALARM = "approach.go_around={on_alarm: true, delay_s: 2, climb_deg: 4}"
+STEERED = "approach.guidance=estimate"
+
+
+def test_touchdowns_are_early_or_late_by_the_height() -> None:
+    """A run that is too high goes on at its sink rate; one that is too low meets the runway before."""
+    smooth = case("approach.flight_technical_error={vertical: {sigma_m: 1e-3}}", name="landing_smooth")
+    end, ways = ways_of(smooth.shared).end, ways_of(smooth.shared)
+    drawn = ways.departure(1, range(WIDTH), WIDTH)
+    way = np.zeros_like(drawn.way)
+    way[:, 1, 1], way[:, 0, 1] = 2.0, -3.0
+    way[:, 2, 2], way[:, 2, 3] = -0.3, 0.3  # down is positive
+    way[:, 5, 4], way[:, 2, 4] = -10.0, -0.3  # climbs
+    found = end.endings(replace(drawn, way=way)).touchdown
+    at = smooth.trajectory.path.events[TOUCHDOWN]
+    jet = smooth.trajectory.path.jet(np.array([at]))[0]
+    time, along, lateral, sink = found
+    assert time[0] == pytest.approx(at, abs=1e-4)
+    assert (along[0], lateral[0]) == pytest.approx((jet[0, 0], 0.0), abs=1e-2)
+    assert sink[0] == pytest.approx(jet[1, 2], abs=1e-2)
+    assert (along[1], lateral[1]) == pytest.approx((along[0] - 3.0, 2.0), abs=1e-2)
+    assert time[2] - time[0] == pytest.approx(0.3 / jet[1, 2], rel=0.05)
+    assert along[2] - along[0] == pytest.approx(0.3 / jet[1, 2] * jet[1, 0], rel=0.05)
+    before = np.linspace(at - 3.0, at, 30_001)
+    assert time[3] == pytest.approx(np.interp(-0.3, smooth.trajectory.path.jet(before)[:, 0, 2], before), abs=1e-3)
+    assert np.isnan(found[:, 4]).all()
+
+
+def test_what_a_pilot_sees() -> None:
+    """Full scale by similar triangles, on both sides; the glide path has no deviation beyond its foot."""
+    seen = case(STEERED, "approach.indicator={course_width_m: 100, course_origin_m: 2000, glide_full_scale: 0.25}",
+                "runway.aim_point_m=300", "approach.glide_slope_deg=4")  # fmt: skip
+    section = seen.scenario.approach.indicator
+    assert section is not None
+    along = np.array([-300.0, -1000.0, -1000.0, 10.0])
+    angle = np.radians(4.0)
+    right = np.array([100.0, -100.0 / 2000.0 * 2700.0, 0.0, 0.0])
+    up = np.array([0.0, np.tan(1.25 * angle) * np.hypot(1000.0, right[1]), 1000.0 * np.tan(0.5 * angle), 3.0])
+    course, glide = indicated(seen, section, along, right, up).T
+    np.testing.assert_allclose(course, [1.0, -1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(glide, [-4.0, 1.0, -2.0, np.nan], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def broken_off() -> Result:
+    """Runs of which a false range of a pseudolite raises alarms."""
+    one = case(*MONITOR, SPOOF, ON_ALARM, "approach.indicator={}", "box={error: touchdown, lateral_m: 30}")
+    return summarised(one, fly_all(one, 1, 0, WIDTH, threads(1), keep="all"), 1, keep="all")
+
+
+def test_go_around_after_an_alarm(broken_off: Result) -> None:
+    """It begins after the first alarm of the run, loses the height that the path of a planned one loses, and the run
+    is as before until then."""
+    as_declared(broken_off)
+    planned = case(*MONITOR, SPOOF)
+    status, time = broken_off["/integrity/status"], broken_off["/integrity/time"]
+    first = time[np.argmax(status == ALARM, axis=1)]
+    assert (first >= 45.0).all()
+    begin = broken_off["/summary/go_around/time_run"]
+    np.testing.assert_allclose(begin, first + 2.0, atol=0.011)
+    climbing = with_go_around(planned.trajectory.path, float(first[0]) + 2.0, PullUp(1.2, np.radians(4.0), 1.0))
+    height = -climbing.jet(np.linspace(begin[0], begin[0] + 8.0, 8001))[:, 0, 2]
+    assert broken_off["/summary/go_around/lost_run"][0] == pytest.approx(height[0] - height.min(), abs=0.02)
+    off = broken_off["/filter/deviation_vertical"]
+    before = broken_off["/filter/time"] <= first[0]
+    free = fly(planned.flight, 1, range(WIDTH))
+    np.testing.assert_allclose(broken_off["/filter/error"][:, before], free.error[:, before], atol=1e-6)
+    assert not off[:, before].any()
+    assert (off[:, -1] > 30.0).all()
+
+
+def test_runs_that_go_around_end_nowhere(broken_off: Result) -> None:
+    assert int(broken_off["/summary/go_around/count"]) == WIDTH
+    assert int(broken_off["/summary/touchdown/landed"]) == 0
+    assert int(broken_off["/summary/box/outside"]) == 0
+    assert not outside_box(broken_off).any()
+    assert np.isnan(broken_off["/summary/at/lateral_tse_run"][:, 0]).all()
+    text = str(summary_table([("", broken_off)]))
+    assert "Go-arounds after an alarm" in text
+    assert "Touchdown" in text
+
+
+def test_sensors_follow_the_go_around() -> None:
+    """The increments of a run that is broken off lead along its own path; with wind, the nose as well."""
+    one = case(*MONITOR, ON_ALARM, "wind.speed_m_s=5", "wind.from_deg=80", "imu.rate_hz=100")
+    ways = ways_of(one.shared)
+    begin = np.full(WIDTH, np.inf)
+    begin[:2] = 30.0, 50.0
+    flown = ways.flown(ways.departure(1, range(WIDTH), WIDTH, begin=begin))
+    for lane in range(2):
+        position, turn = mechanised(one.shared, flown, lane)
+        assert position < 0.02
+        assert turn < 1e-5
+    ends = ways.endings(flown)
+    assert np.isfinite(ends.go_around[:, :2]).all()
+    assert np.isnan(ends.go_around[:, 2:]).all()
+    assert np.isfinite(ends.touchdown[:, 2:]).all()
+
+
+def test_steered_runs_go_around() -> None:
+    """The loop closes through the estimate and the alarm."""
+    one = case(*MONITOR, SPOOF, ON_ALARM, STEERED, "imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1")
+    runs = fly(one.flight, 1, range(2), measured=False)
+    assert runs.loop_gap.max() < 0.01
+    first = one.shared.signals.time[np.argmax(runs.monitor_status == ALARM, axis=1)]
+    np.testing.assert_allclose(runs.go_around[:, 0], first + 2.0, atol=0.011)
+    assert np.isfinite(runs.error[..., : states.ATT]).all()
+
+
+@pytest.mark.parametrize(("settings", "key"), [
+    (("approach.go_around={on_alarm: true}",), "on_alarm"),
+    (("approach.go_around={height_m: 30, on_alarm: true}",), "height_m"),
+    (("approach.go_around={height_m: 30, delay_s: 3}",), "delay_s"),
+    ((*MONITOR, ON_ALARM, "method=covariance"), "on_alarm"),
+    ((STEERED, "box={error: touchdown, vertical_m: 3}"), "vertical_m"),
+    (("box={error: touchdown, lateral_m: 3}",), "error"),
+    (("approach.indicator={}",), "indicator"),
+    (("requirements=[{what: go_around, at_most: 0.1}]",), "what"),
+    (("requirements=[{what: localizer}]",), "what"),
+])  # fmt: skip
+def test_what_does_not_go_together(settings: tuple[str, ...], key: str) -> None:
+    with pytest.raises(InputError, match=key):
+        scenario(*settings)
+
+
+def test_sweeps_have_total_errors_and_ends(tmp_path: Path) -> None:
+    """Those of a single ensemble."""
+    path = tmp_path / "study.yaml"
+    settings = {"approach.guidance": "estimate", "receiver.rate_hz": 1, "duration_s": 61,
+                "integrity": {"method": "chi2"}, "approach.go_around": {"on_alarm": True},
+                "box": {"error": "touchdown", "lateral_m": 1}}  # fmt: skip
+    path.write_text(
+        f"kind: sweep\nversion: 1\nbase: {SCENARIOS / 'landing.yaml'}\nset: {json.dumps(settings)}\n"
+        "vary: [{key: approach.autopilot.damping, values: [0.9]}]\nmethod: monte-carlo\nruns: 8\n"
+        "outputs: [lateral_total_touchdown, outside_box, go_around]\n"
+    )
+    navsim("sweep", path, "--figures", "none", "-q", "-o", "s.h5", cwd=tmp_path)
+    swept = read(tmp_path / "s.h5")
+    as_declared(swept)
+    one = case(*(f"{key}={json.dumps(value)}" for key, value in settings.items()), "approach.autopilot.damping=0.9")
+    single = summarised(one, fly_all(one, 1, 0, 8, threads(1), keep="none"), 1, keep="none")
+    for name, of in (("lateral_total_touchdown", single["/summary/at/lateral_tse"][0]),
+                     ("outside_box", single["/summary/box/probability"]),
+                     ("go_around", single["/summary/go_around/share"])):  # fmt: skip
+        np.testing.assert_array_equal([swept[f"/sweep/{name}{end}"][0] for end in ("", "_low", "_high")], of)
