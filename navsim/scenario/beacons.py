@@ -101,7 +101,7 @@ class BeaconsSection(AidingSection):
             if bool(getattr(self, share)) != bool(getattr(self, size)):
                 missing = size if getattr(self, share) else share
                 given = share if missing == size else size
-                raise reject(f"goes with {given}: give both above 0, or none", missing)
+                raise reject(f"needs {given}: give both above 0, or neither", missing)
         return self
 
     def names(self) -> tuple[str, ...]:

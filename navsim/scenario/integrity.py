@@ -233,7 +233,7 @@ class IntegritySection(Section):
             ):
                 if getattr(self, name) != default:
                     shown = "null" if default is None else f"{default:g}" if name == "sigma_ratio_acc" else default
-                    raise reject(f"method filter goes with {shown} alone: {why}; use mhss or chi2", name)
+                    raise reject(f"must be {shown} with method filter: {why}; or use method mhss or chi2", name)
         return self
 
     def pseudolite_prior(self) -> float:
