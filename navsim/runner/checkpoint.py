@@ -269,7 +269,7 @@ def command_of(folder: Path) -> Command:
         if beside.is_dir():
             raise CheckpointError(f"{folder}: no folder of partial work; its own is {beside}: give that")
         raise CheckpointError(
-            f"{folder}: not a folder of partial work, RESULT.h5.partial; a complete result has none"
+            f"{folder}: no folder of partial work, RESULT.h5.partial; a complete result has none"
         )
     file = folder / _COMMAND_FILE
     if not file.exists():

@@ -101,7 +101,7 @@ class BeaconsSection(AidingSection):
             if bool(getattr(self, share)) != bool(getattr(self, size)):
                 missing = size if getattr(self, share) else share
                 given = share if missing == size else size
-                raise reject(f"needs {given}: give both above 0, or neither", missing)
+                raise reject(f"is 0, but {given} needs it: give both above 0, or neither", missing)
         return self
 
     def names(self) -> tuple[str, ...]:

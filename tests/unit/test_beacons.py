@@ -151,7 +151,7 @@ def test_mirror_image() -> None:
         (f"{{sites: [{SITES}], rate_hz: 6, sigma_m: 0.1, range_limit_m: 9, eirp_dbm: 3}}", "beacons.eirp_dbm",
          "one of both"),
         (f"{{sites: [{SITES}], rate_hz: 6, sigma_m: 0.1, range_limit_m: 900, long_share: 0.1}}", "beacons.long_m",
-         "needs long_share"),
+         "but long_share needs it"),
         (f"{{sites: [{SITES}], rate_hz: 6, sigma_m: 0.1, range_limit_m: 900, carrier_mhz: 50}}", "beacons.carrier_mhz",
          "100"),
         ("{sites: [{name: a, s_m: 90, l1_m: 0}, {name: a, s_m: 80, l1_m: 0}], rate_hz: 6, sigma_m: 0.1, "
