@@ -86,7 +86,7 @@ def evidence(
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FOLDER",
-                     help="New or empty folder for the files. Default: <result stem>_evidence beside the result.",
+                     help="New or empty folder. Default: <result stem>_evidence in the folder of the result.",
                      show_default=False),
     ] = None,
     folder: FolderOption = None,

@@ -53,8 +53,8 @@ def _idle_presets(scenario: Landing) -> list[str]:
     """Presets of which the keys beside them leave nothing, as messages."""
     of_beacons, of_magnetometer = ("beacons", BEACON_PRESETS), ("magnetometer", MAGNETOMETER_PRESETS)
     return [
-        f"{name}.preset: {section.preset} changes nothing: {', '.join(its)} beside it replace all of its values; leave "
-        "these keys out, or the preset"
+        f"{name}.preset: {section.preset} changes nothing: {', '.join(its)} replace all of its values; leave these "
+        "keys out, or the preset"
         for name, presets in (of_beacons, of_magnetometer)
         if (section := getattr(scenario, name)) is not None and (its := presets.get(section.preset))
         and all(getattr(section, key) != value for key, value in its.items())

@@ -48,7 +48,7 @@ class RmsRequirement(RequirementSection):
     """Root mean square of the filter's error over the last seconds before touchdown."""
 
     what: Literal["rms"]
-    """root mean square error over the last 20 s before touchdown"""
+    """RMS error over the last 20 s"""
     of: Literal["horizontal", "vertical"]
     """horizontal: both axes together; or vertical"""
     below_m: Length
@@ -60,7 +60,7 @@ class BoxRequirement(RequirementSection):
 
     needs: ClassVar[str] = "box"
     what: Literal["box"]
-    """probability of ending outside the scenario's box"""
+    """probability of leaving the box"""
     at_most: Risk
     """probability that is allowed"""
 
@@ -70,7 +70,7 @@ class GoAroundRequirement(RequirementSection):
 
     needs: ClassVar[str] = "approach.go_around.on_alarm"
     what: Literal["go_around"]
-    """share of runs that go around after an alarm"""
+    """share of runs that go around"""
     at_most: Risk
     """share that is allowed"""
 
@@ -80,7 +80,7 @@ class IndicatorRequirement(RequirementSection):
 
     needs: ClassVar[str] = "approach.indicator"
     what: Literal["localizer", "glide_path"]
-    """largest deviation of the aircraft on the glide down to approach.indicator.until_height_m"""
+    """largest deviation down to approach.indicator.until_height_m"""
     within: Annotated[float, Field(ge=1e-3, le=100.0)] = 0.5
     """part of full scale; 0.5: half scale, one of two dots"""
     share: Share = 0.95
@@ -106,7 +106,7 @@ class ThresholdRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity"
     what: Literal["emt"]
-    """effective monitor threshold of solution separation"""
+    """effective monitor threshold"""
     below_m: Length
     """size that the threshold stays within"""
     share: Share = 0.99
@@ -118,7 +118,7 @@ class AccuracyRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity"
     what: Literal["accuracy"]
-    """fault-free vertical error of the fixes"""
+    """vertical error without a fault"""
     below_m: Length
     """size that the error stays within"""
     at_most: Risk = 0.05
@@ -132,7 +132,7 @@ class AvailabilityRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["availability", "approaches"]
-    """available epochs of the glide, or fully available approaches"""
+    """available epochs, or fully available approaches"""
     at_least: Share
     """share that is asked for"""
 
@@ -142,7 +142,7 @@ class RiskRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["continuity", "misleading"]
-    """risk of lost continuity within 15 s, or of hazardously misleading information"""
+    """risk of lost continuity within 15 s, or of misleading information"""
     at_most: Risk
     """probability that is allowed"""
 
@@ -182,7 +182,7 @@ class PresetRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["preset"]
-    """alert limits, vertical accuracy, continuity, integrity of an operation; LPV-200 also emt"""
+    """all requirements of an operation"""
     operation: Operation
     """the operation"""
     availability: Share = 0.99

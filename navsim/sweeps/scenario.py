@@ -161,9 +161,9 @@ class Sweep(Section):
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
     # mypy knows no choice of names that are computed
     outputs: DistinctListOf[Literal[(*OUTPUTS, REQUIREMENTS)]] = ()  # type: ignore[valid-type]
-    """outputs to store; default: all that the method gives of geometry and filter. Name those of the integrity monitor
-    (hpl_p95 to hmi), of beacons (beacons_pdop to beacons_vdop_max), total system errors and ends of runs
-    (lateral_total_touchdown to go_around), and the verdicts on the base scenario's requirements to get them"""
+    """outputs to store; default: all that the method gives of geometry and filter. To be named: those of the
+    integrity monitor (hpl_p95 to hmi), of beacons (beacons_pdop to beacons_vdop_max), of total system errors and ends
+    of runs (lateral_total_touchdown to go_around). Also verdicts on the base scenario's requirements"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
