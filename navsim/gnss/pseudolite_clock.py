@@ -38,7 +38,17 @@ class TransmitterErrors:
     @property
     def wanders(self) -> bool:
         """Whether clocks change over a run."""
-        return self.rate > 0.0 or any(self.density)
+        return self.rate > 0.0 or self.is_noisy
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether clocks have noise; without it offset and rate follow from constants."""
+        return any(self.density)
+
+    @property
+    def clock_states(self) -> int:
+        """Number of states that describe a clock."""
+        return (self.offset > 0.0 or self.is_noisy) + self.wanders
 
     def clock_covariance(self, time: np.ndarray | float) -> np.ndarray:
         """Covariance of offset and rate (..., 2, 2) at times (...), s, without `offset`."""
@@ -47,6 +57,12 @@ class TransmitterErrors:
         square = self.rate**2
         out = np.array([[bias + square * since**2, both + square * since], [both + square * since, drift + square]])
         return np.moveaxis(out, (0, 1), (-2, -1))
+
+    def variances(self, time: np.ndarray) -> np.ndarray:
+        """Variance of ranges, m2, and of range rates, m2/s2, at times (e,), s (2, e)."""
+        out: np.ndarray = np.diagonal(self.clock_covariance(time), axis1=1, axis2=2).T.copy()
+        out[0] += self.survey**2 + self.offset**2 + self.bias**2
+        return out
 
 
 @dataclass(frozen=True)

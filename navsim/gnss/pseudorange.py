@@ -92,6 +92,16 @@ class Signals:
     """Errors of pseudolites that last over a run; None without pseudolites."""
     reflections: ReflectionErrors | None = None
     """Statistics of the reflection errors in `delay`, or None."""
+    lasting_weights: np.ndarray | None = None
+    """(2, e, s) 1 sigma that weight ranges, m, and range rates, m/s, in the fixes of the filter, see
+    `simulation.correlated_errors.fix_weights`; None: as in those of the receiver."""
+
+    @property
+    def of_filter(self) -> Signals:
+        """Signals with the weights of the filter's fixes as 1 sigma of fixes."""
+        if self.lasting_weights is None:
+            return self
+        return replace(self, fix_sigma=self.lasting_weights[0], fix_rate_sigma=self.lasting_weights[1])
 
     @property
     def noise_sigma(self) -> np.ndarray:
@@ -103,12 +113,9 @@ class Signals:
     @property
     def transmitter_variance(self) -> np.ndarray:
         """Variance of pseudoranges, m2, and range rates, m2/s2, of fixes due to errors of transmitters (2, e, s)."""
-        out = np.zeros((2, *self.range.shape))
-        if self.transmitters is not None and self.space is not None:
-            out[0] = np.where(self.transmitters.which, np.sum(self.space**2, axis=2), 0.0)
-        if self.wandering is not None:
-            out += np.square(self.wandering.sigmas(self.time))
-        return out
+        if self.transmitters is None:
+            return np.zeros((2, *self.range.shape))
+        return self.transmitters.errors.variances(self.time)[..., None] * self.transmitters.which
 
     def with_noise(self, share: float) -> np.ndarray:
         """`fix_sigma` with `noise_sigma` multiplied by `share` (e, s), m."""
@@ -136,7 +143,10 @@ class Signals:
         }
         correlated = None if self.correlated is None else self.correlated.at(epochs)
         reflections = None if self.reflections is None else self.reflections.at(epochs)
-        return replace(self, js=self.js[:, epochs], correlated=correlated, reflections=reflections, **each)
+        weights = None if self.lasting_weights is None else self.lasting_weights[:, epochs]
+        return replace(
+            self, js=self.js[:, epochs], correlated=correlated, reflections=reflections, lasting_weights=weights, **each
+        )
 
     def select(self, kept: np.ndarray) -> Signals:
         """Signals of the sources marked in `kept` (s,) bool."""
@@ -153,6 +163,7 @@ class Signals:
             offset=None if self.offset is None else self.offset[kept],
             wandering=None if self.wandering is None else self.wandering.select(kept),
             transmitters=None if self.transmitters is None else self.transmitters.select(kept),
+            lasting_weights=None if self.lasting_weights is None else self.lasting_weights[:, :, kept],
             **each,
         )
 

@@ -26,7 +26,8 @@ REVOLUTION = 360.0
 GRAVITY_MG = 1000.0
 """Bias of an accelerometer, mg, as large as gravity."""
 WANDERED = 2.0
-"""Clock error at the end of a flight over the range error at its begin, beyond which loose coupling is doubted."""
+"""Clock error at the end of a flight over the range error at its begin, beyond which fixes that are weighted each for
+itself are doubted."""
 LEAST_ANGLE = 2.0
 """Angle between two pseudolites as the antenna sees them, deg, below which the second adds no geometry."""
 UNDULATION_ERROR = 5.0
@@ -44,15 +45,20 @@ def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
 
 
 def _free_clocks(scenario: Landing) -> Iterator[str]:
-    """Clocks of pseudolites that leave their setting by more than a loosely coupled filter makes use of."""
-    section = scenario.pseudolites
+    """Clocks of pseudolites that leave their setting by more than fixes that are weighted each for itself make use
+    of."""
+    section, monitored = scenario.pseudolites, scenario.integrity is not None and scenario.method != "rare"
     if scenario.filter.tight or not section.placed() or not (errors := section.errors()).wanders:
         return
+    if not monitored and scenario.about_transmitter_errors() != "none":
+        return
+    cause = "integrity" if monitored else "filter.fix_errors: none"
     begin, end = np.sqrt(errors.clock_covariance(np.array([0.0, scenario.duration_s]))[:, 0, 0])
     if end > WANDERED * math.hypot(begin, errors.offset, section.range_sigma_m):
         yield (
-            f"pseudolites: their clocks wander by {digits(end)} m (1 sigma) in the flight. A loosely coupled filter "
-            "may then be worse than without them; write filter.coupling: tight, whose filter learns the clocks"
+            f"pseudolites: their clocks wander by {digits(end)} m (1 sigma) in the flight. With {cause} each fix has its "
+            "weights for itself, and the result may be worse than without pseudolites; write filter.coupling: tight, "
+            "whose filter learns the clocks"
         )
 
 

@@ -114,7 +114,7 @@ class Session:
     def __post_init__(self) -> None:
         shared, case = self.case.shared, self.case
         self.filter = LiveFilter(
-            case.flight,
+            case.flight.with_receiver_fixes,
             case.trajectory,
             initial_estimate(case.flight, in_all_lanes(initial_errors(case.flight, self.seed, 0)))[:, 0].copy(),
             Increments([0.0]),

@@ -354,8 +354,7 @@ class Landing(Section):
         if not self.pseudolites.drawn or self.about_transmitter_errors() != "states":
             return 0
         errors = self.pseudolites.errors(self.filter.pseudolites)
-        clock = (errors.offset > 0.0 or errors.wanders) + errors.wanders
-        each = 3 * (errors.survey > 0.0) + (errors.bias > 0.0) + clock
+        each = 3 * (errors.survey > 0.0) + (errors.bias > 0.0) + errors.clock_states
         return each * len(self.pseudolites.placed())
 
     def check_analysable(self) -> None:

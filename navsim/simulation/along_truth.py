@@ -16,7 +16,7 @@ from navsim.integrity.fix_slopes import slopes
 from navsim.simulation.inertial_states import TrueState, true_states
 from navsim.simulation.landing import Flight, exact_clock, exact_start, initial_state, with_clock
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
-from navsim.simulation.measurements import receiver_fixes
+from navsim.simulation.measurements import filter_fixes
 from navsim.simulation.shared_truth import assumed_measurements, without_noise
 
 FIRST_MARKOV = 6
@@ -74,9 +74,9 @@ def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = 
         by_range[np.arange(epoch.size), 0, source] = by_rate[np.arange(epoch.size), 1, source] = 1.0
         own = table_of_ranges(flight, ranges, rates)
     else:
-        llh, velocity, clocks, cov = receiver_fixes(shared, ranges, rates)
+        llh, velocity, clocks, cov = filter_fixes(shared, ranges, rates)
         epoch = np.arange(shared.signals.time.size)
-        by_range, by_rate = slopes(shared.signals, ranges, rates, (llh, velocity, clocks))
+        by_range, by_rate = slopes(shared.signals.of_filter, ranges, rates, (llh, velocity, clocks))
         own = table_of_all_fixes(flight, llh, velocity, cov)
     true = true_states(gyro, accel)
     truth = states.declared([state.block for state in true])

@@ -11,7 +11,7 @@ Source: `docs/theory/lasting-errors.md`, sections 3 to 5.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ from navsim.filter.design import CorrelatedErrorDesign
 from navsim.filter.measurement_models import FIX, RANGE
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, Block
 from navsim.gnss.correlated_errors import SUMS, CorrelatedError
+from navsim.gnss.pseudolite_clock import TransmitterErrors
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.fix_slopes import slopes
 from navsim.integrity.fixes import solved
@@ -82,9 +83,41 @@ def as_noise(time: np.ndarray, duration: float, interval: float) -> np.ndarray:
     return np.asarray((1.0 + kept) / (1.0 - kept))
 
 
+def fix_weights(signals: Signals, assumed: TransmitterErrors) -> Signals:
+    """Signals whose `lasting_weights` make the mean of many fixes exact, instead of each fix alone.
+
+    assumed: errors of transmitters in the filter model, which follows them.
+
+    White noise averages out, errors that last do not: a pseudolite has to weigh as little as its lasting errors ask
+    for. Satellites keep their weights. A pseudolite never weighs more than by the sigma of a single range.
+    """
+    if signals.transmitters is None or signals.time.size < 2:
+        return signals
+    duration, interval = float(signals.time[-1] - signals.time[0]), float(np.median(np.diff(signals.time)))
+    placed, lasting = signals.transmitters.which, assumed.variances(signals.time)[..., None]
+    factor = float(as_noise(np.array(np.inf), duration, interval))
+    white = signals.noise_sigma**2 - signals.transmitter_variance[0]
+    ranges = white + lasting[0] * placed
+    noise = white
+    if signals.smoothing is not None:  # over k epochs: a process that keeps 1 - 1 / k from one to the next
+        noise = white * np.minimum(2.0 * np.maximum(signals.smoothing, 1) - 1.0, factor)
+    mean = noise + factor * lasting[0] * placed
+    if (correlated := signals.correlated) is not None:
+        ranges = ranges + correlated.total**2
+        mean = mean + np.einsum("k,kes->es", as_noise(correlated.time, duration, interval), correlated.sigma**2)
+    sky = signals.used & ~placed
+    # the scale by which satellites keep their weights
+    shares = np.sum(np.divide(ranges, mean, out=np.zeros_like(mean), where=sky), axis=1)
+    count = sky.sum(axis=1)
+    scale = np.divide(shares, count, out=np.ones_like(shares), where=count > 0)[:, None]
+    of_ranges = np.where(placed, np.maximum(ranges, scale * mean), signals.fix_sigma**2)
+    of_rates = signals.fix_rate_sigma**2 + (factor * lasting[1] - signals.transmitter_variance[1]) * placed
+    return replace(signals, lasting_weights=np.sqrt([of_ranges, of_rates]))
+
+
 @dataclass(frozen=True)
 class FixErrors:
-    """Errors of the fixes of a flight, to first order along the truth."""
+    """Errors of the filter's fixes of a flight, to first order along the truth."""
 
     signals: Signals
     fixed: np.ndarray
@@ -96,9 +129,10 @@ class FixErrors:
     @classmethod
     def of(cls, start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> FixErrors:
         """Errors of fixes from error-free ranges and rates (e, s); start: (3,) ECEF, first point of the iteration."""
-        fixes = solved(start, signals, *(np.repeat(m[..., None], WIDTH, axis=-1) for m in (ranges, rates)))
+        weighted = signals.of_filter
+        fixes = solved(start, weighted, *(np.repeat(m[..., None], WIDTH, axis=-1) for m in (ranges, rates)))
         llh, velocity, clocks = (m[..., 0] for m in fixes[:3])
-        by_range, by_rate = slopes(signals, ranges, rates, (llh, velocity, clocks))
+        by_range, by_rate = slopes(weighted, ranges, rates, (llh, velocity, clocks))
         return cls(signals, np.isfinite(llh[:, 0]), by_range, by_rate)
 
     @cached_property

@@ -192,10 +192,11 @@ class WanderingClockErrors(SourceErrors):
     """Clock noise of pseudolites, of one kind: the offsets of all, then their rates."""
 
     def __init__(
-        self, size: int, clocks: WanderingClocks, used: np.ndarray, time: np.ndarray, shown: np.ndarray | None
+        self, size: int, clocks: WanderingClocks, used: np.ndarray, time: np.ndarray,
+        shown: Callable[[float], np.ndarray],
     ):  # fmt: skip
-        """size: number S of propagated states; used (e, s), time (e,) of `Signals`; shown (S, 2 p): effect of offsets
-        and rates on the filter's states, None without."""
+        """size: number S of propagated states; used (e, s), time (e,) of `Signals`; shown: effect (S, 2 p) of offsets
+        and rates at a time, s, on the filter's states."""
         super().__init__(1, size, 2 * int(clocks.which.sum()))
         self.used = np.tile(used[:, clocks.which], 2)
         self.transition, self.new = clocks.steps(time)
@@ -213,17 +214,13 @@ class WanderingClockErrors(SourceErrors):
 
     def errors(self, when: float) -> np.ndarray:
         """Covariance of the errors of the filter's states (1, S, S) at a time, s."""
-        if self.shown is None:
-            return self.states()
-        one = np.eye(self.shown.shape[1] // 2)
+        shown, one = self.shown(when), np.eye(int(self.clocks.which.sum()))
         if self.epoch < 0:  # the clocks have not been seen
-            return (
-                self.cov[:, : self.size, : self.size]
-                + self.shown @ np.kron(self.clocks.errors.clock_covariance(when), one) @ self.shown.T
-            )
+            start = np.kron(self.clocks.errors.clock_covariance(when), one)
+            return np.asarray(self.cov[:, : self.size, : self.size] + shown @ start @ shown.T)
         on, new = (np.kron(m[0], one) for m in self.clocks.between(np.array([when - self.time[self.epoch]])))
-        turn = np.hstack([np.eye(self.size), self.shown @ on])
-        return turn @ self.cov @ turn.T + self.shown @ new @ self.shown.T
+        turn = np.hstack([np.eye(self.size), shown @ on])
+        return turn @ self.cov @ turn.T + shown @ new @ shown.T
 
     def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """Propagate through the update of a fix, or a range, of epoch i; returns the addition to E[z z'] (m, m).

@@ -153,10 +153,14 @@ def propagate_clock_noise(
     """Add the effect of clock noise of pseudolites."""
     s = flight.shared.signals
     assert s.wandering is not None
-    n, mine, shown = along.lin.assumed.shape[1], flight.transmitter_states, None
-    if mine is not None:
-        shown = np.zeros((n, 2 * int(s.wandering.which.sum())))
-        shown[transmitter_error_states(flight)] = mine.of_clocks(s.wandering.which)
+    n, mine, which = along.lin.assumed.shape[1], flight.transmitter_states, s.wandering.which
+
+    def shown(time: float) -> np.ndarray:
+        out = np.zeros((n, 2 * int(which.sum())))
+        if mine is not None:
+            out[transmitter_error_states(flight)] = mine.of_clocks(which, time)
+        return out
+
     own = WanderingClockErrors(n, s.wandering, s.used, s.time, shown)
     slope = np.concatenate([by[..., s.wandering.which] for by in (along.by_range, along.by_rate)], axis=2)
     propagate_correlated(flight, along, route, own, receiver_kind(flight), along.epoch, slope, [row], out)

@@ -45,11 +45,17 @@ from navsim.integrity.fix_exclusion import Excluder
 from navsim.integrity.fixes import ReceiverFixes
 from navsim.sensors import imu
 from navsim.simulation.aiding import Aid
-from navsim.simulation.correlated_errors import RangeErrors, as_noise
+from navsim.simulation.correlated_errors import RangeErrors, as_noise, fix_weights
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
 from navsim.simulation.inertial_states import true_values
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
-from navsim.simulation.measurements import correlated_errors, draw_measurements, generators, receiver_fixes
+from navsim.simulation.measurements import (
+    correlated_errors,
+    draw_measurements,
+    filter_fixes,
+    generators,
+    receiver_fixes,
+)
 from navsim.simulation.range_curvature import (
     NEGLIGIBLE,
     Curvature,
@@ -413,6 +419,12 @@ class Flight:
             sigma = np.sqrt(np.maximum(sigma**2 + self.white_variance[0], 0.0))
         return sigma if self.reflection_sigma is None else np.hypot(sigma, self.reflection_sigma)
 
+    @property
+    def with_receiver_fixes(self) -> Flight:
+        """Copy whose filter takes fixes with the weights of the receiver."""
+        signals = replace(self.shared.signals, lasting_weights=None)
+        return replace(self, shared=replace(self.shared, signals=signals))
+
     @cached_property
     def _without(self) -> dict[int, Flight]:
         """Cache of `without`."""
@@ -452,7 +464,13 @@ def prepare(
     watching: monitoring.Monitoring | None = None,
     transmitters: TransmitterBelief | None = None,
 ) -> Flight:
-    """Create a flight; start: 1 sigma of the initial errors in the filter model."""
+    """Create a flight; start: 1 sigma of the initial errors in the filter model.
+
+    Fixes that exclusion may change, and those of monitoring filters, have no weights for lasting errors.
+    """
+    changes = watching is not None and (watching.bank is not None or watching.exclusion != monitoring.NO_EXCLUSION)
+    if transmitters is not None and not design.tight and not changes:
+        shared = replace(shared, signals=fix_weights(shared.signals, transmitters.errors))
     if transmitters is not None and transmitters.followed:
         design = design.with_transmitter_errors(TransmitterStates(shared.signals, transmitters.errors).blocks())
     if design.tight and design.correlated is not None and design.correlated.followed:
@@ -740,10 +758,13 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
     if design.tight:
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
     else:
-        position, speed = llh, velocity
+        if shared.signals.lasting_weights is not None:
+            position, speed, _, cov = filter_fixes(shared, ranges, rates)
+        else:
+            position, speed = llh, velocity
         if flight.drops:
             dropped = (watched.status == monitoring.ALARM)[:, None]
-            position, speed = np.where(dropped, np.nan, llh), np.where(dropped, np.nan, velocity)
+            position, speed = np.where(dropped, np.nan, position), np.where(dropped, np.nan, speed)
         table = table_of_all_fixes(flight, position, speed, cov)
         for candidate in np.unique(watched.excluded[watched.excluded != NOTHING]).astype(int):
             mine = watched.excluded == candidate

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from navsim.filter.estimate import in_all_lanes
+from navsim.gnss.pseudorange import Signals
 from navsim.integrity.fixes import ReceiverFixes, solved
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
 from navsim.simulation.shared_truth import CARRIER_SIGMA, ClockErrors, SharedTruth, carrier, smoothed
@@ -101,6 +102,15 @@ def generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple
 
 def receiver_fixes(shared: SharedTruth, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
     """The receiver's fixes from measurements (e, s), or of lanes (e, s, W)."""
+    return _fixes(shared, shared.signals, ranges, rates)
+
+
+def filter_fixes(shared: SharedTruth, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
+    """The fixes that a loosely coupled filter takes: those of the receiver, if need be with other weights."""
+    return _fixes(shared, shared.signals.of_filter, ranges, rates)
+
+
+def _fixes(shared: SharedTruth, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
     lanes = (m if m.ndim == 3 else in_all_lanes(m) for m in (ranges, rates))
-    out = solved(shared.start, shared.signals, *lanes)
+    out = solved(shared.start, signals, *lanes)
     return out if ranges.ndim == 3 else ReceiverFixes(*(m[..., 0].copy() for m in out))

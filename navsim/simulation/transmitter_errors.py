@@ -39,7 +39,12 @@ class TransmitterBelief:
 
 @dataclass(frozen=True)
 class TransmitterStates:
-    """The states of a filter for the errors of the transmitters that it ever receives."""
+    """The states of a filter for the errors of the transmitters that it ever receives.
+
+    The states of a clock with noise are its offset and rate. Without noise, both follow from two constants: the offset
+    at which the clock was set, and the rate since then. As states of their own they would be fully correlated, which
+    rounding makes a covariance that is not positive definite.
+    """
 
     signals: Signals
     errors: TransmitterErrors
@@ -53,7 +58,7 @@ class TransmitterStates:
             return ()
         own = [*(_POSITION if errors.survey > 0.0 else ())]
         own += [_BIAS] if errors.bias > 0.0 else []
-        own += [_OFFSET] if errors.offset > 0.0 or errors.wanders else []
+        own += [_OFFSET] if errors.offset > 0.0 or errors.is_noisy else []
         own += [_RATE] if errors.wanders else []
         return tuple((int(i), k) for i in np.flatnonzero(truth.which & used.any(axis=0)) for k in own)
 
@@ -61,8 +66,9 @@ class TransmitterStates:
         """The states, each a separate block, and their initial 1 sigma."""
         errors, out = self.errors, []
         start = errors.clock_covariance(0.0)
-        clock = TransmitterClockModel(*errors.density, float(start[0, 1])) if errors.wanders else None
-        offset, rate = float(np.hypot(errors.offset, np.sqrt(start[0, 0]))), float(np.sqrt(start[1, 1]))
+        clock = TransmitterClockModel(*errors.density, float(start[0, 1])) if errors.is_noisy else None
+        rate = float(np.sqrt(start[1, 1]))
+        offset = float(np.hypot(errors.offset, np.sqrt(start[0, 0]))) if errors.is_noisy else errors.offset
         for number, (source, k) in enumerate(self.each):
             name = self.signals.names[source]
             if k in _POSITION:
@@ -88,8 +94,12 @@ class TransmitterStates:
                 away = s.position[used, i] - s.antenna[used]
                 axes = ned_matrix(llh_from_ecef(s.position[used, i]))
                 out[used, 0, q] = np.einsum("ej,ej->e", away, axes[:, k]) / np.linalg.norm(away, axis=1)
+            elif k == _RATE:
+                out[used, 1, q] = 1.0
+                if not self.errors.is_noisy:
+                    out[used, 0, q] = s.time[used] + self.errors.age
             else:
-                out[used, 1 if k == _RATE else 0, q] = 1.0
+                out[used, 0, q] = 1.0
         return out
 
     @property
@@ -140,13 +150,17 @@ class TransmitterStates:
                 out[q, i, k] = {_OFFSET: errors.offset, _BIAS: errors.bias}.get(k, errors.survey)
         return out
 
-    def of_clocks(self, which: np.ndarray) -> np.ndarray:
-        """Effect on the states (q, 2 c) of offsets, then of rates, of the clocks of sources in `which` (s,) bool."""
+    def of_clocks(self, which: np.ndarray, time: float) -> np.ndarray:
+        """Effect on the states (q, 2 c) of offsets, then of rates, at a time, s, of the clocks of sources in `which`
+        (s,) bool."""
         wandering = np.flatnonzero(which).tolist()
         out = np.zeros((len(self.each), 2 * len(wandering)))
         for q, (i, k) in enumerate(self.each):
             if k in (_OFFSET, _RATE) and i in wandering:
-                out[q, (k == _RATE) * len(wandering) + wandering.index(i)] = 1.0
+                clock = wandering.index(i)
+                out[q, (k == _RATE) * len(wandering) + clock] = 1.0
+                if k == _OFFSET and not self.errors.is_noisy:
+                    out[q, len(wandering) + clock] = -(time + self.errors.age)
         return out
 
     def true_values(self, time: np.ndarray, seed: int, runs: Sequence[int], lanes: int) -> np.ndarray:
@@ -162,6 +176,7 @@ class TransmitterStates:
                 known = s.wandering.drawn(s.time, [generator(seed, run, "clock", 2)])[..., 0]
                 clocks = s.wandering.drawn_between(time, s.time, known, generator(seed, run, "clock", 2))
                 of_which = clocks[:, :, s.wandering.which].transpose(1, 0, 2).reshape(time.size, -1)
-                own += of_which @ self.of_clocks(s.wandering.which).T
+                effects = np.stack([self.of_clocks(s.wandering.which, float(t)) for t in time])
+                own += np.einsum("oqc,oc->oq", effects, of_which)
             out[..., lane] = own
         return out

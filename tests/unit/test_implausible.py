@@ -27,7 +27,6 @@ CASES = [
     ("imu.gyro={drift_deg_h: 1e6}", ["imu.gyro.drift_deg_h: 1e+06 deg/h", "more than a revolution", "give deg/h"]),
     ("imu.gyro={drift_deg_h: null, drift_fixed_deg_h: [0, 0, -2e5]}", ["imu.gyro.drift_fixed_deg_h: 200000 deg/h"]),
     ("imu.accelerometer={bias_mg: 2e3}", ["imu.accelerometer.bias_mg: 2000 mg is more than gravity", "give mg"]),
-    ("pseudolites.clock_drift_sigma_ppb=1", ["clocks wander by 36 m (1 sigma)", "write filter.coupling: tight"]),
 ]  # fmt: skip
 
 
@@ -45,6 +44,19 @@ def test_values_that_no_landing_has(setting: str, said: list[str]) -> None:
     _, _, warnings = checked(SCENARIOS / "landing_smooth.yaml", spread(setting))
     (found,) = [text for text in warnings if said[0] in text]
     assert [part for part in said if part not in found] == []
+
+
+@pytest.mark.parametrize(
+    ("setting", "cause"),
+    [("filter.fix_errors=none", "With filter.fix_errors: none"), ("integrity.method=chi2", "With integrity"),
+     ("filter.coupling=tight", ""), ("filter.fix_errors=inflate", "")],
+)  # fmt: skip
+def test_free_clocks(setting: str, cause: str) -> None:
+    """Fixes that are weighted each for itself make bad use of a pseudolite whose clock runs free."""
+    drift = "pseudolites.clock_drift_sigma_ppb=1"
+    warned = [text for text in checked(SCENARIOS / "landing_smooth.yaml", [drift, setting])[2] if "clocks" in text]
+    assert len(warned) == bool(cause)
+    assert all(text.startswith("pseudolites: their clocks wander by 36 m") and cause in text for text in warned)
 
 
 def test_covariance_analysis_and_runs_warn_of_them_too() -> None:
