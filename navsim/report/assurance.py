@@ -79,8 +79,10 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "velocity increment with rotation correction", "drift under coning, without and with the two-sample correction",
         "specific force and angular rate belong to the path",
     ),
-    "error model and update of the navigation filter": ("clock of a receiver without sources",
-                                                        "two sources and an unknown clock"),
+    "error model and update of the navigation filter": (
+        "clock of a receiver without sources", "two sources and an unknown clock",
+        "Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
+    ),
     "batch smoother": ("The `map` smoother minimises the nonlinear least-squares cost of the whole flight",),
     "consistency: each state's sigma, NEES, NIS and their bands": ("Chances of the bands and the runs they need",),
     "fixes watched by their residuals": _RAIM,

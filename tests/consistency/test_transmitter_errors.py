@@ -48,6 +48,25 @@ def test_every_state_is_consistent(coupling: str, more: tuple[str, ...]) -> None
     assert np.all(np.abs(rms[[0, 1, -1]][:, [*range(9), *own]] - 1.0) < 4.0 / np.sqrt(160.0))
 
 
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+@pytest.mark.parametrize("offset", ["0", "15"])
+def test_clocks_without_noise(coupling: str, offset: str) -> None:
+    """Offset and rate of a clock that nothing disturbs follow from constants: the covariance is positive definite, as
+    offset and rate at age 30 s alone were not; errors are as large as both analyses say."""
+    flown = case(
+        *BRIEF, f"filter.coupling={coupling}", "pseudolites.clock_drift_sigma_ppb=3", "pseudolites.clock_age_s=30",
+        "pseudolites.range_bias_sigma_m=1", f"pseudolites.clock_sigma_ns={offset}",
+    )  # fmt: skip
+    analysis = covariance_analysis(flown)
+    true, assumed = (np.sqrt(np.einsum("tii->ti", p)) for p in (analysis.covariance, analysis.assumed))
+    np.testing.assert_allclose(true, assumed, rtol=1e-3)
+    correlation = analysis.assumed / assumed[:, :, None] / assumed[:, None]
+    assert np.linalg.eigvalsh(correlation).min() > 1e-10
+    runs = list(flown.fly_runs(22, 0, 64, measured=False))
+    nees = np.concatenate([run.nees for run in runs])
+    assert nees.mean() / flown.degrees() == pytest.approx(1.0, abs=0.1)
+
+
 @pytest.mark.parametrize("coupling", in_brief(["loose", "tight"], 0))
 @pytest.mark.parametrize("kind", in_brief(["rts", "map"], 0, 1))
 def test_smoothers_have_them(kind: str, coupling: str) -> None:
