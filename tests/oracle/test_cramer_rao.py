@@ -1,8 +1,8 @@
 """Covariance of the filter against the Cramer-Rao bound: the inverse of prior and Fisher information, by numpy alone.
 
 Inertial sensors are exact and the initial velocity is known, so the error of position is a constant, like all errors of
-transmitters and beacons here, but for gravity that falls with height: 0.06 % in 20 s. The information of a constant is a
-sum over measurements, whatever the filter does.
+transmitters and beacons here, but for gravity that falls with height: 0.06 % in 20 s. The information of a constant is
+a sum over measurements, whatever the filter does.
 """
 
 from __future__ import annotations
