@@ -79,6 +79,15 @@ class Case:
         return None
 
     @property
+    def without_beacons(self) -> Case | None:
+        """The same flight without its beacons, None where there are none."""
+        if self.beacons is None:
+            return None
+        scenario = self.scenario.model_copy(update={"beacons": None})
+        shared = replace(self.shared, aids=tuple(a for a in self.shared.aids if a.sensor is not self.beacons.sensor))
+        return case_of(scenario, self.trajectory, self.environment, shared)
+
+    @property
     def preflight(self) -> PreflightChecks:
         """Quantities known before a run."""
         shared = self.shared

@@ -76,6 +76,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
         draft[f"/{group}/time"] = case.shared.filter_time
         draft.put(f"/{group}/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
     _summary(draft, case, analysis, square)
+    _beacons(draft, case, analysis)
     integrity.described(draft, case)
     integrity.in_runway_axes(draft, case)
     integrity.compared(draft, case)
@@ -84,6 +85,22 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(covariance_findings(case, analysis)))
     return out
+
+
+def _beacons(draft: ResultBuilder, case: Case, analysis: Analysis) -> None:
+    """Write sigmas with beacons, and those of the same filter without them, along the flight and at heights."""
+    alone = case.without_beacons
+    if alone is None:
+        return
+    without, axes = covariance_analysis(alone), (("lateral", 0), ("vertical", 2))
+    draft["/beacons/output"] = case.shared.filter_time
+    for end, its in (("", analysis), ("_without", without)):
+        variance = turned_variances(to_runway(case), its.assumed[:, :3, :3])
+        for name, i in axes:
+            draft[f"/beacons/{name}_sigma{end}"] = np.sqrt(variance[:, i])
+    at = variances_at_heights(case, crossing_times(case), without.assumed[:, :3, :3])
+    for name, i in axes:
+        draft[f"/summary/at/{name}_without_beacons"] = np.sqrt(at[:, i])
 
 
 def _beyond_range(case: Case) -> list[str]:

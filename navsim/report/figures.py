@@ -407,6 +407,25 @@ def budget(result: Result) -> Figure:
     return fig
 
 
+def beacons(result: Result) -> Figure:
+    """Sigma of height and lateral position against height, with beacons and without them."""
+    fig = new_figure(COLUMN, 3.0)
+    ax = fig.subplots()
+    height = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2]
+    time, landed = result["/beacons/output"], touchdown(result)
+    shown = time <= (landed if np.isfinite(landed) else time[-1])
+    at = np.interp(time, result["/truth/time"], height)[shown]
+    for name, colour in (("vertical", _ORANGE), ("lateral", _BLUE)):
+        for end, dashes, words in (("", "-", "with beacons"), ("_without", "--", "without")):
+            ax.plot(at, result[f"/beacons/{name}_sigma{end}"][shown], dashes, color=colour, label=f"{name}, {words}")
+    ax.set_yscale("log")
+    ax.invert_xaxis()
+    ax.set_xlabel("height above the threshold, m")
+    ax.set_ylabel("the filter's σ, m")
+    legend_above(fig, ax, 2)
+    return fig
+
+
 def _degrees(result: Result) -> int:
     """States that a filter's NEES is of."""
     return int(result.variables["/summary/consistency/nees"].attributes["degrees_of_freedom"])
@@ -498,6 +517,7 @@ _FIGURES_OF: dict[str, tuple[str, Callable[[Result], Figure]]] = {
     "consistency": ("/consistency/z", consistency),
     "fixes": ("/receiver/position_llh", fixes),
     "budget": ("/budget/rms", budget),
+    "beacons": ("/beacons/vertical_sigma", beacons),
 }
 """Figures that need a variable not every result has."""
 

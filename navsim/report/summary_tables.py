@@ -737,6 +737,37 @@ def _dop(result: Result, path: str) -> Cell | str:
     return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True, names=_RANGE)
 
 
+_HELPFUL = 0.5
+"""Sigma with beacons over that without them up to which the ranges count as the source of a coordinate."""
+
+
+def _with_beacons(result: Result, axis: str, i: int) -> Cell | str:
+    """Sigmas of a coordinate at a height with and without beacons, and whether beacons measure it."""
+    if (path := f"/summary/at/{axis}_without_beacons") not in result:
+        return ABSENT
+    held, without = float(result[f"/summary/at/{axis}_sigma"][i]), float(result[path][i])
+    if math.isnan(held):
+        return ABSENT
+    by = "from beacons" if held <= _HELPFUL * without else "not from beacons"
+    return cell("{:.2f} ({:.2f}), {}", held, without, by, names=("with", "without", "source"))
+
+
+def _mirror(result: Result) -> Cell | str:
+    """The mirror solution that fits the ranges best before touchdown: how far from the aircraft, and its residual."""
+    if "/beacons/image_residual" not in result:
+        return ABSENT
+    events = dict(zip(map(str, result["/truth/event"]), result["/truth/event_time"].tolist(), strict=True))
+    airborne = result["/beacons/instant"] < events.get("touchdown", math.inf)
+    residual = np.where(airborne, result["/beacons/image_residual"], np.nan)
+    if np.isnan(residual).all():
+        return "none: the beacons are not in one plane"
+    best = int(np.nanargmin(residual))
+    away = float(result["/beacons/image_height"][best])
+    side = "above" if away > 0.0 else "below"
+    return cell("{:.0f} m {} the aircraft, fits within {:.2g} m", abs(away), side, float(residual[best]),
+                names=("distance", "side", "residual"))  # fmt: skip
+
+
 def summary_table(results: list[tuple[str, Result]]) -> Table:
     """One table of the summaries, a column a result: names and results in order."""
     table = Table("", ("", *(name for name, _ in results)), caption=_SUMMARY)
@@ -796,6 +827,13 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     for i, label in enumerate(labels):
         for name in ("lateral", "along", "vertical"):
             row(f"  {label}, {name}", lambda r, n=name, i=i: _at(r, n, i))
+
+    if any("/summary/at/vertical_without_beacons" in r for _, r in results):
+        section("When may height be trusted? σ of the filter, m", lambda _: "with beacons (without)")
+        for i, label in enumerate(labels):
+            for name in ("vertical", "lateral"):
+                row(f"  {label}, {name}", lambda r, n=name, i=i: _with_beacons(r, n, i))
+        row("  mirror solution of the ranges", _mirror)
 
     controlled_rows(table, results)
 

@@ -227,6 +227,12 @@ _TRUTH = Chapter(
         _a("/beacons/image_height", "instant", "m", "height of the mirror solution of the ranges above the "
            "antenna, nan without one", _FLOWN, when=_BEACONS),
         _a("/beacons/image_residual", "instant", "m", "residual of the ranges there, RMS", _FLOWN, when=_BEACONS),
+        _a("/beacons/output", "output", "s", "times of the filter's output", COVARIANCE, when=_BEACONS),
+        *(
+            _a(f"/beacons/{axis}_sigma{end}", "output", "m", f"{axis} position, sigma of the filter {words} beacons",
+               COVARIANCE, when=_BEACONS)
+            for axis in ("lateral", "vertical") for end, words in (("", "with"), ("_without", "without"))
+        ),
     ),
 )  # fmt: skip
 
@@ -408,6 +414,8 @@ _SUMMARY = Chapter(
            when=_BEACONS, dop=_DOPS[1:4]),
         _a("/summary/beacons/{dop}_with_sources", "statistic", "1", "{DOP} of beacons and sources of the fix together, "
            "likewise", _FLOWN, when=_BEACONS, dop=_DOPS[1:4]),
+        _a("/summary/at/{axis}_without_beacons", "height", "m", "{axis} position at the heights, sigma of the filter "
+           "without beacons", COVARIANCE, when=_BEACONS, axis=("lateral", "vertical")),
         _a("/summary/used/{part}", "statistic", "1", "number of {part} used over the fix epochs of the glide", _FLOWN,
            part=("satellites", "pseudolites")),
         _a("/summary/fix/rms_{part}", "interval", "m", "sigma of a fix (SKO): root of the weighted covariance, mean "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from navsim.filter import eskf, states
 from navsim.filter.measurement_models import BEACON, Measurements, observe, slot
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.ranging_geometry import mirror_image
+from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.results.result import read
 from navsim.scenario.source import InputError
 from navsim.sensors.beacons import Beacons
@@ -226,3 +228,19 @@ def test_a_flat_layout_is_warned_of_and_shown(tmp_path: Any) -> None:
     height = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2]
     assert result["/beacons/image_height"][0] == pytest.approx(-2.0 * height[0], rel=0.05)
     assert np.nanmax(result["/beacons/image_residual"]) < 0.05
+    assert "When may height be trusted?" in done.stdout
+    assert re.search(r"mirror solution of the ranges +\d+ m below the aircraft, fits within 0.0", done.stdout)
+
+
+def test_sigmas_without_beacons_are_those_of_a_landing_without() -> None:
+    """With them: those of the filter in runway axes; and what the table says about either."""
+    lost = "events=[{what: silence, sources: [all], at_s: 12}]"
+    layout = section("bias_sigma_m: 0.2", sites=SITES + ", {s_m: 200, l1_m: -500, height_m: 60}")
+    flown, without = case(*BRIEF, layout, lost), case(*BRIEF, lost)
+    result = covariance_result(flown, covariance_analysis(flown), 1)
+    alone = covariance_result(without, covariance_analysis(without), 1)
+    for axis in ("lateral", "vertical"):
+        np.testing.assert_array_equal(result[f"/summary/at/{axis}_without_beacons"], alone[f"/summary/at/{axis}_sigma"])
+    np.testing.assert_allclose(result["/beacons/vertical_sigma_without"], alone["/filter/sigma"][0, :, 2], rtol=1e-12)
+    np.testing.assert_allclose(result["/beacons/vertical_sigma"], result["/filter/sigma"][0, :, 2], rtol=1e-12)
+    assert result["/beacons/vertical_sigma"][-1] < 0.5 * result["/beacons/vertical_sigma_without"][-1]
