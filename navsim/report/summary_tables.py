@@ -764,7 +764,7 @@ def _mirror(result: Result) -> Cell | str:
     best = int(np.nanargmin(residual))
     away = float(result["/beacons/image_height"][best])
     side = "above" if away > 0.0 else "below"
-    return cell("{:.0f} m {} the aircraft, fits within {:.2g} m", abs(away), side, float(residual[best]),
+    return cell("{:.0f} m {} the aircraft, fits within {:.2f} m", abs(away), side, float(residual[best]),
                 names=("distance", "side", "residual"))  # fmt: skip
 
 
