@@ -70,7 +70,8 @@ class Assembler:
     - epochs without a fix, and those of each kind of `INSTEAD_OF_FIXES`;
     - fixes without a height (missing in GGA or GNS, or neither sentence), and fixes that contradict another of their
       epoch;
-    - fixes used without a geoid separation: their heights above the geoid count as heights above the ellipsoid.
+    - fixes used without a geoid separation, where none came before: their heights above the geoid count as heights
+      above the ellipsoid. Later ones take the last separation.
 
     lenient: accept sentences without a checksum, which NMEA 0183 leaves optional. simulated: accept simulators' fixes.
 
@@ -92,6 +93,7 @@ class Assembler:
         self.simulated = 0
         self.no_height = 0
         self.no_separation = 0
+        self._separation: float | None = None
         self.untimed = 0
         self.contradicting = 0
         self.dated = False
@@ -235,8 +237,8 @@ class Assembler:
             self.no_height += fix is not None or "without_height" in fields
             return None
         lat, lon, alt = float(fix.lat), float(fix.lon), float(fix.alt)
-        known = _are_numbers(fix, "sep")
-        sep = float(fix.sep) if known else 0.0
+        separation = float(fix.sep) if _are_numbers(fix, "sep") else self._separation
+        sep = 0.0 if separation is None else separation
         sides = _field(fix, "NS") in ("N", "S") and _field(fix, "EW") in ("E", "W")
         if not (sides and abs(lat) <= 90.0 and abs(lon) <= 180.0 and -1e4 <= alt + sep <= 1e5):
             self.corrupt += 1
@@ -244,7 +246,8 @@ class Assembler:
         of_day = _seconds(self._time)
         self._at = (self._day(of_day), of_day)
         seconds = timescales.DAY * self._at[0] + of_day
-        self.no_separation += not known
+        self._separation = separation
+        self.no_separation += separation is None
         count = float(fix.numSV) if _are_numbers(fix, "numSV") else np.nan
         return np.array([seconds, lat, lon, alt + sep, *_velocity(fields), np.nan, count])
 

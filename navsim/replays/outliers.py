@@ -118,6 +118,8 @@ class Verdicts:
     """(e,) fixes refused because their PDOP exceeds `most_pdop`."""
     implausible: np.ndarray
     """(e,) fixes refused because they are implausible."""
+    unsolved: np.ndarray
+    """(e,) epochs with ranges that no fix follows from."""
     untested: np.ndarray
     """(e,) fixes without a test."""
     most_pdop: float
@@ -142,6 +144,7 @@ class Verdicts:
             (self.contradictory, "epochs without a fix, since their ranges contradict each other"),
             (self.weak, f"epochs without a fix, since PDOP is above {self.most_pdop:g}"),
             (self.implausible, "epochs without a fix, since height, speed or distance from others is implausible"),
+            (self.unsolved, "epochs without a fix, since too few ranges are above the mask, or no position fits them"),
             (self.untested, "fixes from as many ranges as unknowns, which nothing tests"),
             (self.without_velocity, "fixes without a velocity, since their range rates contradict each other"),
         ):
@@ -186,7 +189,8 @@ def evaluate(
     implausible |= untested & _is_far(time, fixes.position, fixes.fixed & ~untested & ~weak & ~implausible)
     implausible &= ~weak
     fixes.refuse(weak | implausible)
-    return Verdicts(excluded, contradictory, weak, implausible, untested & ~weak & ~implausible, most_pdop,
+    unsolved = possible.any(axis=1) & ~fixes.fixed & ~(contradictory | weak | implausible)
+    return Verdicts(excluded, contradictory, weak, implausible, unsolved, untested & ~weak & ~implausible, most_pdop,
                     excluded_rates, without_velocity)  # fmt: skip
 
 

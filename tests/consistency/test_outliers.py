@@ -165,6 +165,8 @@ def test_weak_geometry_gives_no_fix() -> None:
     found = solve(observations, navigation.constellations(), replace(OPTIONS, most_pdop=1.0))
     assert np.isnan(found.position).all()
     assert found.verdicts.report(found.ranges.names) == (f"{EPOCHS} epochs without a fix, since PDOP is above 1",)
+    found = solved(navigation, some(observations, 3, slice(10, 20)))
+    assert "10 epochs without a fix, since too few ranges" in " ".join(found.verdicts.report(found.ranges.names))
 
 
 def test_a_replay_hears_of_excluded_ranges(tmp_path: Path) -> None:

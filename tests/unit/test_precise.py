@@ -116,6 +116,7 @@ def test_tables_with_long_steps_give_no_bad_positions(step: float, largest: floa
     assert not np.any(wrong > largest)
     assert np.isfinite(wrong).all() == (step < 1000.0)
     assert bool(coarse.missing()) == (step > 1000.0)
+    assert (f"epochs {step:g} s apart, or the rows" in " ".join(coarse.missing())) == (step > 3000.0)
 
 
 def test_a_blunder_is_no_place_to_interpolate_from() -> None:

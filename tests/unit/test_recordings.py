@@ -91,6 +91,11 @@ def test_heights_without_a_separation_are_said(tmp_path: Path) -> None:
     (reason,) = dropped.counts
     assert dropped.counts[reason] == 8
     assert "without a geoid separation" in reason
+    # one that some sentences lack is that of the sentence before: no step of the height
+    lines = [gga(k, separation="" if k in (3, 4) else "15.0") for k in range(8)]
+    found, dropped = read_fixes(written(tmp_path, lines))
+    np.testing.assert_allclose(found.llh[:, 2], 560.4)
+    assert not dropped.counts
 
 
 def test_a_live_stream_gives_the_same_rows() -> None:

@@ -61,6 +61,10 @@ class OrbitTable:
             few = "1 epoch is" if self.time.size == 1 else f"{self.time.size} epochs are"
             return (f"no positions: {few} too few, they are interpolated from {_POINTS}",)
         between = 0.5 * (self.time[1:] + self.time[:-1])
+        each = [orbits.has_position(for_each(between, len(orbits.names))) for orbits in map(self.of, systems)]
+        if any(there.size for there in each) and not any(there.any() for there in each):
+            step = float(np.median(np.diff(self.time)))
+            return (f"no positions: epochs {step:g} s apart, or the rows between gaps, are too few to interpolate",)
         text = []
         if -np.inf < first < self.time[0]:
             text.append(f"no positions before {_moment(self.time[0])} (GPS time), where the table begins")
