@@ -125,11 +125,10 @@ def main() -> None:
     reach = 100.0 * TWO_SIDED / math.sqrt(2.0 * RUNS)
     text = f"""# Passing pseudolites at 20 to 300 m
 
-Made by `make validate`: {RUNS} runs of seed {SEED}. The columns have RMS position errors over 20 s to touchdown,
-divided by those of the covariance analysis and by the filter's sigma: smallest and largest of north, east, down.
-The scenario is landing_open_sky.yaml with 5 fixes and 50 inertial samples a second. {RUNS} runs
-determine a ratio within {reach:.0f} % (95 %). Without a warning all ratios agree with 1 ± {WITHIN:g}, except in
-{open_} of {len(rows)} settings.
+Made by `make validate`: landing_open_sky.yaml with 5 fixes and 50 inertial samples a second, {RUNS} runs of seed
+{SEED}. RMS position errors over 20 s to touchdown, divided by those of the covariance analysis and by the filter's
+sigma: smallest and largest ratio of north, east, down. {RUNS} runs determine a ratio within {reach:.0f} % (95 %).
+Settings with a ratio outside of 1 ± {WITHIN:g} but without a warning: {open_} of {len(rows)}.
 
 | pseudolites | ranging errors | coupling | distance, m | sky | runs / analysis | runs / sigma | |
 |---|---|---|---|---|---|---|---|

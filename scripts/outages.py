@@ -85,9 +85,9 @@ def clear() -> list[str]:
     lines = [
         "## Under a clear sky",
         "",
-        f"{CLEAR_RUNS} runs each, the same errors of satellites, pseudolites and sensors in both. RMS over the second",
-        "half of the flight: tight filter divided by loose filter, with the 95 % interval by 1000 resamples of the",
-        "runs; NEES/6 of position and velocity over the same time.",
+        f"{CLEAR_RUNS} runs with the same errors of satellites, pseudolites and sensors. RMS error over the second",
+        "half of the flight, tight filter divided by loose filter; 95 % intervals by 1000 resamples of the runs.",
+        "NEES/6 of position and velocity over the same time.",
         "",
         f"| case | {' | '.join(name for name, _ in groups)} | NEES/6 loose | tight |",
         "|---|---|---|---|---|---|---|",
