@@ -72,15 +72,20 @@ class Filtered:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """Smoothed state (m, n) and covariance (m, n, n), the lines that they rest on, the filter pass with these lines,
-    how far the last linearisation moved the positions, in sigmas, covariance (n, n) at the start."""
+    """Output of the smoother."""
 
     state: np.ndarray
+    """(m, n)."""
     covariance: np.ndarray
+    """(m, n, n)."""
     lines: DistanceLines
+    """The linearised distances."""
     filtered: Filtered
+    """The filter pass with these lines."""
     moved: float
+    """How far the last linearisation moved the positions, in sigmas."""
     prior: np.ndarray
+    """(n, n): covariance at the start."""
 
 
 def allocate_history(count: int, size: int) -> RangeHistory:

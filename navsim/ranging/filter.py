@@ -44,15 +44,20 @@ class RangeNoise(NamedTuple):
 
 
 class RangeData(NamedTuple):
-    """Ranges in order of time: time (m,) s, source (m,), range (m,) m, factor of its sigma (m,), positions of the
-    sources (s, 3) m, and how each range depends on the states behind the motion (m, n)."""
+    """Ranges in order of time."""
 
     time: np.ndarray
+    """(m,) s."""
     source: np.ndarray
+    """(m,): its index."""
     range: np.ndarray
+    """(m,) m."""
     scale: np.ndarray
+    """(m,): factor of the range's sigma."""
     position: np.ndarray
+    """(s, 3): of the sources, m."""
     row: np.ndarray
+    """(m, n): derivative of each range by the states behind the motion."""
 
 
 class DistanceLines(NamedTuple):
@@ -66,15 +71,20 @@ class DistanceLines(NamedTuple):
 
 
 class RangeHistory(NamedTuple):
-    """Filter output after each range: state (m, n), covariance (m, n, n), and for the smoother the row (m, n), P times
-    the row (m, n), the gain (m,) of the state and (m,) of the covariance along it."""
+    """Filter output after each range, with the row of its update for the smoother."""
 
     state: np.ndarray
+    """(m, n)."""
     covariance: np.ndarray
+    """(m, n, n)."""
     row: np.ndarray
+    """(m, n)."""
     gain: np.ndarray
+    """(m, n): P times the row."""
     pull: np.ndarray
+    """(m,): gain of the state along it."""
     shrink: np.ndarray
+    """(m,): gain of the covariance along it."""
 
 
 @kernel
@@ -167,9 +177,11 @@ def _symmetrise(p, q):
 def filter_ranges(data, dynamics, noise, lines, x, p, out, innovation, variance, weight, surprise):
     """Filter all ranges from the state x (n,) and covariance P (n, n) of the first one's time, both in place.
 
-    Parameters: `RangeData`, `Dynamics`, `RangeNoise`, `DistanceLines`; out: `RangeHistory`, of no rows to keep none;
-    innovation (m,) m; variance (m,) m2, of the innovation with the usual noise; weight (m,): probability that the
-    range has the usual noise; surprise (m,): minus the logarithm of the range's likelihood.
+    - `data`, `dynamics`, `noise`, `lines`: `RangeData`, `Dynamics`, `RangeNoise`, `DistanceLines`
+    - `out`: `RangeHistory`, without rows to keep none
+    - `innovation` (m,): m; `variance` (m,): of the innovation with the usual noise, m2
+    - `weight` (m,): probability that the range has the usual noise
+    - `surprise` (m,): minus the logarithm of the range's likelihood
     """
     n = x.shape[0]
     keep, linear = out.pull.shape[0] > 0, lines.offset.shape[0]

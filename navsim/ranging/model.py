@@ -2,8 +2,8 @@
 
 Position and its derivatives come first, in local axes (east, north, up). Pseudoranges add a clock of two states for
 each source and for the receiver, but for the datum, whose noise all others then share. Two-way ranges add a constant
-bias for each source, a second one that grows with distance where the scenario has it, and errors that wander: a fast
-and a slow one for each source, one for all ranges.
+bias for each source, and a second one that grows with distance if the scenario has it. Further states are
+time-correlated errors: a fast and a slow one for each source, one for all ranges.
 
     two_way   r_i = |p - p_i| + a_i + s_i f(r_i) + w_i + v_i + w + e
     one_way   r_i = |p - p_i| + c (dt_receiver - dt_i) + w_i + e
@@ -69,22 +69,27 @@ CLOCK_SETTINGS = ("source_phase", "source_frequency", "receiver_phase", "receive
 
 @dataclass(frozen=True)
 class RangeModel:
-    """Ranges and states. names: of the states (n,); unit: of each; order: of the motion; clocks: names of the clocks
-    that are states; first_clock, first_bias, first_markov: where these states begin; markov: number of wandering
-    errors; given: settings that the scenario gives; data: what the filter reads."""
+    """Ranges and states."""
 
     scenario: RecordedRanges
     log: RangeLog
     names: tuple[str, ...]
+    """Of the states (n,)."""
     units: tuple[str, ...]
     order: int
+    """Of the motion model."""
     datum: str
+    """The reference clock."""
     clocks: tuple[str, ...]
+    """Clocks that are states."""
     first_clock: int
+    """Index of the first state of clocks, as below of biases and of time-correlated errors."""
     first_bias: int
     first_markov: int
     given: dict[str, float]
+    """Settings of the scenario."""
     data: RangeData
+    """Input of the filter."""
 
     @property
     def size(self) -> int:

@@ -268,9 +268,7 @@ def command_of(folder: Path) -> Command:
         beside = folder.with_name(f"{folder.name}.partial")
         if beside.is_dir():
             raise CheckpointError(f"{folder}: no folder of partial work; its own is {beside}: give that")
-        raise CheckpointError(
-            f"{folder}: no folder of partial work, RESULT.h5.partial; a complete result has none"
-        )
+        raise CheckpointError(f"{folder}: no folder of partial work, RESULT.h5.partial; a complete result has none")
     file = folder / _COMMAND_FILE
     if not file.exists():
         begun = "it was begun from Python, or by an earlier version"

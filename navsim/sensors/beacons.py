@@ -173,8 +173,10 @@ class Beacons(AidingSensor):
         return antenna_ecef(flight.motion(time), self.lever_arm)
 
     def away_from(self, antenna: np.ndarray, llh: np.ndarray, threshold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vectors (t, n, 3) from an antenna (t, 3) to beacons at (n, 3), rad, rad, m, ECEF, m, and which of them (t, n)
-        bool it receives: those within reach, before the radio horizon and not behind terrain."""
+        """Vectors (t, n, 3) from an antenna (t, 3) to beacons, ECEF, m; llh: of the beacons (n, 3), rad, rad, m.
+
+        Also which of them the antenna receives (t, n) bool: those in reach, within the radio horizon and not behind
+        terrain."""
         from navsim.gnss.interference.horizon import behind, horizon_distance
 
         beacons = np.repeat(ecef_from_llh(llh)[None], len(antenna), axis=0)

@@ -2,8 +2,11 @@
 
     y = R (C' (b + e + f d) + S C' b + h) + noise,  f = exp(-height / H)
 
-b: field of the Earth, NED; C: body to NED; R: body to sensor axes; e: error of the field model; d: disturbance at the
-ground; h: hard iron; S: soft iron (scale factors and misalignments), both in body axes. Small products are left out.
+- b: field of the Earth, NED; e: error of its model; d: disturbance at the ground
+- C: body to NED; R: body to sensor axes
+- h: hard iron; S: soft iron (scale factors and misalignments), both in body axes
+
+Small products are left out.
 
 Sources: [1] Groves (2013), section 6.1.1 (hard and soft iron, eqs. 6.3 and 6.4). [2] `docs/theory/magnetometer.md`.
 """
