@@ -56,8 +56,8 @@ def _free_clocks(scenario: Landing) -> Iterator[str]:
     begin, end = np.sqrt(errors.clock_covariance(np.array([0.0, scenario.duration_s]))[:, 0, 0])
     if end > WANDERED * math.hypot(begin, errors.offset, section.range_sigma_m):
         yield (
-            f"pseudolites: their clocks wander by {digits(end)} m (1 sigma) in the flight. With {cause} each fix has "
-            "weights of its own, and the result may be worse than without pseudolites; write filter.coupling: tight, "
+            f"pseudolites: their clocks wander by {digits(end)} m (1 sigma) in the flight. With {cause} each fix is "
+            "weighted alone, and the result may be worse than without pseudolites; write filter.coupling: tight, "
             "whose filter learns the clocks"
         )
 
