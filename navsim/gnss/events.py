@@ -13,8 +13,10 @@ import numpy as np
 
 PSEUDOLITES = "pseudolites"
 """Name of all pseudolites, like that of a satellite system."""
+BEACONS = "beacons"
+"""Name of all ranging beacons."""
 EVERY = "all"
-"""Name of all sources."""
+"""Name of all satellites and pseudolites."""
 
 
 @dataclass(frozen=True)

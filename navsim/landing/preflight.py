@@ -187,7 +187,18 @@ class PreflightChecks:
         signals, model = self.signals, event.model()
         correlated = (signals.time >= model.begin) & (signals.time < model.end)
         concerned = model.concerns(signals.names, self.environment.systems_of(signals.names))
-        return bool(signals.used[np.ix_(correlated, concerned)].any())
+        return bool(signals.used[np.ix_(correlated, concerned)].any()) or self._answered(event)
+
+    def _answered(self, event: EventSection) -> bool:
+        """Whether any beacon of an event answers while it lasts."""
+        from navsim.landing.beacons import beacon_geometry
+
+        if (section := self.scenario.beacons) is None or not {"beacons", *section.names()} & set(event.sources):
+            return False
+        seen, model = beacon_geometry(section.model(self.scenario), self.trajectory, self.signals.time), event.model()
+        lasting = (self.signals.time >= model.begin) & (self.signals.time < model.end)
+        concerned = model.concerns(section.names(), ["beacons"] * len(section.names()))
+        return bool(seen.received[np.ix_(lasting, concerned)].any())
 
     def times_at_heights(self, heights: Sequence[float]) -> list[float]:
         """`passed`, with nan for times after the filter's last output."""

@@ -14,7 +14,7 @@ from navsim.formats.conventions import TRACK_ATTITUDE
 from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.geodesy.earth import STANDARD_GRAVITY
 from navsim.gnss.constellations.systems import CLOCKS, SYSTEMS
-from navsim.gnss.events import EVERY, PSEUDOLITES
+from navsim.gnss.events import BEACONS, EVERY, PSEUDOLITES
 from navsim.gnss.signals import Environment, Satellites, time_scales
 from navsim.landing.satellites import horizon_of, read_satellites
 from navsim.results import files
@@ -238,6 +238,7 @@ def _check_events(scenario: Landing, document: Document, sources: Environment) -
     known = {EVERY, PSEUDOLITES, *sources.systems, *sources.pseudolites.names}
     known |= {name for group in sources.satellites for name in group.names}
     known |= set(() if sources.listed is None else sources.listed.names)
+    known |= set() if scenario.beacons is None else {BEACONS, *scenario.beacons.names()}
     problems = []
     for i, event in enumerate(scenario.events):
         for j, name in enumerate(event.sources):

@@ -33,6 +33,7 @@ import numpy as np
 
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.events import BEACONS
 from navsim.gnss.signals import Environment
 from navsim.landing.beacons import BeaconGlide
 from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
@@ -305,6 +306,11 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     beacons = None
     if study.beacons is not None:
         assert scenario.beacons is not None  # `_posed` has looked
+        for event in scenario.beacons.happenings(scenario):
+            if study.objective in BEACON_OBJECTIVES or set(event.sources) != {BEACONS}:
+                text = "has an event of beacons, whose positions the search replaces; write `beacons` for all of them, "
+                text += "and use an error of the filter as objective"
+                raise _refused(document, ("base",), f"{study.base} {text}")
         beacons = BeaconGlide.of(scenario.beacons.model(scenario), trajectory, epochs)
     elif 1 in study.counts and (lone := int(geometry.find_lone_pseudolite(1).sum())):
         equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""

@@ -15,10 +15,13 @@ from navsim.scenario.signals import Gain, Site
 from navsim.scenario.terrain import tops_of
 
 if TYPE_CHECKING:
+    from navsim.gnss.events import Event
     from navsim.scenario.landing import Landing
     from navsim.sensors.beacons import BeaconErrors, Beacons, Outliers
 
 Part = Annotated[float, Field(ge=0.0, le=0.5)]
+_MATCHED = 1.0
+"""Half of the band of a jammer whose width is not given, MHz."""
 _LINK = ("eirp_dbm", "sensitivity_dbm")
 """Keys of the link budget that have no default."""
 
@@ -125,10 +128,49 @@ class BeaconsSection(AidingSection):
         if landing.method == "rare" and self.irregular:
             text = "method rare pushes Gaussian errors; use 0, or method monte-carlo"
             raise reject(text, "beacons", self.irregular)
+        self._check_events(landing)
+        self._check_jammers(landing)
         its = landing.filter.beacons
         for key in () if its.errors == "states" else ERRORS_OF_BEACONS:
             if getattr(its, key) is not None:
                 raise reject("is for `errors: states`", "filter", "beacons", key)
+
+    def _check_events(self, landing: Landing) -> None:
+        """Raise for names that events cannot tell apart, and for events that two-way ranges do not have."""
+        from navsim.gnss.events import BEACONS, EVERY, PSEUDOLITES
+
+        names = self.names()
+        for i, name in enumerate(names):
+            if landing.events and name in (BEACONS, PSEUDOLITES, EVERY, *landing.pseudolites.names()):
+                raise reject(f"'{name}' names other sources, too: events need a name for each", "beacons", "sites", i)
+        for i, event in enumerate(landing.events):
+            if event.what in ("spoof", "meacon") and set(event.sources) & {BEACONS, *names}:
+                text = f"{event.what} is of satellites and pseudolites; beacons answer the vehicle: use step, ramp, "
+                raise reject(text + "survey or silence for them", "events", i, "what")
+
+    def _check_jammers(self, landing: Landing) -> None:
+        """Raise for jammers on the carrier of beacons, which navsim does not simulate."""
+        for jammer in () if landing.interference is None else landing.interference.jammers:
+            half = 0.5 * (jammer.bandwidth_mhz or 0.0)
+            if self.carrier_mhz is not None and abs(self.carrier_mhz - jammer.centre_mhz) <= max(half, _MATCHED):
+                text = f"{self.carrier_mhz:g} MHz is in the band of {jammer.name}, and navsim does not jam beacons; "
+                text += "write silence of beacons as an event, or beacons.loss, in its place"
+                raise reject(text, "beacons", "carrier_mhz")
+
+    def unwatched(self, landing: Landing) -> list[str]:
+        """Warnings that jammers and integrity monitors do not include beacons."""
+        out = []
+        if landing.interference is not None and landing.interference.jammers and self.carrier_mhz is None:
+            out.append(
+                "interference.jammers: none jams beacons, whose band is unknown (beacons.carrier_mhz); write silence "
+                "of beacons as an event"
+            )
+        if landing.integrity is not None:
+            out.append(
+                "integrity: its monitors and levels are of satellites and pseudolites; the gate (filter.gate) alone "
+                "rejects wrong ranges of beacons"
+            )
+        return out
 
     @property
     def irregular(self) -> str | None:
@@ -178,8 +220,18 @@ class BeaconsSection(AidingSection):
             self.names(), plane, llh, runway.aim_point_m, runway.ellipsoidal_m, runway.heading_deg * DEG, self.rate_hz,
             self.latency_s, self.sigma_m, self.weak_sigma_m, self.reach,
             functools.partial(tops_of, landing.terrain), np.array(self.lever_arm_m), self.errors(),
-            self.outliers(), assumed,
+            self.outliers(), assumed, self.happenings(landing),
         )  # fmt: skip
+
+    def happenings(self, landing: Landing) -> tuple[Event, ...]:
+        """Events of beacons among those of a landing, whose `all` is of satellites and pseudolites."""
+        from dataclasses import replace
+
+        from navsim.gnss.events import BEACONS
+
+        mine = {BEACONS, *self.names()}
+        each = ((event, tuple(name for name in event.sources if name in mine)) for event in landing.events)
+        return tuple(replace(event.model(), sources=names) for event, names in each if names)
 
 
 ERRORS_OF_BEACONS = ("bias_sigma_m", "growth_sigma_m", "survey_sigma_m")

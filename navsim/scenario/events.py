@@ -26,7 +26,8 @@ class EventSection(Section):
     what: str
     """kind of event"""
     sources: Annotated[DistinctListOf[str], Field(min_length=1)]
-    """names of satellites and pseudolites, of satellite systems, `pseudolites`, `all`"""
+    """names of satellites, pseudolites and beacons, of satellite systems, `pseudolites`, `beacons`, and `all` for
+    satellites and pseudolites"""
     at_s: FlightTime = 0.0
     """when it begins, after time 0"""
     until_s: FlightTime | None = None

@@ -628,6 +628,7 @@ class Landing(Section):
             out += [f"{'.'.join(key)} changes nothing here: the covariance analysis is of the route" for key in air[1]]
         if self.method == "covariance" and self.beacons is not None and (key := self.beacons.irregular):
             out.append(f"beacons.{key} changes nothing here: the covariance analysis counts every answer")
+        out += [] if self.beacons is None else self.beacons.unwatched(self)
         if self.imu.temperature is not None and not self.imu.warms():
             out.append("imu.temperature changes nothing: no sensor has an error that goes with it (temperature_...)")
         if self.pseudolites.differential is not None and self.signals.errors.models():

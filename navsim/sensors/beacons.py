@@ -20,6 +20,7 @@ import numpy as np
 from navsim.filter.measurement_models import BEACON, BEACON_STATES, BeaconTable
 from navsim.filter.states import Block
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.gnss.events import BEACONS, Event, EventEffects, Scene, Silence, happened
 from navsim.gnss.pseudolite import runway_position
 from navsim.sensors.aiding import AidingSensor, SensorError
 from navsim.statistics.random_streams import branch
@@ -129,6 +130,8 @@ class Beacons(AidingSensor):
     outliers: Outliers
     design: BeaconDesign
     """Filter model."""
+    events: tuple[Event, ...] = ()
+    """What happens to beacons: silence, and errors of ranges."""
 
     @property
     def sources(self) -> int:  # type: ignore[override]  # a field of the base class, derived here
@@ -163,8 +166,17 @@ class Beacons(AidingSensor):
         return question % len(self.names)
 
     def away(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`away_from` the antenna at times (t,), s, of a flight."""
-        return self.away_from(self.antenna(flight, time), self.positions(flight.frame), self.threshold(flight.frame))
+        """`away_from` the antenna at times (t,), s, of a flight, without beacons that are silent then."""
+        antenna = self.antenna(flight, time)
+        out, received = self.away_from(antenna, self.positions(flight.frame), self.threshold(flight.frame))
+        return out, received & ~self._happened(time, antenna, out).silent if self.events else received
+
+    def _happened(self, time: np.ndarray, antenna: np.ndarray, away: np.ndarray) -> EventEffects:
+        """Effect of events on the ranges (t, n) at times (t,), s, from an antenna (t, 3) to beacons (t, n, 3) away."""
+        axes, still = ned_matrix(llh_from_ecef(antenna)), np.zeros_like(away)
+        systems = (BEACONS,) * len(self.names)
+        return happened(self.events, Scene(time, self.names, systems, antenna[:, None] + away, still, antenna,
+                                           np.zeros_like(antenna), axes))  # fmt: skip
 
     def antenna(self, flight: Moving, time: np.ndarray) -> np.ndarray:
         """The antenna (t, 3), ECEF, m, at times (t,), s."""
@@ -192,10 +204,11 @@ class Beacons(AidingSensor):
         return away[of], received[of]
 
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
-        """Ranges (m, 1) with the mean bias, m; nan where the beacon asked is not received."""
-        away, received = self.line_of_sight(flight, time)
-        distance, its = np.linalg.norm(away, axis=1), self.true_errors
-        return np.where(received, distance + its.growth * its.grown(distance), np.nan)[:, None]
+        """Ranges (m, 1) with the mean bias and errors by events, m; nan where the beacon asked is not received."""
+        (away, received), of = self.away(flight, time), (np.arange(time.size), self.asked(time))
+        distance, its = np.linalg.norm(away[of], axis=1), self.true_errors
+        longer = self._happened(time, self.antenna(flight, time), away).longer[of] if self.events else 0.0
+        return np.where(received[of], distance + its.growth * its.grown(distance) + longer, np.nan)[:, None]
 
     def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
         """1 sigma (m, 1) of the white noise, m; that of a strong signal where it measures nothing."""
@@ -228,7 +241,8 @@ class Beacons(AidingSensor):
         its = self.design
         mine = self.sigma, self.weak_sigma, self.latency, self.true_errors
         same = mine == (its.sigma, its.weak_sigma, its.latency, its.errors)
-        return same and self.outliers == Outliers() and np.array_equal(self.lever_arm, its.lever_arm)
+        same &= self.outliers == Outliers() and all(isinstance(event.what, Silence) for event in self.events)
+        return same and np.array_equal(self.lever_arm, its.lever_arm)
 
     @property
     def errors(self) -> tuple[SensorError, ...]:

@@ -11,7 +11,7 @@ import pytest
 
 from navsim.filter import eskf, states
 from navsim.filter.measurement_models import BEACON, Measurements, observe, slot
-from navsim.geodesy.earth import ecef_from_llh
+from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 from navsim.gnss.ranging_geometry import mirror_image
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.results.result import read
@@ -112,6 +112,51 @@ def test_their_linearisation() -> None:
         assert np.all(h[own] != 0.0)
         assert not others.any()
         assert slot(BEACON, row, tables) == slot(BEACON, row + 3, tables) != slot(BEACON, (row + 1) % 3, tables)
+
+
+def test_events_of_beacons() -> None:
+    """Silence, a step, a ramp and a wrong survey of some beacons at some time; `all` is of satellites."""
+    _, plain, _ = flown()
+    happening = (
+        "events=[{what: silence, sources: [west], at_s: 5, until_s: 8}, {what: step, sources: [B1], error_m: 7, "
+        "at_s: 9}, {what: ramp, sources: [beacons], rate_m_s: 0.5, at_s: 12}, {what: silence, sources: [all], "
+        "at_s: 20}, {what: survey, sources: [B3], ned_m: [0, 0, 2], at_s: 14}]"
+    )
+    of = case(*BRIEF, section(), happening)
+    (aid,) = of.shared.aids
+    off, asked, t = aid.exact[:, 0] - plain.exact[:, 0], aid.sensor.asked(aid.time), aid.time
+    silent = (asked == 1) & (t >= 5.0) & (t < 8.0)
+    np.testing.assert_array_equal(np.isnan(off), silent)
+    expected = np.where((asked == 0) & (t >= 9.0), 7.0, 0.0) + 0.5 * np.maximum(t - 12.0, 0.0)
+    surveyed = (asked == 2) & (t >= 14.0)
+    np.testing.assert_allclose(off[~silent & ~surveyed], expected[~silent & ~surveyed], atol=1e-7)
+    away, _ = aid.sensor.line_of_sight(of.trajectory, t)
+    motion = of.trajectory.motion(t)
+    sine = 2.0 * np.einsum("mj,mj->m", away, ned_matrix(motion.llh)[:, 2]) / np.linalg.norm(away, axis=1)
+    np.testing.assert_allclose((off - expected)[surveyed], sine[surveyed], atol=2e-3)
+    assert not of.beacons.received[(of.shared.signals.time == 6.0), 1].any()
+    assert not [text for text in of.warnings if "none of them is received" in text]
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        (["events=[{what: spoof, sources: [beacons], clock_m: 9}]"], "use step, ramp, survey or silence"),
+        (["events=[{what: silence, sources: [B9]}]"], "'B9' is not a source"),
+        (["events=[{what: silence, sources: [PL1]}]", section(sites="{name: PL1, s_m: 300, l1_m: 9}")],
+         "names other sources, too"),
+        ([section("carrier_mhz: 1580"), "interference={jammers: [{name: J, place: {lat_deg: 56, lon_deg: 37}, "
+          "eirp_dbw: 5, waveform: noise, bandwidth_mhz: 20}]}"], "1580 MHz is in the band of J"),
+    ],
+)  # fmt: skip
+def test_what_beacons_do_not_have_is_refused(settings: list[str], text: str) -> None:
+    with pytest.raises(InputError, match=re.escape(text)):
+        case(*BRIEF, *([] if any(each.startswith("beacons") for each in settings) else [section()]), *settings)
+
+
+def test_monitors_leave_beacons_out() -> None:
+    said = scenario(section(), "integrity={method: mhss}").unused()
+    assert any(text.startswith("integrity: its monitors and levels are of satellites") for text in said)
 
 
 def test_lost_answers_and_outliers() -> None:
