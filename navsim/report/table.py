@@ -133,8 +133,20 @@ def console(parts: Sequence[Table | str]) -> RenderableType:
     for before, part in zip([None, *parts], parts, strict=False):
         if drawn and (isinstance(part, Table) or isinstance(before, Table)):
             drawn.append(Text())
-        drawn.append(_Fitted(part) if isinstance(part, Table) else Text(part))
+        drawn.append(_Fitted(brief(part)) if isinstance(part, Table) else Text(part))
     return Group(*drawn)
+
+
+def brief(table: Table) -> Table:
+    """The table with one row for each group of rows without any value, such as heights that no flight passes."""
+    rows: list[Row] = []
+    for row in reversed(table.rows):  # a group, then its heading
+        under = next((i for i, one in enumerate(rows) if one.heading), len(rows)) if row.heading else 0
+        if under and {text for one in rows[:under] for text in one.texts()[1:]} == {"-"}:
+            rows[:under] = []
+            row = Row((row.cells[0], *["-"] * (len(table.heads) - 1)), heading=True)
+        rows.insert(0, row)
+    return replace(table, rows=rows)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import pytest
 
 from navsim.report.compare import compared
 from navsim.report.provenance import Read, provenance
-from navsim.report.table import Table, text
+from navsim.report.table import Table, brief, text
 from navsim.report.view import view
 from navsim.results.result import Result, read
 from tests.conftest import ROOT, SCENARIOS
@@ -34,7 +34,7 @@ def numbers(parts: Sequence[Table | str]) -> Iterator[str]:
     """Intervals, numbers and words of all cells and heads."""
     for table in parts:
         if isinstance(table, Table):
-            for cell in (*table.heads, *(text for row in table.rows for text in row.texts())):
+            for cell in (*table.heads, *(text for row in brief(table).rows for text in row.texts())):
                 yield from (found for found in _WHOLE.findall(cell) if len(found) < _LONGEST_WORD)
 
 

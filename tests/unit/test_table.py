@@ -19,6 +19,7 @@ from navsim.report.table import (
     Cell,
     Row,
     Table,
+    brief,
     cell,
     chosen,
     console,
@@ -257,3 +258,15 @@ def test_tex_sets_in_and_breaks() -> None:
     assert any(r"\allowbreak{}" in line for line in lines)
     assert any("p{" in line for line in lines if r"\begin{tabular}" in line)
     assert any(r"\begin{longtable}" in line for line in tex(wide_table(60)))
+
+
+def test_a_group_without_values_is_one_row() -> None:
+    table = Table("", ("", "one"))
+    table.add("runs", "1")
+    for head, value in (("Position at height", "-"), ("NEES", "1.02")):
+        table.head(head, "RMS")
+        table.add("  touchdown", "-")
+        table.add("  50 ft", value)
+    assert [row.texts() for row in brief(table).rows] == [
+        ["runs", "1"], ["Position at height", "-"], ["NEES", "RMS"], ["  touchdown", "-"], ["  50 ft", "1.02"],
+    ]  # fmt: skip
