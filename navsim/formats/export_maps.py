@@ -132,15 +132,19 @@ def _ridges(result: Result) -> list[dict[str, Any]]:
 
 
 def _placements(result: Result) -> list[dict[str, Any]]:
-    """Positions of the pseudolites of a search, for each number of them."""
+    """Positions of the pseudolites, or beacons, of a search, for each number of them."""
+    beacons = scenario_of(result, "study").get("beacons") is not None
+    kind, letters = ("beacon", "B") if beacons else ("pseudolite", "PL")
     height, found = float(scenario_of(result)["runway"]["height_m"]), result.variables["/pareto/objective"]
     out = []
     for i, k in np.argwhere(np.isfinite(result["/optimum/latitude"])):
         angles = (float(result[f"/optimum/{axis}"][i, k]) for axis in ("latitude", "longitude"))
         count = int(result["/pseudolites"][i])
-        properties_ = {"pseudolites": count, "objective": float(np.asarray(found.data)[i]), "unit": found.units,
+        properties_ = {f"{kind}s": count, "objective": float(np.asarray(found.data)[i]), "unit": found.units,
                 "s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}  # fmt: skip
-        out.append(_site(f"PL{k + 1} of {count}", np.array([*angles, height]), properties_))
+        if "/optimum/up" in result:
+            properties_["height_m"] = float(result["/optimum/up"][i, k])
+        out.append(_site(f"{letters}{k + 1} of {count}", np.array([*angles, height]), properties_) | {"kind": kind})
     return out
 
 

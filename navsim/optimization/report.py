@@ -52,7 +52,7 @@ def tables(result: Result) -> list[Table | str]:
         value = result["/pareto/objective"][i]
         # a maximised objective gains in the other direction
         gain = value / none - 1 if name in LARGE else 1 - value / none
-        gain = cell("{:.1f} %", float(100 * gain)) if np.isfinite(gain) else ABSENT
+        gain = cell("{:.1f} %", float(100 * gain)) if np.isfinite(gain) and np.isfinite(none) else ABSENT
         of = "" if placed(result) == "pseudolites" else "beacons_"
         dops = [number(result[f"/optimum/{of}{dop}"][i]) for dop in ("pdop", "hdop", "vdop")]
         tried = "{} (all)" if result["/pareto/every_choice"][i] else "{}"

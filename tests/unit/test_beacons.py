@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +13,17 @@ import pytest
 
 from navsim.filter import eskf, states
 from navsim.filter.measurement_models import BEACON, Measurements, observe, slot
-from navsim.geodesy.earth import ecef_from_llh, ned_matrix
+from navsim.formats.export_maps import write_kml
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.ranging_geometry import mirror_image
 from navsim.landing.study import covariance_analysis, covariance_result
+from navsim.optimization.problem import problem
+from navsim.optimization.report import tables
+from navsim.optimization.scenario import Optimize
+from navsim.optimization.study import optimize_result, solve
+from navsim.report.table import Table
 from navsim.results.result import read
+from navsim.scenario.load import read_study
 from navsim.scenario.source import InputError
 from navsim.sensors.beacons import Beacons
 from navsim.simulation.aiding import Aid
@@ -157,6 +166,37 @@ def test_what_beacons_do_not_have_is_refused(settings: list[str], text: str) -> 
 def test_monitors_leave_beacons_out() -> None:
     said = scenario(section(), "integrity={method: mhss}").unused()
     assert any(text.startswith("integrity: its monitors and levels are of satellites") for text in said)
+
+
+def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
+    """Three of five, each with its own height, by VDOP: against every choice by dense algebra; its table and map."""
+    base = tmp_path / "base.yaml"
+    keys = "beacons: {sites: [{s_m: 400, l1_m: 0}], rate_hz: 4, sigma_m: 0.1, range_limit_m: 9000}"
+    base.write_text(f"{(SCENARIOS / 'landing.yaml').read_text()}\n{keys}\n")
+    places = [(200, 900, 0), (-200, 900, 12), (150, -300, 25), (-300, 100, 3), (90, 1800, 0)]
+    sites = ", ".join(f"{{s_m: {s}, l1_m: {l1}, height_m: {h}}}" for s, l1, h in places)
+    study = tmp_path / "study.yaml"
+    study.write_text(f"kind: optimize\nversion: 1\nbase: base.yaml\nset: {{receiver.rate_hz: 0.5}}\nbeacons: [3]\n"
+                     f"objective: beacons_vdop\nsites: [{sites}]\n")  # fmt: skip
+    posed = problem(*read_study(study, Optimize, []))
+    result = optimize_result(posed, solve(posed, 1), 1)
+    assert posed.beacons is not None
+    away = posed.rules.plane.ecef(np.array(places, float)) - posed.beacons.receiver[:, None]
+    up = llh_from_ecef(posed.beacons.receiver)
+    axes = np.stack([np.cos(up[:, 0]) * np.cos(up[:, 1]), np.cos(up[:, 0]) * np.sin(up[:, 1]), np.sin(up[:, 0])], 1)
+    vdop = {}
+    for chosen in itertools.combinations(range(5), 3):
+        u = away[:, chosen] / np.linalg.norm(away[:, chosen], axis=2, keepdims=True)
+        inverse = np.linalg.inv(np.einsum("eki,ekj->eij", u, u))
+        vdop[chosen] = np.sqrt(np.einsum("ei,eij,ej->e", axes, inverse, axes)).mean()
+    best = min(vdop, key=vdop.__getitem__)
+    assert result["/pareto/objective"][0] == pytest.approx(vdop[best], rel=1e-9)
+    found = np.stack([result[f"/optimum/{axis}"][0] for axis in ("s", "l1", "up")], axis=1)
+    assert found.tolist() == [list(map(float, places[k])) for k in best]
+    names = [row.cells[1] for table in tables(result) if isinstance(table, Table) for row in table.rows]
+    assert {"B1", "B2", "B3"} <= set(map(str, names))
+    (text,) = write_kml(result, tmp_path / "best").values()
+    assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))
 
 
 def test_lost_answers_and_outliers() -> None:
