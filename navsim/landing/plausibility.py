@@ -28,6 +28,8 @@ GRAVITY_MG = 1000.0
 WANDERED = 2.0
 """Clock error at the end of a flight over the range error at its begin, beyond which fixes that are weighted each for
 itself are doubted."""
+MANY_OUTLIERS = 0.1
+"""Fraction of outliers among ranges of beacons beyond which the filter's sigma is doubted: it has its gate alone."""
 LEAST_ANGLE = 2.0
 """Angle between two pseudolites as the antenna sees them, deg, below which the second adds no geometry."""
 UNDULATION_ERROR = 5.0
@@ -40,8 +42,31 @@ def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings of values that no aircraft, sensor, wind or runway has."""
     return [
         *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),
-        *_undulation(scenario, trajectory), *_free_clocks(scenario),
+        *_undulation(scenario, trajectory), *_free_clocks(scenario), *_beacons(scenario),
     ]  # fmt: skip
+
+
+def _beacons(scenario: Landing) -> Iterator[str]:
+    """Beacons with a filter that has no use for them, or no model of their outliers."""
+    section, kind = scenario.beacons, scenario.filter.kind
+    if section is None:
+        return
+    if kind in ("first-estimates", "observability-constrained"):
+        yield (
+            f"filter.kind: {kind} takes every correction by a beacon for a change of specific force, which would show "
+            "heading: its sigma of heading is far too small with beacons; write eskf or gaussian-sum"
+        )
+    share = section.outlier_share + section.long_share
+    if share > 0.0 and scenario.filter.gate.probability == 0.0:
+        yield (
+            f"filter.gate.probability: 0 is no gate, and {digits(share)} of the ranges of the beacons are outliers, "
+            "which the filter takes for noise; write 1e-4"
+        )
+    elif share > MANY_OUTLIERS:
+        yield (
+            f"beacons: {digits(share)} of the ranges are outliers, against which the filter has its gate alone. Above "
+            f"{MANY_OUTLIERS:g} errors exceed its sigma; take errors from runs, or lower outlier_share and long_share"
+        )
 
 
 def _free_clocks(scenario: Landing) -> Iterator[str]:

@@ -81,3 +81,11 @@ def test_outliers_and_lost_answers() -> None:
     assert rejected / weighed == pytest.approx(0.05, abs=0.01)
     z = np.sqrt(np.mean((result["error"][:, -1, :6] / result["sigma"][:, -1, :6]) ** 2))
     assert z == pytest.approx(1.0, abs=0.25)
+
+
+def test_shipped_share_of_outliers() -> None:
+    """NEES of position and velocity without satellites is right in spite of 2 % of reflections; 5 without a gate."""
+    flown = case("filter.kind=eskf", "imu.rate_hz=20", name="beacons_uav")
+    alone = flown.shared.filter_time > 43.0
+    nees = [run.nees_position_velocity[:, alone] for run in flown.fly_runs(9021, 0, 24, measured=False)]
+    assert np.concatenate(nees).mean() / 6.0 == pytest.approx(1.0, abs=0.2)

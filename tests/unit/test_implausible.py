@@ -59,6 +59,20 @@ def test_free_clocks(setting: str, cause: str) -> None:
     assert all(text.startswith("pseudolites: their clocks wander by 36 m") and cause in text for text in warned)
 
 
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [(["filter.kind=observability-constrained"], "its sigma of heading is far too small with beacons"),
+     (["filter.gate.probability=0"], "0.02 of the ranges of the beacons are outliers, which the filter takes for noise"),
+     (["beacons.long_share=0.1", "beacons.outlier_share=0.1", "beacons.outlier_sigma_m=1"], "0.2 of the ranges are"),
+     ([], "")],
+)  # fmt: skip
+def test_beacons_that_the_filter_does_not_model(given: list[str], text: str) -> None:
+    every = checked(SCENARIOS / "beacons_uav.yaml", given)[2]
+    warned = [found for found in every if "outliers" in found or "too small" in found]
+    assert len(warned) == bool(text)
+    assert all(text in found for found in warned)
+
+
 def test_covariance_analysis_and_runs_warn_of_them_too() -> None:
     """`Case.warnings` is what runs, covariance analysis, rare events and the planner print."""
     found = case(*spread(CASES[2][0]), name="landing_smooth").warnings
