@@ -62,7 +62,7 @@ def test_free_clocks(setting: str, cause: str) -> None:
 @pytest.mark.parametrize(
     ("given", "text"),
     [(["filter.kind=observability-constrained"], "its sigma of heading is far too small with beacons"),
-     (["filter.gate.probability=0"], "0.02 of the ranges of the beacons are outliers, which the filter takes for noise"),
+     (["filter.gate.probability=0"], "0.02 of the ranges of the beacons are outliers, which"),
      (["beacons.long_share=0.1", "beacons.outlier_share=0.1", "beacons.outlier_sigma_m=1"], "0.2 of the ranges are"),
      ([], "")],
 )  # fmt: skip
