@@ -249,9 +249,10 @@ def _contents(scenario: Any) -> list[str]:
             "1 sigma"
         )
     if station is not None:
+        where = " where the link brings them (/corrections/age)" if station.get("link") else ""
         lines.append(
-            f"differential corrections, {station['latency_s']:g} s old, are applied: of all these only a residual is "
-            "in, correct no more"
+            f"differential corrections, {station['latency_s']:g} s old, are applied{where}: of all these only a "
+            "residual is in, correct no more"
         )
     if signals["gps_offset_ns"]:
         lines.append(f"GPS time less GLONASS time: {signals['gps_offset_ns']:g} ns")

@@ -92,6 +92,8 @@ class Signals:
     """Errors of pseudolites that last over a run; None without pseudolites."""
     reflections: ReflectionErrors | None = None
     """Statistics of the reflection errors in `delay`, or None."""
+    correction_age: np.ndarray | None = None
+    """(e,) age of the corrections for satellites, s, inf where none are in use; None without a station."""
     lasting_weights: np.ndarray | None = None
     """(2, e, s) 1 sigma that weight ranges, m, and range rates, m/s, in the fixes of the filter, see
     `simulation.correlated_errors.fix_weights`; None: as in those of the receiver."""

@@ -9,6 +9,7 @@ corrections). [3] `docs/theory/signals.md`, sections 2, 4.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -72,12 +73,54 @@ class Space:
 
 
 @dataclass(frozen=True)
+class CorrectionLink:
+    """Data link that carries a station's corrections to the aircraft."""
+
+    senders: tuple[str, ...]
+    """Pseudolites that send them, each all of them."""
+    interval: float
+    """Time between two messages, s."""
+    oldest: float
+    """Age beyond which the receiver uses no corrections, s."""
+    loss: float
+    """Share of messages that are lost, alike in all runs."""
+
+    def ages(self, time: np.ndarray, received: np.ndarray, latency: float) -> np.ndarray:
+        """Age (e,), s, of the corrections in use at epochs (e,), s; inf without any.
+
+        A message that arrives between two epochs is received if a sender is at the earlier one; one from before the
+        first epoch, if a sender is at the first. received: (e,) bool, whether a sender is. latency: of a message, s.
+        """
+        newest = np.floor((time - latency) / self.interval + _ROUNDING).astype(np.int64)
+        if newest.size == 0:
+            return np.empty(0)
+        numbers = np.arange(newest.min() - math.ceil(self.oldest / self.interval), newest.max() + 1)
+        arrival = numbers * self.interval + latency
+        earlier = np.maximum(np.searchsorted(time, arrival + _ROUNDING * self.interval, side="right") - 1, 0)
+        lost = [np.random.default_rng((_OF_LINK, _BEFORE + int(k))).random() < self.loss for k in numbers]
+        last = np.maximum.accumulate(np.where(received[earlier] & ~np.array(lost), numbers, numbers[0] - 1))
+        age = time - last[newest - numbers[0]] * self.interval
+        return np.where(age <= self.oldest + _ROUNDING, age, np.inf)
+
+
+_ROUNDING = 1e-9
+"""Tolerance of times, s, and of numbers of messages."""
+_OF_LINK, _BEFORE = 727, 1 << 30
+"""First word of the seeds of lost messages, and a number that makes those of messages before time 0 positive."""
+
+
+@dataclass(frozen=True)
 class Reference:
-    """A station at a known place llh (3,), rad, rad, m, that sends corrections: latency, s; noise, 1 sigma m."""
+    """A station at a known place that sends corrections for satellites."""
 
     llh: np.ndarray
+    """(3,) rad, rad, m."""
     latency: float
+    """Age of the corrections at their arrival, s."""
     noise: float
+    """1 sigma, m."""
+    link: CorrectionLink | None = None
+    """None: corrections of this age are there at all times."""
 
 
 STANDARD_LOOP = dll.CodeLoop(spacing=0.5, bandwidth=1.0, integration=0.02)
@@ -120,8 +163,8 @@ class Effects:
     @property
     def placed(self) -> bool:
         """Whether it depends on the station's place which satellites are used: it has no troposphere to correct of
-        those below its own horizon."""
-        return self.reference is not None and self.troposphere is not None
+        those below its own horizon. Or on places of pseudolites whether corrections arrive."""
+        return self.reference is not None and (self.troposphere is not None or self.reference.link is not None)
 
 
 NO_EFFECTS = Effects()

@@ -163,7 +163,9 @@ class Environment:
     @property
     def by_directions(self) -> Environment:
         """The environment with all dependence on pseudolite positions removed, except for directions."""
-        effects = replace(self.effects, thermal_pseudolites=False)
+        station = self.effects.reference
+        station = None if station is None else replace(station, link=None)
+        effects = replace(self.effects, thermal_pseudolites=False, reference=station)
         return replace(self, jamming=None, antenna=None, effects=effects)
 
     def in_view(self, azimuth: np.ndarray, elevation: np.ndarray, antenna: np.ndarray) -> np.ndarray:
@@ -425,10 +427,14 @@ def _affected(
         space = np.zeros((e, s, 4))
         unit = away[:, sky] / distance[:, sky, None]
         space[:, sky] = space_sensitivity(effects.space, unit, signals.position[:, sky], signals.velocity[:, sky])
+    age, station_noise = None, np.zeros((e, 1))
     if effects.reference is not None:
         # corrections of a reference station remove its own errors, at its position and some time ago
         first = 0
-        earlier = when - effects.reference.latency
+        age = _correction_age(signals, when, motion, environment, is_pseudolite)
+        there_are = np.isfinite(age)[:, None]
+        earlier = when - np.where(there_are[:, 0], age, 0.0)
+        station_noise = np.where(there_are, effects.reference.noise, 0.0)
         place = np.broadcast_to(effects.reference.llh, (e, 3))
         for group in environment.satellites:
             here = slice(first, first + len(group.names))
@@ -436,23 +442,24 @@ def _affected(
             unit, azimuth, elevation = directions_from(group.constellation, earlier, effects.reference.llh)
             there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
             # the station does not track it, or has no data: no correction, no use
-            used[:, here] &= np.isfinite(there) & np.isfinite(elevation)
-            delay[:, here] -= there
-            ionosphere[:, here] -= part
+            used[:, here] &= ~there_are | (np.isfinite(there) & np.isfinite(elevation))
+            delay[:, here] -= np.where(there_are, there, 0.0)
+            ionosphere[:, here] -= np.where(there_are, part, 0.0)
             if space is not None and effects.space is not None:
                 position, velocity = signals.position[:, here], signals.velocity[:, here]
-                space[:, here] -= space_sensitivity(effects.space, unit, position, velocity)
+                of_station = space_sensitivity(effects.space, unit, position, velocity)
+                space[:, here] -= np.where(there_are[..., None], of_station, 0.0)
         if environment.listed is not None:
             # sources in fixed directions have the same directions for the station
             here = slice(first, first + len(environment.listed.names))
             azimuth, elevation = signals.azimuth[:, here], signals.elevation[:, here]
             there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
-            used[:, here] &= np.isfinite(there)
-            delay[:, here] -= there
-            ionosphere[:, here] -= part
+            used[:, here] &= ~there_are | np.isfinite(there)
+            delay[:, here] -= np.where(there_are, there, 0.0)
+            ionosphere[:, here] -= np.where(there_are, part, 0.0)
             if space is not None:
-                space[:, here] = 0.0
-        sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
+                space[:, here] = np.where(there_are[..., None], 0.0, space[:, here])
+        sigma = np.where(sky, np.hypot(sigma, station_noise), sigma)
     if pseudolites.calibration_sigma > 0.0 and is_pseudolite.any():
         own = _calibrations(pseudolites, away[:, is_pseudolite] / distance[:, is_pseudolite, None])
         of_sky, space = space, np.zeros((e, s, own.shape[2]))
@@ -486,7 +493,7 @@ def _affected(
         reflections = dll.ReflectionErrors(mean, size, time)
     if effects.thermal:
         thermal = effects.loop.sigma(cn0, chip)
-        sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
+        sigma = np.where(sky, np.hypot(thermal, station_noise), sigma)
     if effects.thermal_pseudolites:
         sigma = np.where(sky, sigma, effects.loop.sigma(cn0, chip))
     rate_sigma, js, jamming = signals.rate_sigma, signals.js, environment.jamming
@@ -538,7 +545,25 @@ def _affected(
         transmitters=None if not is_pseudolite.any() else Transmitters(
             is_pseudolite, pseudolites.errors, pseudolites.survey_error, pseudolites.delay
         ),
+        correction_age=age,
     )  # fmt: skip
+
+
+def _correction_age(
+    signals: pseudorange.Signals, when: np.ndarray, motion: Motion, environment: Environment, is_pseudolite: np.ndarray
+) -> np.ndarray:
+    """Age (e,), s, of the corrections in use, inf without any; arguments as of `_affected`.
+
+    Whether their senders are received does not depend on corrections for satellites.
+    """
+    station = environment.effects.reference
+    assert station is not None
+    if station.link is None:
+        return np.full(signals.time.size, station.latency)
+    without = replace(environment, effects=replace(environment.effects, reference=None))
+    senders = is_pseudolite & np.isin(signals.names, station.link.senders)
+    received = _affected(signals, when, motion, without, is_pseudolite).used[:, senders].any(axis=1)
+    return station.link.ages(signals.time, received, station.latency)
 
 
 def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:

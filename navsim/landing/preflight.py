@@ -76,7 +76,7 @@ class PreflightChecks:
             out.append(f"box: the route itself is outside {' and '.join(apart)}")
         hidden = self.environment.behind_terrain(self.signals.antenna)
         out += _out_of_sight(self.environment, self.signals.antenna) + self._under_horizon()
-        out += self._shadowed() + self._jammed() + self.lone_pseudolite
+        out += self._shadowed() + self._jammed() + self.lone_pseudolite + self._corrections()
         out += _hidden_throughout(self.environment.pseudolites.names, hidden)
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
@@ -120,6 +120,26 @@ class PreflightChecks:
             f"sky.mask_deg: {mask:g} deg is below the horizon, which is at {lowest:.2f} deg at lowest: satellites "
             "below the horizon are not received; give 0 or more"
         ]
+
+    def _corrections(self) -> list[str]:
+        """Warnings of corrections that do not arrive, and of those that arrive although nobody sends them."""
+        station, age = self.environment.effects.reference, self.signals.correction_age
+        if station is None or age is None:
+            return []
+        if station.link is None:
+            silent = ~self.signals.used[:, -len(self.environment.pseudolites.names) :].any(axis=1)
+            text = (
+                f"pseudolites.differential: corrections arrive at {silent.sum()} of {age.size} fixes at which no "
+                "pseudolite is received; if pseudolites send them, add `link: {}`"
+            )
+            return [text] if silent.any() else []
+        without = np.isinf(age)
+        text = (
+            f"pseudolites.differential.link: {without.sum()} of {age.size} fixes have no corrections younger than "
+            f"{station.link.oldest:g} s (max_age_s), and the whole errors of the satellites; senders: "
+            f"{', '.join(station.link.senders)}"
+        )
+        return [text] if without.any() else []
 
     @cached_property
     def lone_pseudolite(self) -> list[str]:

@@ -36,6 +36,7 @@ def base(case: Case, layout: str) -> ResultBuilder:
     _geometry_summary(draft, case)
     _navigation(draft, case)
     _interference(draft, case)
+    _corrections(draft, case)
     return draft
 
 
@@ -149,6 +150,14 @@ def _interference(draft: ResultBuilder, case: Case) -> None:
     draft["/interference/js"] = s.js
     draft["/interference/cn0"] = s.cn0
     draft["/interference/held"] = s.used.astype(np.int8)
+
+
+def _corrections(draft: ResultBuilder, case: Case) -> None:
+    """Write the age of corrections that come over a link."""
+    station, s = case.environment.effects.reference, case.shared.signals
+    if station is not None and station.link is not None:
+        draft["/corrections/time"] = s.time
+        draft["/corrections/age"] = s.correction_age
 
 
 def geometry_summary(case: Case) -> ResultBuilder:

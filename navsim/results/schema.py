@@ -707,6 +707,17 @@ _INTERFERENCE = Chapter(
     ),
 )  # fmt: skip
 
+_LINKED = "where the scenario has `pseudolites.differential.link`"
+_CORRECTIONS = Chapter(
+    "Corrections for satellites",
+    "Their reception over a link. All runs share it.",
+    (
+        _a("/corrections/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_LINKED),
+        _a("/corrections/age", "time", "s", "age of the corrections in use, inf where there are none", _FLOWN,
+           when=_LINKED),
+    ),
+)  # fmt: skip
+
 _WATCHED = "where the scenario has `integrity`"
 _WATCHED_KEPT = f"{_WATCHED}, {_KEPT}"
 _SEPARATED = f"{_WATCHED} with method mhss or filter"
@@ -1741,8 +1752,8 @@ _PROVENANCE = Chapter(
 
 SECTIONS = (
     _AXES, _TRUTH, _RECEIVER, _FILTER, _CONSISTENCY, _ANALYSIS, _SUMMARY, _CONTROLLED, _BOX, _INTERFERENCE,
-    _INTEGRITY, _REQUIREMENTS, _NAVIGATION, _REPLAY, _RANGES, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE,
-    _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _PART, _FINDINGS, _PROVENANCE,
+    _CORRECTIONS, _INTEGRITY, _REQUIREMENTS, _NAVIGATION, _REPLAY, _RANGES, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2,
+    _INTEGRITY_TABLE, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _PART, _FINDINGS, _PROVENANCE,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 

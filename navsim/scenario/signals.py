@@ -13,6 +13,7 @@ from navsim.scenario.base import (
     DEG,
     Azimuth,
     CorrelationTime,
+    DistinctListOf,
     Elevation,
     FixLatency,
     Latitude,
@@ -205,6 +206,19 @@ class GroundMultipath(Section):
         return GroundReflection(height, self.permittivity, self.conductivity_s_m, horizon_db, self.polarisation)
 
 
+class CorrectionLinkSection(Section):
+    """The data link of the corrections: pseudolites send them, and they arrive while one of these is received."""
+
+    senders: Annotated[DistinctListOf[str], Field(min_length=1)] | None = None
+    """names of the pseudolites that send them; default: all"""
+    rate_hz: Annotated[float, Field(ge=0.01, le=20.0)] = 1.0
+    """messages a second, each with the corrections of all satellites"""
+    max_age_s: Annotated[float, Field(gt=0.0, le=600.0)] = 30.0
+    """the receiver uses no older corrections, and its ranges then keep their whole errors"""
+    loss: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """share of messages that are lost; the same ones in all runs"""
+
+
 class Differential(Section):
     """Corrections from a station at the pseudolite's site: the errors that it measures for each satellite."""
 
@@ -214,13 +228,28 @@ class Differential(Section):
     """1 sigma of the station's own noise in them"""
     site: str | None = None
     """name of the pseudolite whose site has the station; default: the first"""
+    link: CorrectionLinkSection | None = None
+    """how they reach the aircraft; left out: at all times"""
+
+    @model_validator(mode="after")
+    def _check_ages(self) -> Self:
+        if self.link is not None and not self.link.max_age_s > self.latency_s:
+            raise reject(
+                f"{self.link.max_age_s:g} s: corrections arrive {self.latency_s:g} s old (latency_s), so none would "
+                "be used; give more", "link", "max_age_s",
+            )  # fmt: skip
+        return self
 
     def model(self, pseudolites: Pseudolites) -> signal_errors.Reference:
         """The station among these pseudolites."""
         from navsim.gnss import signal_errors
 
         at = pseudolites.names.index(self.site) if self.site else 0
-        return signal_errors.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m)
+        link = None
+        if self.link is not None:
+            senders = tuple(pseudolites.names) if self.link.senders is None else self.link.senders
+            link = signal_errors.CorrectionLink(senders, 1.0 / self.link.rate_hz, self.link.max_age_s, self.link.loss)
+        return signal_errors.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m, link)
 
 
 Gain = Annotated[float, Field(ge=-100.0, le=100.0)]
@@ -467,10 +496,12 @@ class PseudolitesSection(Section):
         if self.differential is not None:
             if not self.placed():
                 raise reject("corrections come from a pseudolite's site, and there is none", "differential")
-            site = self.differential.site
-            if site is not None and site not in self.names():
-                raise reject(f"no pseudolite is named '{site}'; there are {', '.join(self.names())}", "differential",
-                             "site")  # fmt: skip
+            link, there_are = self.differential.link, ", ".join(self.names())
+            named = [(self.differential.site, "site")]
+            named += [] if link is None else [(name, "link") for name in link.senders or ()]
+            for name, key in named:
+                if name is not None and name not in self.names():
+                    raise reject(f"no pseudolite is named '{name}'; there are {there_are}", "differential", key)
         return self
 
     @model_validator(mode="after")

@@ -10,6 +10,7 @@ import pytest
 
 from navsim.compiler.lanes import WIDTH
 from navsim.gnss import atmosphere, timescales
+from navsim.gnss.signal_errors import CorrectionLink
 from navsim.gnss.signals import build_signals
 from navsim.landing import study as landing
 from navsim.runner.executor import threads
@@ -107,6 +108,49 @@ def test_differential_corrections_remove_what_is_common() -> None:
     sky = np.array([not n.startswith("PL") for n in plain.names])
     np.testing.assert_allclose(noisy.sigma[:, sky] ** 2, plain.sigma[:, sky] ** 2 + 1.0)
     np.testing.assert_array_equal(noisy.sigma[:, ~sky], plain.sigma[:, ~sky])
+
+
+def test_corrections_come_over_a_link() -> None:
+    """They end with the last pseudolite that sends them, and grow old until then; ranges then have their whole errors,
+    those of a scenario without corrections, and the others those of a station of that latency."""
+    errors = ("signals.ephemeris={}", "signals.ionosphere={}", "signals.troposphere={correction: none}")
+    silence = "events=[{what: silence, sources: [PL1], at_s: 20}, {what: silence, sources: [PL2], at_s: 25}]"
+    base = (*BASE, *errors, silence, "duration_s=60", "receiver.rate_hz=2", "pseudolites.count=2")
+    linked = case(*base, "pseudolites.differential={latency_s: 1, link: {max_age_s: 10.5}}")
+    signals = linked.shared.signals
+    age, time = signals.correction_age, signals.time
+    assert age is not None
+    # the message of 23 s comes at 24 s, the last one
+    expected = np.where(time < 25.0, 1.0 + (time - 1.0) % 1.0, time - 23.0)
+    np.testing.assert_allclose(age, np.where(expected > 10.5, np.inf, expected), atol=1e-9)
+    bare = case(*base).shared.signals
+    dead = np.isinf(age)
+    for name in ("delay", "sigma", "fix_sigma", "space", "used"):
+        np.testing.assert_array_equal(getattr(signals, name)[dead], getattr(bare, name)[dead])
+    for late in (1.0, 1.5):
+        station = case(*base, f"pseudolites.differential={{latency_s: {late}}}").shared.signals
+        same = np.abs(age - late) < 1e-9
+        assert same.sum() >= 20
+        for name in ("delay", "sigma", "space"):
+            np.testing.assert_allclose(getattr(signals, name)[same], getattr(station, name)[same], atol=1e-9)
+    assert any(f"{dead.sum()} of {age.size} fixes have no corrections" in text for text in linked.warnings)
+    (told,) = [text for text in case(*base, "pseudolites.differential={}").warnings if "add `link" in text]
+    assert f"at {(time >= 25.0).sum()} of {age.size} fixes" in told
+    only = case(*base, "pseudolites.differential={link: {senders: [PL1]}}").shared.signals.correction_age
+    assert only is not None
+    assert int(np.isinf(only).sum()) > 0
+    assert only[time > 20.0].min() > 1.9
+
+
+def test_messages_of_corrections_are_lost_at_their_rate() -> None:
+    """The share of messages; the pattern does not depend on the rate of fixes."""
+    link = CorrectionLink(("PL1",), interval=0.5, oldest=5.0, loss=0.3)
+    time = np.arange(0.0, 2000.0, 0.25)
+    ages = link.ages(time, np.full(time.size, True), 0.1)
+    arrived = np.diff(np.round((time - ages) / 0.5)) > 0.0
+    assert arrived.sum() / 4000.0 == pytest.approx(0.7, abs=0.03)
+    np.testing.assert_allclose(link.ages(time[::4], np.full(2000, True), 0.1), ages[::4], atol=1e-9)
+    assert np.all(np.isinf(link.ages(time, np.full(time.size, False), 0.1)))
 
 
 def test_a_satellite_below_the_stations_horizon_is_not_used() -> None:
@@ -255,6 +299,8 @@ def test_smoothed_code() -> None:
     [
         (("pseudolites.count=0", "pseudolites.differential={}"), "there is none"),
         (("pseudolites.differential={site: PL7}",), "no pseudolite is named 'PL7'"),
+        (("pseudolites.differential={link: {senders: [PL7]}}",), "no pseudolite is named 'PL7'"),
+        (("pseudolites.differential={latency_s: 2, link: {max_age_s: 2}}",), "arrive 2 s old"),
         (("method=covariance", "filter.kind=rts"), "rts is a smoother"),
         (("signals.troposphere={}", "sky.mask_deg=-1"), "above the horizon"),
         (("signals.ionosphere={alpha: [1, 2, 3]}",), "too short"),

@@ -174,6 +174,9 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "pseudolites.differential.latency_s": st.sampled_from([0.0, 30.0]),
     "pseudolites.differential.sigma_m": st.sampled_from([0.0, 0.8]),
     "pseudolites.differential.site": st.just("PL1"),
+    "pseudolites.differential.link.rate_hz": st.sampled_from([0.1, 2.0]),
+    "pseudolites.differential.link.max_age_s": st.sampled_from([31.0, 40.0]),
+    "pseudolites.differential.link.loss": st.sampled_from([0.0, 0.5, 1.0]),
     "signals.range_sigma_m": METRES,
     "signals.range_law": st.sampled_from(["constant", "inverse-sine", "exponential", "cn0"]),
     "signals.range_scale_deg": st.just(20.0),
@@ -253,7 +256,7 @@ ALIKE = {
     "approach.start_s": "the same", "approach.touchdown_s": "the same",
     "runway.length_m": "for drawings", "runway.width_m": "for drawings",
     "pseudolites.count": "PLACED", "pseudolites.s_m": "PLACED", "pseudolites.l1_m": "PLACED",
-    "pseudolites.sites": "PLACED",
+    "pseudolites.sites": "PLACED", "pseudolites.differential.link.senders": "names of them",
     "sky.almanac_sha256": "a checksum", "sky.navigation_sha256": "a checksum", "sky.orbits_sha256": "a checksum",
     "signals.system_offsets_ns": "signals.gps_offset_ns of other systems",
     "signals.system_offset_sigma_ns": "what each run draws",
@@ -429,7 +432,8 @@ def test_placement_path_equals_the_landing(
     folder = tmp_path_factory.mktemp("study")
     section = given["pseudolites"]
     corrected = "differential" in section
-    station = corrected and any(key.startswith("signals.troposphere") for key in given)
+    by_link = "link" in section.get("differential", {})
+    station = by_link or (corrected and any(key.startswith("signals.troposphere") for key in given))
     by_strength, by_smoothing = flown.environment.strength_placed, flown.environment.smoothing_placed
     by = "sites" if "sites" in placed else "l1_m"
     others = {key: value for key, value in section.items() if key != by}
