@@ -75,6 +75,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "approach.flight_technical_error={lateral: {sigma_m: 3, reference_height_m: 100, floor_m: 1}, "
             "along: {sigma_m: 5, reference_height_m: 100, floor_m: 1}, "
             "vertical: {sigma_m: 2, reference_height_m: 100, floor_m: 0.5}}", "approach.guidance=estimate",
+            "approach.indicator={system: gls, course_origin_m: 1600, glide_full_scale: 0.25}",
+            "pseudolites.differential={link: {senders: [PL1]}}",
             "integrity={limits: {operation: LPV-200, tta_s: 6}, tails: {at_s: [30, 55]}, decision_height_m: 30, "
             "comparison: {gbas: {receivers: 4, ground_sigma_m: 0.2, b_m: 0.1, glide_path_deg: 5}}, "
             "p_constellations: {glonass: 1e-4}, ground_groups: [{members: [PL1, PL2]}]}",
@@ -147,7 +149,12 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
         )),
         ("placement_optimum", (
             "area=null", "pseudolites=[1]",
-            "sites=[{name: mast, s_m: 300, l1_m: 1500}, {name: hangar, s_m: -400, l1_m: 200}]",
+            "sites=[{name: mast, s_m: 300, l1_m: 1500, height_m: 12}, {name: hangar, s_m: -400, l1_m: 200}]",
+        )),
+        ("placement_optimum", (
+            "base=beacons_uav.yaml", "pseudolites=null", "beacons={first: 3, last: 4}", "objective=beacons_pdop",
+            "area={s_m: [-300, 300], l1_m: [-400, 800], height_m: [2, 15]}", "height_m=0", "period=null",
+            "constraints={}",
         )),
     ),
     "replay": (

@@ -30,6 +30,8 @@ from navsim.simulation.range_curvature import Curvature, fix_forms
 
 STATES, INFLATED, IGNORED = "states", "inflate", "none"
 """Filter models of time-correlated errors: estimate them as states, inflate the measurement noise, ignore them."""
+_AVERAGED = 60.0
+"""Time over which fixes are averaged to weight pseudolites, s: as long as a filter of such sensors needs its fixes."""
 _SPEEDS = "slow", "fast"
 """Names of the two groups of kinds: those that hardly change over the flight, and the others."""
 
@@ -89,11 +91,11 @@ def fix_weights(signals: Signals, assumed: TransmitterErrors) -> Signals:
     assumed: errors of transmitters in the filter model, which follows them.
 
     White noise averages out, errors that last do not: a pseudolite has to weigh as little as its lasting errors ask
-    for. Satellites keep their weights. A pseudolite never weighs more than by the sigma of a single range.
+    for. The mean is over `_AVERAGED`, wherever the flight ends: a search that cuts its flight has the same fixes. Satellites keep their weights. A pseudolite never weighs more than by the sigma of a single range.
     """
     if signals.transmitters is None or signals.time.size < 2:
         return signals
-    duration, interval = float(signals.time[-1] - signals.time[0]), float(np.median(np.diff(signals.time)))
+    duration, interval = _AVERAGED, float(np.median(np.diff(signals.time)))
     placed, lasting = signals.transmitters.which, assumed.variances(signals.time)[..., None]
     factor = float(as_noise(np.array(np.inf), duration, interval))
     white = signals.noise_sigma**2 - signals.transmitter_variance[0]

@@ -99,12 +99,12 @@ WITHOUT_UNIT = {
     "p_pseudolite", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share", "long_share",
     "outlier_share", "loss", "truth_refractivity_n", "corrected_refractivity_n",
     "band", "duty", "sigma_share", "height_sigma_share", "load_factor", "load_factor_limit", "bearing_year",  # of one
-    "exponent", "damping",
+    "exponent", "damping", "glide_full_scale", "within",  # parts of a scale
     "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail", "sigma_tolerance",  # ratios
     "max_rejected", "components", "samples", "receivers", "effective_samples",
     "runs", "study_runs", "steps", "experiments",  # counts
     "lift_slope", "side_force_slope", "drag",  # coefficients
-    "count", "pseudolites", "effort", "min_satellites",
+    "count", "pseudolites", "beacons", "effort", "min_satellites",
     "h0", "h_minus2", "rate_sigma", "alpha", "beta", "initial_variance",  # what it means says the unit
     "first", "last", "step",  # in the unit of the key that is varied
 }  # fmt: skip
