@@ -91,7 +91,8 @@ def fix_weights(signals: Signals, assumed: TransmitterErrors) -> Signals:
     assumed: errors of transmitters in the filter model, which follows them.
 
     White noise averages out, errors that last do not: a pseudolite has to weigh as little as its lasting errors ask
-    for. The mean is over `_AVERAGED`, wherever the flight ends: a search that cuts its flight has the same fixes. Satellites keep their weights. A pseudolite never weighs more than by the sigma of a single range.
+    for. The mean is over `_AVERAGED`, wherever the flight ends, so that a search that cuts its flight has the same
+    fixes. Satellites keep their weights. A pseudolite never weighs more than by the sigma of a single range.
     """
     if signals.transmitters is None or signals.time.size < 2:
         return signals
