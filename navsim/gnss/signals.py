@@ -562,7 +562,7 @@ def _correction_age(
         return np.full(signals.time.size, station.latency)
     without = replace(environment, effects=replace(environment.effects, reference=None))
     senders = is_pseudolite & np.isin(signals.names, station.link.senders)
-    received = _affected(signals, when, motion, without, is_pseudolite).used[:, senders].any(axis=1)
+    received = np.any(_affected(signals, when, motion, without, is_pseudolite).used[:, senders], axis=1)
     return station.link.ages(signals.time, received, station.latency)
 
 
