@@ -31,7 +31,7 @@ COMMANDS: dict[str, tuple[object, ...]] = {
     "rare": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--method", "rare", "--runs", 30, "--set",
              "box={lateral_m: 0.8, vertical_m: 1.2}"),
     "sweep": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set", "vary.1.grid.count=6", "--set",
-              "vary.2.grid.count=6", *_QUIET),
+              "vary.2.grid.count=6", "--set", "outputs=[pdop, vdop, fix_vertical]", *_QUIET),
     "optimize": ("optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1, 2]", "--set", "effort=1",
                  "--runs", 8, *_QUIET),
     "replay": ("replay", SCENARIOS / "recorded_flight.yaml", "--set", "tuning=none", *_QUIET),

@@ -7,6 +7,7 @@ does.
 
 from __future__ import annotations
 
+import functools
 import pickle
 import re
 from collections.abc import Callable
@@ -21,10 +22,15 @@ from navsim.report import printing
 from navsim.report.view import view
 from navsim.results.result import read
 from tests.conftest import ROOT
+from tests.helpers import in_brief
 from tests.made import EVERY
 
+PLAN = "right of the axis, m"
+"""Label of the axis of distances from the runway's axis."""
 DRAWN = [name for name in EVERY if name not in ("cut", "none", "integrity-table")]
 """Results with figures of their own."""
+WITH_PLAN = ("one", "runs", "evil", "covariance", "sweep", "optimize")
+"""Those with a plan."""
 FOLDER = ROOT / "tests" / "baselines"
 HOW = printing.Print("png", width=85.0 / 25.4, dpi=56.0)
 SQUARE = 5
@@ -40,20 +46,18 @@ def drawn(figure: Figure, file: Path) -> Path:
     return file
 
 
-def pictures(file: Path, folder: Path) -> dict[str, Path]:
-    """The figures of a result, drawn into a folder; by their names."""
+@functools.cache
+def figures(file: Path) -> dict[str, Figure]:
+    """The figures of a result, by their names; once for all tests."""
     result = read(file)
     with printing.printed(HOW):
-        figures = view(result.attributes["kind"]).figures(result)
-        return {name: drawn(figure, folder / f"{file.stem}_{name}.png") for name, figure in figures.items()}
+        return dict(view(result.attributes["kind"]).figures(result))
 
 
 @pytest.fixture(scope="module")
 def errors(place: Path) -> bytes:
     """A figure that is not drawn yet, to be changed."""
-    result = read(place / "one.h5")
-    with printing.printed(HOW):
-        return pickle.dumps(view(result.attributes["kind"]).figures(result)["errors"])
+    return pickle.dumps(figures.__wrapped__(place / "live.h5")["errors"])
 
 
 def squares(file: Path) -> np.ndarray:
@@ -74,7 +78,12 @@ def apart(one: Path, other: Path) -> float:
     "name", [pytest.param(name, marks=[pytest.mark.long] if name == "evil" else []) for name in DRAWN]
 )
 def test_figures_are_those_of_before(name: str, place: Path, tmp_path: Path, pytestconfig: pytest.Config) -> None:
-    found = pictures(place / f"{name}.h5", tmp_path)
+    file = place / f"{name}.h5"
+    with printing.printed(HOW):
+        found = {key: drawn(figure, tmp_path / f"{name}_{key}.png") for key, figure in figures(file).items()}
+    plans = [ax for figure in figures(file).values() for ax in figure.axes if ax.get_ylabel() == PLAN]
+    assert bool(plans) == (name in WITH_PLAN)
+    assert all(ax.yaxis_inverted() and not ax.xaxis_inverted() for ax in plans), "a plan is a view from above"
     if pytestconfig.getoption("--baselines"):
         FOLDER.mkdir(exist_ok=True)
         for former in FOLDER.glob(f"{name}_*.png"):
@@ -121,10 +130,13 @@ def _without_its_legend(figure: Figure) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [
-        _without_a_line, _in_another_colour, _a_tenth_larger, _on_another_scale, _without_a_label,
-        _without_its_legend,
-    ],
+    in_brief(
+        [
+            _without_a_line, _in_another_colour, _a_tenth_larger, _on_another_scale, _without_a_label,
+            _without_its_legend,
+        ],
+        0, 4,
+    ),
 )  # fmt: skip
 def test_what_is_seen(change: Callable[[Figure], None], errors: bytes, tmp_path: Path) -> None:
     """Mistakes that people would see."""
@@ -132,4 +144,11 @@ def test_what_is_seen(change: Callable[[Figure], None], errors: bytes, tmp_path:
         figure = pickle.loads(errors)
         change(figure)
         file = drawn(figure, tmp_path / "errors.png")
-    assert apart(file, FOLDER / "one_errors.png") > 2.0 * FAR
+    assert apart(file, FOLDER / "live_errors.png") > 2.0 * FAR
+
+
+def test_a_requirement_and_the_box_are_two_limits(place: Path) -> None:
+    """The box limits lateral and vertical errors, the requirement lateral ones alone: no rectangle is made of both."""
+    lines = {line.get_label(): line for line in figures(place / "runs.h5")["touchdown"].axes[1].lines}
+    assert np.ptp(lines["box"].get_xdata()) == np.ptp(lines["box"].get_ydata()) == 3.0
+    assert list(lines["required: lateral ±1.2 m in 95 %"].get_xdata()) == [1.2, 1.2]

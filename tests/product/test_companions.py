@@ -12,6 +12,7 @@ from PIL import Image
 from navsim.results.result import read
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared
+from tests.made import COMMANDS
 from tests.product.test_run import navsim, stored
 
 SHIPPED = {
@@ -30,19 +31,25 @@ SHIPPED = {
 }
 
 
-SHORTER = {
-    "mls_elevation": ("--set", "montecarlo.experiments=2"),
-    "azimuth_tracking": ("--runs", 5, "--set", "map.runs=3", "--set", "map.periods_s=[1, 10]"),
-    "atc_tracking": ("--runs", 5, "--set", "link.study_runs=5"),
-}
-
-
-@pytest.mark.parametrize("long", [False, pytest.param(True, marks=pytest.mark.long)], ids=["short", "as shipped"])
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_companion(name: str, long: bool, tmp_path: Path) -> None:
+def test_companions_repeat_and_are_as_declared(name: str, place: Path, tmp_path: Path) -> None:
+    """In brief; their figures are drawn in `test_baselines`."""
+    short = name.replace("_", "-")
+    file = place / f"{short}.h5"
+    result = read(file)
+    as_declared(result)
+    tree = xr.open_datatree(file, engine="h5netcdf")
+    for path, dims in SHIPPED[name][0].items():
+        assert tree[path].dims == dims
+    assert json.loads(navsim(*COMMANDS[short], "--json", "-o", "again.h5", cwd=tmp_path).stdout)
+    assert stored(file) == stored(tmp_path / "again.h5")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_companion(name: str, tmp_path: Path) -> None:
     variables, figures = SHIPPED[name]
-    more = () if long else SHORTER[name]
-    done = navsim("run", SCENARIOS / f"{name}.yaml", *more, cwd=tmp_path)
+    done = navsim("run", SCENARIOS / f"{name}.yaml", cwd=tmp_path)
     file = tmp_path / "results" / f"{name}.h5"
     assert done.stdout
     result = read(file)
@@ -54,7 +61,7 @@ def test_shipped_companion(name: str, long: bool, tmp_path: Path) -> None:
         with Image.open(file.with_name(f"{name}_{figure}.png")) as image:
             assert min(image.size) > 300
     again = ("--json", "--figures", "none", "-o", "again.h5")
-    assert json.loads(navsim("run", SCENARIOS / f"{name}.yaml", *more, *again, cwd=tmp_path).stdout)
+    assert json.loads(navsim("run", SCENARIOS / f"{name}.yaml", *again, cwd=tmp_path).stdout)
     assert stored(file) == stored(tmp_path / "again.h5")
     assert navsim("show", file, cwd=tmp_path).stdout
     assert navsim("validate", SCENARIOS / f"{name}.yaml", cwd=tmp_path).stdout

@@ -3,8 +3,10 @@
 Nothing lies beside the copy. It has what git tracks but for the package: that is the one under test, as an editable
 installation has it. `navsim` and `python` are forks of one process that has all loaded: see `tests/forks.py`.
 
-A command that has run at length since its page, its parameters or its scenario changed runs in brief (`BRIEF`), any
-other as it is written; with `--as-written` (part of `make validate`) all do: see `tests/at_length.py`.
+A command that has run at length since its page, its parameters or its scenario changed runs in brief (`BRIEF`), once
+however many pages have it; where no later command takes its result its job is opened and not begun. Any other runs as
+it is written.
+With `--as-written` (part of `make validate`) all do: see `tests/at_length.py`.
 """
 
 from __future__ import annotations
@@ -25,7 +27,10 @@ from pathlib import Path
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
+from navsim.cli import recorded, studies
+from navsim.cli import run as run_command
 from navsim.cli.main import app
 from navsim.formats.export import export
 from navsim.results.result import read
@@ -39,26 +44,17 @@ PROGRAMS = ("navsim", "make", "cat", "python")
 
 MOST, FEW = 10, 4
 """Runs that brief forms have; how many instead of more."""
+NO_DEVICE = "serial:///dev/ttyUSB0"
+"""There is no receiver at a serial port; the command must get as far as saying so."""
 BRIEF = [
-    (r"navsim (run|sweep|optimize|replay) (?!.*--figures)", r"navsim \1 --figures none "),
+    (r"navsim run (?!.*--figures)", r"navsim run --figures none "),
     (r"--figures \S+", "--figures none"),
-    (r"--method rare", r"\g<0> --runs 32"),
-    (r"within 2%", "within 90%"),
-    (r"(navsim run .*scenarios/landing(?:_smooth)?\.yaml)", r"\1 --set imu.rate_hz=20"),
-    (r"navsim table2\b", "navsim table2 --help"),  # `make table2` runs it
-    (r"navsim replay", "navsim replay --set tuning=none"),
-    (r"navsim sweep", "navsim sweep --set vary.1.grid.count=6 --set vary.2.grid.count=6"),
-    (r"navsim optimize", "navsim optimize --set pseudolites=[1] --set effort=1 --runs 8"),
+    (r"(navsim run .*scenarios/(?:landing(?:_smooth)?|s_turn)\.yaml)", r"\1 --set imu.rate_hz=20"),
+    (r"runs=20, set={", 'runs=4, set={"imu.rate_hz": 20, '),
+    (r"--first-run (\d)0? --runs (\d)0\b", r"--first-run \1 --runs \2"),
     (r"navsim plot", "navsim plot --only errors"),
     (r" --realtime", ""),  # a landing lasts two minutes
-    (r"navsim live", "navsim live --silence 2 --set duration_s=62"),
-    (r"scenarios/mls_elevation.yaml", r"\g<0> --set montecarlo.experiments=5"),
-    (r"scenarios/atc_tracking.yaml", r"\g<0> --runs 5 --set link.study_runs=5"),
-    (r"scenarios/azimuth_tracking.yaml", r"\g<0> --runs 5 --set map.runs=0"),
-    # what takes ten seconds however small it is made: its kind has another command that is run
-    (r"navsim optimize(?=.*(objective=|lpv200))", r"\g<0> --dry-run"),
-    (r"navsim integrity-table(?=.*method: filter)", r"\g<0> --dry-run"),
-    (r"navsim run(?=.*tails: )", r"\g<0> --dry-run"),
+    (r"navsim live", "navsim live --silence 2 --set duration_s=62 --set imu.rate_hz=20"),
 ]
 """Patterns of commands and what is run instead in brief."""
 HOURS = ("--runs 100000", "--runs 1000")
@@ -66,8 +62,6 @@ HOURS = ("--runs 100000", "--runs 1000")
 
 INSTALLS = ("make run", "make test", "make site")
 """They install from the network; `make -n` says that the targets are there."""
-NO_DEVICE = "serial:///dev/ttyUSB0"
-"""There is no receiver at a serial port; the command must get as far as saying so."""
 
 
 def code_blocks(text: str) -> list[list[str]]:
@@ -239,18 +233,16 @@ def test_commands_run(document: Path, tmp_path: Path, pytestconfig: pytest.Confi
     tree = tmp_path / "tree"
     fresh_copy(tree, "navsim/", "tests/", "benchmarks/")
     environment = found_first(shared().programs(tmp_path / "bin"))
+    if document.stem == "python":
+        shared().prepare(modules=["xarray", "h5netcdf"])
     page = commands(document)
     digests = {at_length.digest(command) for command in page}
     anew = pytestconfig.getoption("--as-written")
     done_at_length = _run_at_length if anew else at_length.stored()
     if anew:
         at_length.store(at_length.stored() - (digests - _run_at_length), every_command())
-    for place, written in enumerate(page):
-        again = at_length.digest(written) in done_at_length
-        command = form(written, done_at_length)
-        if again and not anew:
-            command = checked(command, page[place + 1 :])
-        done = run_once(command, again, tree, tmp_path, environment, ends)
+    for command, again, opens in forms(page, done_at_length, anew):
+        done = job_opened(command, tree) if opens else run_once(command, again, tree, tmp_path, environment, ends)
         if NO_DEVICE in command:
             assert done.returncode == 2, command
             assert f"{NO_DEVICE}?baud=921600" in done.stderr
@@ -267,25 +259,44 @@ def test_commands_run(document: Path, tmp_path: Path, pytestconfig: pytest.Confi
         at_length.store(at_length.stored() | digests, every_command())
 
 
-def checked(command: str, later: list[str]) -> str:
-    """The command, or its dry run: where one of its shape has run on this page or an earlier one, and no later command
-    takes its result."""
-    found = re.match(r"navsim (run|sweep|optimize|integrity-table)\b", command)
-    if not found or re.search("--dry-run|--scheduler|--require", command):
-        return command
-    scenario = re.search(r"(\w+)\.yaml", command)
-    method = re.search(r"(?:--method|method:|method=) ?([\w-]+)", command)
-    shape = (found[0], scenario and scenario[1], method and method[1], "--runs" in command)
-    result = re.search(r" -o (?:results/)?(\w+)", command) or scenario
-    taken = result is None or any(result[1] in each for each in later)
-    if shape in _shapes and not taken:
-        return command.replace(found[0], f"{found[0]} --dry-run", 1)
-    _shapes.add(shape)
-    return command
+def forms(page: list[str], done: Container[str], anew: bool) -> list[tuple[str, bool, bool]]:
+    """What is done of a page, by the commands: whether each has run at length, and whether its job is only opened."""
+    taken: list[tuple[str, bool, bool]] = []
+    for written in reversed(page):
+        again = at_length.digest(written) in done
+        command, opens = form(written, done), False
+        if again and not anew:
+            key = re.sub(r" +# .*", "", command)
+            written_to = re.search(r"(?:-o (?:\S+/)?|output=\"results/)(\w+)", command)
+            stem = re.search(r"(\w+)\.yaml(?:.* --method (\w+))?", command)
+            name = written_to[1] if written_to else "_".join(filter(None, stem.groups())) if stem else ""
+            takers = [later for later, *_ in taken if not OPENS.match(later)]
+            if not ("init" in command or (name and any(re.search(rf"\b{name}\b", later) for later in takers))):
+                if key in _seen:
+                    continue
+                opens = bool(OPENS.match(command))
+            _seen.add(key)
+        taken.append((written if opens else command, again, opens))
+    return taken[::-1]
 
 
-_shapes: set[tuple[str | bool | None, ...]] = set()
-"""Shapes of commands that have run in brief."""
+OPENS = re.compile(r"navsim (run|sweep|optimize|replay|integrity-table|table2|keys|schema|validate)\b(?!.*--log)")
+"""Commands that open a job, or read and print alone."""
+_seen: set[str] = set()
+"""Commands that have run in brief on this page or an earlier one."""
+
+
+def job_opened(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
+    """A command in this process, whose options, scenario and files are read as ever; if it has a job that does not
+    begin."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(tree)
+        for module in (run_command, studies, recorded):
+            patched.setattr(module, "run_job", lambda *_: None)
+        done = CliRunner().invoke(app, shlex.split(command, comments=True)[1:])
+    return subprocess.CompletedProcess(command, done.exit_code, done.stdout, done.stderr)
+
+
 SHIPPED_ALONE = re.compile(
     r"navsim (?:table2|integrity-table|(?:run|sweep|optimize)\b.*? scenarios/\w+\.yaml)\b"
     r"(?!.*(?:--scheduler|--dry-run))"

@@ -19,15 +19,16 @@ from PIL import Image
 from navsim.filter import states
 from navsim.gnss.dop import dops
 from navsim.results.findings import several
-from navsim.results.result import Result, read
+from navsim.results.result import read
 from navsim.results.schema import NOT_REPEATED, PROVENANCE
 from tests import forks
-from tests.conftest import ROOT, SCENARIOS
+from tests.conftest import SCENARIOS
 from tests.forks import navsim
 from tests.layout import as_declared
 from tests.steps import PIECE
 
 SHORT = ("--set", "duration_s=65")
+QUICK = (*SHORT, "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1")
 
 
 @pytest.fixture(scope="module")
@@ -59,68 +60,13 @@ def test_summary_result_and_figures(landing: tuple[subprocess.CompletedProcess[s
             pixels = np.asarray(image.convert("L"))
             assert 0.005 < np.mean(pixels < 128) < 0.5  # something is drawn, and not everything is black
     assert sorted(p.name for p in file.parent.iterdir() if p.suffix == ".tmp") == []
-
-
-LAYOUT: dict[str, tuple[str, ...]] = {
-    "/truth/time": ("n",), "/truth/position_llh": ("n", "3"), "/truth/velocity_ned": ("n", "3"),
-    "/truth/attitude_rpy": ("n", "3"), "/geometry/time": ("e",), "/geometry/source": ("s",), "/geometry/clock": ("s",),
-    "/pseudolites/name": ("p",), "/pseudolites/position_llh": ("p", "3"), "/geometry/line_of_sight": ("e", "s", "3"),
-    "/geometry/gdop": ("e",), "/geometry/pdop": ("e",), "/geometry/hdop": ("e",), "/geometry/vdop": ("e",),
-    "/geometry/tdop": ("e",), "/measurements/pseudorange": ("run", "e", "s"),
-    "/measurements/range_rate": ("run", "e", "s"), "/measurements/cn0": ("run", "e", "s"),
-    "/receiver/position_llh": ("run", "e", "3"), "/receiver/velocity_ned": ("run", "e", "3"),
-    "/receiver/clock": ("run", "e", "c"), "/receiver/covariance_enu": ("e", "3", "3"), "/filter/time": ("t",),
-    "/filter/error": ("run", "t", "15"), "/filter/sigma": ("run", "t", "15"), "/filter/state": ("15",),
-    "/filter/nees": ("run", "t"), "/filter/nees_position_velocity": ("run", "t"),
-    "/filter/innovation_squared": ("run", "e"), "/summary/dop/gdop": ("5",), "/summary/dop/pdop": ("5",),
-    "/summary/dop/hdop": ("5",), "/summary/dop/vdop": ("5",), "/summary/dop/tdop": ("5",),
-    "/summary/fix/rms_horizontal": ("3",), "/summary/fix/rms_vertical": ("3",), "/summary/fix/rms_3d": ("3",),
-    "/summary/rms/position_ned": ("3", "3"), "/summary/rms/velocity_ned": ("3", "3"),
-    "/summary/rms/attitude": ("3", "3"), "/summary/rms/horizontal": ("3",), "/summary/rms/vertical": ("3",),
-    "/summary/at/height": ("h",), "/summary/at/lateral": ("h", "3"), "/summary/at/along": ("h", "3"),
-    "/summary/at/vertical": ("h", "3"), "/summary/consistency/nees": ("t",),
-    "/summary/consistency/nees_position_velocity": ("t",), "/summary/consistency/nis": ("t",),
-    "/summary/count/runs": (), "/summary/count/fixes": (), "/summary/count/epochs_without_fix": (),
-}  # fmt: skip
-"""Paths and shapes: names that other programs rely on."""
-
-
-def test_layout(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:
-    as_declared(read(landing[1]))
-    sizes = {"n": 12001, "e": 1200, "s": 26, "p": 2, "t": 1201, "c": 1, "h": 4, "run": 1}
-    with h5py.File(landing[1]) as file:
-        for path, dims in LAYOUT.items():
-            assert file[path].shape == tuple(sizes.get(d) or int(d) for d in dims), path
-        for name in (
-            "kind",
-            "schema_version",
-            "navsim_version",
-            "seed",
-            "scenario",
-            "scenario_sha256",
-            "epoch",
-            "created",
-        ):
-            assert name in file.attrs
-
-        def described(name: str, node: Any) -> None:
-            if isinstance(node, h5py.Dataset):
-                assert node.is_scale or all(len(d) == 1 for d in node.dims), name
-
-        file.visititems(described)
-        assert file["/filter/innovation_squared"].attrs["degrees_of_freedom"] == 6
-        assert list(file["/filter/state"].asstr()[:]) == list(states.NAMES)
-        assert file["/geometry/source"].asstr()[0] == "R01"
-        assert file["/geometry/source"].asstr()[-1] == "PL2"
-
-
-def test_opens_in_xarray(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:
-    with xr.open_datatree(landing[1], engine="h5netcdf") as tree:
-        assert tree["filter/error"].dims == ("run", "time", "state")
-        error = tree["filter/error"].sel(state="position_north")
-        assert error.shape == (1, 1201)
-        assert float(tree["summary/rms/horizontal"].sel(interval="value")) > 0
-        assert tree["geometry/pdop"].attrs["units"] == "1"
+    as_declared(read(file))
+    with h5py.File(file) as tree:
+        assert {"kind", "schema_version", "navsim_version", "seed", "scenario_sha256", "created"} <= tree.attrs.keys()
+        assert tree["/filter/innovation_squared"].attrs["degrees_of_freedom"] == 6
+        assert list(tree["/filter/state"].asstr()[:]) == list(states.NAMES)
+        assert tree["/geometry/source"].asstr()[0] == "R01"
+        assert tree["/geometry/source"].asstr()[-1] == "PL2"
 
 
 def test_result_agrees_with_itself(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:
@@ -183,14 +129,14 @@ def test_repeats_bit_by_bit_whatever_the_workers(place: Path) -> None:
     for workers in (1, 2):
         file = place / f"w{workers}.h5"
         options = ("--runs", 12, "--workers", workers, "--keep", "all", "-q", "-o", file)
-        navsim("run", SCENARIOS / "landing.yaml", *SHORT, *options, cwd=place)
+        navsim("run", SCENARIOS / "landing.yaml", *QUICK, *options, cwd=place)
         files.append(stored(file))
     assert files[0] == files[1]
 
 
 def test_a_run_alone_is_the_run_of_the_ensemble(place: Path) -> None:
     many, one, other = place / "many.h5", place / "one.h5", place / "other.h5"
-    common = (SCENARIOS / "landing.yaml", *SHORT, "-q")
+    common = (SCENARIOS / "landing.yaml", *QUICK, "-q")
     navsim("run", *common, "--runs", 9, "-o", many, cwd=place)
     navsim("run", *common, "--first-run", 7, "-o", one, cwd=place)
     navsim("run", *common, "--first-run", 7, "--seed", 2, "-o", other, cwd=place)
@@ -229,20 +175,9 @@ def test_json_is_alone_on_stdout(place: Path) -> None:
 def test_show_and_plot(landing: tuple[subprocess.CompletedProcess[str], Path], place: Path) -> None:
     table = navsim("show", landing[1], landing[1], cwd=place).stdout
     assert "PDOP" in table
-    figures = navsim("plot", landing[1], "--figures", "drawn", cwd=place).stdout.split()
-    assert len(figures) == 7
+    figures = navsim("plot", landing[1], "--only", "dop,sky", "--figures", "drawn", cwd=place).stdout.split()
+    assert figures == ["drawn/landing_sky.png", "drawn/landing_dop.png"]
     assert all((place / f).is_file() for f in figures)
-
-
-def test_init_schema_validate(place: Path) -> None:
-    assert "landing.yaml written" in navsim("init", "landing", cwd=place).stdout
-    assert "valid scenario" in navsim("validate", "landing.yaml", cwd=place).stdout
-    schema = json.loads(navsim("schema", "landing", cwd=place).stdout)
-    assert schema["additionalProperties"] is False
-    assert "speed_start_kmh" in json.dumps(schema)
-    dry = navsim("run", "landing.yaml", "--dry-run", cwd=place)
-    assert "12000 IMU samples" in dry.stderr
-    assert dry.stdout == ""
 
 
 def warnings_of(done: subprocess.CompletedProcess[str]) -> list[str]:
@@ -251,24 +186,23 @@ def warnings_of(done: subprocess.CompletedProcess[str]) -> list[str]:
 
 def test_epochs_without_a_fix(place: Path) -> None:
     """Jammed but for the pseudolites: warned, exit 0, DOPs nan, sigma growing; --require-fix exits 3."""
-    jam = ("--set", "sky.mask_deg=89.9", *SHORT, "-o", place / "jam.h5")
-    ahead = navsim("validate", SCENARIOS / "landing.yaml", *jam[:2], *SHORT, cwd=place)
-    assert any(w.startswith("warning: no fix at 650 of 650 fix epochs, the first at 0.1 s") for w in warnings_of(ahead))
+    jam = ("--set", "sky.mask_deg=89.9", *QUICK, "-o", place / "jam.h5", "--figures", "none")
+    ahead = navsim("validate", SCENARIOS / "landing.yaml", *jam[:2], *QUICK, cwd=place)
+    assert any(w.startswith("warning: no fix at 65 of 65 fix epochs, the first at 1.0 s") for w in warnings_of(ahead))
     done = navsim("run", SCENARIOS / "landing.yaml", *jam, cwd=place)
     assert any("no fix at all" in w for w in warnings_of(done))
     assert several(len(warnings_of(done)), "warning") in done.stderr
     r = read(place / "jam.h5")
     assert np.all(np.isnan(r["/geometry/pdop"]))
     assert np.all(np.isnan(r["/receiver/position_llh"]))
-    assert int(r["/summary/count/epochs_without_fix"]) == 650
+    assert int(r["/summary/count/epochs_without_fix"]) == 65
     # a division of the sum's components takes some 3e-5 of it (docs/theory/gaussian-sum.md): J_l shrinks what it turns
     sigma = r["/filter/sigma"][0, :, 0]
     assert np.all(np.diff(sigma) > -1e-4 * sigma[:-1])
     assert np.all(sigma[10::10] > sigma[:-10:10])
     assert np.all(np.isnan(r["/summary/dop/pdop"]))
-    refused = navsim("run", SCENARIOS / "landing.yaml", *jam, "--figures", "none", "--require-fix", cwd=place, code=3)
-    assert "650 epochs without a fix" in refused.stderr
-    assert "0.1 s" in refused.stderr
+    refused = navsim("run", SCENARIOS / "landing.yaml", *jam, "--require-fix", cwd=place, code=3)
+    assert "65 epochs without a fix" in refused.stderr
 
 
 def test_some_epochs_without_a_fix(place: Path) -> None:
@@ -294,16 +228,7 @@ def test_some_epochs_without_a_fix(place: Path) -> None:
 def test_old_almanac_and_fresh_one(place: Path, shared: Path) -> None:
     """The real almanac by --set, as the docs show it; weeks later it is still used, with a warning."""
     almanac = shared / "data" / "almanacs" / "MCCJ_180913.agl"
-    settings = (
-        "--set",
-        "sky.source=almanac",
-        "--set",
-        f"sky.almanac={almanac}",
-        *SHORT,
-        "-q",
-        "-o",
-        place / "a.h5",
-    )
+    settings = ("--set", "sky.source=almanac", "--set", f"sky.almanac={almanac}", *QUICK, "-q", "-o", place / "a.h5")
     fresh = navsim("run", SCENARIOS / "landing.yaml", *settings, cwd=place)
     assert warnings_of(fresh) == []
     r = read(place / "a.h5")
@@ -326,34 +251,17 @@ def test_short_flight_without_touchdown(place: Path) -> None:
     assert np.isfinite(r["/summary/rms/horizontal"][0])
 
 
-def test_shorter_than_a_fix_interval(place: Path) -> None:
-    options = ("--set", "duration_s=0.05", "--figures", "none", "-o", place / "t.h5")
-    done = navsim("run", SCENARIOS / "landing.yaml", *options, cwd=place)
-    assert any("never gets a fix" in w for w in warnings_of(done))
-    assert read(place / "t.h5")["/filter/error"].shape == (1, 1, 15)
-
-
-def signalled(number: str, file: Path, cwd: Path) -> forks.Ended:
-    """A study of many runs that gets a signal as its second batch is about to be kept."""
-    many = (*SHORT, "--set", "filter.kind=eskf", "--runs", 10_000, "--workers", 1, "--keep", "none", "-q", "-o", file)
-    return forks.shared().run("run", SCENARIOS / "landing.yaml", *many, cwd=cwd, what=number, at=2, of=PIECE)
-
-
 def test_a_kill_leaves_no_half_file(place: Path) -> None:
     """SIGKILL in the middle: nothing under the final name but what was there before."""
     file = place / "killed.h5"
     navsim("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", 2, "-q", "-o", file, cwd=place)
     before = file.read_bytes()
-    assert signalled("SIGKILL", file, place).code == -signal.SIGKILL
+    many = (*QUICK, "--set", "filter.kind=eskf", "--runs", 10_000, "--workers", 1, "--keep", "none", "-q", "-o", file)
+    # as the second batch is about to be kept
+    done = forks.shared().run("run", SCENARIOS / "landing.yaml", *many, cwd=place, what="SIGKILL", at=2, of=PIECE)
+    assert done.code == -signal.SIGKILL
     assert file.read_bytes() == before
     assert {p.name for p in place.glob("*killed.h5*")} == {"killed.h5", "killed.h5.partial", ".killed.h5.lock"}
-
-
-def test_interrupt_exits_130(place: Path) -> None:
-    done = signalled("SIGINT", place / "i.h5", place)
-    assert done.code == 130
-    assert "Traceback" not in done.err
-    assert not (place / "i.h5").exists()
 
 
 def test_full_disk_is_a_clear_error(place: Path) -> None:
@@ -368,19 +276,12 @@ def test_full_disk_is_a_clear_error(place: Path) -> None:
     assert file.read_bytes() == before
 
 
-def test_version_and_module_entry() -> None:
-    done = navsim("--version", cwd=ROOT)
-    assert done.stdout.startswith("navsim 0.")
-    assert isinstance(Result({}, {}), Result)
-
-
-def test_covariance_analysis(place: Path) -> None:
-    """`--method covariance`: the same table with a budget, its figure, readable by others, refused beside --runs."""
-    done = navsim("run", SCENARIOS / "landing.yaml", *SHORT, "--method", "covariance", "-o", "linear.h5", cwd=place)
+def test_covariance_analysis(landing: tuple[subprocess.CompletedProcess[str], Path], place: Path) -> None:
+    """`--method covariance`: the same table with a budget, readable by others, refused beside --runs."""
+    command = ("run", SCENARIOS / "landing.yaml", *QUICK, "--method", "covariance", "--figures", "none")
+    done = navsim(*command, "-o", "linear.h5", cwd=place)
     assert "Error budget" in done.stdout
     assert "satellite range" in done.stdout
-    with Image.open(place / "linear_budget.png") as image:
-        assert min(image.size) > 500
     tree = xr.open_datatree(place / "linear.h5", engine="h5netcdf")
     assert tree["budget/rms"].dims == ("source", "time", "state")
     result = read(place / "linear.h5")
@@ -391,5 +292,4 @@ def test_covariance_analysis(place: Path) -> None:
     assert budget["horizontal_share"][budget["source"].index("satellite_range")] > 0.5
     refused = navsim("run", SCENARIOS / "landing.yaml", "--method", "covariance", "--runs", 5, cwd=place, code=2)
     assert "--runs" in refused.stderr
-    navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-o", "flown.h5", "-q", cwd=place)
-    assert "linear covariance" in navsim("show", "linear.h5", "flown.h5", cwd=place).stdout
+    assert "linear covariance" in navsim("show", "linear.h5", landing[1], cwd=place).stdout

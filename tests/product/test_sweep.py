@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from PIL import Image
 
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.results.result import read
@@ -35,11 +34,11 @@ GRID = """
 set: {pseudolites.frame: runway, receiver.rate_hz: 2}
 vary:
   - {key: pseudolites.count, values: [1, 2]}
-  - {key: pseudolites.s_m, grid: {first: 50, last: 2000, count: 60}}
+  - {key: pseudolites.s_m, grid: {first: 50, last: 2000, count: 45}}
   - {key: pseudolites.l1_m, range: {first: -500, last: 4000, step: 100}}
 outputs: [pdop, vdop_max, fix_vertical]
 """
-SIZE = 2 * 60 * 46
+SIZE = 2 * 45 * 46
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +114,7 @@ def test_doubtful_combinations_are_computed_or_named(name: str, tmp_path: Path) 
 def grid(place: Path) -> Path:
     """A geometry sweep left alone."""
     file = study(place, "grid", GRID)
-    done = navsim("sweep", file, "-o", "grid.h5", "--figures", "figures", cwd=place)
+    done = navsim("sweep", file, "-o", "grid.h5", "--figures", "none", cwd=place)
     assert "best" in done.stdout
     assert not Path(f"{place}/grid.h5.partial").exists()
     return place / "grid.h5"
@@ -123,25 +122,22 @@ def grid(place: Path) -> Path:
 
 def test_cube_and_table_hold_the_same(grid: Path) -> None:
     tree = xr.open_datatree(grid, engine="h5netcdf")
-    assert tree["sweep/pdop"].sizes == {"count": 2, "s_m": 60, "l1_m": 46}
+    assert tree["sweep/pdop"].sizes == {"count": 2, "s_m": 45, "l1_m": 46}
     assert float(tree["sweep/axes/l1_m"][-1]) == 4000.0
     result = read(grid)
     as_declared(result)
     with open(grid.with_suffix(".csv"), newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == SIZE
-    middle = rows[1 * 60 * 46 + 7 * 46 + 3]
+    middle = rows[1 * 45 * 46 + 7 * 46 + 3]
     assert (middle["count"], float(middle["l1_m"])) == ("2", -200.0)
     assert float(middle["pdop"]) == pytest.approx(result["/sweep/pdop"][1, 7, 3], rel=1e-9)
-    for name in ("pdop", "fix_vertical"):
-        with Image.open(grid.parent / "figures" / f"grid_{name}.png") as image:
-            assert min(image.size) > 500
 
 
 def test_each_combination_is_the_scenario_by_itself(grid: Path) -> None:
     """Cells against landings prepared one by one."""
     result = read(grid)
-    for index in ((0, 0, 0), (1, 7, 3), (1, 59, 45)):
+    for index in ((0, 0, 0), (1, 7, 3), (1, 44, 45)):
         s, l1 = result["/s_m"][index[1]], result["/l1_m"][index[2]]
         one = case(
             "pseudolites.frame=runway", "receiver.rate_hz=2", f"pseudolites.count={index[0] + 1}",
@@ -202,7 +198,7 @@ def test_another_study_is_refused(place: Path) -> None:
 def test_methods_that_fly_a_filter(place: Path) -> None:
     """Covariance cells are those of `navsim run --method covariance`; runs agree with them, with intervals."""
     text = """
-set: {receiver.rate_hz: 1, duration_s: 65, initial_errors.attitude_deg: 1, imu.gyro.drift_deg_h: 70}
+set: {imu.rate_hz: 20, receiver.rate_hz: 1, duration_s: 65, initial_errors.attitude_deg: 1, imu.gyro.drift_deg_h: 70}
 vary:
   - keys: [pseudolites.count, pseudolites.s_m, pseudolites.l1_m]
     values: [[0, 0, 0], [2, 200, 1000]]
@@ -218,7 +214,8 @@ outputs: [pdop, horizontal, vertical_200ft]
     as_declared(flown)
     assert linear["/sweep/horizontal"].shape == (2, 2)
     one = case(
-        "receiver.rate_hz=1", "duration_s=65", "initial_errors.attitude_deg=1", "imu.gyro.drift_deg_h=70",
+        "imu.rate_hz=20", "receiver.rate_hz=1", "duration_s=65", "initial_errors.attitude_deg=1",
+        "imu.gyro.drift_deg_h=70",
         "pseudolites.count=2", "pseudolites.s_m=200", "pseudolites.l1_m=1000", "filter.velocity=false",
         name="landing_gnss_only",
     )  # fmt: skip
@@ -241,6 +238,7 @@ def test_runs_of_the_best_judge_requirements_that_are_no_output(place: Path) -> 
     text = """
 method: covariance
 set:
+  imu.rate_hz: 20
   receiver.rate_hz: 1
   duration_s: 65
   requirements: [{what: rms, of: vertical, below_m: 90}, {what: rms, of: horizontal, below_m: 0.001}]
@@ -263,9 +261,8 @@ outputs: [pdop, horizontal, vertical]
     assert "Requirements of the best combinations, by runs" in done.stdout
     best = json.loads(navsim("show", "judged.h5", "--json", cwd=place).stdout)
     assert [one["verdict"] for one in best["horizontal"]["requirements"]] == ["met", "not met"]
-    varied = text.replace("vary: [", "vary: [{key: requirements.1.below_m, values: [1, 2]}, ")
-    file = study(place, "varied", varied)
-    navsim("sweep", file, "--runs", 8, "-o", "varied.h5", "-q", cwd=place)
+    varied = text.replace("vary: [", "vary: [{key: requirements.1.below_m, values: [1]}, ")
+    navsim("sweep", study(place, "varied", varied), "--runs", 8, "-o", "varied.h5", "-q", cwd=place)
     assert "/flown/requirements/verdict" not in read(place / "varied.h5")
 
 
@@ -280,7 +277,7 @@ vary:
 outputs: [pdop]
 """
     file = study(place, "cube", text)
-    navsim("sweep", file, "-o", "cube.h5", cwd=place)
+    navsim("sweep", file, "-o", "cube.h5", "-q", cwd=place)
     result = read(place / "cube.h5")
     assert result["/sweep/pdop"].shape == (10, 2)
     bins = np.floor((result["/sweep/axes/s_m"] - 100.0) / 40.0).astype(int)
@@ -338,8 +335,6 @@ def test_wrong_kinds_are_sent_where_they_belong(place: Path) -> None:
     assert "kind: sweep" in navsim("sweep", BASE, cwd=place, code=2).stderr
     file.write_text(file.read_text().replace(str(BASE), "nowhere.yaml"))
     assert "nowhere.yaml" in navsim("sweep", file, cwd=place, code=2).stderr
-    assert "study of kind sweep" in navsim("validate", SCENARIOS / "placement_sweep.yaml", cwd=place).stdout
-    assert json.loads(navsim("schema", "sweep", cwd=place).stdout)["title"] == "navsim: study of kind sweep"
 
 
 def test_runs_are_refused_where_none_are_flown(tmp_path: Path) -> None:
