@@ -157,8 +157,7 @@ def test_a_browser_finds_no_fault(name: str, browser: Any, site: Path) -> None:
     page.on("console", lambda message: said.append(f"console: {message.text}"))
     page.on("pageerror", lambda error: said.append(f"error: {error}"))
     page.on("request", lambda request: said.append(request.url))
-    page.goto((site / f"{name}.html").as_uri())
-    page.wait_for_load_state("networkidle")
+    page.goto((site / f"{name}.html").as_uri(), wait_until="networkidle")
     assert page.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
