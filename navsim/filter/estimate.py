@@ -53,9 +53,12 @@ def is_smoother(kind: int) -> bool:
     return kind in records.SMOOTHERS
 
 
-def _pieces(events: Events) -> Iterator[slice]:
-    """Slices of the events, each with some outputs; a copy of the filter that runs ahead stays within one."""
+def _pieces(events: Events, most: int | None) -> Iterator[slice]:
+    """Slices of the events, each with some outputs or `most` events; a copy of the filter that runs ahead stays within
+    one."""
     ends = np.flatnonzero(events.kind == OUTPUT)[_PIECE - 1 :: _PIECE] + 1
+    if most is not None:
+        ends = np.union1d(ends, np.arange(most, events.time.size, most))
     first = 0
     for last in [*ends.tolist(), events.time.size]:
         while last < events.time.size and events.ahead[last]:
@@ -130,9 +133,9 @@ def _start_cursor(lanes: int) -> StreamCursor:
 
 
 def fly_in_pieces(
-    imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel
+    imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel, most: int | None = None
 ) -> Iterator[tuple[slice, slice, History]]:
-    """Run an estimator without a truth; yields pieces of the history.
+    """Run an estimator without a truth; yields pieces of the history, of `most` events if given.
 
     imu: of lanes, or of one run, the same for all; other arguments as of `fly`. Each piece has its events, its outputs,
     and their history, which the next piece overwrites. A smoother yields one piece.
@@ -153,7 +156,7 @@ def fly_in_pieces(
     engine, stream = _engine(model, state), _start_cursor(lanes)
     kernels_way = stream.each(in_lanes)
     tables, kernels_state = measurements.each(in_lanes), lanes_of(state)
-    parts = list(_pieces(events))
+    parts = list(_pieces(events, most))
     is_output = events.kind == OUTPUT
     answers = [int(is_output[part].sum()) for part in parts]
     longest = max((part.stop - part.start for part in parts), default=0)
@@ -208,12 +211,20 @@ def in_all_lanes(array: np.ndarray, lanes: int = WIDTH) -> np.ndarray:
     return np.repeat(array[..., None], lanes, axis=-1)
 
 
-def estimate(imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel) -> History:
+def estimate(
+    imu: ImuData,
+    measurements: Measurements,
+    events: Events,
+    state: State,
+    model: FilterModel,
+    stop: Callable[[History], bool] | None = None,
+) -> History:
     """History of one run; arguments are those of `filter.records`.
 
-    state: initial state, overwritten by the final one. Outputs are those of the events. If a smoother's covariance
-    loses positive definiteness they are nan, see `lost`. Raises ValueError for an unknown kind, and for a smoother with
-    events ahead.
+    state: initial state, overwritten by the final one. stop: whether a filter ends after a piece of its flight; of the
+    history so far, in which later events are unused and later outputs are not set. Outputs are those of the events. If
+    a smoother's covariance loses positive definiteness they are nan, see `lost`. Raises ValueError for an unknown kind,
+    and for a smoother with events ahead.
     """
     history = empty_history(_outputs(events), events.time.size, model.states)
     if is_smoother(model.kind):
@@ -222,11 +233,14 @@ def estimate(imu: ImuData, measurements: Measurements, events: Events, state: St
         smoother.run(imu, measurements, events, state, model, smoother.PASSES[model.kind], history)
         return _counted(history)
     flown = _each(state, in_all_lanes)
-    for which, rows, piece in fly_in_pieces(imu, measurements.each(in_all_lanes), events, flown, model):
+    most = None if stop is None else _PIECE
+    for which, rows, piece in fly_in_pieces(imu, measurements.each(in_all_lanes), events, flown, model, most):
         for name in ("navigation", "covariance"):
             getattr(history, name)[rows] = getattr(piece, name)[..., 0]
         for name in ("innovation", "innovation_sigma", "innovation_squared", "degrees", "status"):
             getattr(history, name)[which] = getattr(piece, name)[..., 0]
+        if stop is not None and stop(history):
+            break
     for mine, final in zip(_arrays(state), _arrays(flown), strict=True):
         mine[...] = final[..., 0]
     return _counted(history)

@@ -224,6 +224,21 @@ def read_track(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, D
     return table[:, 0].copy(), llh, np.radians(table[:, 4:]) if turned else None, dropped
 
 
+def read_attitude(path: Path) -> tuple[np.ndarray, np.ndarray, Dropped]:
+    """Attitude of a table: times (n,), s, ascending; roll, pitch, yaw (n, 3), rad.
+
+    Also returns what was omitted. Raises FileError with the line; OSError.
+    """
+    dropped, names = Dropped(False), ("t_s", *TRACK_ATTITUDE)
+    table, numbers = _columns(TextTable.of(path, read_lines(path, dropped)), names, (), dropped, {})
+    limits = (_TRACK_LIMITS[0], *_TRACK_LIMITS[-3:])
+    table, _ = _limited(path, table, numbers, names, limits, dropped, True)
+    table = _in_order(table, dropped, "attitudes")
+    if table.shape[0] < 2:
+        raise _too_few(path, table, "attitude", dropped)
+    return table[:, 0].copy(), np.radians(table[:, 1:]), dropped
+
+
 def is_nmea(path: Path, lenient: bool = False) -> bool:
     """Whether `read_fixes` takes a file for NMEA sentences. Raises FileError, OSError as it does."""
     return has_sentences(read_lines(path, Dropped(lenient)))
@@ -272,7 +287,7 @@ def _limited(
                 dropped.damaged("rows left out", error)
             else:
                 keep[row] = True
-                error.salvageable = True
+                error.salvageable, error.outside = True, (names[first], value, limits[first])
                 dropped.outside = dropped.outside or error
     return table[keep], numbers[keep]
 

@@ -72,7 +72,8 @@ _MINUS = str.maketrans(dict.fromkeys(MINUS_SIGNS, "-"))
 class FileError(ValueError):
     """A file that cannot be used; `line` counts from 1, 0 for the file as a whole.
 
-    salvageable: whether a lenient reader would have omitted the damaged part and read the rest.
+    salvageable: whether a lenient reader would have omitted the damaged part and read the rest. outside: column, value
+    and limits of a value outside of physical limits.
     """
 
     def __init__(self, line: int, message: str, path: Path | None = None) -> None:
@@ -81,6 +82,7 @@ class FileError(ValueError):
         self.line = line
         self.path = path
         self.salvageable = False
+        self.outside: tuple[str, float, tuple[float, float]] | None = None
 
     def __str__(self) -> str:
         if self.path is None:

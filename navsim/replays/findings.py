@@ -12,9 +12,9 @@ from navsim.formats.recorded_data import Fixes
 from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
+from navsim.replays.motion import FASTEST_NEEDED
 from navsim.replays.reading import ReadLog
 from navsim.replays.scenario import Outage, Replay
-from navsim.replays.tuning import FASTEST_NEEDED
 from navsim.results.findings import CONSISTENT, Finding
 from navsim.results.result import Result
 from navsim.runner.findings import DOUBTED, limit, notes, of_flight

@@ -37,8 +37,13 @@ FITS, MISFITS = 0.35, 0.5
 on."""
 ACCEPTED = 0.15
 """Fit that a correction must reach."""
+LARGEST_LAG, FEWEST_STEPS, LAG_SHOWS = 4.0, 20, 1.5
+"""Largest lag of the velocities that is tried, s; changes of position that it needs; and by how much their mean square
+difference from the velocities has to be larger without it."""
 LEAST_SCATTER = 0.02
 """Scatter of a way about its velocities' over its length that is always allowed for: accelerations between fixes."""
+LEAST_RADIANS = 0.1
+"""Largest latitude or longitude, rad, of a place that is not beside 0 N 0 E, where simulated flights are."""
 LIKELY = 9.0
 """A factor is as likely as another whose chi-square is less by no more than this: three sigma."""
 
@@ -57,6 +62,9 @@ def interpretations(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     found, log = found + more, cures[0]
     known = bool(np.isfinite(log.fixes.velocity[:, 2]).any())
     way, summed = _moved(log.fixes)
+    if not log.sentences and np.isnan(_relative_residual(way[:, :2], summed[:, :2], SHORTEST_WAYS)[0]):
+        more, log = _in_the_ocean(log)
+        found += more
     for what, axes, shortest in (
         ("unit and axes of the horizontal velocity, unit of the angles", slice(0, 2), SHORTEST_WAYS),
         (OF_HEIGHTS, slice(2, 3), SHORTEST_CLIMBS),
@@ -99,6 +107,19 @@ def _angles(log: Log) -> tuple[list[Mistake], Log]:
     return [], log
 
 
+def _in_the_ocean(log: Log) -> tuple[list[Mistake], Log]:
+    """Positions that move too little to show their unit, but lie where radians do when they are read as degrees: in the
+    Gulf of Guinea, which has no land there."""
+    lat, lon = np.degrees(np.abs(log.fixes.llh[:, :2])).max(axis=0)
+    if log.gnss.angle_unit != "deg" or lat > np.pi / 2.0 or lon > np.pi or max(lat, lon) < LEAST_RADIANS:
+        return [], log
+    evidence = (
+        f"all positions lie in the ocean, within {lat:.2f} degrees of latitude and {lon:.2f} of longitude of 0, 0"
+    )
+    found = Mistake(evidence, "latitude and longitude seem to be in rad", ({"gnss.angle_unit": "rad"},), "gnss")
+    return [found], with_angles(log, "rad", conventions.ANGLE_UNITS["rad"])
+
+
 def _climbs(log: Log) -> bool:
     """Whether enough pieces climb or descend to check the vertical velocity."""
     way, summed = _moved(log.fixes)
@@ -135,6 +156,35 @@ def _moved(fixes: Fixes) -> tuple[np.ndarray, np.ndarray]:
             summed.append(gathered[end] - gathered[begin])
             begin = end
     return np.reshape(way, (-1, 3)), np.reshape(summed, (-1, 3))
+
+
+def lag_of_velocities(fixes: Fixes) -> float:
+    """How much older the velocities are than changes of position show, s; nan if they do not show it.
+
+    Differences of positions are compared with the velocities at other times.
+    """
+    fixes = fixes.take(np.isfinite(fixes.velocity[:, :2]).all(axis=1))
+    step = np.diff(fixes.time)
+    if step.size < FEWEST_STEPS:
+        return float("nan")
+    moved = np.diff(earth.ecef_from_llh(fixes.llh), axis=0)
+    speed = np.einsum("mij,mj->mi", earth.ned_matrix(fixes.llh[1:]), moved)[:, :2] / step[:, None]
+    middle = fixes.time[1:] - 0.5 * step
+    inside = (middle > fixes.time[0] + LARGEST_LAG) & (middle < fixes.time[-1] - LARGEST_LAG)
+    inside &= step < 1.5 * np.median(step)
+    lags = np.arange(-LARGEST_LAG, LARGEST_LAG + 0.05, 0.1)
+    if inside.sum() < FEWEST_STEPS:
+        return float("nan")
+    apart = [
+        np.mean(np.sum((speed - _at(middle + lag, fixes.time, fixes.velocity[:, :2]))[inside] ** 2, axis=1))
+        for lag in lags
+    ]
+    best, none = int(np.argmin(apart)), int(np.argmin(np.abs(lags)))
+    return float(lags[best]) if apart[none] > LAG_SHOWS * apart[best] else float("nan")
+
+
+def _at(time: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.stack([np.interp(time, at, column) for column in values.T], axis=1)
 
 
 def _relative_residual(way: np.ndarray, summed: np.ndarray, shortest: tuple[float, float]) -> tuple[float, int, bool]:

@@ -20,7 +20,7 @@ from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS, estimate, is_smoother, lost
 from navsim.filter.measurement_models import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
-from navsim.filter.records import NOT_USED, REJECTED, TIME_TOLERANCE, ImuData, by_epoch, schedule, start
+from navsim.filter.records import NOT_USED, REJECTED, TIME_TOLERANCE, History, ImuData, by_epoch, schedule, start
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
@@ -134,6 +134,8 @@ class RecordedFlight(InertialLog):
     """(m, 6, k) see `Fixes`."""
     weight: np.ndarray
     """(m, 6) see `Fixes`."""
+    row: np.ndarray
+    """(m,) numbers of the fixes, or epochs of ranges, in the recording."""
     velocity_lag: float = 0.0
     """How much older the velocity of a fix is than its position, s."""
     ranges: Ranges | None = None
@@ -200,6 +202,8 @@ class Replayed:
     """(m,) whether the fix is in a part of the flight."""
     lost: tuple[LostSpan, ...]
     """Times in which the output is useless."""
+    parts: tuple[tuple[PartStart, float], ...] = ()
+    """Start and end, s, of the parts of the flight."""
 
     @property
     def rpy(self) -> np.ndarray:
@@ -244,6 +248,27 @@ def increments(samples: Samples, begin: float, longest_gap: float, averaged: boo
     )
 
 
+def coarser(sensed: InertialLog, interval: float) -> InertialLog:
+    """The same measurements, summed over so many intervals at a time that these last for `interval`, s, at most.
+
+    Intervals of missing samples remain, and the first one.
+    """
+    begin = sensed.imu_time[:-1]
+    alone = np.isin(np.arange(begin.size), [0, *(first for first, _ in sensed.gaps)])
+    block = np.cumsum(alone | np.concatenate([[False], alone[:-1]]))
+    first_of = begin[np.searchsorted(block, block)]
+    number = np.floor((begin - first_of + TIME_TOLERANCE) / interval)
+    starts = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(number, prepend=-1.0).astype(bool))
+    rows = np.searchsorted(starts, [first for first, _ in sensed.gaps])
+    return replace(
+        sensed,
+        imu_time=sensed.imu_time[np.append(starts, begin.size)],
+        dtheta=np.add.reduceat(sensed.dtheta, starts),
+        dv=np.add.reduceat(sensed.dv, starts),
+        gaps=tuple((int(row), length) for row, (_, length) in zip(rows, sensed.gaps, strict=True)),
+    )
+
+
 def prepare(
     sensed: InertialLog,
     fixes: Fixes,
@@ -281,7 +306,7 @@ def prepare(
         again = align(time)
         return None if again is None or again.time >= sensed.imu_time[-2] else start_at(again)
 
-    arrival, llh, own = late[inside], fixes.llh[inside], fixes.velocity[inside]
+    row, arrival, llh, own = np.flatnonzero(inside), late[inside], fixes.llh[inside], fixes.velocity[inside]
     covariance = np.full((fixes.time.size, 6, 6), np.nan) if fixes.covariance is None else fixes.covariance
     covariance = covariance[inside]
     effect = np.empty((fixes.time.size, 6, 0)) if fixes.effect is None else fixes.effect
@@ -290,7 +315,8 @@ def prepare(
     speed, course = np.linalg.norm(filled.velocity[inside, :2], axis=1), np.arctan2(east, north)
     if ranges is not None:
         due = ranges.time - latency
-        ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time + early <= end)))
+        row = np.flatnonzero((due > begin) & (ranges.time + early <= end))
+        ranges = ranges.take(row)
         solved = np.isin(ranges.time + early, arrival)
         arrival = ranges.time + early
         llh, own, speed, course, covariance, effect, weight = (
@@ -309,6 +335,7 @@ def prepare(
         covariance=covariance,
         effect=effect,
         weight=weight,
+        row=row,
         velocity_lag=velocity_lag,
         ranges=ranges,
     )
@@ -354,6 +381,7 @@ class _FlightInputs:
     times: np.ndarray
     withheld: np.ndarray
     range_sigma: tuple[float, float] | None
+    brief: bool
 
     @property
     def ranges(self) -> Ranges | None:
@@ -363,12 +391,16 @@ class _FlightInputs:
 
 @dataclass(frozen=True)
 class _Part:
-    """A part of a flight: numbers (k,) and arrivals, s, of its fixes; filter output with covariance (t, n, n)."""
+    """A part of a flight: numbers (k,) and arrivals, s, of its fixes; filter output with covariance (t, n, n); first
+    and last row of the fixes that the filter contradicts; its start and end, s."""
 
     rows: np.ndarray
     arrival: np.ndarray
     seen: Replayed
     covariance: np.ndarray
+    streak: tuple[int, int] | None
+    begin: PartStart
+    end: float
 
 
 def fly(
@@ -379,6 +411,7 @@ def fly(
     until: float = np.inf,
     withheld: np.ndarray | None = None,
     range_sigma: tuple[float, float] | None = None,
+    brief: bool = False,
 ) -> Replayed:
     """Run a filter or smoother over the flight, part by part.
 
@@ -386,6 +419,7 @@ def fly(
     - `times` (t,): output times, in addition to the arrivals of fixes; `until`: early end, s.
     - `withheld` (m,) bool: fixes, or ranges of their epochs, that the filter does not use (innovation nan).
     - `range_sigma`: of pseudoranges (m) and range rates (m/s) overhead, for a tightly coupled filter.
+    - `brief`: no outputs but at the ends of the parts, for the innovations alone.
 
     Raises ArithmeticError if a smoother's covariance fails, ValueError for a tightly coupled filter without ranges or
     their sigmas.
@@ -393,7 +427,7 @@ def fly(
     if design.tight and (flight.ranges is None or range_sigma is None):
         raise ValueError("a tightly coupled filter needs ranges and their sigmas")
     withheld = np.zeros(flight.arrival.size, bool) if withheld is None else withheld
-    given = _FlightInputs(flight, design, fix_sigma, times, withheld, range_sigma)
+    given = _FlightInputs(flight, design, fix_sigma, times, withheld, range_sigma, brief)
     until = min(until, float(flight.imu_time[-1]))
     parts: list[_Part] = []
     lost: list[LostSpan] = []
@@ -401,8 +435,8 @@ def fly(
     while begin is not None and begin.alignment.time < until:
         missing = next((gap for gap in flight.breaks if gap[0] >= begin.alignment.time), None)
         end = until if missing is None else min(until, missing[0])
-        part = _fly_part(given, begin, end)
-        streak = _contradiction(part, flight.patience)
+        part = _fly_part(given, begin, end, stops=True)
+        streak = part.streak
         gap = None if streak is None else _gap_before(flight, begin, part, streak[0])
         if gap is not None:
             taken = _taken_after(given, begin, end, gap)
@@ -421,6 +455,33 @@ def fly(
             begin = None
         parts.append(part)
     return _joined(given, parts, tuple(lost), int(np.sum(flight.arrival <= until + 1e-9)))
+
+
+def fly_again(
+    flown: Replayed,
+    flight: RecordedFlight,
+    design: FilterDesign,
+    fix_sigma: np.ndarray,
+    withheld: np.ndarray,
+    range_sigma: tuple[float, float] | None = None,
+) -> Replayed:
+    """Run a filter over the same parts as in a flight under slightly other settings, in brief, without a gate for
+    fixes.
+
+    Small changes of the settings then make small changes of the innovations. withheld (m,): fixes that were rejected.
+    """
+    if not design.tight:
+        design = replace(design, gate=np.full_like(design.gate, np.inf))
+    given = _FlightInputs(flight, design, fix_sigma, np.empty(0), withheld, range_sigma, True)
+    parts = []
+    for begin, end in flown.parts:
+        again: PartStart | None = begin
+        if not parts:
+            again = flight.start
+        elif begin.kept is None:
+            again = flight.restart(begin.alignment.time)
+        parts.append(_fly_part(given, begin if again is None else again, end))
+    return _joined(given, parts, (), flight.arrival.size)
 
 
 def _gap_before(flight: RecordedFlight, begin: PartStart, part: _Part, first: int) -> tuple[float, float] | None:
@@ -453,15 +514,26 @@ def _lost(begin: PartStart | None, first: float, last: float, why: str, jump: np
     return LostSpan(first, min(end, until), why, jump, ended=begin is None)
 
 
-def _contradiction(part: _Part, patience: float) -> tuple[int, int] | None:
-    """First streak of fixes in a part, `patience` seconds long, of which the filter rejects nearly all: first and last
-    row."""
-    seen = part.seen
-    weighed = seen.degrees > 0 if not seen.range_status.size else (seen.range_status != NOT_USED).any(axis=1)
-    of_ranges = 2 * (seen.range_status == REJECTED).sum(axis=1) > (seen.range_status != NOT_USED).sum(axis=1)
-    rejected = of_ranges if seen.range_status.size else seen.status == REJECTED
+def _weighed(history: History, pairs: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which fixes (k,) the filter has weighed, and which it rejected: the position or the velocity of them, or more
+    than half of the ranges. pairs (1 or 2, k): events of fixes; table (k, s): events of ranges, -1 for none."""
+    if not table.shape[1]:
+        status = history.status[pairs].max(axis=0, initial=NOT_USED)
+        return status != NOT_USED, status == REJECTED
+    each = np.where(table >= 0, history.status[table], NOT_USED)
+    count = (each != NOT_USED).sum(axis=1)
+    return count > 0, 2 * (each == REJECTED).sum(axis=1) > count
+
+
+def _contradiction(
+    arrival: np.ndarray, weighed: np.ndarray, rejected: np.ndarray, patience: float
+) -> tuple[int, int] | None:
+    """First streak of fixes (k,), `patience` seconds long, of which the filter rejects nearly all: first and last row.
+
+    arrival: s; weighed, rejected: as of `_weighed`.
+    """
     rows = np.flatnonzero(rejected & weighed)
-    time = part.arrival[rows]
+    time = arrival[rows]
     so_far, all_so_far = np.cumsum(rejected), np.cumsum(weighed)
     earliest = np.searchsorted(time, time - patience + 1e-9, side="right") - 1
     for i, j in zip(np.flatnonzero(earliest >= 0), earliest[earliest >= 0], strict=True):
@@ -537,7 +609,8 @@ def _joined(given: _FlightInputs, parts: list[_Part], lost: tuple[LostSpan, ...]
         for part in parts:
             whole[part.rows] = getattr(part.seen, name)
         of_fixes[name] = whole
-    return Replayed(**of_outputs, **of_fixes, lost=_merged(lost))
+    spans = tuple((part.begin, part.end) for part in parts)
+    return Replayed(**of_outputs, **of_fixes, lost=_merged(lost), parts=spans)
 
 
 def _merged(lost: tuple[LostSpan, ...]) -> tuple[LostSpan, ...]:
@@ -581,15 +654,16 @@ def _apart(fixes: FixTable, known: np.ndarray) -> FixTable:
     )  # fmt: skip
 
 
-def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
-    """A flight from a start to `end`, s, as of `fly`."""
+def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = False) -> _Part:
+    """A flight from a start to `end`, s, as of `fly`; stops: soon after a filter has contradicted its fixes, so that
+    later outputs are not set."""
     flight, design, fix_sigma, times = given.flight, given.design, given.fix_sigma, given.times
     imu, within = _cut(flight, begin.alignment.time, end)
     at = float(imu.time[0])
     rows = np.flatnonzero((flight.arrival - design.latency > at) & (flight.arrival <= end + 1e-9))
     arrival, withheld, count = flight.arrival[rows], given.withheld[rows], rows.size
     wanted = np.unique(times[(times > at + design.latency) & (times <= end + 1e-9)])
-    outputs = np.unique(np.concatenate([imu.time[:1], arrival, wanted]))
+    outputs = np.unique(np.concatenate([imu.time[:1], arrival[-1:] if given.brief else arrival, wanted]))
     llh, velocity = flight.llh[rows], flight.velocity[rows]
     llh[withheld] = velocity[withheld] = np.nan
     valid = np.maximum(arrival - design.latency, at)
@@ -621,16 +695,23 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
     densities = noise_of(flight, design)
     densities = densities if densities.shape[0] == 1 else densities[within]
     model = replace(design, kind=kind).model(densities, scales)
+    pairs = events.rows(PROBE if design.tight else FIX).reshape(2 if apart else 1, count)
+    table = np.full(heard.shape, -1)
+    table[heard] = events.rows(RANGE)
+
+    def streak_of(history: History) -> tuple[int, int] | None:
+        return _contradiction(arrival, *_weighed(history, pairs, table), flight.patience)
+
     history = estimate(
         imu,
         Measurements.of(tables),
         events,
         start(*start_of(flight, begin, design, fix_sigma, scales, ranges), model.components, heard.shape[1]),
         model,
+        (lambda so_far: streak_of(so_far) is not None) if stops else None,
     )
     if is_smoother(kind) and lost(history):
         raise ArithmeticError("the smoother lost the positive covariance of its flight")
-    pairs = events.rows(PROBE if design.tight else FIX).reshape(2 if apart else 1, count)
     squared, degrees, status, each_status = by_epoch(
         pairs.T, history.innovation_squared, history.degrees, history.status
     )
@@ -645,8 +726,6 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
     range_status = np.zeros(heard.shape, np.int64)
     logs, rejected = log_sigma[pairs].sum(axis=0), (status == REJECTED).astype(np.int64)
     if design.tight:
-        table = np.full(heard.shape, -1)
-        table[heard] = events.rows(RANGE)
         passed = history.status != REJECTED
         squared, degrees, status, range_status = by_epoch(
             table, np.where(passed, history.innovation_squared, np.nan), np.where(passed, history.degrees, 0),
@@ -659,4 +738,4 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float) -> _Part:
         outputs, history.navigation, history.sigma(), innovation, innovation_sigma, squared, degrees, status, logs,
         of_ranges, range_status, rejected, np.full(count, True), (),
     )  # fmt: skip
-    return _Part(rows, arrival, seen, history.covariance)
+    return _Part(rows, arrival, seen, history.covariance, streak_of(history), begin, end)

@@ -9,12 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from navsim.formats import conventions
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
-from navsim.formats.recording import is_nmea, read_fixes, read_imu
+from navsim.formats.recording import is_nmea, read_attitude, read_fixes, read_imu
 from navsim.formats.text import Dropped, FileError
 from navsim.gnss.timescales import gps_from_utc
 from navsim.replays.diagnosis import examine
-from navsim.replays.mistakes import Log
+from navsim.replays.mistakes import Log, relative_units
 from navsim.replays.recorded_ranges import read_messages, read_ranges, together
 from navsim.replays.scenario import Replay
 from navsim.replays.single_point import PositioningOptions
@@ -45,6 +46,8 @@ class ReadLog:
     ranges: Ranges | None
     warnings: list[str]
     not_judged: tuple[str, ...]
+    reference: tuple[np.ndarray, np.ndarray] | None = None
+    """Times (r,), s, and roll, pitch, yaw (r, 3), rad, by another system."""
 
 
 def read(scenario: Replay, document: Document) -> ReadLog:
@@ -62,14 +65,20 @@ def read(scenario: Replay, document: Document) -> ReadLog:
     else:
         of_ranges, ranges = _observed(document, scenario)
         tables.append(of_ranges)
+    reference = None
+    if scenario.reference is not None:
+        time, rpy, dropped = _read(document, scenario, "reference", read_attitude)
+        reference = time, rpy
     scenario = _pinned(scenario, document)
     warnings, not_judged = _checked(scenario, document, *(table.judged for table in tables))
     for table in tables:
         if table.refusal is not None:
             raise table.refusal
         warnings += table.lost.reasons()
+    if scenario.reference is not None:
+        warnings += dropped.reasons()
     samples, fixes = (table.rows for table in tables)
-    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged))
+    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged), reference)
 
 
 def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[list[str], list[str]]:
@@ -161,7 +170,7 @@ def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
     return _Table(fixes, fixes, dropped), ranges
 
 
-def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path], Any]) -> Any:
+def _read(document: Document, scenario: Replay, section: str, reader: Callable[[Path], Any]) -> Any:
     name = getattr(scenario, section).file
     path = document.resolve((section, "file"), name)
     where = document.place((section, "file"))
@@ -181,14 +190,43 @@ def _refused(document: Document, scenario: Replay, section: str, error: FileErro
     path = document.resolve((section, "file"), getattr(scenario, section).file)
     place = Place(str(path), error.line, 1) if error.line else where
     cure = "; `skip_bad_records: true` takes the intact part" if error.salvageable else ""
+    if error.outside is not None:
+        cure = _other_units(getattr(scenario, section), section, *error.outside) + cure
     return InputError([Problem(place, f"{section}.file", f"{error.message} (named at {where}){cure}")])
+
+
+def _other_units(written: Any, section: str, column: str, value: float, limits: tuple[float, float]) -> str:
+    """Units in which a value outside of physical limits would be within them, and the line to write."""
+    key, units = next((each for names, *each in _UNITS if column in names), ("", {}))
+    now = getattr(written, key, None)
+    if now not in units:
+        return ""
+    others = {unit: factor for unit, factor in relative_units(units, now).items() if factor < 1.0}
+    fitting = [unit for unit, factor in others.items() if limits[0] <= factor * value <= limits[1]]
+    if not fitting:
+        return ""
+    rest = f" (or {', '.join(fitting[1:])})" if len(fitting) > 1 else ""
+    return f"; if the column is not in {now}, write `{section}: {{{key}: {fitting[0]}}}`{rest}"
+
+
+_UNITS: tuple[tuple[tuple[str, ...], str, dict[str, float]], ...] = (
+    (conventions.IMU_COLUMNS[1:4], "gyro_unit", conventions.GYRO_UNITS),
+    (conventions.IMU_COLUMNS[4:], "accelerometer_unit", conventions.ACCELEROMETER_UNITS),
+    (conventions.GNSS_COLUMNS[1:3], "angle_unit", conventions.ANGLE_UNITS),
+    (conventions.GNSS_COLUMNS[3:4], "height_unit", conventions.HEIGHT_UNITS),
+    (conventions.GNSS_COLUMNS[4:6], "speed_unit", conventions.SPEED_UNITS),
+    (conventions.GNSS_COLUMNS[6:7], "vertical_speed_unit", conventions.VERTICAL_SPEED_UNITS),
+)
+"""Columns, the key of their unit, and its units."""
 
 
 def _pinned(scenario: Replay, document: Document) -> Replay:
     """The log with its files' checksums, which must be those given. Raises InputError."""
     update = {}
-    for name in ("imu", "gnss"):
+    for name in ("imu", "gnss", "reference"):
         section = getattr(scenario, name)
+        if section is None:
+            continue
         checksum = files.checksum(document.resolve((name, "file"), section.file))
         if section.file_sha256 not in (None, checksum):
             place = document.place((name, "file_sha256"))

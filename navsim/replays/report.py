@@ -51,7 +51,7 @@ def tables(result: Result) -> list[Table | str]:
     if "flown_s" in alignment:  # results of earlier versions lack it
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
         text += "; used " + " of the recording's ".join(spans)
-    every: list[Table | str] = [seen, *evidence, tuned, *_unusable(result), *_unchecked(result)]
+    every: list[Table | str] = [seen, *evidence, tuned, *_compared(result), *_unusable(result), *_unchecked(result)]
     if not result["/outages/start"].size:
         return [*every, text]
     lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest", "NEES"))
@@ -83,6 +83,16 @@ def _evidence(result: Result) -> list[Table]:
             out.add(str(name), *(number(result[f"/summary/nis{of}"][i], 2) for of in ("", "_position", "_velocity")))
     lags = (number(float(result[f"/summary/lag1_{of}"]), 2) for of in ("position", "velocity"))
     out.add("lag-1 autocorrelation, moving", "", *lags)
+    return [out]
+
+
+def _compared(result: Result) -> list[Table]:
+    """The attitude minus that of another system, if there is one."""
+    if "/filter/reference_attitude_rpy" not in result:
+        return []
+    out = Table("Attitude minus the reference's, degrees", ("", "roll", "pitch", "yaw"))
+    for name, words in (("mean", "mean"), ("scatter", "rms about the mean")):
+        out.add(words, *(number(float(x), 2) for x in np.degrees(result[f"/summary/attitude_difference_{name}"])))
     return [out]
 
 
@@ -226,8 +236,14 @@ def _attitude(result: Result) -> Figure:
     rpy = np.where(jump | hole, np.nan, rpy)
     sigma = np.where(hole, np.nan, np.degrees(result["/filter/sigma"][:, 6:9]))
     for row, name in enumerate(("roll", "pitch", "yaw")):
-        axes[row, 0].plot(time, rpy[:, row], color=COLOURS[0])
+        if "/filter/reference_attitude_rpy" in result:
+            theirs = np.degrees(result["/filter/reference_attitude_rpy"][:, row])
+            theirs[np.abs(np.diff(theirs, prepend=theirs[:1])) > 180.0] = np.nan
+            axes[row, 0].plot(time, theirs, color=COLOURS[1], label="reference")
+        axes[row, 0].plot(time, rpy[:, row], color=COLOURS[0], label="estimate")
         axes[row, 0].set_ylabel(f"{name}, deg")
+    if "/filter/reference_attitude_rpy" in result:
+        legend_over(axes[0, 0], 2)
     axes[0, 1].plot(time, sigma[:, :2].max(axis=1), color=COLOURS[0], label="tilt")
     axes[0, 1].plot(time, sigma[:, 2], color=COLOURS[1], label="heading")
     axes[0, 1].set_ylabel("1σ, deg")

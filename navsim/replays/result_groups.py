@@ -14,6 +14,7 @@ from navsim.filter.estimate import FILTER_KINDS, is_smoother
 from navsim.filter.records import REJECTED, TFG
 from navsim.replays import flight as replay
 from navsim.replays.findings import outage_spans
+from navsim.replays.motion import in_motion, lag1_correlation, turn_rate
 from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
 from navsim.results.builder import ResultBuilder
 from navsim.statistics.rounding import digits
@@ -25,8 +26,8 @@ DILUTION = 3.0
 """1 sigma of a fix in that of a range, for the start of a tight filter and the innovations of fixes."""
 
 
-TURNING, TURN_TIME = np.radians(5.0), 2.0
-"""Rate of rotation, rad/s, above which an aircraft turns, and the time over which it is averaged, s."""
+TURNING = np.radians(5.0)
+"""Rate of rotation, rad/s, above which an aircraft turns."""
 
 
 def write_filter(
@@ -94,6 +95,22 @@ def write_lost_spans(draft: ResultBuilder, flown: replay.Replayed) -> None:
     draft["/lost/cause"] = np.array([one.why for one in flown.lost], dtype=object)
 
 
+def write_reference(draft: ResultBuilder, flown: replay.Replayed, time: np.ndarray, rpy: np.ndarray) -> None:
+    """Attitude by another system at the outputs, nan where it says nothing, and the filter's minus it where usable."""
+    at = draft["/filter/time"]
+    theirs = np.stack([np.interp(at, time, np.unwrap(angle)) for angle in rpy.T], axis=1)
+    theirs[(at < time[0]) | (at > time[-1])] = np.nan
+    draft["/filter/reference_attitude_rpy"] = np.angle(np.exp(1j * theirs))
+    usable = np.isfinite(theirs).all(axis=1)
+    for one in flown.lost:
+        usable &= (at < one.begin) | (at > one.end)
+    apart = np.exp(1j * (draft["/filter/attitude_rpy"] - theirs)[usable])
+    middle = np.angle(apart.sum(axis=0)) if apart.size else np.full(3, np.nan)
+    draft["/summary/attitude_difference_mean"] = middle
+    left = np.angle(apart * np.exp(-1j * middle))
+    draft["/summary/attitude_difference_scatter"] = np.array([_rms(each) for each in left.T])
+
+
 def write_fixes(draft: ResultBuilder, flight: replay.RecordedFlight) -> None:
     draft["/receiver/time"] = flight.arrival
     draft["/receiver/position_llh"] = flight.llh
@@ -135,8 +152,8 @@ def of_outages(design: FilterDesign) -> FilterDesign:
 
 def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
     used = (flown.degrees > 0) & (flown.status != REJECTED)
-    fast = flight.speed > moving
-    turning = _turn_rate(flight) > TURNING
+    fast = in_motion(flight, moving)
+    turning = turn_rate(flight) > TURNING
     groups = {
         "all": used, "moving": used & fast, "parked": used & ~fast, "straight": used & fast & ~turning,
         "turning": used & fast & turning,
@@ -153,7 +170,7 @@ def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: re
     scaled = flown.innovation / flown.innovation_sigma
     for name, part in (("position", scaled[:, :3]), ("velocity", scaled[:, 3:])):
         draft[f"/summary/nis_{name}"] = np.array([_rms(part[m]) ** 2 for m in groups.values()])
-        draft[f"/summary/lag1_{name}"] = _lag1(part[groups["moving"]])
+        draft[f"/summary/lag1_{name}"] = lag1_correlation(part[groups["moving"]])
     for name, count in (
         ("samples", flight.imu_time.size),
         ("fixes", flight.arrival.size),
@@ -170,24 +187,6 @@ def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: re
         draft[f"/summary/drift_{name}"] = values
     nees = draft["/outages/nees"]
     draft["/summary/drift_nees"] = np.array([_rms(np.sqrt(nees[of == length])) ** 2 for length in lengths], dtype=float)
-
-
-def _turn_rate(flight: replay.RecordedFlight) -> np.ndarray:
-    """Mean size of the rate of rotation around each fix (m,), rad/s, over `TURN_TIME`."""
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(flight.dtheta, axis=0)])
-    half = 0.5 * TURN_TIME
-    last, first = (
-        np.stack([np.interp(flight.arrival + side, flight.imu_time, angle[:, i]) for i in range(3)], axis=1)
-        for side in (half, -half)
-    )
-    return np.asarray(np.linalg.norm(last - first, axis=1) / TURN_TIME)
-
-
-def _lag1(x: np.ndarray) -> float:
-    """Correlation of innovations (m, 3) over their sigmas with those before; nan without any. White ones have 0."""
-    both = np.isfinite(x[1:]) & np.isfinite(x[:-1])
-    square = float(np.sum(x[1:][both] ** 2) + np.sum(x[:-1][both] ** 2))
-    return float(2.0 * np.sum(x[1:][both] * x[:-1][both]) / square) if square > 0.0 else float("nan")
 
 
 def _rms(x: np.ndarray) -> float:

@@ -281,6 +281,15 @@ class Gnss(Section):
         )
 
 
+class Reference(Section):
+    """The attitude by another system, such as an autopilot. The filter does not use it."""
+
+    file: str
+    """table with t_s, roll_deg, pitch_deg, yaw_deg, by the clock of the samples: attitude.csv of `navsim import`"""
+    file_sha256: Checksum | None = None
+    """checksum of the file; when given, another file is refused"""
+
+
 class KnownSection(Section):
     """Known navigation state at a time of the recording: the filter starts there without alignment."""
 
@@ -400,6 +409,8 @@ class Replay(Section):
     """the filter"""
     outages: ListOf[Outage] = ()
     """fixes withheld on purpose, to see the drift"""
+    reference: Reference | None = None
+    """attitude by another system, with which the filter's is compared"""
 
     @property
     def begin(self) -> float | None:

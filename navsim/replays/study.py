@@ -30,7 +30,9 @@ from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays.findings import findings, outage_spans, warn_of_outages, warn_of_unflown
+from navsim.replays.fix_checks import lag_of_velocities
 from navsim.replays.flight_tables import own_or_usual
+from navsim.replays.motion import moving_speed
 from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read
 from navsim.replays.result_groups import (
     DILUTION,
@@ -39,6 +41,7 @@ from navsim.replays.result_groups import (
     write_innovations,
     write_lost_spans,
     write_outages,
+    write_reference,
     write_summary,
     write_tuning,
 )
@@ -48,10 +51,10 @@ from navsim.replays.tuning import (
     ERROR_TIME,
     EVALUATIONS,
     LATENCY,
+    LEVER_ARM,
     POSITION_RATIO,
     SETTINGS,
     VELOCITY_LAG,
-    moving_speed,
     tune,
 )
 from navsim.results.builder import ResultBuilder
@@ -67,6 +70,8 @@ from navsim.simulation.inertial_states import followed
 
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
+TUNING_INTERVAL = 0.05
+"""Interval of the increments that a tuning flies, s."""
 STANDSTILL_FACTOR = 5.0
 """Drift of a gyro bias after a standstill, in multiples of its in-run instability."""
 _BEFORE = 1.5
@@ -78,7 +83,8 @@ NEVER = 1_000_000_000
 USUAL_HEADING = 10.0 * DEG
 """1 sigma of heading that a restart of the filter needs, if the log gives the initial heading."""
 _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
-          "latency", "velocity_lag", "position_sigma_ratio", "error_sigma_ratio", "error_correlation_time")  # fmt: skip
+          "latency", "velocity_lag", "position_sigma_ratio", "error_sigma_ratio", "error_correlation_time",
+          "lever_arm_forward", "lever_arm_right", "lever_arm_down")  # fmt: skip
 _TUNED_TIGHT = ("range_rate_sigma", "range_sigma", *_TUNED[2:])
 _START_TIGHT = (0.1, 1.0)
 """Noise of range rates and ranges overhead where the tuning of a tight filter starts, and without it, m/s, m."""
@@ -104,6 +110,7 @@ class Recording:
     known: replay.KnownStart | None
     not_judged: tuple[str, ...] = ()
     warnings: list[str] = field(default_factory=list)
+    reference: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def tight(self) -> bool:
@@ -136,7 +143,7 @@ class Recording:
             sensors=sensors,
             velocity=True,
             latency=float(latency) + replay.waiting(float(latency), lag),
-            lever_arm=np.array(self.scenario.gnss.lever_arm_m),
+            lever_arm=settings[LEVER_ARM],
             sigma_scale=1.0,
             gate=gate_limits(gate.probability),
             max_rejected=NEVER if gate.max_rejected is None else gate.max_rejected,
@@ -184,14 +191,14 @@ class Recording:
         given = self.scenario.gnss.velocity_latency_s
         return float(settings[VELOCITY_LAG] if given is None else given - settings[LATENCY])
 
-    def flight(self, settings: np.ndarray) -> replay.RecordedFlight:
-        """The increments and fixes after the alignment, for values of `tuned`."""
+    def flight(self, settings: np.ndarray, coarse: bool = False) -> replay.RecordedFlight:
+        """The increments and fixes after the alignment, for values of `tuned`; coarse: for the tuning."""
         ranges = self.ranges if self.tight else None
         patience = self.scenario.filter.gate.restart_s
         fixes = _with_effects(self.fixes, self.errors(settings)) if settings[ERROR_SIZE] > 0.0 else self.fixes
         return replay.prepare(
-            self._sensed, fixes, self.alignment, settings[LATENCY], ranges, self._realigned, patience, self.known,
-            self.velocity_lag(settings),
+            self._coarse if coarse else self._sensed, fixes, self.alignment, settings[LATENCY], ranges,
+            self._realigned, patience, self.known, self.velocity_lag(settings),
         )  # fmt: skip
 
     def of_rejected(self, settings: np.ndarray, flight: replay.RecordedFlight) -> np.ndarray:
@@ -231,8 +238,14 @@ class Recording:
         return moving_speed(flight.speed, not np.isfinite(flight.velocity[:, :2]).any())
 
     @cached_property
+    def _coarse(self) -> replay.InertialLog:
+        """The increments that a tuning flies hundreds of times: by fewer of them it finds the same within its
+        tolerance."""
+        return replay.coarser(self._sensed, TUNING_INTERVAL)
+
+    @cached_property
     def _sensed(self) -> replay.InertialLog:
-        """The increments, which no setting changes: a tuning flies them hundreds of times."""
+        """The increments, which no setting changes."""
         averaged = self.scenario.imu.samples != "instantaneous"
         return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
 
@@ -266,7 +279,9 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         velocity = (claimed[2], claimed[2])
     if np.isfinite(claimed[:2]).all():
         ratio = claimed[0] / velocity[0]
-    settings = np.array([*velocity, gyro.noise_density, accel.noise_density, latency, 0.0, ratio, 0.0, 1.0])
+    settings = np.array(
+        [*velocity, gyro.noise_density, accel.noise_density, latency, 0.0, ratio, 0.0, 1.0, *gnss.lever_arm_m]
+    )
     aligned_by = latency if gnss.velocity_latency_s is None else gnss.velocity_latency_s
     given_noise = (scenario.imu.gyro.arw_deg_sqrt_h, scenario.imu.accelerometer.vrw_m_s_sqrt_h)
     free = np.zeros(SETTINGS, bool)
@@ -304,6 +319,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         known,
         log.not_judged,
         warnings,
+        log.reference,
     )
 
 
@@ -366,11 +382,15 @@ def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float
             f"alignment.heading_deg needs a standstill at the start, and there is none in the {aligning.LONGEST:g} s "
             f"from {first:g} s on; leave it out, or let start_s begin where the aircraft is at rest"
         )
-    raise ReplayError(
-        f"no alignment: nowhere after {first:g} s do {search.longest:g} s of motion give the heading to "
-        f"{np.degrees(search.heading_sigma):g} degrees; allow more with alignment.heading_sigma_deg, or give "
-        "alignment.heading_deg"
-    )
+    text = f"no alignment: nowhere after {first:g} s do {search.longest:g} s of motion give the heading to "
+    text += f"{np.degrees(search.heading_sigma):g} degrees"
+    lag = lag_of_velocities(fixes)
+    if np.isfinite(lag):
+        older = "older" if lag > 0.0 else "newer"
+        text += f", and the velocities of the fixes are {abs(lag):.1f} s {older} than their positions. Give "
+        raise ReplayError(f"{text}gnss.velocity_latency_s, which is that much {'more' if lag > 0.0 else 'less'} than "
+                          "gnss.latency_s, or leave out the columns of velocity")  # fmt: skip
+    raise ReplayError(f"{text}; allow more with alignment.heading_sigma_deg, or give alignment.heading_deg")
 
 
 def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[Samples, Fixes, float]:
@@ -464,6 +484,8 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     write_innovations(draft, flight, flown)
     write_outages(draft, recording, flight, settings)
     write_lost_spans(draft, flown)
+    if recording.reference is not None:
+        write_reference(draft, flown, *recording.reference)
     write_fixes(draft, flight)
     write_tuning(draft, recording, tuning)
     write_summary(draft, flight, flown, recording.moving_speed)

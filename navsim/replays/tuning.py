@@ -1,7 +1,8 @@
 """Noise and latency of a recorded flight, such that the innovations of its fixes in motion are most likely [1].
 
-Source: [1] Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans. AC 15 (1970); Harvey,
-Forecasting, structural time series models and the Kalman filter (1989), section 3.4 (prediction error decomposition).
+Source: [1] Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans. AC 15 (1970). [2]
+Harvey, Forecasting, structural time series models and the Kalman filter (1989), section 3.4 (prediction error
+decomposition, method of scoring). [3] Marquardt, J. SIAM 11 (1963): 431-441. [4] Ragonneau & Zhang, COBYQA (2022).
 """
 
 from __future__ import annotations
@@ -12,33 +13,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.filter.records import TFG
+from navsim.filter.records import REJECTED, TFG
 from navsim.replays import flight as replay
+from navsim.replays.motion import in_motion, lag1_correlation
 from navsim.results.findings import CONSISTENT, Finding
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.base import FIX_LATENCIES
 from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
+    from scipy.optimize import Bounds
+
     from navsim.replays.study import Recording
 
-FASTEST_NEEDED = 3.0
-"""Speed over ground, m/s, above which a fix of any flight counts as in motion."""
-SLOWEST, SLOWEST_DERIVED = 0.5, 1.5
-"""Least speed, m/s, of a fix in motion, and where positions alone give the speed: receivers at rest show less."""
-TYPICAL, SHARE = 90.0, 0.5
-"""Percentile of the speeds of a slow flight, and the fraction of it above which a fix counts as in motion."""
 FEWEST = 20
 """Number of fixes in motion that a tuning has to exceed: receivers at rest smooth their fixes and so hide the noise."""
 TRUST = 0.7
 """1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
 STRAYED = 5.0
 """Sigmas of `TRUST` beyond which a tuned noise is no sensor's: an airframe's vibration reaches 4.4 (a factor of 22)."""
-GYRO_NOISE, ACCELEROMETER_NOISE, LATENCY, VELOCITY_LAG, POSITION_RATIO, ERROR_SIZE, ERROR_TIME, SETTINGS = range(2, 10)
-"""Numbers of the settings that all filters have, after the two of the noise of fixes or ranges, and how many there
-are."""
-TIMES = np.isin(np.arange(SETTINGS), (LATENCY, VELOCITY_LAG))
-"""Settings that are times, searched in tenths of a second; the others are searched as logarithms."""
+GYRO_NOISE, ACCELEROMETER_NOISE, LATENCY, VELOCITY_LAG, POSITION_RATIO, ERROR_SIZE, ERROR_TIME = range(2, 9)
+"""Numbers of the settings that all filters have, after the two of the noise of fixes or ranges."""
+LEVER_ARM, SETTINGS = np.arange(9, 12), 12
+"""Numbers of the lever arm's components, and of all settings."""
+TIMES, LENGTHS = np.isin(np.arange(SETTINGS), (LATENCY, VELOCITY_LAG)), np.isin(np.arange(SETTINGS), LEVER_ARM)
+"""Settings that are times, searched in tenths of a second, and lengths, m; the others are searched as logarithms."""
 SEARCHED = (FIX_LATENCIES[0], 2.0)
 """Bounds between which the latency is searched, s. A larger one can be given; it is rather an offset of the clocks."""
 WIDEST_LAG = 1.0
@@ -55,12 +54,22 @@ LIKELIER = 12.5
 """Gain of log-likelihood from which on such a lag or error is certain: five sigma."""
 FACTOR, SIZES, CORRELATION_TIMES = 1e4, (0.05, 100.0), (2.0, 1000.0)
 """Bounds of a search: of noise over its start, of the size of an error as above, and of its correlation time, s."""
-REGION = (0.7, 0.02)
-"""Radius of the trust region at begin and end."""
-EVALUATIONS, ROUND = 1000, 200
-"""Largest number of flights of a tuning, and of one search."""
+DIFFERENCES, LONGEST_STEPS = np.where(TIMES | LENGTHS, 0.3, 0.1), np.where(TIMES, 5.0, 2.0)
+"""Steps for derivatives and longest steps of a search, of all settings as they are searched."""
+SHORTEST_ARM, SURE_ARM = 0.5, 5.0
+"""Difference of a lever arm from the one given, m and in its sigma, that is told."""
+CONVERGED = 0.01
+"""A search has converged if the next step would gain less log-likelihood: a seventh of the settings' sigma."""
+MOST_DAMPED = 100.0
+"""Damping from which on no step gains."""
 WORTH = 0.5
-"""Gain of log-likelihood that a search has to bring for another one to begin where it ended."""
+"""Gain of log-likelihood that a damped step, or a search in a trust region, has to bring for the search to go on."""
+REGION, ROUND = (0.7, 0.02), 200
+"""Radius of the trust region at begin and end, and the largest number of flights of one search in it."""
+VAGUE = 0.01
+"""Least second derivative of the negative log-likelihood by a setting, for those that the flight does not show."""
+EVALUATIONS = 1000
+"""Largest number of flights of a tuning."""
 
 
 @dataclass(frozen=True)
@@ -72,16 +81,6 @@ class Tuning:
     findings: tuple[Finding, ...] = ()
 
 
-def moving_speed(speed: np.ndarray, derived: bool) -> float:
-    """Speed, m/s, above which a fix is in motion in a flight with speeds (m,); derived: from positions alone.
-
-    3 m/s, or in a slow flight half of its usual speed.
-    """
-    known = speed[np.isfinite(speed)]
-    usual = SHARE * float(np.percentile(known, TYPICAL)) if known.size else 0.0
-    return float(np.clip(usual, SLOWEST_DERIVED if derived else SLOWEST, FASTEST_NEEDED))
-
-
 def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Tuning:
     """The settings with the free ones most likely. Then a lag of the velocities and a time-correlated error of the
     positions are tried, and tuned with the rest where they are clearly likelier."""
@@ -90,7 +89,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
     if not free.size:
         return Tuning(given, tuned)
     threshold = recording.moving_speed
-    fast = int(np.sum(recording.flight(given).speed > threshold))
+    fast = int(np.sum(in_motion(recording.flight(given), threshold)))
     if fast <= FEWEST:
         names = ", ".join(recording.tuned[i].replace("_", " ") for i in free)
         remark = (
@@ -98,31 +97,86 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
             f"than {FEWEST}, and receivers at rest do not show their noise; untuned are {names}: give them in the log"
         )
         return Tuning(given, np.zeros(SETTINGS, bool), (Finding("tuning", remark),))
-    search = _Search(recording, done)
-    best, least, converged = search.settle(search.begin(free), free)
+    search = TuningSearch(recording, done)
+    best, now, converged = search.settle(search.begin(free), free)
     # a lag is looked for again after an error of the positions that may have hidden it
     of_lag, of_error = (search.lags, [VELOCITY_LAG]), (search.errors, [ERROR_SIZE, ERROR_TIME])
     for number, (trials, which) in enumerate((of_lag, of_error, of_lag)):
         again = number > 1 and ERROR_SIZE not in free
         tried = [] if again or np.isin(which, free).any() else trials(best)
-        costs = [search.surprise(trial) for trial in tried]
-        if min(costs, default=np.inf) < least - LIKELIER:
-            free = np.union1d(free, which)
-            best, least, converged = search.settle(tried[int(np.argmin(costs))], free)
+        excess = [now.excess(search.evaluate(trial, near=now)) for trial in tried]
+        if min(excess, default=0.0) < -LIKELIER:
+            more = np.union1d(free, which)
+            found = search.settle(tried[int(np.argmin(excess))], more)
+            if found[1].surprise < now.surprise - LIKELIER:
+                free, (best, now, converged) = more, found
     tuned = np.isin(np.arange(SETTINGS), free)
     if not recording.has_vertical:
         best[1] = best[0]
         tuned[1] = tuned[0]
-    remarks = _remarks(recording, best, free, converged, search.flown)
+    remarks = [*_remarks(recording, best, free, converged, search.flown), *search.other_arm(best, now, free)]
     return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks))
 
 
-class _Search:
+@dataclass(frozen=True)
+class _Evaluation:
+    """A flight with some settings, by the fixes of the recording (m,), nan for those that do not count."""
+
+    surprise: float
+    """Negative log-likelihood of the innovations in motion, rejected ones included, and of the sensors' noise."""
+    cost: np.ndarray
+    """(m,) negative log-likelihood of each fix."""
+    of_class: float
+    """That of the sensors' noise, by their class."""
+    innovation: np.ndarray
+    """(m, 6), and its sigma."""
+    sigma: np.ndarray
+    rejected: np.ndarray
+    """(m,) bool."""
+    flown: replay.Replayed
+
+    @property
+    def robust(self) -> float:
+        """Negative log-likelihood of the fixes under a distribution with long tails: wild fixes count little."""
+        logs = np.nansum(np.log(self.sigma), axis=1)
+        size = np.maximum(np.isfinite(self.sigma).sum(axis=1), 1)
+        return float(np.nansum(0.5 * size * np.log1p(2.0 * (self.cost - logs) / size) + logs))
+
+    def excess(self, other: _Evaluation) -> float:
+        """Negative log-likelihood of another evaluation minus this one's, of the fixes that count in both."""
+        return float(np.nansum(other.cost - self.cost)) + other.of_class - self.of_class
+
+    def information(self, moved: list[_Evaluation], steps: np.ndarray) -> np.ndarray:
+        """Expected second derivatives (k, k) of the negative log-likelihood by evaluations (k) a step away [2]."""
+        both = np.array([
+            np.concatenate([np.sqrt(2.0) * np.log(each.sigma / self.sigma),
+                            (each.innovation - self.innovation) / self.sigma]).ravel() / step
+            for each, step in zip(moved, steps, strict=True)
+        ])  # fmt: skip
+        both = both[:, np.isfinite(both).all(axis=0)]
+        return np.asarray(both @ both.T)
+
+
+def _searched(values: np.ndarray) -> np.ndarray:
+    """All settings as they are searched: times in tenths of a second, others as logarithms."""
+    plain = TIMES | LENGTHS
+    return np.where(plain, np.where(TIMES, 10.0, 1.0) * values, np.log(np.where(plain | (values <= 0.0), 1.0, values)))
+
+
+def _settings(x: np.ndarray, start: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """All settings, with the free ones of a search; the others as at its start."""
+    whole = start.copy()
+    plain = (TIMES | LENGTHS)[free]
+    whole[free] = np.where(plain, np.where(TIMES[free], 0.1, 1.0) * x, np.exp(np.where(plain, 0.0, x)))
+    return whole
+
+
+class TuningSearch:
     """Search for the likeliest settings of a recording."""
 
     def __init__(self, recording: Recording, done: Callable[[int], None]) -> None:
         self.recording, self.done = recording, done
-        self.flown, self._worst = 0, 0.0
+        self.flown = 0
 
     def begin(self, free: np.ndarray) -> np.ndarray:
         """Settings at which the search starts."""
@@ -130,63 +184,142 @@ class _Search:
         if LATENCY in free:
 
             def cost(latency: float) -> float:
-                return self.surprise(np.where(np.arange(SETTINGS) == LATENCY, 0.1 * latency, start), False)
+                trial = np.where(np.arange(SETTINGS) == LATENCY, 0.1 * latency, start)
+                return self.evaluate(trial, judged=False).robust
 
             start[LATENCY] = 0.1 * _first_latency(cost)
         return start
 
-    def surprise(self, values: np.ndarray, judged: bool = True) -> float:
-        """Negative log-likelihood of the innovations in motion and of the sensors' noise; judged: with the gate."""
+    def evaluate(self, values: np.ndarray, judged: bool = True, near: _Evaluation | None = None) -> _Evaluation:
+        """Fly some settings; near: an evaluation of almost the same ones, whose parts and rejected fixes are kept."""
         recording = self.recording
-        flight, design = recording.flight(values), recording.design(values, TFG)
+        self.flown += 1
+        self.done(min(self.flown, EVALUATIONS))
+        flight, design = recording.flight(values, coarse=True), recording.design(values, TFG)
         if not judged:
             design = replace(design, gate=gate_limits(0.0))
-        seen = replay.fly(
-            flight, design, recording.fix_sigma(values), np.empty(0), range_sigma=recording.range_sigma(values)
-        )
-        of_rejected = recording.of_rejected(recording.settings, flight)
-        total = seen.surprise(flight.speed > recording.moving_speed, of_rejected)
+        fix_sigma, range_sigma = recording.fix_sigma(values), recording.range_sigma(values)
+        if near is None:
+            seen = replay.fly(flight, design, fix_sigma, np.empty(0), range_sigma=range_sigma, brief=True)
+        else:
+            withheld = near.rejected[flight.row] & (not recording.tight)
+            seen = replay.fly_again(near.flown, flight, design, fix_sigma, withheld, range_sigma)
+        moving = in_motion(flight, recording.moving_speed)
+        used = moving & (seen.degrees > 0) & (seen.status != REJECTED)
+        count = (recording.fixes if recording.ranges is None or not recording.tight else recording.ranges).time.size
+        each = np.full((count, 13), np.nan)
+        each[flight.row[used]] = np.column_stack(
+            [0.5 * seen.innovation_squared + seen.log_sigma, seen.innovation, seen.innovation_sigma]
+        )[used]
+        rejected = np.zeros(count, bool)
+        rejected[flight.row] = seen.status == REJECTED
         strayed = np.log(values[GYRO_NOISE:LATENCY] / recording.settings[GYRO_NOISE:LATENCY]) / TRUST
-        return total + 0.5 * float(np.sum(strayed**2))
+        of_class = 0.5 * float(np.sum(strayed**2))
+        total = seen.surprise(moving, recording.of_rejected(recording.settings, flight)) + of_class
+        return _Evaluation(total, each[:, 0], of_class, each[:, 1:7], each[:, 7:], rejected, seen)
 
-    def settle(self, start: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, float, bool]:
-        """The likeliest settings with the free ones changed from `start` on, their negative log-likelihood, and whether
-        the search converged.
+    def settle(self, start: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, _Evaluation, bool]:
+        """The likeliest settings with the free ones changed from `start` on, their evaluation, and whether the search
+        converged.
 
-        A trust region with quadratic models, begun again where it has ended until that gains nothing: the gate makes
-        steps in the likelihood.
+        The method of scoring [2]: Newton steps, damped [3], with the expected second derivatives. These need first
+        derivatives of the innovations and their sigmas alone, by differences. The gate makes steps in the likelihood,
+        so derivatives keep the parts of the flight and the rejected fixes, and after a step that rejects more fixes
+        another search begins from the start.
         """
-        from scipy.optimize import Bounds, minimize
-
-        def settings(x: np.ndarray) -> np.ndarray:
-            whole = start.copy()
-            whole[free] = np.where(TIMES[free], 0.1 * x, np.exp(np.where(TIMES[free], 0.0, x)))
-            return whole
-
-        def cost(x: np.ndarray) -> float:
-            self.flown += 1
-            self.done(min(self.flown, EVALUATIONS))
-            total = self.surprise(settings(x))
-            self._worst = max(self._worst, total) if np.isfinite(total) else self._worst + 100.0
-            return total if np.isfinite(total) else self._worst
-
-        def searched(values: np.ndarray) -> np.ndarray:
-            return np.where(TIMES, 10.0 * values, np.log(np.where(TIMES | (values <= 0.0), 1.0, values)))[free]
+        from scipy.optimize import Bounds
 
         low, high = start / FACTOR, start * FACTOR
         low[LATENCY], high[LATENCY] = SEARCHED
         low[VELOCITY_LAG], high[VELOCITY_LAG] = -WIDEST_LAG, WIDEST_LAG
         low[ERROR_SIZE], high[ERROR_SIZE] = SIZES
         low[ERROR_TIME], high[ERROR_TIME] = CORRELATION_TIMES
-        bounds = Bounds(searched(low), searched(high))
-        x, least, converged = searched(start), np.inf, False
+        bounds = _searched(low)[free], _searched(high)[free]
+        longest = LONGEST_STEPS[free]
+        x, damping = _searched(start)[free], 0.0
+        now = first = self.evaluate(start)
+        gradient, information = np.zeros(free.size), np.eye(free.size)
+        fresh = False
+        while self.flown + free.size < EVALUATIONS and damping < MOST_DAMPED:
+            if not fresh:
+                steps = DIFFERENCES[free] * np.where(x + DIFFERENCES[free] > bounds[1], -1.0, 1.0)
+                gradient, information = self._derivatives(x, start, free, now, steps)
+                fresh = True
+            step, inside = np.zeros(free.size), (x > bounds[0]) | (gradient < 0.0)
+            inside &= (x < bounds[1]) | (gradient > 0.0)
+            some = information[np.ix_(inside, inside)]
+            step[inside] = -np.linalg.solve(some + damping * np.diag(np.diag(some)), gradient[inside])
+            if damping == 0.0 and -0.5 * float(gradient @ step) < CONVERGED:
+                return _settings(x, start, free), now, True
+            step /= max(1.0, float(np.max(np.abs(step) / longest)))
+            trial = np.clip(x + step, *bounds)
+            found = self.evaluate(_settings(trial, start, free))
+            gain = now.surprise - found.surprise
+            if found.rejected.sum() > now.rejected.sum():
+                return self._search_region(_searched(start)[free], first, start, free, Bounds(*bounds))
+            if gain > 0.0:
+                x, now, fresh = trial, found, False
+            damping = 0.0 if gain > WORTH else max(1.0, 5.0 * damping)
+        return self._search_region(x, now, start, free, Bounds(*bounds))
+
+    def _search_region(
+        self, x: np.ndarray, now: _Evaluation, start: np.ndarray, free: np.ndarray, bounds: Bounds
+    ) -> tuple[np.ndarray, _Evaluation, bool]:
+        """The result of `settle` from x on where the gate makes steps in the likelihood: a trust region with quadratic
+        models [4], begun again where it has ended until that gains nothing."""
+        from scipy.optimize import minimize
+
+        converged, worst = False, now.surprise
+
+        def cost(trial: np.ndarray) -> float:
+            nonlocal x, now, worst
+            found = self.evaluate(_settings(trial, start, free))
+            worst = max(worst, found.surprise) if np.isfinite(found.surprise) else worst + 100.0
+            if found.surprise < now.surprise:
+                x, now = trial.copy(), found
+            return found.surprise if np.isfinite(found.surprise) else worst
+
         while not converged and self.flown < EVALUATIONS:
             options = {"maxfev": max(min(ROUND, EVALUATIONS - self.flown), 2 * free.size + 2), "scale": False,
                        "initial_tr_radius": REGION[0], "final_tr_radius": REGION[1]}  # fmt: skip
+            before = now.surprise
             found = minimize(cost, x, method="COBYQA", bounds=bounds, options=options)  # type: ignore[call-overload]  # stubs lack it
-            converged = bool(found.success) and least - found.fun < WORTH
-            x, least = (found.x, found.fun) if found.fun < least else (x, least)
-        return settings(x), least, converged
+            converged = bool(found.success) and before - now.surprise < WORTH
+        return _settings(x, start, free), now, converged
+
+    def _derivatives(
+        self, x: np.ndarray, start: np.ndarray, free: np.ndarray, now: _Evaluation, steps: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """First and expected second derivatives (k,), (k, k) of the negative log-likelihood by the free settings."""
+        moved = [self.evaluate(_settings(x + each, start, free), near=now) for each in np.diag(steps)]
+        of_class = np.isin(free, (GYRO_NOISE, ACCELEROMETER_NOISE)) / TRUST**2
+        information = now.information(moved, steps) + np.diag(VAGUE + of_class)
+        slopes = np.array([now.excess(each) for each in moved]) / steps
+        return slopes - 0.5 * steps * np.diag(information), information
+
+    def other_arm(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> list[str]:
+        """Remark on a lever arm that is clearly likelier than the one given, with the free settings tuned to it.
+
+        Innovations that are correlated with those before tell as much as fewer white ones.
+        """
+        which = np.concatenate([free, LEVER_ARM])
+        x = _searched(best)[which]
+        gradient, information = self._derivatives(x, best, which, now, DIFFERENCES[which])
+        covariance = np.linalg.inv(information)
+        step = -covariance @ gradient
+        lag1 = max(0.0, lag1_correlation(now.innovation / now.sigma))
+        fewer = (1.0 + lag1) / (1.0 - lag1)
+        change, spread = step[-3:], np.sqrt(fewer) * np.sqrt(np.diag(covariance)[-3:])
+        if np.linalg.norm(change) < SHORTEST_ARM or np.all(np.abs(change) < SURE_ARM * spread):
+            return []
+        if now.excess(self.evaluate(_settings(x + step, best, which), near=now)) > -LIKELIER * fewer:
+            return []
+        arm, given = (", ".join(f"{value:.1f}" for value in arm) for arm in (best[LEVER_ARM] + change, best[LEVER_ARM]))
+        sigma = ", ".join(f"{value:.1f}" for value in spread)
+        return [
+            f"the lever arm [{arm}] m (1 sigma {sigma}) explains the fixes clearly better than [{given}] m: forward, "
+            "right, down from the IMU to the antenna. Measure it, and write gnss.lever_arm_m"
+        ]
 
     def lags(self, values: np.ndarray) -> list[np.ndarray]:
         """Settings with velocities that are older or newer than the positions, either of which keeps its latency."""

@@ -140,6 +140,7 @@ _TIGHT = f"{_ALL}, of a tightly coupled filter"
 _LOOSE = f"{_ALL}, of a loosely coupled filter"
 _CORRELATED = f"{_LOOSE} with states of lasting errors"
 _TRANSMITTERS = "with states for errors of pseudolites"
+_REFERENCE = "with `reference`"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
@@ -948,6 +949,11 @@ _REPLAY = Chapter(
         _a("/lost/end", "span", "s", "time of the restart, or end of the flight", REPLAY),
         _a("/lost/cause", "span", "1", "reason: no samples, and no output of that time; or the filter contradicted its "
            "fixes", REPLAY, TEXT),
+        _a("/filter/reference_attitude_rpy", "run time rpy", "rad", "roll, pitch, yaw by another system", REPLAY,
+           when=_REFERENCE),
+        _a("/summary/attitude_difference_{statistic}", "rpy", "rad",
+           "{statistic} of the filter's attitude minus the other system's", REPLAY, when=_REFERENCE,
+           statistic=("mean", "scatter")),
         _a("/outages/outage", "outage", "1", "number of the outage", REPLAY, WHOLE),
         _a("/outages/start", "outage", "s", "start of the outage", REPLAY),
         _a("/outages/end", "outage", "s", "end of the outage", REPLAY),

@@ -21,7 +21,7 @@ from navsim.formats.recording import read_fixes, read_imu
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study as replay
 from navsim.replays.diagnosis import NEVER_JUDGED, diagnose, examine
-from navsim.replays.fix_checks import interpretations
+from navsim.replays.fix_checks import interpretations, lag_of_velocities
 from navsim.replays.mistakes import Log
 from navsim.replays.wild_fixes import plausible
 from navsim.scenario.load import read_replay
@@ -556,6 +556,27 @@ def test_a_single_value_outside_of_limits_is_refused_at_its_line(tmp_path: Path)
         replay.prepare(*read_replay(log))
     assert "imu.csv:701" in str(caught.value.problems[0])
     assert "gx_rad_s is 777" in str(caught.value.problems[0])
+    hint = "if the column is not in rad/s, write `imu: {gyro_unit: deg/s}` (or deg/h, mrad/s); `skip_bad_records"
+    assert hint in str(caught.value.problems[0])
+
+
+def test_radians_of_a_flight_that_hardly_moves() -> None:
+    """Its pieces are too short to compare, but as degrees the positions lie in the ocean; beside 0, 0 nothing is said,
+    where simulated flights are."""
+    samples, fixes = drone()
+    rows = fixes.take(fixes.time < 60.0)
+    here = np.tile(fixes.llh[0], (rows.time.size, 1))
+    still = samples.between(0.0, 60.0), replace(rows, llh=here, velocity=0.0 * rows.velocity)
+    assert ({"gnss.angle_unit": "rad"},) in named(BY_NAME["radians"], still)
+    beside = still[0], replace(still[1], llh=here * [1e-3, 1e-3, 1.0])
+    assert ({"gnss.angle_unit": "rad"},) not in named(BY_NAME["radians"], beside)
+
+
+def test_a_lag_of_the_velocities_shows_in_the_fixes() -> None:
+    _, fixes = aircraft()
+    assert np.isnan(lag_of_velocities(fixes))
+    later = np.stack([np.interp(fixes.time - 1.6, fixes.time, each) for each in fixes.velocity.T], axis=1)
+    assert lag_of_velocities(replace(fixes, velocity=later)) == pytest.approx(1.6, abs=0.2)
 
 
 def test_nmea_takes_no_units(tmp_path: Path) -> None:
