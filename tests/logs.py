@@ -134,10 +134,11 @@ def ubx_of(fixes: Fixes) -> bytes:
         when = np.datetime64(round(1000 * utc), "ms").astype(object)
         out.append(
             UBXMessage(
-                "NAV", "NAV-PVT", GET, iTOW=milli, year=when.year, month=when.month, day=when.day, hour=when.hour,
-                min=when.minute, second=when.second, nano=1000 * when.microsecond, validDate=1, validTime=1, fixType=3,
-                gnssFixOk=1, numSV=11, lat=round(np.degrees(lat), 7), lon=round(np.degrees(lon), 7),
-                height=round(1000 * h), hMSL=round(1000 * h) - 20000, hAcc=900, vAcc=1400, sAcc=300,
+                "NAV", "NAV-PVT", GET, iTOW=milli % round(1000 * WEEK), year=when.year, month=when.month, day=when.day,
+                hour=when.hour, min=when.minute, second=when.second, nano=1000 * when.microsecond, validDate=1,
+                validTime=1, fixType=3, gnssFixOk=1, numSV=11, lat=round(np.degrees(lat), 7),
+                lon=round(np.degrees(lon), 7), height=round(1000 * h), hMSL=round(1000 * h) - 20000,
+                hAcc=900, vAcc=1400, sAcc=300,
                 velN=round(1000 * v[0]), velE=round(1000 * v[1]), velD=round(1000 * v[2]),
             ).serialize()
         )  # fmt: skip

@@ -83,7 +83,7 @@ def import_log(
         print(line)
     for text in files.account.missing:
         AT_TERMINAL.warn(f"{logs[0]}: {text}")
-    if LOG in files.texts and not files.account.missing:
+    if LOG in files.texts:
         print(f"go on with: navsim replay {folder / LOG}")
     if RANGES in files.texts:
         print(f"go on with: navsim replay {folder / RANGES}")

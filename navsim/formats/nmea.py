@@ -157,7 +157,7 @@ class Assembler:
         fields = _FIELDS.get(kind[1], 0) if kind is not None else 0
         used = fields > 0
         if whole is not None:
-            damaged = (used and len(body) > _LONGEST) or reduce(xor, body.encode(), 0) != int(whole[2], 16)
+            damaged = (used and len(body) > _LONGEST) or not is_intact(body, whole[2])
         else:
             damaged = body.count(",") < fields
         if damaged or not body:
@@ -312,6 +312,11 @@ def _field(parsed: Any, name: str) -> Any:
 def has_sentences(lines: list[str]) -> bool:
     """Whether any of the lines holds the beginning of a sentence."""
     return any(_BEGIN.search(line) for line in lines)
+
+
+def is_intact(body: str, digits: str) -> bool:
+    """Whether the text between `$` and `*` of a sentence has the checksum of these two digits."""
+    return reduce(xor, body.encode(), 0) == int(digits, 16)
 
 
 def parse(body: str) -> Any:

@@ -105,17 +105,23 @@ def read_static(path: Path, imu: int = 0) -> tuple[Samples, str]:
 
     Raises FileError, InputError, OSError.
     """
-    if path.suffix.lower() in (".yaml", ".yml"):
+    is_log = path.suffix.lower() in (".yaml", ".yml")
+    alone = "it has the samples of one IMU, number 0; leave --imu out, or name the log or table of the other IMU"
+    if is_log:
         section, document = read_replay(path)
         file = document.resolve(("imu", "file"), section.imu.file)
-        return read_imu(file, section.skip_bad_records, section.imu.convention())[0], path.name
-    try:
-        return read_imu(path)[0], path.name
-    except IsADirectoryError:
-        pass
-    except FileError as error:
-        if ".csv" in path.suffixes:
-            raise error
+        samples = read_imu(file, section.skip_bad_records, section.imu.convention())[0]
+    else:
+        try:
+            samples = read_imu(path)[0]
+        except (IsADirectoryError, FileError) as error:
+            if ".csv" in path.suffixes:
+                raise error
+            samples = None
+    if samples is not None:
+        if imu:
+            raise FileError(0, alone, path)
+        return samples, path.name
     contents = read_logs([path])
     if imu >= len(contents.imus):
         names = ", ".join(f"{i}: {each.name}" for i, each in enumerate(contents.imus)) or "none"

@@ -160,6 +160,9 @@ def test_moving_and_unusable_logs_are_refused(hour: tuple[Samples, Path], tmp_pa
     keep = (samples.time < 2000.0) | (samples.time > 2100.0)
     holed = measure(Samples(samples.time[keep], samples.rate[keep], samples.force[keep]), "")
     assert any("the piece from 0.0 to 2000.0 s" in remark for remark in holed.remarks)
+    (tmp_path / "one.csv").write_text("".join(hour[1].read_text().splitlines(keepends=True)[:99]))
+    table = measured(tmp_path / "one.csv", "--imu", 1, "-o", tmp_path / "o", code=2).stderr
+    assert "it has the samples of one IMU, number 0; leave --imu out" in table
     assert "no IMU 1" in measured(_dataflash(samples, tmp_path), "--imu", 1, "-o", tmp_path / "o", code=2).stderr
     assert "cannot be read" in measured(tmp_path / "none.csv", code=2).stderr
     (tmp_path / "words.csv").write_text("nothing\n")

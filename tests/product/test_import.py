@@ -6,7 +6,7 @@ import gzip
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from navsim.cli import imports
 from navsim.cli.main import app
 from navsim.formats.conventions import FIX_ACCURACIES, FIX_SIGMAS
 from navsim.formats.logs import reading
-from navsim.formats.logs.contents import QUALITY, LogContents, interpolated
+from navsim.formats.logs.contents import QUALITY, FixRecord, LogContents, interpolated
 from navsim.formats.logs.reading import read_logs
 from navsim.formats.logs.tables import log_files
 from navsim.formats.recorded_data import Fixes, Samples
@@ -184,6 +184,11 @@ def test_a_flight_survives_each_format(flight: Flight, tmp_path: Path, name: str
     assert np.linalg.norm(off, axis=1).max() < 2.0 * digit + 1e-4
     turned = np.abs(found["/filter/attitude_rpy"] - expected["/filter/attitude_rpy"])
     assert np.degrees(np.minimum(turned, 2.0 * np.pi - turned)).max() < 0.02
+    if name in ("ardupilot", "px4"):  # the autopilot's attitude is the truth here
+        apart = np.interp(found["/filter/time"], flight.samples.time, np.unwrap(flight.rpy[:, 2]))
+        apart = np.angle(np.exp(1j * (found["/filter/attitude_rpy"][:, 2] - apart)))
+        assert found["/summary/attitude_difference_mean"][2] == pytest.approx(apart.mean(), abs=2e-3)
+        assert found["/summary/attitude_difference_scatter"][2] == pytest.approx(apart.std(), abs=2e-3)
 
 
 def test_sentences_are_the_fixes_of_the_replay(flight: Flight, tmp_path: Path) -> None:
@@ -195,11 +200,13 @@ def test_sentences_are_the_fixes_of_the_replay(flight: Flight, tmp_path: Path) -
     for letter in body:
         check ^= ord(letter)
     path = tmp_path / "log.nmea"
-    path.write_text("\n".join([*lines, f"${body}*{check:02X}"]) + "\n")
+    damaged = body.replace(",0.3,", ",9.3,")
+    path.write_text("\n".join([*lines, f"${body}*{check:02X}", f"${damaged}*{check:02X}"]) + "\n")
     told = imported(path, "-o", tmp_path / "out")
     assert "no sentence has a date" in told.stdout
     assert "warning: " in told.stderr
-    assert "no inertial samples" in told.stderr
+    assert "no inertial samples, so there is no log.yaml" in told.stderr
+    assert not (tmp_path / "out/log.yaml").exists()
     found, expected = read_fixes(tmp_path / "out/gnss.csv")[0], read_fixes(path)[0]
     np.testing.assert_allclose(found.llh, expected.llh, atol=1e-9)
     np.testing.assert_allclose(found.velocity, expected.velocity, atol=1e-9)
@@ -247,7 +254,10 @@ def test_samples_of_a_turned_board(flight: Flight, tmp_path: Path) -> None:
     for topic, values in (("sensor_gyro", flight.samples.rate), ("sensor_accel", flight.samples.force)):
         topics[topic] = {"timestamp": stamp, **{axis: ("f", (values @ back)[:, i]) for i, axis in enumerate("xyz")}}
     logs.write_ulog(tmp_path / "log.ulg", topics, {"SENS_BOARD_ROT": 2})
-    assert "turned by SENS_BOARD_ROT 2" in imported(tmp_path / "log.ulg", "-o", tmp_path / "out").stdout
+    assert "SENS_BOARD_ROT is 2" in imported(tmp_path / "log.ulg", "-o", tmp_path / "out").stdout
+    logs.write_ulog(tmp_path / "default.ulg", topics, {})
+    said = imported(tmp_path / "default.ulg", "-o", tmp_path / "own").stdout
+    assert "SENS_BOARD_ROT is not in the log; its default is 0" in said
     samples = read_imu(tmp_path / "out/imu.csv")[0]
     np.testing.assert_allclose(samples.rate, flight.samples.rate, atol=1e-6)
     np.testing.assert_allclose(samples.force, flight.samples.force, atol=1e-5)
@@ -341,7 +351,7 @@ def test_files_of_one_recording(flight: Flight, tmp_path: Path) -> None:
     name = in_rtklib(flight, tmp_path)[0]
     other = tmp_path / "other.pos"
     other.write_text(name.read_text())
-    imported(name, other, "--receiver", 1, "-o", tmp_path / "out")
+    imported(name, other, increments(flight, tmp_path), "--receiver", 1, "-o", tmp_path / "out")
     assert "file: gnss1.csv" in (tmp_path / "out/log.yaml").read_text()
     first, second = (LogContents("log", clock="week", texts={"gnss.obs": text}) for text in "ab")
     with pytest.raises(FileError, match="as a file before it; import them one by one"):
@@ -365,6 +375,27 @@ def test_odd_logs_are_read_or_refused(tmp_path: Path) -> None:
     ):  # fmt: skip
         with pytest.raises(FileError, match=text):
             read_logs([path])
+
+
+def test_times_of_slow_and_long_logs(flight: Flight, tmp_path: Path) -> None:
+    """A damaged time takes no slow record beside it with it; a time of week that comes again is not the first one."""
+    out, time = LogContents("log"), 10.0 * np.arange(12.0)
+    time[5] = 3.0
+    out.add_receiver(FixRecord("slow", time, np.zeros((12, 3)), np.zeros((12, 3))))
+    assert out.receivers[0].time.size == 11
+    week = replace(flight.fixes.take(np.array([0, 0])), time=np.array([100.0, 100.0 + WEEK]))
+    middle = replace(week, time=week.time[0] + np.array([0.45, 0.9]) * WEEK)
+    precise = [
+        UBXMessage("NAV", "NAV-HPPOSLLH", GET, iTOW=round(1000 * (DAY + 100)), lat=lat, lon=10.0, height=1000)
+        for lat in (48.0, 49.0)
+    ]
+    first, last = logs.ubx_of(week)[:100], logs.ubx_of(week)[100:]
+    log = [first, precise[0].serialize(), logs.ubx_of(middle), last, precise[1].serialize()]
+    (tmp_path / "log.ubx").write_bytes(b"".join(log))
+    (fixes,) = read_logs([tmp_path / "log.ubx"]).receivers
+    assert fixes.llh[0, 0] == pytest.approx(48.0)
+    assert fixes.llh[3, 0] == pytest.approx(49.0)
+    np.testing.assert_allclose(np.diff(fixes.time), np.array([0.45, 0.45, 0.1]) * WEEK)
 
 
 def test_samples_of_two_clocks_that_end_apart() -> None:

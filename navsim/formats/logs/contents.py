@@ -29,7 +29,9 @@ INSTALL = "pip install '.[logs]' in the folder of navsim"
 SLOWEST_IMU_HZ = 20.0
 """Slower inertial samples cannot be integrated."""
 _TIME_TOLERANCE = 1.0
-"""A time farther than this from the median of its five neighbours is damaged, s."""
+"""A time farther than this from the median of its five neighbours is damaged, s,"""
+_INTERVALS = 1.5
+"""or farther than this many usual intervals: beside a damaged time the median is that of the next one."""
 _HELD = 0.1
 """The first and the last sample of a sensor stand for the time before and after it as far as this, s."""
 _LATEST = 200.0 * 365.25 * DAY
@@ -173,7 +175,8 @@ class LogContents:
             return np.zeros(0, bool)
         wild = ~np.isfinite(time)
         typical = median_filter(np.where(wild, 0.0, time), min(5, time.size), mode="nearest")
-        wild |= np.abs(np.where(wild, 0.0, time) - typical) > _TIME_TOLERANCE
+        usual = float(np.median(np.abs(np.diff(time[~wild])))) if (~wild).sum() > 1 else 0.0
+        wild |= np.abs(np.where(wild, 0.0, time) - typical) > max(_TIME_TOLERANCE, _INTERVALS * usual)
         self.count_left_out(int(wild.sum()), f"{what} of {name} with a damaged time")
         self.count_left_out(int((bad & ~wild).sum()), f"{what} of {name} outside of physical limits")
         return np.asarray(~(wild | bad))

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from navsim.formats.logs.contents import QUALITY, FixRecord, LogContents
-from navsim.formats.nmea import has_sentences, read_nmea
+from navsim.formats.nmea import has_sentences, is_intact, read_nmea
 from navsim.formats.text import Dropped, FileError, read_lines
 from navsim.gnss.timescales import DAY, WEEK, gps_from_utc
 
 TITLE = "NMEA sentences"
 GIVES = "fixes with satellites, quality (GGA) and accuracies (GST)"
 _QUALITIES = {"1": QUALITY["3D"], "2": QUALITY["differential"], "4": QUALITY["fixed"], "5": QUALITY["float"]}
-_SENTENCE = re.compile(r"\$..(GGA|GST),(\d{6}(?:\.\d+)?),([^*$]*)\*[0-9A-Fa-f]{2}")
+_SENTENCE = re.compile(r"\$(..(GGA|GST),(\d{6}(?:\.\d+)?),([^*$]*))\*([0-9A-Fa-f]{2})")
 _UNDATED = 10.0 * DAY
 """Times before this, POSIX s, are of sentences without a date."""
 
@@ -47,12 +47,17 @@ def read(path: Path) -> LogContents:
 
 
 def _further(lines: list[str], time: np.ndarray) -> dict[str, np.ndarray]:
-    """Quality and 1 sigmas of the sentences of each time of day."""
+    """Quality and 1 sigmas of the fixes at these times (m,), s, by the intact sentences of their epochs."""
     quality: dict[float, float] = {}
     sigma: dict[float, tuple[float, float]] = {}
+    last = float(time[0])
     for line in lines:
-        for kind, of_day, rest in _SENTENCE.findall(line):
-            at = round(3600.0 * int(of_day[:2]) + 60.0 * int(of_day[2:4]) + float(of_day[4:]), 3)
+        for body, kind, of_day, rest, digits in _SENTENCE.findall(line):
+            if not is_intact(body, digits):
+                continue
+            at = 3600.0 * int(of_day[:2]) + 60.0 * int(of_day[2:4]) + float(of_day[4:])
+            last = at + DAY * round((last - at) / DAY)
+            at = round(last, 3)
             cells = rest.split(",")
             if kind == "GGA" and len(cells) > 4 and cells[4] in _QUALITIES:
                 quality[at] = float(_QUALITIES[cells[4]])
@@ -60,11 +65,11 @@ def _further(lines: list[str], time: np.ndarray) -> dict[str, np.ndarray]:
                 north, east, up = map(float, cells[4:7])
                 if min(north, east, up) > 0.0:
                     sigma[at] = float(np.hypot(north, east) / np.sqrt(2.0)), up
-    of_day = np.round(time % DAY, 3)
     out = {}
+    at_fixes = np.round(time, 3).tolist()
     if quality:
-        out["quality"] = np.array([quality.get(float(at), np.nan) for at in of_day])
+        out["quality"] = np.array([quality.get(at, np.nan) for at in at_fixes])
     if sigma:
-        pairs = np.array([sigma.get(float(at), (np.nan, np.nan)) for at in of_day])
+        pairs = np.array([sigma.get(at, (np.nan, np.nan)) for at in at_fixes])
         out |= {"sigma_horizontal_m": pairs[:, 0], "sigma_vertical_m": pairs[:, 1]}
     return out

@@ -116,12 +116,14 @@ def _contents(log: Any) -> LogContents:
             out.add_table("attitude", {"t_s": _seconds(found), **quaternion_angles(q)})
     for _, found in topics.get("ranging_beacon", [])[:1]:
         out.ranges = _ranges(found)
-    turned = int(parameters.get("SENS_BOARD_ROT", 0))
+    there = "SENS_BOARD_ROT" in parameters
+    usual = log.get_default_parameters(0).get("SENS_BOARD_ROT", 0)
+    turned = int(parameters.get("SENS_BOARD_ROT", usual))
+    known = f"SENS_BOARD_ROT {'is' if there else 'is not in the log; its default is'} {turned}"
     if not out.imus:
-        _add_raw(out, topics.get("sensor_gyro", []), topics.get("sensor_accel", []), turned, place)
+        _add_raw(out, topics.get("sensor_gyro", []), topics.get("sensor_accel", []), turned, known, place)
     else:
         out.left_out += [f"{name}: raw samples of the board's axes" for name in _RAW if name in topics]
-        known = f"SENS_BOARD_ROT is {turned}"
         out.decided.append(f"axes forward-right-down: the autopilot has applied the board's orientation ({known})")
     out.left_out += [f"{name}: raw samples" for name in _OTHERS if name in log.message_formats]
     return out
@@ -164,8 +166,10 @@ def _add_increments(out: LogContents, number: int, found: dict[str, np.ndarray],
     out.add_imu(ImuRecord(name, _seconds(found), turn / span[0], speed / span[1], "averaged", place))
 
 
-def _add_raw(out: LogContents, gyros: Any, accelerometers: Any, turned: int, place: Any) -> None:
-    """Take raw samples, turned into body axes: gyros and accelerometers of the same number belong together."""
+def _add_raw(out: LogContents, gyros: Any, accelerometers: Any, turned: int, known: str, place: Any) -> None:
+    """Take raw samples, turned into body axes: gyros and accelerometers of the same number belong together.
+
+    turned: orientation of the board by its number, `known` in words."""
     if not gyros or not accelerometers:
         return
     if not 0 <= turned < len(_ORIENTATIONS):
@@ -180,8 +184,8 @@ def _add_raw(out: LogContents, gyros: Any, accelerometers: Any, turned: int, pla
         force = interpolated(time, _seconds(accelerometer), force)
         out.add_imu(ImuRecord(f"sensor_gyro {number}", time, rate @ matrix.T, force @ matrix.T, "instantaneous", place))
     out.decided.append(
-        f"samples of sensor_gyro and sensor_accel, the log has no faster ones; turned by SENS_BOARD_ROT {turned}, and "
-        "specific force interpolated to the times of the gyros"
+        f"samples of sensor_gyro and sensor_accel, the log has no faster ones; turned by SENS_BOARD_ROT {turned} "
+        f"({known}), and specific force interpolated to the times of the gyros"
     )
 
 

@@ -23,7 +23,12 @@ _CLOCKS = {
     "own": "times are seconds of the recording device's clock",
     "week": "times are GPS seconds since the beginning of a week",
 }
-_ABSENT = "no {}: name a table of them in {}.file of log.yaml, or import the log together with the file that has them"
+_ABSENT = (
+    "no {}, so there is no log.yaml: a replay needs samples and fixes. Import the file that has them together with "
+    "this one, or write a log.yaml that names a table of them beside {}"
+)
+_NOTHING = "neither inertial samples nor fixes, so there is no log.yaml: log them, or choose another file"
+_AS_TRACK = "; without samples, `approach: {{profile: track, file: {}}}` of a scenario flies the positions"
 
 
 @dataclass(frozen=True)
@@ -100,38 +105,40 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
         decided.append(_CLOCKS[contents.clock])
     if contents.start is not None and contents.epoch is None:
         decided.append("no epoch: the dates of the log are impossible")
-    absent = (("inertial samples", "imu", imus), ("fixes", "gnss", fixes))
-    missing = [_ABSENT.format(what, section) for what, section, there in absent if not there]
+    missing = []
+    if not imus:
+        missing.append(_ABSENT.format("inertial samples", fixes[0]) + _AS_TRACK.format(fixes[0]) if fixes else _NOTHING)
+    elif not fixes:
+        missing.append(_ABSENT.format("fixes", imus[0]))
     if contents.ranges is not None:
         tables["ranges.csv"], rows = _range_table(contents.ranges)
         taken.append(f"ranges.csv: {several(rows, 'range')} to {several(len(contents.ranges.positions), 'beacon')}; "
                      f"navsim replay {RANGES}")  # fmt: skip
-        missing = missing if imus and fixes else []
-    chosen_imu = contents.imus[min(imu, len(imus) - 1)] if imus else None
-    chosen = contents.receivers[min(receiver, len(fixes) - 1)] if fixes else None
-    if len(imus) > 1 and chosen_imu is not None:
-        decided.append(f"log.yaml flies {chosen_imu.name}; --imu N chooses another of {len(imus)}")
-    if len(fixes) > 1 and chosen is not None:
-        decided.append(f"log.yaml flies {chosen.name}; --receiver N chooses another of {len(fixes)}")
-    if imus:
-        decided.append("sensor class: consumer, since no log tells it; write imu.sensor_class if you know better")
-    arm_line = _lever_line(chosen_imu, chosen)
-    latency_line = _latency_line(chosen)
-    if imus or fixes:
-        decided += [line.strip().removeprefix("# ") for line in (arm_line, latency_line)]
+        missing = []
     account = Account(taken, contents.left_out, decided, missing)
-    head = [f"# From {source}, {contents.format}, by `navsim import`.", *_comments(account)]
-    if imus or fixes:
-        named_imu = imus[min(imu, len(imus) - 1)] if imus else "imu.csv"
-        named_fixes = fixes[min(receiver, len(fixes) - 1)] if fixes else "gnss.csv"
+
+    def head() -> list[str]:
+        return [f"# From {source}, {contents.format}, by `navsim import`.", *_comments(account)]
+
+    if imus and fixes:
+        sensor, chosen = contents.imus[imu], contents.receivers[receiver]
+        if len(imus) > 1:
+            decided.append(f"log.yaml flies {sensor.name}; --imu N chooses another of {len(imus)}")
+        if len(fixes) > 1:
+            decided.append(f"log.yaml flies {chosen.name}; --receiver N chooses another of {len(fixes)}")
+        decided.append("sensor class: consumer, since no log tells it; write imu.sensor_class if you know better")
+        arm_line, latency_line = _lever_line(sensor, chosen), _latency_line(chosen)
+        decided += [line.strip().removeprefix("# ") for line in (arm_line, latency_line)]
         epoch = [] if contents.epoch is None else [f"epoch: {utc_text(contents.epoch)}  # UTC of t_s = 0"]
         texts[LOG] = "\n".join([
-            *head, "kind: replay", "version: 1", f"title: {json.dumps(source, ensure_ascii=False)}", *epoch, "imu:",
-            f"  file: {named_imu}", f"  samples: {chosen_imu.samples if chosen_imu else 'instantaneous'}",
-            *(f"  {line}" for line in contents.imu_keys), "gnss:", f"  file: {named_fixes}", arm_line, latency_line,
+            *head(), "kind: replay", "version: 1", f"title: {json.dumps(source, ensure_ascii=False)}", *epoch, "imu:",
+            f"  file: {imus[imu]}", f"  samples: {sensor.samples}", *(f"  {line}" for line in contents.imu_keys),
+            "gnss:", f"  file: {fixes[receiver]}", arm_line, latency_line,
+            *(["reference:  # the autopilot's attitude, for comparison", "  file: attitude.csv"]
+              if "attitude" in contents.tables else []),
         ]) + "\n"  # fmt: skip
     if contents.ranges is not None:
-        texts[RANGES] = _ranges_text(head, source, contents.ranges)
+        texts[RANGES] = _ranges_text(head(), source, contents.ranges)
     return LogFiles(tables, texts, account)
 
 
@@ -148,9 +155,9 @@ def _fix_table(fixes: FixRecord) -> tuple[list[str], np.ndarray]:
     return columns, np.column_stack([fixes.time, fixes.llh, fixes.velocity, *fixes.further.values()])
 
 
-def _lever_line(imu: ImuRecord | None, fixes: FixRecord | None) -> str:
+def _lever_line(imu: ImuRecord, fixes: FixRecord) -> str:
     """Line of the lever arm in log.yaml, a comment where the log does not tell it."""
-    if imu is None or fixes is None or fixes.position_m is None:
+    if fixes.position_m is None:
         return "  # lever_arm_m: not in the log; measure it from the IMU to the antenna: forward, right, down"
     antenna, origin = fixes.position_m, imu.position_m or (0.0, 0.0, 0.0)
     arm = [round(a - b, 4) + 0.0 for a, b in zip(antenna, origin, strict=True)]
@@ -160,9 +167,9 @@ def _lever_line(imu: ImuRecord | None, fixes: FixRecord | None) -> str:
     return f"  lever_arm_m: [{text}]  # from the IMU to the antenna, by the log's parameters"
 
 
-def _latency_line(fixes: FixRecord | None) -> str:
-    if fixes is None or fixes.latency_s is None:
-        return f"  # latency_s: tuned{f'; {fixes.remark}' if fixes is not None and fixes.remark else ''}"
+def _latency_line(fixes: FixRecord) -> str:
+    if fixes.latency_s is None:
+        return f"  # latency_s: tuned{f'; {fixes.remark}' if fixes.remark else ''}"
     return f"  latency_s: {fixes.latency_s:g}  # by the log's parameters; leave it out and navsim tunes it"
 
 

@@ -54,6 +54,7 @@ def read(path: Path) -> LogContents:
     check_size(path)
     fixes: list[list[float]] = []
     precise: dict[float, list[float]] = {}
+    week, last = 0, None
     raw: list[tuple[float, int, np.ndarray]] = []
     others: Counter[str] = Counter()
     out = LogContents(TITLE, clock="week")
@@ -73,10 +74,14 @@ def read(path: Path) -> LogContents:
                 raw.append(_raw(message[6:-2]))
             else:
                 parsed = UBXReader.parse(message)
+                if last is not None and abs(parsed.iTOW - last) > 500.0 * WEEK:
+                    week += 1 if parsed.iTOW < last else -1
+                last = parsed.iTOW
+                at = WEEK * week + 1e-3 * parsed.iTOW
                 if kind == _PVT:
-                    fixes.append(_fix(parsed))
+                    fixes.append([at, *_fix(parsed)])
                 else:
-                    precise[float(parsed.iTOW)] = [parsed.lat, parsed.lon, 1e-3 * parsed.height, parsed.invalidLlh]
+                    precise[at] = [parsed.lat, parsed.lon, 1e-3 * parsed.height, parsed.invalidLlh]
     out.count_left_out(damaged, "messages with a wrong checksum")
     out.left_out += [f"{count} messages {name}" for name, count in sorted(others.items())]
     if not fixes and not raw:
@@ -90,27 +95,26 @@ def read(path: Path) -> LogContents:
 
 
 def _fix(m: Any) -> list[float]:
-    """Row of NAV-PVT: time of week, UTC, position, velocity, accuracies, satellites, quality."""
+    """Row of NAV-PVT after its time: UTC, position, velocity, accuracies, satellites, quality."""
     known = m.validDate and m.validTime
     utc = posix(m.year, m.month, m.day, m.hour, m.min, float(m.second)) + 1e-9 * m.nano if known else np.nan
     good = m.gnssFixOk and m.fixType in _COMBINED and not getattr(m, "invalidLlh", 0)
     level = _CARRIER.get(m.carrSoln, QUALITY["differential"] if m.diffSoln else QUALITY["3D"])
     return [
-        float(m.iTOW), utc, m.lat, m.lon, 1e-3 * m.height, 1e-3 * m.velN, 1e-3 * m.velE, 1e-3 * m.velD, 1e-3 * m.hAcc,
+        utc, m.lat, m.lon, 1e-3 * m.height, 1e-3 * m.velN, 1e-3 * m.velE, 1e-3 * m.velD, 1e-3 * m.hAcc,
         1e-3 * m.vAcc, 1e-3 * m.sAcc, m.numSV, level if good else QUALITY["no fix"],
     ]  # fmt: skip
 
 
 def _add_fixes(out: LogContents, table: np.ndarray, precise: dict[float, list[float]]) -> None:
-    weeks = np.cumsum(np.diff(table[:, 0], prepend=table[0, 0]) < -500.0 * WEEK)
-    time = 1e-3 * table[:, 0] + WEEK * weeks
+    time = table[:, 0]
     dated = np.isfinite(table[:, 1])
     if dated.any():
         start = float(np.median(gps_from_utc(table[dated, 1]) - time[dated]))
         out.start = round(start / WEEK) * WEEK
     llh = table[:, 2:5].copy()
-    finer = np.array([not precise.get(at, [0, 0, 0, 1])[3] for at in table[:, 0]])
-    llh[finer] = np.array([precise[at][:3] for at in table[finer, 0]]).reshape(-1, 3)
+    finer = np.array([not precise.get(at, [0, 0, 0, 1])[3] for at in time])
+    llh[finer] = np.array([precise[at][:3] for at in time[finer]]).reshape(-1, 3)
     if finer.any():
         out.decided.append(f"positions of {int(finer.sum())} of {finer.size} fixes from NAV-HPPOSLLH, to 0.1 mm")
     out.decided.append("times are GPS seconds of the week that begins the messages (iTOW)")
