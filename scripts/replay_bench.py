@@ -111,11 +111,11 @@ def fly(grade: str, name: str, seed: int, given: bool) -> dict[str, Any]:
     samples, fixes, drawn = record(trajectory, grade, RECEIVERS[kind], rng, rough)
     drawn |= {key: rough * drawn[key] for key in ("gyro", "accelerometer")}
     with tempfile.TemporaryDirectory() as folder:
-        settings = ("tuning=likelihood", f"imu.sensor_class={grade}", "alignment.heading_sigma_deg=30")
+        settings = ["tuning=likelihood", f"imu.sensor_class={grade}", "alignment.heading_sigma_deg=30"]
         receiver = RECEIVERS[kind]
         if given and receiver.wander:
-            sigma = [receiver.wander, 1.5 * receiver.wander]
-            settings += (f"gnss.errors=[{{correlation_time_s: {receiver.time}, position_sigma_m: {sigma}}}]",)
+            each = [receiver.wander, 1.5 * receiver.wander]
+            settings.append(f"gnss.errors=[{{correlation_time_s: {receiver.time}, position_sigma_m: {each}}}]")
         log = write_recording(Path(folder), samples, fixes)
         recording = study.prepare(*read_replay(log, settings))
         found = study.compute(recording)

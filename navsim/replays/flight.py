@@ -473,7 +473,7 @@ def fly_again(
     if not design.tight:
         design = replace(design, gate=np.full_like(design.gate, np.inf))
     given = _FlightInputs(flight, design, fix_sigma, np.empty(0), withheld, range_sigma, True)
-    parts = []
+    parts: list[_Part] = []
     for begin, end in flown.parts:
         again: PartStart | None = begin
         if not parts:

@@ -197,10 +197,11 @@ def _refused(document: Document, scenario: Replay, section: str, error: FileErro
 
 def _other_units(written: Any, section: str, column: str, value: float, limits: tuple[float, float]) -> str:
     """Units in which a value outside of physical limits would be within them, and the line to write."""
-    key, units = next((each for names, *each in _UNITS if column in names), ("", {}))
-    now = getattr(written, key, None)
-    if now not in units:
+    known = [(key, units) for names, key, units in _UNITS if column in names]
+    if not known:
         return ""
+    ((key, units),) = known
+    now = getattr(written, key) or getattr(written, "speed_unit", "")
     others = {unit: factor for unit, factor in relative_units(units, now).items() if factor < 1.0}
     fitting = [unit for unit, factor in others.items() if limits[0] <= factor * value <= limits[1]]
     if not fitting:
