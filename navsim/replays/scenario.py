@@ -281,7 +281,7 @@ class Gnss(Section):
         )
 
 
-class Reference(Section):
+class ReferenceAttitude(Section):
     """The attitude by another system, such as an autopilot. The filter does not use it."""
 
     file: str
@@ -409,7 +409,7 @@ class Replay(Section):
     """the filter"""
     outages: ListOf[Outage] = ()
     """fixes withheld on purpose, to see the drift"""
-    reference: Reference | None = None
+    reference: ReferenceAttitude | None = None
     """attitude by another system, with which the filter's is compared"""
 
     @property
