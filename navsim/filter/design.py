@@ -93,6 +93,9 @@ class FilterDesign:
     """Model of time-correlated ranging errors, None without."""
     reflections: bool = False
     """The filter knows the size of errors by reflections."""
+    flag_sigma: np.ndarray | None = None
+    """(5, 3) 1 sigma of fixes by their flag: horizontal axes, height, m, velocity, m/s; nan: not used. None: fixes have
+    no state."""
 
     @property
     def tight(self) -> bool:

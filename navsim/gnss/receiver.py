@@ -11,6 +11,7 @@ import numpy as np
 
 from navsim.geodesy.earth import SPEED_OF_LIGHT
 from navsim.gnss.clock_noise import step_covariance
+from navsim.gnss.fix_states import FixStates
 
 
 def epochs(duration: float, rate: float) -> np.ndarray:
@@ -32,6 +33,8 @@ class Receiver:
     """s/s."""
     clock_density: tuple[float, float] = (0.0, 0.0)
     """Noise densities of the clock's phase, m2/s, and frequency, m2/s3."""
+    states: FixStates | None = None
+    """States of its fixes; None: fixes follow from the ranges."""
 
     def epochs(self, duration: float, imu_rate: float) -> np.ndarray:
         """Times of the fixes before the last sample of an IMU of this rate (Hz), s (e,)."""

@@ -16,6 +16,7 @@ from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_models import SOURCE
 from navsim.filter.states import Block
 from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.fix_states import FIXED
 from navsim.gnss.interference.horizon import behind
 from navsim.gnss.signals import Environment, Pseudolites
 from navsim.landing.beacons import BeaconGeometry, beacon_geometry
@@ -326,8 +327,22 @@ def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign
         clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
         correlated=correlated,
         reflections=section.fix_errors != "none",
+        flag_sigma=_flag_sigma(scenario),
     )
     return design, initial
+
+
+def _flag_sigma(scenario: Landing) -> np.ndarray | None:
+    """1 sigma (5, 3) that the filter assumes of fixes by their flag; None if they have no state."""
+    model = scenario.receiver.model().states
+    if model is None:
+        return None
+    sigma = model.sigma
+    if scenario.filter.fix_flag == "ignore":
+        return np.broadcast_to(np.sqrt(model.shares @ sigma**2), sigma.shape)
+    if scenario.filter.fix_flag == "fixed-only":
+        sigma[FIXED + 1 :] = np.nan
+    return sigma
 
 
 def touches_down(case: Case) -> bool:

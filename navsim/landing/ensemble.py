@@ -19,7 +19,7 @@ from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import rpy_error, rpy_jacobian
 from navsim.gnss.dop import MAX_CLOCKS
 from navsim.integrity.monitoring import ALARM
-from navsim.landing import integrity, total_errors
+from navsim.landing import fix_states, integrity, total_errors
 from navsim.landing.case import MOVING, Case, crossing_times, rms_window
 from navsim.landing.consistency import evaluate_states, ratios_of_runs
 from navsim.results.findings import FIX, Finding
@@ -84,7 +84,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "start_llh": (3,), "start_velocity": (3,), "start_rpy": (3,),
     "filter_fix_llh": ("loose", 3), "filter_fix_velocity": ("loose", 3),
     "filter_fix_covariance": ("loose", MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE),
-    "clipped": ("limited",), "first_order": ("linear", 3), "touchdown": ("ended", 4), "go_around": ("broken_off", 3),
+    "clipped": ("limited",), "first_order": ("linear", 3), "fix_state": ("stated",), "fix_flag": ("stated",),
+    "touchdown": ("ended", 4), "go_around": ("broken_off", 3),
     "loop_gap": ("steered",),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
@@ -166,6 +167,7 @@ class LandingStudy:
                     **integrity.tally(self.case, runs),
                     "degrees": runs.degrees.max(axis=1, initial=0),
                     "inside": _inside(runs),
+                    **fix_states.of_runs(runs),
                     **technical(self.case, crossings, runs),
                     **({"clipped": runs.clipped} if self.case.flight.limited else {}),
                     **({"loop_gap": runs.loop_gap[:, 0]} if self.case.scenario.steered else {}),
@@ -310,6 +312,8 @@ def fix_flaws(runs: Run, solvable: np.ndarray, design: FilterDesign, drops: bool
     masks = np.zeros((none.shape[0], UNRANGED + 1, none.shape[1]), bool)
     masks[:, UNHEARD], masks[:, PENALTY_UNSOLVED] = none & ~solvable, none & solvable
     unweighed = runs.status == NOT_USED
+    if design.flag_sigma is not None:
+        unweighed &= ~np.isnan(design.flag_sigma[runs.fix_flag.astype(int), 0])
     if drops:
         unweighed &= runs.monitor_status != ALARM
     if design.tight:

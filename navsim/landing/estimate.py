@@ -87,6 +87,8 @@ class Extent:
     """Estimates steer the runs."""
     breaks_off: bool = False
     """Alarms break runs off."""
+    stated: int = 0
+    """Fixes with a state."""
     interfering: int | None = None
     """Signals that interfere with the sources', None without interference."""
     single: int = 0
@@ -102,7 +104,7 @@ class Extent:
             "ranged": self.ranged, "loose": 0 if self.ranged else self.epochs,
             "tried": self.tried,
             "limited": self.limited, "sample": self.samples, "linear": 0, "steered": int(self.steered),
-            "ended": int(self.ways), "broken_off": int(self.breaks_off),
+            "stated": self.stated, "ended": int(self.ways), "broken_off": int(self.breaks_off),
             "deviating": self.epochs + 1 if self.ways else 0, "met": self.epochs if self.ways else 0,
         }  # fmt: skip
 
@@ -139,6 +141,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         scenario.air() is not None,
         scenario.steered,
         scenario.breaks_off,
+        0 if scenario.receiver.fix_states is None else fixes,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
         (correlated if scenario.filter.tight else 0)
         + scenario.transmitter_states

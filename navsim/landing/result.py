@@ -16,6 +16,7 @@ from navsim.landing.consistency import put_consistency, ratios_of_runs, shares_b
 from navsim.landing.controlled import controls_of, far_from_first_order, put_controlled
 from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, findings
 from navsim.landing.error_box import box_of, counted
+from navsim.landing.fix_states import put_fix_states
 from navsim.landing.result_groups import accuracy, attributes, base, belief
 from navsim.landing.total_errors import put_total_errors, went_around
 from navsim.results.builder import ResultBuilder
@@ -91,6 +92,9 @@ def _receiver(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     draft["/receiver/velocity_ned"] = _history(ensemble, "fix_velocity")
     if case.shared.ways is not None:
         draft["/receiver/true_position_llh"] = _history(ensemble, "antenna", llh_from_ecef)
+    if case.shared.fix_states is not None:
+        for name in ("fix_state", "fix_flag"):
+            draft[f"/receiver/{name}"] = _history(ensemble, name, lambda block: block.astype(np.int8))
     draft["/receiver/clock"] = _history(ensemble, "fix_clock", lambda block: block[..., clocks])
 
 
@@ -204,6 +208,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         draft[f"/summary/rms/{name}_percentile"] = np.percentile(size, PERCENTILES)
 
     put_total_errors(draft, case, ensemble)
+    put_fix_states(draft, case, ensemble)
     if (box := box_of(case)) is not None:
         errors = ensemble.per_run("at_box")[:, 0]
         gone = went_around(ensemble, box.time)

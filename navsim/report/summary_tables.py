@@ -791,6 +791,10 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         section("Further states of the filter", lambda _: "number")
         for family in families:
             row(f"  {family}", lambda r, f=family: Cell("{}", (_further_states(r).get(f, 0),), names=("count",)))
+    if any("/summary/fix_states/share" in r for _, r in results):
+        section("States of the fixes", lambda _: "share of time; stationary share; rms height error, m")
+        for k, name in enumerate(next(r for _, r in results if "/summary/fix_states/share" in r)[_FIX_STATES]):
+            row(f"  {name}", lambda r, k=k: _fix_state(r, k))
     _losses(table, [r for _, r in results])
     section("Geometry on the glide", lambda _: "mean (min - max)")
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
@@ -978,6 +982,18 @@ def _ends(table: Table, results: list[tuple[str, Result]]) -> None:
         row("  height lost, m", lambda r: _percentiles(r, "/summary/go_around/lost_percentile"))
         row("  largest height lost, m", lambda r: _of_go_around(r, "lost_largest"))
         row("  that touch the ground", lambda r: _count(r, "/summary/go_around/touched"))
+
+
+_FIX_STATES = "/summary/fix_states/state"
+
+
+def _fix_state(result: Result, k: int) -> Cell | str:
+    """Share of a state of the fixes, that of the chain, and its error in height."""
+    if _FIX_STATES not in result:
+        return ABSENT
+    branch = "/summary/fix_states"
+    found = result[f"{branch}/share"][k, 0], result[f"{branch}/stationary"][k], result[f"{branch}/rms_vertical"][k]
+    return Cell("{:.4f}  {:.4f}  {:.3f}", tuple(map(float, found)), names=("share", "stationary", "height"))
 
 
 def _touchdown(result: Result, name: str) -> Cell | str:

@@ -135,6 +135,7 @@ _WAYS = "where runs deviate from the route"
 INDICATED = ("localizer", "glide_path")
 """Deviations that a pilot sees."""
 _INDICATED = "where the scenario has `approach.indicator`"
+_STATED = "with `receiver.fix_states`"
 _BROKEN_OFF = "with `approach.go_around.on_alarm`"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
 _LOOSE = f"{_ALL}, of a loosely coupled filter"
@@ -251,6 +252,9 @@ _RECEIVER = Chapter(
            (LANDING, REPLAY), when={LANDING: _ALL}),
         _a("/receiver/clock_name", "clock_name", "1", "time scales", LANDING, TEXT, when=_ALL),
         _a("/receiver/clock", "run time clock_name", "m", "receiver clock against each time scale", LANDING, when=_ALL),
+        _a("/receiver/{state}", "run time", "1", "true state of the fix, or the state that the receiver reports: 0 "
+           "fixed, 1 float, 2 differential, 3 single, 4 wrong", LANDING, WHOLE, when=f"{_STATED}, {_ALL}",
+           state=("fix_state", "fix_flag")),
         _a("/receiver/covariance_enu", "time enu enu_column", "m2", "weighted covariance of a position fix at truth",
            _FLOWN),
         _a("/imu/time", "time", "s", "times of the samples since the epoch: each is of the interval that ends there",
@@ -482,6 +486,15 @@ _SUMMARY = Chapter(
                    "than {part} scale", LANDING, when=_INDICATED, seen=INDICATED, part=("half", "full")),
             )
         ),
+        _a("/summary/fix_states/state", "state", "1", "states of fixes", LANDING, TEXT, when=_STATED),
+        _a("/summary/fix_states/share", "state interval", "1", "share of the fixes in each state", LANDING,
+           when=_STATED),
+        _a("/summary/fix_states/stationary", "state", "1", "stationary share of time in each state, without "
+           "forced states", LANDING, when=_STATED),
+        _a("/summary/fix_states/rms_{part}", "state", "m", "root mean square {part} error of each state, of one axis",
+           LANDING, when=_STATED, part=("horizontal", "vertical")),
+        _a("/summary/fix_states/wrong_share", "", "1", "share of wrong fixes among those that are flagged as fixed",
+           LANDING, when=_STATED),
         _a("/summary/touchdown/landed", "", "1", "number of runs that touch down", LANDING, WHOLE, when=_WAYS),
         *(
             entry

@@ -171,6 +171,7 @@ class Landing(Section):
                 raise reject(text, "signals", "system_offsets_ns", name)
         if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
             raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
+        self._check_fix_states()
         if self.method != "monte-carlo":
             self.check_analysable()
         if self.method == "rare" and self.box is None:
@@ -357,8 +358,27 @@ class Landing(Section):
         each = 3 * (errors.survey > 0.0) + (errors.bias > 0.0) + errors.clock_states
         return each * len(self.pseudolites.placed())
 
+    def _check_fix_states(self) -> None:
+        """Check that fixes with a state have errors of their own alone, and a filter that uses fixes."""
+        if self.receiver.fix_states is None:
+            if self.filter.fix_flag != "believe":
+                raise reject("fixes have no flag: give `receiver.fix_states`", "filter", "fix_flag")
+            return
+        if self.filter.tight:
+            text = "its ambiguities are not modelled, so ranges have no state: for `filter.coupling: loose`"
+            raise reject(text, "receiver", "fix_states")
+        if self.signals.errors.models() or self.pseudolites.drawn or self.pseudolites.multipath is not None:
+            text = "fixes with a state have the errors of their state: leave out signals.errors, signals.preset, and"
+            raise reject(f"{text} drawn errors and multipath of pseudolites", "receiver", "fix_states")
+        if self.integrity is not None and (self.integrity.method == "filter" or self.integrity.exclusion != "none"):
+            text = "levels and exclusions are those of fixes from ranges; use method mhss or chi2, without exclusion,"
+            raise reject(f"{text} with `innovations` to watch fixes with a state", "integrity", "method")
+
     def check_analysable(self) -> None:
         """Raise for scenarios that the covariance analysis cannot handle."""
+        if self.receiver.fix_states is not None:
+            text = "a state of the fixes that changes at random is not Gaussian: use method monte-carlo"
+            raise reject(text, "receiver", "fix_states")
         if self.method == "rare" and (air := self.air()) is not None:
             raise reject(
                 "method rare shifts sensor errors, not the trajectory; use method monte-carlo" + beside(air[1]),

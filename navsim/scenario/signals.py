@@ -30,6 +30,7 @@ from navsim.scenario.base import (
     reject,
     whole,
 )
+from navsim.scenario.fix_states import FixStatesSection
 from navsim.scenario.presets import SIGNAL_PRESETS
 from navsim.scenario.sky import Clock, Name
 
@@ -726,6 +727,8 @@ class ReceiverSection(Section):
     """the antenna's gain in body axes; left out: that of signals.tracking.gain_horizon_db, however the aircraft lies"""
     single_clock: bool = False
     """treat all time scales as one: one unknown less, and gps_offset_ns has an effect"""
+    fix_states: FixStatesSection | None = None
+    """fixes of a receiver with carrier ambiguities (RTK), whose state changes; null: fixes follow from the ranges"""
 
     def model(self, clock: ClockNoise | None = None) -> Receiver:
         """The receiver in SI units; clock: its noise where the section leaves it out, if any."""
@@ -739,4 +742,5 @@ class ReceiverSection(Section):
             self.clock_offset_us * 1e-6,
             self.clock_drift_ppb * 1e-9,
             (0.0, 0.0) if clock is None else clock.densities(),
+            None if self.fix_states is None else self.fix_states.model(),
         )

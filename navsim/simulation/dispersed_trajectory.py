@@ -84,6 +84,8 @@ class DispersedTrajectories(NamedTuple):
     """(o, 3, W) see `Departure`."""
     antenna: np.ndarray
     """(e, 3, W) at fixes, ECEF."""
+    antenna_velocity: np.ndarray
+    """(e, 3, W) likewise."""
     ranges: np.ndarray
     """(e, s, W) at fixes."""
     rates: np.ndarray
@@ -225,6 +227,7 @@ class Dispersion:
             deviation=np.stack([way[:, 1], way[:, 0], -way[:, 2]], axis=1),
             gust=departure.gust_at(self.at_filter.time),
             antenna=antenna,
+            antenna_velocity=antenna_velocity,
             ranges=ranges,
             rates=rates,
             departure=departure,

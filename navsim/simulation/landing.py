@@ -39,6 +39,7 @@ from navsim.filter.records import (
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.gnss.dll import ReflectionErrors
+from navsim.gnss.fix_states import StatedFixes
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.fix_exclusion import Excluder
@@ -48,13 +49,19 @@ from navsim.simulation.aiding import Aid
 from navsim.simulation.correlated_errors import RangeErrors, as_noise, fix_weights
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
 from navsim.simulation.inertial_states import true_values
-from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
+from navsim.simulation.measurement_tables import (
+    measurements,
+    table_of_all_fixes,
+    table_of_fixes,
+    table_of_ranges,
+)
 from navsim.simulation.measurements import (
     correlated_errors,
     draw_measurements,
     filter_fixes,
     generators,
     receiver_fixes,
+    stated_fixes,
 )
 from navsim.simulation.range_curvature import (
     NEGLIGIBLE,
@@ -542,6 +549,8 @@ class Inputs:
     """(2, W) samples of gyros and of accelerometers beyond their range."""
     flown: DispersedTrajectories | None = None
     """Trajectories of the runs; None if all fly the route."""
+    stated: StatedFixes | None = None
+    """States of the fixes; None if fixes follow from the ranges."""
 
 
 def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | None = None) -> Inputs:
@@ -581,6 +590,10 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | 
     kinds = dict.fromkeys(block.triad for block in design.sensors.blocks if block.triad > states.ACCELEROMETERS)
     sensors = np.concatenate([true[kind] for kind in (states.GYROS, *kinds)], axis=1)
     clock, sensors = _clock_states(flight, seed, runs, wandered, sensors)
+    stated = None
+    if shared.fix_states is not None:
+        of_states, noise = (tuple(generator(seed, run, "fix", *branch) for run in runs) for branch in ((), (1,)))
+        stated = shared.fix_states.drawn(of_states, noise, shared.signals.time, WIDTH)
     for lanes in (
         initial,
         dtheta,
@@ -594,7 +607,9 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | 
         clock,
     ):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
-    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown)
+    return Inputs(
+        initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown, stated
+    )
 
 
 def _correlated_states(flight: Flight, errors: np.ndarray) -> np.ndarray:
@@ -754,6 +769,8 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
     watched = MonitorOutput.of_fixes(flight, antenna, ranges, fixes).after_exclusion(
         flight, antenna, ranges, rates, fixes
     )
+    if inputs.stated is not None and design.flag_sigma is not None:
+        fixes = stated_fixes(shared, fixes, inputs.stated, design.flag_sigma, inputs.flown)
     llh, velocity, _, cov = fixes
     if design.tight:
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
@@ -765,7 +782,12 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
         if flight.drops:
             dropped = (watched.status == monitoring.ALARM)[:, None]
             position, speed = np.where(dropped, np.nan, position), np.where(dropped, np.nan, speed)
-        table = table_of_all_fixes(flight, position, speed, cov)
+        if inputs.stated is not None:
+            unused = inputs.stated.unused(design.flag_sigma)[:, None]
+            position, speed = np.where(unused, np.nan, position), np.where(unused, np.nan, speed)
+            table = table_of_fixes(design, position, speed, cov)
+        else:
+            table = table_of_all_fixes(flight, position, speed, cov)
         for candidate in np.unique(watched.excluded[watched.excluded != NOTHING]).astype(int):
             mine = watched.excluded == candidate
             made = table_of_all_fixes(flight.without(candidate), position, speed, cov)
@@ -833,6 +855,10 @@ def _as_runs(
     of_filter = filtered.tables.fixes if measured and not design.tight else NO_FIXES
     none = np.empty((0, 3, WIDTH))
     own = {"deviation": none, "attitude": none, "antenna": none, "gust": none}
+    none = np.empty((0, WIDTH))
+    stated = inputs.stated
+    for name in ("state", "flag"):
+        own[f"fix_{name}"] = none if stated is None else getattr(stated, name).astype(float)
     own |= {"touchdown": np.empty((0, WIDTH)), "go_around": np.empty((0, WIDTH))}
     if inputs.flown is not None and shared.ways is not None:
         flown = inputs.flown

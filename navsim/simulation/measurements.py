@@ -7,9 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from navsim.filter.estimate import in_all_lanes
+from navsim.geodesy import earth
+from navsim.gnss.fix_states import StatedFixes
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.fixes import ReceiverFixes, solved
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
+from navsim.simulation.range_curvature import shifted
 from navsim.simulation.shared_truth import CARRIER_SIGMA, ClockErrors, SharedTruth, carrier, smoothed
 from navsim.statistics import noise
 from navsim.statistics.random_streams import generator
@@ -98,6 +101,34 @@ def generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple
     """A random stream of each run; further lanes get that of the last run and draw nothing."""
     own = [generator(seed, run, stream) for run in runs]
     return (*own, *(own[-1] for _ in range(lanes - len(own))))
+
+
+def stated_fixes(
+    shared: SharedTruth,
+    fixes: ReceiverFixes,
+    stated: StatedFixes,
+    sigma: np.ndarray,
+    flown: DispersedTrajectories | None,
+) -> ReceiverFixes:
+    """Fixes of a receiver whose fixes have a state, where it has one from ranges; their covariance is by their flag.
+
+    sigma: (5, 3) by flag, see `FilterDesign.flag_sigma`.
+    """
+    sigma = np.where(np.isnan(sigma), 1.0, sigma)  # those of flags that the filter does without
+    signals, lanes = shared.signals, stated.flag.shape[1]
+    own = (signals.antenna, signals.antenna_velocity)
+    position, velocity = map(in_all_lanes, own) if flown is None else (flown.antenna, flown.antenna_velocity)
+    llh = earth.llh_from_ecef(position.transpose(2, 0, 1).reshape(-1, 3))
+    turned = np.einsum("nij,nj->ni", earth.ned_matrix(llh), velocity.transpose(2, 0, 1).reshape(-1, 3))
+    error = stated.error.transpose(2, 0, 1).reshape(-1, 6)
+    moved = shifted(llh, error[:, :3], llh)
+    back = [m.reshape(lanes, -1, 3).transpose(1, 2, 0) for m in (moved, turned + error[:, 3:])]
+    lost = np.isnan(fixes.llh[:, :1])
+    of_axes = sigma[stated.flag][..., [0, 0, 1, 2, 2, 2]].transpose(0, 2, 1)
+    covariance = np.zeros((len(lost), 6, 6, lanes))
+    covariance[:, range(6), range(6)] = of_axes**2
+    own_llh, own_velocity = (np.where(lost, np.nan, m) for m in back)
+    return ReceiverFixes(own_llh, own_velocity, fixes.clocks, covariance)
 
 
 def receiver_fixes(shared: SharedTruth, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:

@@ -110,6 +110,10 @@ class Run:
     """(2,) samples of gyros and of accelerometers beyond their range; empty without a range."""
     first_order: np.ndarray
     """(o, 3) first-order error of position, NED, m, truth minus estimate; empty if not requested."""
+    fix_state: np.ndarray
+    """(e,) true state of each fix (`gnss.fix_states.STATES`); empty if fixes have none."""
+    fix_flag: np.ndarray
+    """(e,) state that the receiver reports, likewise."""
     touchdown: np.ndarray
     """(4,) see `Endings`; empty if all runs fly the route."""
     go_around: np.ndarray

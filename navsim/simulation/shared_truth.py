@@ -13,6 +13,7 @@ import numpy as np
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss import dll, pseudorange
 from navsim.gnss.dop import dops, geometry_covariance
+from navsim.gnss.fix_states import FixStates
 from navsim.gnss.heavy_tailed import HeavyTailedNoise
 from navsim.gnss.receiver import Receiver, wander
 from navsim.gnss.signals import Environment, build_signals, true_positions
@@ -58,6 +59,8 @@ class SharedTruth:
     """Sensors beside the receiver."""
     heavier: HeavyTailedNoise | None
     """Distribution of the ranging noise if it is not Gaussian."""
+    fix_states: FixStates | None = None
+    """States of the receiver's fixes; None: fixes follow from the ranges."""
     ways: Dispersion | None = None
     """Common data of the trajectories of runs that deviate from the route; None if all runs fly the route."""
 
@@ -134,6 +137,7 @@ def build_shared_truth(
         filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
         aids=aids_of(aiding, trajectory, duration, imu_rate),
         heavier=environment.effects.heavier,
+        fix_states=receiver.states,
         ways=ways,
     )
 

@@ -20,6 +20,7 @@ STREAMS = {
     "integrity": 12,
     "lasting": 13,
     "air": 14,
+    "fix": 15,
 }
 """Random streams of a run. A stream's number never changes when others are added."""
 

@@ -371,7 +371,7 @@ def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
     return out
 
 
-def _lacks(name: str, scenario: Landing) -> str:
+def lacking_of_ends(name: str, scenario: Landing) -> str:
     """Key that an output of where runs end needs and a scenario does not have; "" for none."""
     if name == "outside_box" and scenario.box is None:
         return "box"
@@ -390,7 +390,7 @@ def check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
             lacking = "beacons"
         if name in WATCHED_OUTPUTS and (section is None or section.limits is None):
             lacking = "integrity.limits"
-        if lacking := lacking or _lacks(name, scenario):
+        if lacking := lacking or lacking_of_ends(name, scenario):
             text = f"the output {name} needs `{lacking}`, which the scenario does not have"
             key = lacking.split(".")[0]
             raise InputError([Problem(document.place((key,)), key, text)])

@@ -5,7 +5,7 @@ Equations: `docs/theory/air.md`, section 7.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -17,6 +17,9 @@ from navsim.trajectory.dispersion import Departure
 from navsim.trajectory.go_around import with_go_around
 from navsim.trajectory.kinematics import Trajectory
 from navsim.trajectory.path import Path
+
+_MOST_CLIMBS = 16
+"""Most go-arounds that are kept: some megabytes."""
 
 
 class Endings(NamedTuple):
@@ -36,6 +39,8 @@ class LandingEnd:
     trajectory: Trajectory
     air: Air
     time: np.ndarray
+    climbs: dict[float, np.ndarray] = field(default_factory=dict)
+    """Jets of go-arounds by their begin, s: runs with an alarm at the same fix share one."""
 
     @cached_property
     def _jet(self) -> np.ndarray:
@@ -68,8 +73,7 @@ class LandingEnd:
         assert isinstance(path, Path)
         for lane in np.flatnonzero(np.isfinite(begin)):
             first = int(np.searchsorted(self.time, begin[lane]))
-            climbing = with_go_around(path, float(begin[lane]), self.air.go_around.how, through_ground=True)
-            jet, route = climbing.jet(self.time[first:])[:, :3], self._jet[first:]
+            jet, route = self._climb(path, float(begin[lane]), first), self._jet[first:]
             departure.way[first:, :, lane] += (jet - route).reshape(-1, 9)
             if self.trajectory.pitch_follows_path:
                 wind = self.trajectory.wind.mean(self.time[first:])
@@ -78,6 +82,16 @@ class LandingEnd:
                 departure.turn[first:, 1, lane] += half
                 departure.turn[first:, 4, lane] += 0.5 * (1.0 + half**2) * (rate - slower)
         return replace(departure, begin=begin)
+
+    def _climb(self, path: Path, begin: float, first: int) -> np.ndarray:
+        """Position, velocity, acceleration (k, 3, 3) of a go-around that begins at a time, from a sample on."""
+        assert self.air.go_around is not None
+        if begin not in self.climbs:
+            if len(self.climbs) >= _MOST_CLIMBS:
+                self.climbs.clear()
+            climbing = with_go_around(path, begin, self.air.go_around.how, through_ground=True)
+            self.climbs[begin] = climbing.jet(self.time[first:])[:, :3]
+        return self.climbs[begin]
 
     def endings(self, departure: Departure) -> Endings:
         """Ends of runs with these deviations."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,17 +14,18 @@ from navsim.landing.result import result as summarised
 from navsim.landing.study import fly_all
 from navsim.landing.total_errors import indicated
 from navsim.report.summary_tables import outside_box, summary_table
-from navsim.results.result import Result, read
+from navsim.results.result import Result
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import fly
+from navsim.sweeps.outputs import total_outputs
+from navsim.sweeps.plan import lacking_of_ends
+from navsim.sweeps.scenario import TOTAL_OUTPUTS
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.go_around import PullUp, with_go_around
-from tests.conftest import SCENARIOS
 from tests.consistency.test_flown_ways import mechanised, ways_of
 from tests.helpers import case, scenario
 from tests.layout import as_declared
-from tests.product.test_run import navsim
 
 MONITOR = ("integrity={method: chi2, p_fa: 1e-4}", "receiver.rate_hz=1", "duration_s=61")
 SPOOF = "events=[{what: step, at_s: 45, until_s: 61, sources: [PL1], error_m: 300}]"
@@ -155,23 +154,14 @@ def test_what_does_not_go_together(settings: tuple[str, ...], key: str) -> None:
         scenario(*settings)
 
 
-def test_sweeps_have_total_errors_and_ends(tmp_path: Path) -> None:
-    """Those of a single ensemble."""
-    path = tmp_path / "study.yaml"
-    settings = {"approach.guidance": "estimate", "receiver.rate_hz": 1, "duration_s": 61,
-                "integrity": {"method": "chi2"}, "approach.go_around": {"on_alarm": True},
-                "box": {"error": "touchdown", "lateral_m": 1}}  # fmt: skip
-    path.write_text(
-        f"kind: sweep\nversion: 1\nbase: {SCENARIOS / 'landing.yaml'}\nset: {json.dumps(settings)}\n"
-        "vary: [{key: approach.autopilot.damping, values: [0.9]}]\nmethod: monte-carlo\nruns: 8\n"
-        "outputs: [lateral_total_touchdown, outside_box, go_around]\n"
-    )
-    navsim("sweep", path, "--figures", "none", "-q", "-o", "s.h5", cwd=tmp_path)
-    swept = read(tmp_path / "s.h5")
-    as_declared(swept)
-    one = case(*(f"{key}={json.dumps(value)}" for key, value in settings.items()), "approach.autopilot.damping=0.9")
-    single = summarised(one, fly_all(one, 1, 0, 8, threads(1), keep="none"), 1, keep="none")
-    for name, of in (("lateral_total_touchdown", single["/summary/at/lateral_tse"][0]),
-                     ("outside_box", single["/summary/box/probability"]),
-                     ("go_around", single["/summary/go_around/share"])):  # fmt: skip
-        np.testing.assert_array_equal([swept[f"/sweep/{name}{end}"][0] for end in ("", "_low", "_high")], of)
+def test_sweeps_have_total_errors_and_ends(broken_off: Result) -> None:
+    """Those of a landing's result; a study of a scenario without them is refused."""
+    found = total_outputs(broken_off)
+    names = {name.removesuffix("_low").removesuffix("_high") for name in found}
+    assert names == set(TOTAL_OUTPUTS)
+    assert [found[f"go_around{end}"] for end in ("", "_low", "_high")] == list(broken_off["/summary/go_around/share"])
+    np.testing.assert_array_equal(found["along_total_200ft"], broken_off["/summary/at/along_tse"][3, 0])
+    plain = case(*MONITOR).scenario
+    for name, lacking in (("outside_box", "box"), ("go_around", "approach.go_around.on_alarm"), ("hmi", ""),
+                          ("along_total_50ft", "approach.guidance: estimate")):  # fmt: skip
+        assert lacking_of_ends(name, plain) == lacking

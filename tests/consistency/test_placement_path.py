@@ -244,6 +244,7 @@ ALIKE = {
     "signals.errors.": "those of signals.preset",
     "approach.flight_technical_error.": "the ways of runs, whose route is the same",
     "approach.guidance": "the same", "approach.autopilot.": "the same", "approach.indicator.": "the same",
+    "receiver.fix_states.": "fixes that have a state depend on no geometry", "filter.fix_flag": "the same",
     "approach.go_around.on_alarm": "the same", "approach.go_around.delay_s": "the same",
     "approach.go_around.decision_height_m": "the same",
     "wind.turbulence.": "the same", "wind.gusts": "the same", "wind.response.": "the same",
