@@ -2,7 +2,7 @@
 
 The state is a continuous-time Markov chain. Each state has white noise and an error that is drawn when it begins and
 lasts until it ends, so that position and height jump at a change. A wrong fix is flagged as fixed. Equations:
-`docs/theory/signals.md`, section 9.
+`docs/theory/signals.md`, section 8.
 """
 
 from __future__ import annotations
