@@ -19,6 +19,7 @@ from navsim.planner.proposal import PlannedScenario
 from navsim.report.page.plots import (
     BLUE,
     BROWN,
+    GREEN,
     GREY,
     ORANGE,
     bar,
@@ -66,7 +67,8 @@ def area_of(proposal: PlannedScenario) -> ShownArea:
     """The area that holds runway, glide and all transmitters of a proposal, in round numbers."""
     path = _path(proposal)
     runway = np.array([[0.0, 0.0], [proposal.scenario.runway.length_m, 0.0]])
-    seen = np.concatenate([path[:, :2], runway, proposal.places()[:, :2], proposal.jammers()[:, :2]])
+    sites = (proposal.places(), proposal.jammers(), proposal.beacons())
+    seen = np.concatenate([path[:, :2], runway, *(each[:, :2] for each in sites)])
     low, high = seen.min(axis=0), seen.max(axis=0)
     half = max(_LEAST, _ROOM * 0.5 * float((high - low).max()))
     along, right = (float(round(x, -2)) for x in 0.5 * (low + high))
@@ -151,16 +153,17 @@ class AerodromePlan:
 
     def put(self, proposal: PlannedScenario) -> None:
         """Show the transmitters at their positions."""
-        places, jammers = proposal.places(), proposal.jammers()
-        both = np.concatenate([places, jammers])
+        places, jammers, beacons = proposal.places(), proposal.jammers(), proposal.beacons()
+        every = np.concatenate([places, jammers, beacons])
         interference = proposal.scenario.interference
         named = () if interference is None else tuple(each.name for each in interference.jammers)
-        n, j = len(places), len(jammers)
+        looks = ("pseudolite", ORANGE, "circle", 15.0), ("jammer", MAGENTA, "diamond", 17.0), (
+            "beacon", GREEN, "square", 14.0)  # fmt: skip
+        each = [look for look, sites in zip(looks, (places, jammers, beacons), strict=True) for _ in sites]
+        said = [*proposal.names, *named, *proposal.beacon_names]
         self.places.data = {
-            "x": both[:, 0].tolist(), "y": both[:, 1].tolist(), "said": [*proposal.names, *named],
-            "kind": ["pseudolite"] * n + ["jammer"] * j, "colour": [ORANGE] * n + [MAGENTA] * j,
-            "marker": ["circle"] * n + ["diamond"] * j, "size": [15.0] * n + [17.0] * j,
-        }  # fmt: skip
+            "x": every[:, 0].tolist(), "y": every[:, 1].tolist(), "said": said,
+        } | {name: [row[i] for row in each] for i, name in enumerate(("kind", "colour", "marker", "size"))}  # fmt: skip
 
     def paint(self, values: np.ndarray, area: ShownArea, reach: tuple[float, float], text: str) -> None:
         """Show a map (n, n) over an area, with colours between two numbers; text: name of the quantity with its

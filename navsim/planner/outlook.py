@@ -18,6 +18,7 @@ from navsim.gnss.dop import dops, geometry_covariance
 from navsim.gnss.signals import build_signals
 from navsim.gnss.sky import Horizon
 from navsim.landing import integrity
+from navsim.landing.beacons import BeaconGlide
 from navsim.landing.case import Case
 from navsim.landing.result_groups import geometry_summary
 from navsim.landing.sources import environment, glide_epochs
@@ -216,6 +217,16 @@ class Outlook:
             for i, name in ((1, "horizontal"), (2, "vertical"), (0, "3d"))
         }  # fmt: skip
 
+    def beacons_at(self, places: np.ndarray) -> dict[str, float]:
+        """DOPs of ranging beacons at places (b, 3); empty without beacons."""
+        if (section := self.scenario.beacons) is None:
+            return {}
+        time, glide = glide_epochs(self.scenario, self._trajectory)
+        seen = BeaconGlide.of(section.model(self.scenario), self._trajectory, time[glide])
+        values, _ = seen.dops(self._proposal.sites(places)[None])
+        return {"beacons/hdop": float(values[1, 0, 0]), "beacons/vdop": float(values[2, 0, 0]),
+                "beacons/vdop_max": float(values[2, 2, 0])}  # fmt: skip
+
     def found(self) -> Performance:
         """Results of `navsim run` for the present scenario. Raises InputError."""
         case = self._ready
@@ -224,6 +235,10 @@ class Outlook:
         figures["dop/pdop_max"] = float(summary["/summary/dop/pdop"][2])
         for name in ("horizontal", "vertical", "3d"):
             figures[f"fix/rms_{name}"] = float(summary[f"/summary/fix/rms_{name}"][0])
+        if self.scenario.beacons is not None:
+            hdop, vdop = (summary[f"/summary/beacons/{name}"] for name in ("hdop", "vdop"))
+            figures |= {"beacons/hdop": float(hdop[0]), "beacons/vdop": float(vdop[0])}
+            figures["beacons/vdop_max"] = float(vdop[2])
         if self.scenario.integrity is not None and self.scenario.integrity.method != "filter":
             figures |= {f"integrity/{name}": value for name, value in integrity.level_outputs(case).items()}
         glide = integrity.glide_of(case)

@@ -2,7 +2,7 @@
 window.planner = (function () {
   "use strict";
   const $ = (id) => document.getElementById(id);
-  const state = { pseudolites: [], jammers: [], shares: [], figures: [], warnings: [], problems: [] };
+  const state = { pseudolites: [], jammers: [], beacons: [], shares: [], figures: [], warnings: [], problems: [] };
   // of each answer to a drag: ms from the mouse's being there to the answer and to its being drawn, of them at work on the
   // map, when, and cells of a side
   const trips = [];
@@ -59,7 +59,8 @@ window.planner = (function () {
       held = nearest(event);
       if (held === null) { return; }
       const kind = places.data.kind[held];
-      held = { index: held, kind: kind, number: kind === "jammer" ? held - state.pseudolites.length : held,
+      const jammed = state.pseudolites.length, ranged = jammed + state.jammers.length;
+      held = { index: held, kind: kind, number: held - ({ jammer: jammed, beacon: ranged }[kind] || 0),
                dx: places.data.x[held] - event.x, dy: places.data.y[held] - event.y };
     }
     if (held === null) { return; }
@@ -129,6 +130,13 @@ window.planner = (function () {
       row.insertCell().append(element("i"), each.name);
       coordinates(row, each.name, { along: each.x, right: each.y },
                   (x, y) => settle({ do: "place", kind: "jammer", number: i, x: x, y: y }));
+    });
+    state.beacons.forEach((each, i) => {
+      const row = body.insertRow();
+      row.className = "beacon";
+      row.insertCell().append(element("i"), each.name);
+      coordinates(row, each.name, { along: each.x, right: each.y, up: each.up },
+                  (x, y, up) => settle({ do: "place", kind: "beacon", number: i, x: x, y: y, up: up }));
     });
     options($("subject"), [...state.pseudolites.map((p, i) => [i, p.name]), [-1, `${state.more} (additional)`]], state.subject);
   }

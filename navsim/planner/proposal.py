@@ -47,7 +47,7 @@ class PlannedScenario:
         trajectory, scenario = trajectory_of(scenario, document)
         if isinstance(scenario.approach, FileApproach):  # of others the scenario itself has looked
             try:
-                scenario.pseudolite_sites(trajectory.frame, scenario.track(trajectory))
+                scenario.check_sites(trajectory)
             except KeyedError as error:
                 raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
         self.document, self.scenario, self.trajectory = document, scenario, trajectory
@@ -88,6 +88,21 @@ class PlannedScenario:
         out = self._in_plane(self.scenario.pseudolite_positions(self.trajectory.frame))
         for place, site in zip(out, section.placed(), strict=True):
             if section.frame == "runway" and site.s_m is not None and site.l1_m is not None:
+                place[:2] = -site.l1_m, site.s_m
+        return out
+
+    @property
+    def beacon_names(self) -> tuple[str, ...]:
+        """Names of the ranging beacons."""
+        return () if self.scenario.beacons is None else self.scenario.beacons.names()
+
+    def beacons(self) -> np.ndarray:
+        """Along, right and up of the ranging beacons (b, 3), m."""
+        if (section := self.scenario.beacons) is None:
+            return np.empty((0, 3))
+        out = self._in_plane(section.model(self.scenario).positions(self.trajectory.frame))
+        for place, site in zip(out, section.sites, strict=True):
+            if site.s_m is not None and site.l1_m is not None:
                 place[:2] = -site.l1_m, site.s_m
         return out
 
@@ -166,20 +181,29 @@ class PlannedScenario:
     def move(self, number: int, place: np.ndarray) -> None:
         """Put a pseudolite at a place (3,)."""
         data = copy.deepcopy(self.document.data)
-        section = self._listed(data)
-        site = section["sites"][number]
+        self._move_site(self._listed(data)["sites"][number], self.places()[number], place)
+        self._put(data, self.names[number], place)
+
+    def move_beacon(self, number: int, place: np.ndarray) -> None:
+        """Put a ranging beacon at a place (3,)."""
+        data = copy.deepcopy(self.document.data)
+        self._move_site(data["beacons"]["sites"][number], self.beacons()[number], place)
+        self._put(data, self.beacon_names[number], place, "beacons")
+
+    def _move_site(self, site: dict[str, Any], before: np.ndarray, place: np.ndarray) -> None:
+        """Change the keys of a site from one place (3,) to another."""
         if "lat_deg" in site:
             llh = self.plane.llh(np.array([place[1], -place[0]]))
             site["lat_deg"], site["lon_deg"] = (round(math.degrees(x), _DEGREES) for x in llh[:2])
         else:  # unchanged parts stay as written
             site |= {key: to for key, to in (("s_m", _metres(place[1])), ("l1_m", _metres(-place[0])))
                      if site[key] != to}  # fmt: skip
-        if round(self.places()[number, 2], _MILLIMETRES) != round(place[2], _MILLIMETRES):
+        if round(before[2], _MILLIMETRES) != round(place[2], _MILLIMETRES):
             site["height_m"] = _metres(place[2])
-        self._put(data, self.names[number], place)
 
-    def _put(self, data: dict[str, Any], name: str, place: np.ndarray) -> None:
-        """Change data to those with a pseudolite at a place (3,). Raises InputError, also on the runway's pavement."""
+    def _put(self, data: dict[str, Any], name: str, place: np.ndarray, section: str = "pseudolites") -> None:
+        """Change data to those with a pseudolite or beacon at a place (3,). Raises InputError, also on the runway's
+        pavement."""
         now, past, future = self.document.data, self._past[:], self._future[:]
         self._change(data)
         runway = self.scenario.runway
@@ -188,10 +212,10 @@ class PlannedScenario:
                 f"{name} would be on the pavement of the runway, {runway.length_m:g} m by {runway.width_m:g} m; put "
                 f"it more than {0.5 * runway.width_m:g} m from the centre line"
             )
-            place_of = self.document.place(("pseudolites",))
+            place_of = self.document.place((section,))
             self._take(now)
             self._past, self._future = past, future
-            raise InputError([Problem(place_of, "pseudolites.sites", text)])
+            raise InputError([Problem(place_of, f"{section}.sites", text)])
 
     def add(self, place: np.ndarray) -> None:
         """Have one more at a place (3,)."""

@@ -24,10 +24,11 @@ class UnknownRequest(Exception):
 
 @dataclass(frozen=True)
 class SourceCounts:
-    """Numbers of pseudolites and of jammers that requests may use."""
+    """Numbers of pseudolites, jammers and beacons that requests may use."""
 
     pseudolites: int
     jammers: int
+    beacons: int = 0
 
 
 def read_order(text: object, known: SourceCounts) -> dict[str, Any]:
@@ -49,7 +50,7 @@ def read_order(text: object, known: SourceCounts) -> dict[str, Any]:
         if name not in order:
             raise UnknownRequest(f"{do}: {name} is missing")
         out[name] = _READ[name](order[name], name)
-    count = known.jammers if out.get("kind") == "jammer" else known.pseudolites
+    count = {"jammer": known.jammers, "beacon": known.beacons}.get(out.get("kind", ""), known.pseudolites)
     for name, least in (("number", 0), ("subject", -1)):
         if name in out and not least <= out[name] < count:
             raise UnknownRequest(f"{do}: there is no transmitter with the number {out[name]}; there are {count}")
@@ -91,7 +92,7 @@ _MEMBERS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Members of a request by its type; `n`, its number, is allowed in each."""
 _READ: dict[str, Callable[[object, str], Any]] = {
-    "kind": _one_of("pseudolite", "jammer"),
+    "kind": _one_of("pseudolite", "jammer", "beacon"),
     "number": _integer,
     "subject": _integer,
     "x": _between(-_FARTHEST, _FARTHEST),

@@ -50,6 +50,8 @@ FIGURES = (
     ("dop/pdop_max", "worst PDOP", "", 4),
     ("integrity/hpl_p95", "HPL, 95 %", "m", 2), ("integrity/vpl_p95", "VPL, 95 %", "m", 2),
     ("integrity/level_share", "epochs with levels", "%", 1),
+    ("beacons/hdop", "HDOP, beacons", "", 3), ("beacons/vdop", "VDOP, beacons", "", 3),
+    ("beacons/vdop_max", "worst VDOP, beacons", "", 3),
 )  # fmt: skip
 """Figures of the placement: path, name, unit, decimals."""
 
@@ -110,7 +112,9 @@ class PlannerSession:
         for text in given if isinstance(given, list) else [given]:
             order: dict[str, Any] = {}
             try:
-                order = read_order(text, SourceCounts(len(self._proposal.names), len(self._proposal.jammers())))
+                its = self._proposal
+                known = SourceCounts(len(its.names), len(its.jammers()), len(its.beacon_names))
+                order = read_order(text, known)
                 self._execute(order)
             except (InputError, ResultError, UnknownRequest) as error:
                 said = [str(p) for p in error.problems] if isinstance(error, InputError) else [str(error)]
@@ -151,9 +155,10 @@ class PlannerSession:
         if do == "place" and order["kind"] == "jammer":
             proposal.jam_from(int(order["number"]), np.array([order["x"], order["y"]], float))
         elif do == "place":
-            number = int(order["number"])
-            up = float(order.get("up", proposal.places()[number, 2]))
-            proposal.move(number, np.array([order["x"], order["y"], up], float))
+            number, of_beacon = int(order["number"]), order["kind"] == "beacon"
+            up = float(order.get("up", (proposal.beacons() if of_beacon else proposal.places())[number, 2]))
+            move = proposal.move_beacon if of_beacon else proposal.move
+            move(number, np.array([order["x"], order["y"], up], float))
         elif do == "add":
             up = proposal.scenario.pseudolites.height_m
             proposal.add(np.array([self._area.along, self._area.right + 0.5 * self._area.half, up]))
@@ -181,15 +186,13 @@ class PlannerSession:
         interference = scenario.interference
         return {
             "epoch": f"{scenario.epoch:%Y-%m-%d}", "seconds": proposal.seconds, "asks": "", "saved": "",
-            "pseudolites": [
-                {"name": name, "x": round(float(x), 3), "y": round(float(y), 3), "up": round(float(up), 3)}
-                for name, (x, y, up) in zip(proposal.names, proposal.places(), strict=True)
-            ],
+            "pseudolites": _listed(proposal.names, proposal.places()),
             "jammers": [
                 {"name": jammer.name, "x": round(float(x), 1), "y": round(float(y), 1)}
                 for jammer, (x, y, _) in zip(() if interference is None else interference.jammers,
                                              proposal.jammers(), strict=True)
             ],
+            "beacons": _listed(proposal.beacon_names, proposal.beacons()),
             "listed": scenario.sky.source == "directions", "subject": self._subject, "quantity": self._quantity,
             "unsaved": proposal.unsaved, "undo": proposal.can_undo, "redo": proposal.can_redo,
             "more": proposal.fresh_name(),
@@ -240,10 +243,16 @@ class PlannerSession:
         """The map and the figures with a transmitter at another place."""
         outlook, number = self._outlook, int(order["number"])
         place = np.array([order["x"], order["y"]], float)
-        places = self._proposal.places()
+        places, beacons = self._proposal.places(), self._proposal.beacons()
 
         def work(stale: Callable[[], bool]) -> Iterator[Update]:
             there = outlook
+            if order["kind"] == "beacon":  # on which no map depends
+                beacons[number, :2] = place
+                figures = outlook.at(places) | outlook.beacons_at(beacons)
+                news = {"of": order.get("n"), "problems": [], "figures": _figures(figures), "exact": False}
+                yield Update(news)
+                return
             if order["kind"] == "jammer":
                 jammers = self._proposal.jammers()
                 jammers[number, :2] = place
@@ -356,6 +365,14 @@ class PlannerSession:
         self._sequence += 1
         text = json.dumps(news | {"sequence": self._sequence})
         self.news.data = {"news": [text]}
+
+
+def _listed(names: tuple[str, ...], places: np.ndarray) -> list[dict[str, Any]]:
+    """Transmitters with their places (n, 3), to the millimetre."""
+    return [
+        {"name": name, "x": round(float(x), 3), "y": round(float(y), 3), "up": round(float(up), 3)}
+        for name, (x, y, up) in zip(names, places, strict=True)
+    ]
 
 
 def _figures(values: dict[str, float]) -> list[dict[str, Any]]:

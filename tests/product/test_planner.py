@@ -27,6 +27,7 @@ import yaml
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.study import prepare
 from navsim.optimization.analyses import glimpsed, screened
+from navsim.planner.drawing import AerodromePlan, area_of
 from navsim.planner.outlook import QUANTITIES, Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.planner.requests import SourceCounts, UnknownRequest, read_order
@@ -522,6 +523,36 @@ def test_places_are_read_as_they_are_written(tmp_path: Path) -> None:
     proposal.move(0, places[0] + [10.0, 0.0, 0.0])
     np.testing.assert_allclose(proposal.places()[0], places[0] + [10.0, 0.0, 0.0], atol=1e-3)
     assert not proposal.text().lost
+
+
+def test_beacons_are_shown_and_moved(tmp_path: Path) -> None:
+    """Marks behind those of the others; figures are those of a flight, also while one moves."""
+    sites = "[{name: mast, s_m: 300, l1_m: 900, height_m: 20}, {lat_deg: 56.01, lon_deg: 37.01}, "
+    sites += "{s_m: -250, l1_m: 90}, {s_m: 200, l1_m: -800, height_m: 30}]"
+    text = FIELD + f"beacons: {{sites: {sites}, rate_hz: 6, sigma_m: 0.1, range_limit_m: 9000}}\n"
+    proposal = proposed(tmp_path, text)
+    assert proposal.beacon_names == ("mast", "B2", "B3", "B4")
+    np.testing.assert_allclose(proposal.beacons()[[0, 2]], [[-900.0, 300.0, 20.0], [-90.0, -250.0, 0.0]], atol=1e-9)
+    plan = AerodromePlan(proposal, area_of(proposal), [], "")
+    plan.put(proposal)
+    assert plan.places.data["kind"] == ["pseudolite"] * 2 + ["jammer"] + ["beacon"] * 4
+    outlook, moved = Outlook(proposal), proposal.beacons()
+    moved[:2] += [[50.0, -20.0, 4.0], [10.0, 0.0, 0.0]]
+    for number in range(2):
+        proposal.move_beacon(number, moved[number])
+    np.testing.assert_allclose(proposal.beacons(), moved, atol=2e-3)
+    assert "s_m: 280.0, l1_m: 850.0, height_m: 24.0" in proposal.text().text
+    found = Outlook(proposal).found().figures
+    for path, value in outlook.beacons_at(proposal.beacons()).items():
+        assert value == pytest.approx(found[path], rel=1e-8)
+    order = {"do": "place", "kind": "beacon", "number": 2, "x": 1, "y": 400}
+    assert read_order(json.dumps(order), SourceCounts(2, 1, 3))["number"] == 2
+    with pytest.raises(UnknownRequest, match="there are 2"):
+        read_order(json.dumps(order), SourceCounts(9, 9, 2))
+    with pytest.raises(InputError, match=r"beacons\.sites"):
+        proposal.move_beacon(0, np.array([100.0, 3.0, 0.0]))
+    proposal.undo()
+    assert proposal.beacons()[1, 0] == pytest.approx(moved[1, 0] - 10.0, abs=2e-3)
 
 
 def test_all_may_be_removed_and_come_again(tmp_path: Path) -> None:
