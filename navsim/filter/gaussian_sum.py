@@ -3,7 +3,7 @@
 A single Gaussian becomes inconsistent when the aircraft turns while its heading is uncertain. The biases B = C b are
 known along level axes but not along the vertical, and they rotate with the body. The error is then a product of two
 uncertain quantities. This filter holds several components, each with a small heading sigma. Each component is a `tfg`
-filter with a rule of its own for held axes (`_freeze_bias_frame`).
+filter with a rule of its own for the axes of the biases in turns (`_set_bias_axes`).
 
 - Split: before a turn, a component that is too wide in heading is divided into three. The split follows the correlation
   of the other states with heading.
@@ -107,6 +107,10 @@ _FREEZE_RATE = 0.002
 """Least rate about the level axes of the body that is a turn, rad/s."""
 _FREEZE_HEADING = 0.003
 """1 sigma of heading below which bias axes are not held, rad."""
+_PLAIN_HEADING = 0.02
+"""1 sigma of heading below which bias errors may become plain instead of held, rad."""
+_PLAIN_BANK = 0.15
+"""Bank or pitch, from the held axes, beyond which they become plain, rad."""
 _FREEZE_LEVEL_BIAS = 0.1
 """Largest sigma of level gyro biases for which axes are held, relative to the vertical one."""
 _MAX_QUADRATIC_ERROR = 0.5
@@ -375,12 +379,13 @@ def expected_turn(imu, cursor, until, nav):
 
 
 @kernel
-def _freeze_bias_frame(nav, p, before, dt, axes):
-    """Hold the axes of the biases back by the body's turn in dt (s) since the attitude `before` (4,).
+def _set_bias_axes(nav, p, before, dt, axes):
+    """Set the axes of the bias errors after the body's turn in dt (s) since the attitude `before` (4,).
 
     Before a turn the filter knows the biases in body axes: the level ones well, the vertical one badly. Axes that
-    turned with the body would add half of heading error x turn x vertical bias to the level ones. axes (3, 3): work
-    space.
+    turned with the body would add half of heading error x turn x vertical bias to the level ones. So the turn is held
+    back until heading is known. If the aircraft is then banked, bias errors become plain, since the vertical bias also
+    changes tilt in a bank. axes (3, 3): work space.
     """
     held, q = nav[NAV_BIAS_FRAME:NAV_SENSORS], nav[NAV_QUAT:NAV_BIAS_FRAME]
     # the conjugate of the attitude before, times that of now
@@ -390,7 +395,8 @@ def _freeze_bias_frame(nav, p, before, dt, axes):
     z = before[0] * q[3] - before[1] * q[2] + before[2] * q[1] - before[3] * q[0]
     turning = 4.0 * (x * x + y * y) > (_FREEZE_RATE * dt) * (_FREEZE_RATE * dt)
     holds = turning | (abs(held[1]) + abs(held[2]) + abs(held[3]) > 0.0)
-    if not any_lane(holds):
+    plain = tfg.is_plain(nav)
+    if not any_lane(holds | plain):
         return
     variance = small_vector(nav, 3)
     tfg.bias_axes(nav, axes)
@@ -400,14 +406,23 @@ def _freeze_bias_frame(nav, p, before, dt, axes):
             for k in range(3):
                 variance[i] += axes[i, j] * p[GYRO + j, GYRO + k] * axes[i, k]
     level = where(variance[0] > variance[1], variance[0], variance[1])
-    holds = holds & (p[PHI_D, PHI_D] > _FREEZE_HEADING * _FREEZE_HEADING)
-    holds = holds & (level < _FREEZE_LEVEL_BIAS * _FREEZE_LEVEL_BIAS * variance[2])
+    heading = p[PHI_D, PHI_D]
+    holds = holds & (heading > _FREEZE_HEADING * _FREEZE_HEADING)
+    holds = holds & no(plain) & (level < _FREEZE_LEVEL_BIAS * _FREEZE_LEVEL_BIAS * variance[2])
+    # plain axes have no vertical one: of the eigenvalues of the covariance, their sum and that of products of two
+    g = p[GYRO : GYRO + 3, GYRO : GYRO + 3]
+    total = g[0, 0] + g[1, 1] + g[2, 2]
+    products = g[0, 0] * g[1, 1] + g[0, 0] * g[2, 2] + g[1, 1] * g[2, 2]
+    products -= g[0, 1] * g[0, 1] + g[0, 2] * g[0, 2] + g[1, 2] * g[1, 2]
+    banked = 4.0 * (held[1] * held[1] + held[2] * held[2]) > _PLAIN_BANK * _PLAIN_BANK
+    plain = plain | (holds & banked & (heading < _PLAIN_HEADING * _PLAIN_HEADING))
+    plain = plain & (products < _FREEZE_LEVEL_BIAS * _FREEZE_LEVEL_BIAS * total * total)
     turns = holds & turning
     a, b, c, d = held[0], held[1], held[2], held[3]
-    held[0] = where(turns, a * w - b * x - c * y - d * z, where(holds, a, 1.0))
-    held[1] = where(turns, a * x + b * w + c * z - d * y, where(holds, b, 0.0))
-    held[2] = where(turns, a * y - b * z + c * w + d * x, where(holds, c, 0.0))
-    held[3] = where(turns, a * z + b * y - c * x + d * w, where(holds, d, 0.0))
+    held[0] = where(plain, 0.0, where(turns, a * w - b * x - c * y - d * z, where(holds, a, 1.0)))
+    held[1] = where(plain, 0.0, where(turns, a * x + b * w + c * z - d * y, where(holds, b, 0.0)))
+    held[2] = where(plain, 0.0, where(turns, a * y - b * z + c * w + d * x, where(holds, c, 0.0)))
+    held[3] = where(plain, 0.0, where(turns, a * z + b * y - c * x + d * w, where(holds, d, 0.0)))
 
 
 @kernel
@@ -695,7 +710,7 @@ def run(chart, imu, measurements, events, state, stream, model, output):
                     chart, events.time[i], imu, model, now.navigation[j], now.covariance[j], cursor, now.increments[j],
                     space,
                 )  # fmt: skip
-                _freeze_bias_frame(
+                _set_bias_axes(
                     now.navigation[j], now.covariance[j], attitude, cursor[1] - cursors[ahead, 1], space.c_nb
                 )
             copy(cursor, cursors[ahead])

@@ -80,6 +80,13 @@ def bias_axes(nav, out):
 
 
 @kernel
+def is_plain(nav):
+    """Whether bias errors have body axes and are added (`gaussian_sum`): no held turn is stored."""
+    m = nav[NAV_BIAS_FRAME:NAV_SENSORS]
+    return m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + m[3] * m[3] == 0.0
+
+
+@kernel
 def apply_transposed(matrix, u0, u1, u2, out):
     """out = matrix' u for the 3-vector u."""
     for i in range(3):
@@ -105,6 +112,7 @@ def feed_back(nav, x, space):
     diagonal, column = space.diagonal, space.column
     before, after = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
     attitude, later = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
+    vector = small_vector(nav, 3)
     bias_axes(nav, before)
     if body > 0:
         dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], attitude)
@@ -112,8 +120,13 @@ def feed_back(nav, x, space):
     jac = diagonal[2]
     move_rigidly(nav, x, jac, space.straight)
     bias_axes(nav, after)
+    plain = is_plain(nav)
     for o in range(GYRO, N_BASE, 3):
+        first = NAV_SENSORS - SENSORS + o
+        copy(nav[first : first + 3], vector)
         _move_vector(nav, x, o, before, after, jac, diagonal[o // 3], column[o // 3])
+        if any_lane(plain):
+            _add_vector(plain, vector, x, o, nav, diagonal[o // 3], column[o // 3])
     if body > 0:
         dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], later)
         _move_vector(nav, x, body, attitude, later, jac, diagonal[body // 3], column[body // 3])
@@ -164,6 +177,17 @@ def _move_vector(nav, x, o, before, after, jac, diagonal, column):
 
 
 @kernel
+def _add_vector(plain, vector, x, o, nav, diagonal, column):
+    """Where `plain`, add the errors of a vector (3,) of the body, states o .. o + 2, as in plain coordinates."""
+    first = NAV_SENSORS - SENSORS + o
+    for i in range(3):
+        nav[first + i] = where(plain, vector[i] + x[o + i], nav[first + i])
+        for j in range(3):
+            diagonal[i, j] = where(plain, 1.0 if i == j else 0.0, diagonal[i, j])
+            column[i, j] = where(plain, 0.0, column[i, j])
+
+
+@kernel
 def error_in_filter_coordinates(nav, error, out, straight, body):
     """Error (n,) in the filter's own coordinates, expressed as the plain error of the same tangent.
 
@@ -181,6 +205,9 @@ def error_in_filter_coordinates(nav, error, out, straight, body):
     bias_axes(nav, c_nb)
     for o in range(GYRO, N_BASE, 3):
         _vector_error_in_filter_coordinates(nav, error, o, c_nb, jac, inverse, out)
+    plain = is_plain(nav)
+    for i in range(GYRO, N_BASE):
+        out[i] = where(plain, error[i], out[i])
     if body > 0:
         dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], c_nb)
         _vector_error_in_filter_coordinates(nav, error, body, c_nb, jac, inverse, out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
 from navsim.compiler.elementary import exp_of_negative
@@ -11,7 +12,7 @@ from navsim.filter import estimate, gaussian_sum, states, tfg
 from navsim.filter.eskf import inject
 from navsim.filter.measurement_models import FIX, FixTable, Measurements
 from navsim.filter.records import ImuData, Mixture, schedule, start
-from navsim.filter.states import N_BASE, NAV_BIAS_FRAME, NAV_N, NAV_SENSORS, PHI_D, PHI_E, PHI_N
+from navsim.filter.states import GYRO, N_BASE, NAV_BIAS_FRAME, NAV_N, NAV_QUAT, NAV_SENSORS, PHI_D, PHI_E, PHI_N
 from navsim.simulation.landing import exact_start
 from tests.helpers import case
 from tests.unit.test_covariance import error, some_covariance
@@ -249,6 +250,42 @@ def test_components_with_one_heading_become_one() -> None:
     arranged(mixture, 0.02)
     np.testing.assert_allclose(mixture.weight[:2], [1.0, 0.0])
     same((mixture.navigation[0], mixture.covariance[0]), whole, 1e-9)
+
+
+def test_a_turn_is_held_back_until_heading_is_known() -> None:
+    """In a turn bias axes are held while heading is uncertain. Once it is known in a bank, bias errors are plain until
+    the filter knows all gyro biases about equally well."""
+    first = Rotation.from_euler("ZYX", [0.4, 0.1, 0.0])
+    bank, nod = Rotation.from_rotvec([0.2, 0.0, 0.0]), Rotation.from_rotvec([0.0, 0.05, 0.0])
+    unknown, known = np.array([1.0, 2.0, 700.0]), np.array([1.0, 2.0, 8.0])
+
+    def after(frame: np.ndarray, turn: Rotation, heading: float, gyros: np.ndarray, pitch: float = 0.1) -> np.ndarray:
+        """The stored turn after a further turn of the body; the axes of the gyro sigmas are pitched down from the first
+        body axes."""
+        so_far = Rotation.from_quat(frame, scalar_first=True) if frame.any() else level
+        before, to_body = first * so_far, Rotation.from_euler("Y", -pitch)
+        nav, p = centre(), np.eye(N_BASE)
+        nav[NAV_BIAS_FRAME:NAV_SENSORS] = frame
+        nav[NAV_QUAT:NAV_BIAS_FRAME] = (before * turn).as_quat(scalar_first=True)
+        p[PHI_D, PHI_D] = heading**2
+        p[GYRO : GYRO + 3, GYRO : GYRO + 3] = to_body.as_matrix() @ np.diag(gyros**2) @ to_body.as_matrix().T
+        gaussian_sum._set_bias_axes(nav, p, before.as_quat(scalar_first=True), 0.1, np.empty((3, 3)))
+        out: np.ndarray = nav[NAV_BIAS_FRAME:NAV_SENSORS]
+        return out
+
+    level, plain = Rotation.identity(), np.zeros(4)
+    body, held, nodded = (turn.as_quat(scalar_first=True) for turn in (level, bank, nod))
+    np.testing.assert_array_equal(after(body, level, 0.2, unknown), body)
+    np.testing.assert_allclose(after(body, nod, 0.2, unknown), nodded, atol=1e-12)
+    np.testing.assert_allclose(after(held, level, 0.2, unknown), held, atol=1e-12)
+    np.testing.assert_array_equal(after(held, level, 0.01, unknown), plain)
+    np.testing.assert_allclose(after(nodded, level, 0.01, unknown), nodded, atol=1e-12)
+    np.testing.assert_array_equal(after(held, level, 0.002, unknown), body)
+    np.testing.assert_array_equal(after(plain, bank, 0.2, unknown), plain)
+    np.testing.assert_array_equal(after(plain, bank, 0.01, known), body)
+    # where the unknown bias is not the vertical one, axes are not held, but plain errors remain
+    np.testing.assert_array_equal(after(body, bank, 0.2, unknown, 0.4), body)
+    np.testing.assert_array_equal(after(plain, bank, 0.2, unknown, 0.4), plain)
 
 
 def test_the_exponential() -> None:

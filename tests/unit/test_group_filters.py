@@ -116,6 +116,19 @@ def test_without_its_chart_left_invariant_is_the_error_state_filter() -> None:
     np.testing.assert_allclose(reached[0][1], reached[1][1], rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.parametrize("straight", [0, 2])
+def test_without_bias_axes_the_two_frames_filter_is_left_invariant(straight: int) -> None:
+    """Biases in body axes are added: same estimate, covariance, and error in its own coordinates."""
+    reached = []
+    for kind in ("tfg", "left-invariant"):
+        nav, p = start(), some_covariance()
+        nav[HELD] = 0.0
+        KINDS[kind](nav, p, X, workshop(straight))
+        reached.append((nav, p, own(kind, nav, X, straight)))
+    for ours, expected in zip(*reached, strict=True):
+        np.testing.assert_allclose(ours, expected, rtol=1e-12, atol=1e-15)
+
+
 @pytest.mark.parametrize("straight", [0, 1])
 @pytest.mark.parametrize("kind", KINDS)
 def test_own_error_inverts_the_retraction(kind: str, straight: int) -> None:
