@@ -30,9 +30,9 @@ class BeaconsSection(AidingSection):
     """Ranging beacons on the ground: two-way time of flight, without the receiver's clock. The vehicle asks one beacon
     after the other. Errors are drawn for each beacon and run."""
 
-    preset: Literal["none", "uwb"] = "none"
+    preset: Literal["none", "uwb", "sx1280"] = "none"
     """defaults of noise and bias, as measured; keys here replace them. none: the keys here alone. uwb: ultra-wideband
-    modules outdoors in line of sight"""
+    modules outdoors in line of sight. sx1280: LoRa ranging at 2.4 GHz, its bias alone; give sigma_m"""
     sites: Annotated[ListOf[Site], Field(min_length=1, max_length=50)]
     """the beacons, each with s_m and l1_m in runway axes, or with coordinates; names left out: B and a number"""
     height_m: Signed = 0.0

@@ -272,6 +272,10 @@ def test_keys_beside_a_preset_replace_its_values() -> None:
     assert isinstance(kept.sensor, Beacons)
     assert (kept.sensor.sigma, kept.sensor.true_errors.growth) == (0.025, 0.5)
     assert not scenario(uwb % ", growth_m: 0.5").unused()
+    sx1280 = uwb.replace("uwb", "sx1280")
+    assert not scenario(sx1280 % ", sigma_m: 2").unused()
+    with pytest.raises(InputError, match=r"beacons\.sigma_m"):  # which its source does not have
+        scenario(sx1280 % "")
     every = ", sigma_m: 1, bias_sigma_m: 0, growth_m: 0, growth_sigma_m: 0, growth_distance_m: 1"
     (said,) = scenario(uwb % every).unused()
     assert said.startswith("beacons.preset: uwb changes nothing")
