@@ -413,17 +413,34 @@ def _needs_sources(scenario: Landing) -> bool:
     return isinstance(scenario.approach, FileApproach) or any(sections)
 
 
-def _too_few(signals: Signals, tight: bool) -> np.ndarray:
+def fix_warnings(scenario: Landing, environment: Environment, trajectory: Moving, more: int = 0) -> list[str]:
+    """Warning about a flight without fix epochs, or about fix epochs with too few sources.
+
+    more: number of pseudolites that a study adds, and whose positions it does not know yet.
+    """
+    from navsim.gnss.signals import build_signals
+
+    times = scenario.receiver_model().epochs(scenario.duration_s, scenario.imu.rate_hz)
+    if not times.size:
+        return [scenario.why_no_fix()]
+    motion = trajectory.motion(times)
+    signals = build_signals(motion, scenario.epoch.timestamp(), environment)
+    return _without_fix(scenario, environment, signals, motion, more)
+
+
+def _too_few(signals: Signals, tight: bool, more: int) -> np.ndarray:
     """Fix epochs (e,) bool with fewer sources than a fix has unknowns: three of position, one for each clock; tightly
-    coupled, with none."""
+    coupled, with none. more: further sources, on the clock of the others."""
     clocks = [len(set(signals.clock[used].tolist())) for used in signals.used]
-    return np.asarray(signals.used.sum(axis=1) < (1 if tight else 3 + np.maximum(clocks, 1)))
+    return np.asarray(signals.used.sum(axis=1) + more < (1 if tight else 3 + np.maximum(clocks, 1)))
 
 
-def _without_fix(scenario: Landing, environment: Environment, signals: Signals, motion: Motion) -> list[str]:
+def _without_fix(
+    scenario: Landing, environment: Environment, signals: Signals, motion: Motion, more: int = 0
+) -> list[str]:
     """Warning about fix epochs with too few sources, and what takes them."""
     tight = scenario.filter.tight
-    short = _too_few(signals, tight)
+    short = _too_few(signals, tight, more)
     if not short.any():
         return []
     from navsim.gnss.signals import build_signals
@@ -443,13 +460,13 @@ def _without_fix(scenario: Landing, environment: Environment, signals: Signals, 
     }
     causes, remain = [], short
     for key, without in environments.items():
-        left = _too_few(build_signals(motion, scenario.epoch.timestamp(), without), tight)
+        left = _too_few(build_signals(motion, scenario.epoch.timestamp(), without), tight, more)
         if (taken := int((short & ~left).sum())) and key:
             causes.append(f"without {key} there are enough at {taken} of these epochs")
         remain = remain & left
     if remain.any():
         causes.append("lower sky.mask_deg, or add satellite systems or pseudolites")
-    many = int(signals.used.sum(axis=1)[short].max())
+    many = int(signals.used.sum(axis=1)[short].max()) + more
     received = f"at most {several(many, 'source')} received" if many else "no source is received"
     what, needs = ("range", "") if tight else ("fix", ". A fix needs four, and one more for each further clock")
     return [

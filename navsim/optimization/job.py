@@ -6,6 +6,7 @@ import math
 
 from navsim.gnss.signals import Environment
 from navsim.landing.confirmation import RUNS
+from navsim.landing.preflight import fix_warnings
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
 from navsim.landing.sources import glide_epochs
 from navsim.optimization import study as optimize
@@ -130,4 +131,8 @@ def progress_text(progress: SearchProgress, unit: str, large: bool = False, quic
 
 def check(section: Optimize, document: Document) -> list[str]:
     """Warnings about a search; its base scenario is checked with the values that the study sets. Raises InputError."""
-    return problem(section, document, base_of(section, document)).warnings
+    asked: list[tuple[Landing, Environment]] = []
+    posed = problem(section, document, base_of(section, document), lambda *each: asked.append(each))
+    ((scenario, sources),) = asked
+    more = max(section.counts) if section.beacons is None else 0
+    return [*posed.warnings, *fix_warnings(scenario, sources, scenario.trajectory(), more)]

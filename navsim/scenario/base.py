@@ -332,8 +332,8 @@ def _section_needed(model: type[Section], location: tuple[str | int, ...], given
     """Error about a value where a section is needed, with the key that takes such a value."""
     message = f"expected a section, a mapping of keys to values, not {_shown(given)}"
     fields = [(one, *each) for one in _sections_at(model, location) for each in one.model_fields.items()]
-    parents = [one.model_fields.get(str(location[-1])) for one in _sections_at(model, location[:-1])]
-    if given is None and any(parents):
+    if given is None and isinstance(location[-1], str):
+        parents = [one.model_fields.get(location[-1]) for one in _sections_at(model, location[:-1])]
         required = any(field is not None and field.is_required() for field in parents)
         return f"{message}; " + ("the key is required" if required else "without the key it has its defaults")
     if isinstance(given, (list, tuple)) and any(isinstance(each, dict) for each in given):

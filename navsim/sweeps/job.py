@@ -7,6 +7,7 @@ from typing import Any
 
 from navsim.landing.confirmation import RUNS
 from navsim.landing.estimate import STATISTICS, extent, shared_memory, sums_bytes
+from navsim.landing.preflight import fix_warnings
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SIGNAL_MEMORY
 from navsim.results.result import ResultKind
 from navsim.runner.batches import BATCH
@@ -135,10 +136,12 @@ def check(section: Sweep, document: Document) -> list[str]:
     InputError."""
     whole = plan_sweep(section, document, base_of(section, document), seed=1)
     looked, wrong = whole.invalid(_LOOKED_AT)
+    without = fix_warnings(whole.first[0], whole.sources, whole.trajectory)
+    warnings = [*whole.warnings, *(f"the first combination: {text}" for text in without)]
     if not wrong:
-        return whole.warnings
+        return warnings
     settings, error = wrong[0]
     where = ", ".join(f"{key} = {value}" for key, value in settings.items())
     of = f"all {looked}" if looked == whole.size else f"{looked} looked at, of {whole.size}"
     count = f"{len(wrong)} of {of} combinations are no valid scenario and would be left out"
-    return [*whole.warnings, f"{count}; the first, with {where}: {'; '.join(map(str, error.problems))}"]
+    return [*warnings, f"{count}; the first, with {where}: {'; '.join(map(str, error.problems))}"]

@@ -108,6 +108,18 @@ def test_fixes_that_no_source_gives_are_warned_of(given: list[str], said: str) -
     assert ("sky.mask_deg" in about) == (any("mask" in each for each in given) and "tight" not in str(given))
 
 
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [("placement_sweep", ["vary=[{key: pseudolites.s_m, values: [200, 300]}]"]), ("placement_optimum", [])],
+)
+def test_studies_without_fixes_are_warned_of(name: str, given: list[str]) -> None:
+    """Of a search only what no pseudolites can give."""
+    _, _, before = checked(SCENARIOS / f"{name}.yaml", given)
+    assert not any("no fix" in text for text in before)
+    _, _, warnings = checked(SCENARIOS / f"{name}.yaml", [*given, "set={sky.mask_deg: 89.9}"])
+    assert any("received. A fix needs four" in text for text in warnings)
+
+
 def test_a_box_that_is_never_passed_is_refused() -> None:
     with pytest.raises(BadInput, match="never comes down through 500 m above the runway within duration_s"):
         checked(SCENARIOS / "landing.yaml", ["box={lateral_m: 1, vertical_m: 1, height_m: 500}"])
