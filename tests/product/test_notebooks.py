@@ -1,7 +1,8 @@
 """The notebooks of docs/notebooks, executed cell by cell: none fails, and what they print is so.
 
 A notebook whose cells have run at length since they, the parameters of what they call or their scenarios changed runs
-in brief (`BRIEF`), any other as it is written; with `--as-written` all do: see `tests/at_length.py`.
+in brief (`BRIEF`), as a program; any other as it is written, by Jupyter; with `--as-written` all do: see
+`tests/at_length.py`.
 """
 
 from __future__ import annotations
@@ -11,12 +12,12 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests import at_length
 from tests.conftest import ROOT
+from tests.forks import PYTHON, shared
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.md"))
 TABLE = ROOT / "tests" / "notebooks_at_length.txt"
@@ -40,25 +41,40 @@ def in_brief(text: str) -> str:
     return text
 
 
-def executed(file: Path, monkeypatch: pytest.MonkeyPatch, form: Callable[[str], str] = str) -> tuple[Any, str, int]:
-    """A notebook after its cells, in some form, were run in its folder, all it has printed, and the number of its
-    figures."""
+def executed(file: Path, form: Callable[[str], str] = str) -> tuple[str, int]:
+    """All that a notebook prints whose cells, in some form, run in its folder, and the number of its figures."""
+    before = {path.name for path in file.parent.iterdir()}
+    if form is in_brief:
+        shared().prepare(modules=["xarray", "h5netcdf", "matplotlib.pyplot"])
+        count = "\nprint('figures:', len(plt.get_fignums()))"
+        done = shared().run("-c", form(cells(file)) + count, cwd=file.parent, limit_s=600.0, program=PYTHON)
+        assert done.code == 0, done.err
+        printed, _, figures = done.out.rpartition("figures:")
+    else:
+        printed, figures = by_jupyter(file)
+    assert {path.name for path in file.parent.iterdir()} == before
+    return printed, int(figures)
+
+
+def by_jupyter(file: Path) -> tuple[str, int]:
+    """The same of a notebook as it is written; the first output of one that has a result is its table."""
     client = pytest.importorskip("nbclient", reason="nbclient belongs to the group docs")
     read = pytest.importorskip("myst_nb.core.read", reason="myst-nb belongs to the group docs")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))))
-    monkeypatch.setenv("PYTHONSAFEPATH", "1")
     from myst_parser.config.main import MdParserConfig
 
-    notebook = read.read_myst_markdown_notebook(form(file.read_text(encoding="utf-8")), MdParserConfig())
+    notebook = read.read_myst_markdown_notebook(file.read_text(encoding="utf-8"), MdParserConfig())
     folder = {"metadata": {"path": str(file.parent)}}
-    before = {path.name for path in file.parent.iterdir()}
-    client.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=folder).execute()  # raises
-    assert {path.name for path in file.parent.iterdir()} == before
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))))
+        patched.setenv("PYTHONSAFEPATH", "1")
+        client.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=folder).execute()  # raises
     run = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert len(run) == file.read_text().count("```{code-cell}")
     outputs = [output for cell in run for output in cell.outputs]
+    pages = [output["data"]["text/html"] for output in outputs if "text/html" in output.get("data", {})]
+    assert not pages or "<table>" in pages[0]
     printed = "".join(output.text for output in outputs if output.output_type == "stream")
-    return notebook, printed, sum("image/png" in output.get("data", {}) for output in outputs)
+    return printed, sum("image/png" in output.get("data", {}) for output in outputs)
 
 
 def numbers(pattern: str, printed: str) -> list[float]:
@@ -87,17 +103,10 @@ def in_form(file: Path, config: pytest.Config) -> Iterator[Callable[[str], str]]
     at_length.store(known | {digest}, every, TABLE)
 
 
-def test_a_first_landing(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.Config) -> None:
+def test_a_first_landing(pytestconfig: pytest.Config) -> None:
     with in_form(NOTEBOOKS[0], pytestconfig) as form:
-        notebook, printed, figures = executed(NOTEBOOKS[0], monkeypatch, form)
+        printed, figures = executed(NOTEBOOKS[0], form)
         assert figures == 3
-        pages = [
-            o.data["text/html"]
-            for c in notebook.cells
-            for o in c.get("outputs", ())
-            if "text/html" in o.get("data", {})
-        ]
-        assert "<table>" in pages[0]
         (inside,) = numbers(r"within 3 sigma: ([\d.]+) %", printed)
         assert inside > 95.0
         runs = form("runs=100").partition("=")[2]
@@ -113,9 +122,9 @@ def test_a_first_landing(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.C
         assert "imu.rate_hz - " in printed
 
 
-def test_a_placement_study(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.Config) -> None:
+def test_a_placement_study(pytestconfig: pytest.Config) -> None:
     with in_form(NOTEBOOKS[1], pytestconfig) as form:
-        _, printed, figures = executed(NOTEBOOKS[1], monkeypatch, form)
+        printed, figures = executed(NOTEBOOKS[1], form)
         assert figures == 1
         pdop, s, l1 = numbers(r"least PDOP ([\d.]+) at S (\d+) m, L1 (-?\d+) m", printed)
         assert 0.5 < pdop < 2.0
@@ -127,9 +136,10 @@ def test_a_placement_study(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest
         assert vertical[1] < 0.8 * vertical[0]
 
 
-def test_a_cell_that_fails_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.long
+def test_a_cell_that_fails_is_an_error(tmp_path: Path) -> None:
     file = tmp_path / "broken.md"
     head = NOTEBOOKS[0].read_text().split("# A landing")[0]
     file.write_text(f"{head}# Broken\n\n```{{code-cell}} ipython3\nimport navsim\nnavsim.run('absent.yaml')\n```\n")
     with pytest.raises(Exception, match="BadInput"):
-        executed(file, monkeypatch)
+        executed(file)

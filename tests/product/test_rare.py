@@ -16,7 +16,7 @@ from tests.forks import navsim, shared
 from tests.layout import as_declared
 from tests.steps import KILL, PIECE
 
-FAST = ("--set", "filter.kind=eskf", "--set", "receiver.rate_hz=1")
+FAST = ("--set", "filter.kind=eskf", "--set", "receiver.rate_hz=1", "--set", "imu.rate_hz=20")
 BOX = ("--set", "box={lateral_m: 2.4, vertical_m: 3.6}")
 NOT_PUSHED = 4
 """A run that is not."""
