@@ -119,11 +119,19 @@ class Signals:
             return np.zeros((2, *self.range.shape))
         return self.transmitters.errors.variances(self.time)[..., None] * self.transmitters.which
 
-    def with_noise(self, share: float) -> np.ndarray:
-        """`fix_sigma` with `noise_sigma` multiplied by `share` (e, s), m."""
-        if self.correlated is None:
-            return share * self.fix_sigma
-        return np.hypot(share * self.noise_sigma, self.correlated.total)
+    def with_noise(self, share: float, rate_share: float) -> Signals:
+        """Signals with the noise of ranges and range rates multiplied by these factors; errors that last keep their
+        sizes."""
+        ranges, rates, lasting = share * self.noise_sigma, rate_share * self.fix_rate_sigma, self.transmitter_variance
+        if lasting.any():
+            ranges = np.sqrt(ranges**2 + (1.0 - share**2) * lasting[0])
+            rates = np.sqrt(rates**2 + (1.0 - rate_share**2) * lasting[1])
+        if self.correlated is not None:
+            ranges = np.hypot(ranges, self.correlated.total)
+        return replace(
+            self, sigma=share * self.sigma, rate_sigma=rate_share * self.rate_sigma, fix_sigma=ranges,
+            fix_rate_sigma=rates,
+        )  # fmt: skip
 
     def unfinished(self) -> list[tuple[str, str]]:
         """Names of source and field of numbers that are not finite although they should be."""

@@ -72,12 +72,13 @@ def _beacons(scenario: Landing) -> Iterator[str]:
 def _free_clocks(scenario: Landing) -> Iterator[str]:
     """Clocks of pseudolites that leave their setting by more than fixes that are weighted each for itself make use
     of."""
-    section, monitored = scenario.pseudolites, scenario.integrity is not None and scenario.method != "rare"
+    section, monitor = scenario.pseudolites, None if scenario.method == "rare" else scenario.integrity
+    excludes = monitor is not None and monitor.exclusion != "none"
     if scenario.filter.tight or not section.placed() or not (errors := section.errors()).wanders:
         return
-    if not monitored and scenario.about_transmitter_errors() != "none":
+    if not excludes and scenario.about_transmitter_errors() != "none":
         return
-    cause = "integrity" if monitored else "filter.fix_errors: none"
+    cause = "integrity.exclusion" if excludes else "filter.fix_errors: none"
     begin, end = np.sqrt(errors.clock_covariance(np.array([0.0, scenario.duration_s]))[:, 0, 0])
     if end > WANDERED * math.hypot(begin, errors.offset, section.range_sigma_m):
         yield (

@@ -91,12 +91,10 @@ class Prepared:
 
     def thinned(self, signals: Signals) -> Signals:
         """Signals with the noise of so much fewer fixes of the same information."""
+        if self.share == 1.0:
+            return signals
         # fewer epochs have less to smooth already
-        share = self.share if signals.smoothing is None else self.share**2
-        return replace(
-            signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
-            fix_sigma=signals.with_noise(share), fix_rate_sigma=self.share * signals.fix_rate_sigma,
-        )  # fmt: skip
+        return signals.with_noise(self.share if signals.smoothing is None else self.share**2, self.share)
 
 
 @dataclass(frozen=True)

@@ -86,9 +86,9 @@ def as_noise(time: np.ndarray, duration: float, interval: float) -> np.ndarray:
 
 
 def fix_weights(signals: Signals, assumed: TransmitterErrors) -> Signals:
-    """Signals whose `lasting_weights` make the mean of many fixes exact, instead of each fix alone.
+    """Signals with `lasting_weights`, which are right for the mean of many fixes, not for each fix alone.
 
-    assumed: errors of transmitters in the filter model, which follows them.
+    assumed: errors of transmitters in the filter model.
 
     White noise averages out, errors that last do not: a pseudolite has to weigh as little as its lasting errors ask
     for. The mean is over `_AVERAGED`, wherever the flight ends, so that a search that cuts its flight has the same

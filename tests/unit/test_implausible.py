@@ -48,7 +48,9 @@ def test_values_that_no_landing_has(setting: str, said: list[str]) -> None:
 
 @pytest.mark.parametrize(
     ("setting", "cause"),
-    [("filter.fix_errors=none", "With filter.fix_errors: none"), ("integrity.method=chi2", "With integrity"),
+    [("filter.fix_errors=none", "With filter.fix_errors: none"),
+     ("integrity={method: chi2, exclusion: residual}", "With integrity.exclusion"),
+     ("integrity.method=chi2", ""),
      ("filter.coupling=tight", ""), ("filter.fix_errors=inflate", "")],
 )  # fmt: skip
 def test_free_clocks(setting: str, cause: str) -> None:
