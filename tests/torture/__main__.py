@@ -40,10 +40,10 @@ PARTS: dict[str, tuple[Trial, int, str]] = {
     "computed": (
         _in_scenarios(trials.computed),
         60,
-        "mutants that are in order, computed where they say that this is quick",
+        "mutants computed if the dry run accepts them and predicts a short time",
     ),
-    "killed": (trials.killed, 20, "studies killed at a step on the file system, resumed, compared to the bit"),
-    "full": (trials.filled, 1, "studies whose disk is full from a step on, resumed, compared to the bit"),
+    "killed": (trials.killed, 20, "studies killed at a file operation, resumed, compared bit by bit"),
+    "full": (trials.filled, 1, "studies whose disk becomes full, resumed, compared bit by bit"),
     "damaged": (trials.damaged, 500, "results with damaged bytes, shown and exported"),
 }
 """What is done: how, how often a seed, in words."""
@@ -116,7 +116,7 @@ def page(seeds: list[int]) -> None:
         "",
         f"Made by `make torture` on {datetime.date.today()} with navsim {navsim.__version__} (commit "
         f"{', '.join(commits)}), seeds {seeds[0]} to {seeds[-1]}; the",
-        'tests do a little of it every time (`tests/torture/`). The column "wrong" counts tracebacks, trials of more',
+        'tests repeat a small part each time (`tests/torture/`). The column "wrong" counts tracebacks, trials of more',
         "than 10 s or 1 GB, files left behind, work adopted from another study, and numbers that differ from those",
         "of the undisturbed study. It also counts success with input that the published schema refuses, or with a",
         "result that cannot be read.",

@@ -146,7 +146,7 @@ def computed(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
             tally.add(what, "refused", wrong and f"--dry-run: {wrong}")
             continue
         if memory is None or float(memory[1]) > MOST_MB / 2 or not _SOON.search(planned.err):
-            tally.add(what, "told to be long", None)
+            tally.add(what, "too long", None)
             continue
         done = commands.run(*words, "--figures", "none", cwd=folder, limit_s=HANG_S)
         tally.took(done.seconds, done.peak_mb)
@@ -186,7 +186,7 @@ def killed(commands: Forks, folder: Path, seed: int, count: int, names: Sequence
         if name in studies.RESUMED and draw.random() < 0.4:
             first, second = draw.randint(1, other.steps), draw.randint(1, min(other.steps, 12))
             wrong = studies.adopted(commands, mine, other, place, first, second)
-            tally.add(f"{name}: killed at {first}, anew at {second}", "killed, begun anew, killed", wrong)
+            tally.add(f"{name}: killed at {first}, anew at {second}", "killed twice with a fresh start between", wrong)
         else:
             at = draw.randint(1, mine.steps)
             more = ("--fresh",) if name in studies.RESUMED and draw.random() < 0.3 else ()
