@@ -1,5 +1,6 @@
 """Two real flights against their references; writes docs/replay-measured.md. Needs ../shared/data; run by
-`make validate`, a minute. What is tuned is stored (`measured.kept`).
+`make validate`, a minute. What is tuned is stored (`measured.kept`). With --bench the page has simulated flights too,
+some minutes more.
 """
 
 from __future__ import annotations
@@ -189,22 +190,8 @@ def main() -> int:
         row("roll / pitch / yaw", f"{listed(motorway['attitude'], 2)}°", "0.13 / 0.19 / 1.0°"),
         row("normalised innovation squared, moving", listed(motorway["nis"], 2), ""),
     ]  # fmt: skip
-    lines += [
-        "",
-        "## Twelve simulated flights",
-        "",
-        "`scripts/replay_bench.py`: circuits of 170 s, the last three a small quadrotor of 150 s. Drawn are biases, "
-        "white noise (twice to three times as large in motion), latency, jitter of the stamps (2 ms) and noise of "
-        "velocities. Errors of positions last for 60 s (differential, 0.4 m) or 120 s (single point, 1.2 m). The first "
-        "three columns are mean squared errors over their variances, per axis, from 20 s after the alignment on, where "
-        "1 is due. Then come tuned noise over that in motion, and the error of the latency.",
-        "",
-        *replay_bench.table(),
-        "",
-        "Errors of the positions that last for minutes don't show in flights of minutes: without `gnss.errors` the "
-        "filter takes them for its own position. RTK positions are better than 2.5 s times the noise of velocities, "
-        "the default; the accelerometers' noise takes the difference.",
-    ]
+    if "--bench" in sys.argv:
+        lines += replay_bench.section()
     PAGE.write(lines, begun)
     return 0
 
