@@ -168,6 +168,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "markov_time_s: 300, bias_random_walk_mg_sqrt_h: 0.1}",
             f"gnss.file_sha256={_SUM}", "gnss.columns={h_m: Alt}", "gnss.latency_s=0.1", "gnss.velocity_latency_s=0.3",
             "gnss.velocity_sigma_m_s=[0.3, 0.5]", "gnss.position_sigma_m=[1.5, 2.5]", "filter.gate.max_rejected=10",
+            f"reference={{file: attitude.csv, file_sha256: {_SUM}}}",
         )),
         ("recorded_flight", (
             "imu.gyro.bias_instability_deg_h=10", "imu.accelerometer.bias_instability_mg=0.3",
