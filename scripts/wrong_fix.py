@@ -94,7 +94,7 @@ def main() -> None:
         "high, flagged as fixed. The box is 5 m to each side and 30 m along the runway, at the touchdown of each run.",
         "[Model](theory/signals.md#8-fixes-with-a-state).",
         "",
-        "| what is done | flag | outside the box | touchdown, m along | go-arounds | most height lost | hit ground |",
+        "| measure | flag | outside the box | touchdown, m along | go-arounds | most height lost | hit ground |",
         "|---|---|---|---|---|---|---|",
         *(row(*each) for each in CASES),
         "",

@@ -97,9 +97,9 @@ class FilterSection(Section):
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     fix_flag: Literal["believe", "ignore", "fixed-only"] = "believe"
-    """how the filter takes the flag of a fix (`receiver.fix_states`): with believe it assumes the RMS error of the
-    flagged state; with ignore that of all states together, wrong ones included; with fixed-only it does without fixes
-    that are not flagged as fixed"""
+    """how the filter takes the flag of a fix (`receiver.fix_states`). With believe it assumes the RMS error of the
+    flagged state. With ignore it assumes that of all states together, wrong ones included. With fixed-only it uses
+    only fixes that are flagged as fixed"""
     initial: FilterInitial = FilterInitial()
     """1 sigma the filter starts from; omitted keys: those of initial_errors"""
     pseudolites: FilterPseudolites = FilterPseudolites()
