@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -176,8 +174,7 @@ def test_search_is_that_of_one_machine(cluster: Cluster, place: Path) -> None:
     study.write_text(
         f"kind: optimize\nversion: 1\nbase: {SCENARIOS / 'landing_gnss_only.yaml'}\n"
         "set: {duration_s: 61, receiver.rate_hz: 1, imu.rate_hz: 10}\npseudolites: [1]\nobjective: vertical\n"
-        "effort: 1\nsites:\n"
-        + "".join(f"  - {{s_m: {s}, l1_m: {l1}}}\n" for s in (100, 500, 900) for l1 in (-400, 0, 400, 800))
+        "effort: 1\nsites:\n" + "".join(f"  - {{s_m: {s}, l1_m: {l1}}}\n" for s in (100, 900) for l1 in (0, 400))
     )
     command = ("optimize", study, "-q", "--figures", "none", "--runs", 8)
     navsim(*command, "-o", "search-here.h5", cwd=place)
@@ -338,16 +335,8 @@ def test_a_schedulers_file_that_is_none(file: str) -> None:
 
 
 def test_without_dask_the_way_to_it_is_said(place: Path) -> None:
-    code = (
-        "import sys\n"
-        "class Missing:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'distributed': raise ModuleNotFoundError(f'No module named {name!r}', name=name)\n"
-        "sys.meta_path.insert(0, Missing())\n"
-        "from navsim.__main__ import main\n"
-        "main()"
-    )
-    command = [sys.executable, "-c", code, "run", str(SCENARIOS / "landing.yaml"), "--scheduler", "tcp://127.0.0.1:1"]
-    done = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=LIMIT_S)
-    assert done.returncode == 2
-    assert "pip install '.[cluster]'" in done.stderr
+    code = "import sys; sys.modules['distributed'] = None; from navsim.__main__ import main; main()"
+    words = ("-c", code, "run", SCENARIOS / "landing.yaml", "--scheduler", "tcp://127.0.0.1:1")
+    done = forks.shared().run(*words, cwd=place, program=forks.PYTHON)
+    assert done.code == 2
+    assert "pip install '.[cluster]'" in done.err

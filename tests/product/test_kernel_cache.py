@@ -159,7 +159,6 @@ def test_what_is_kept_is_loaded_without_the_compiler(tmp_path: Path) -> None:
 def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Path) -> None:
     """Without being called; of a list that is damaged or not there, nothing."""
     memo = tmp_path / "complete-work"
-    result(cache)
     opening = (
         "from pathlib import Path; from navsim.compiler.protected_folder import open_protected_folder;"
         f"folder = open_protected_folder(Path({str(tmp_path)!r}));"
@@ -179,13 +178,10 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
             [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=True
         ).stdout.strip()
 
-    assert said(loading) == "0"
     said(writing(all_of_it=False))  # other work was done before: whose kernels they are is not known
     assert memo.exists()
     assert said(loading) == "0"
     said(writing(all_of_it=True))
-    assert said(loading) == "1"
-    said(writing(all_of_it=False))
     assert said(loading) == "1"
     flip(memo)
     assert said(loading) == "0"
@@ -199,14 +195,13 @@ def test_without_the_linker_numba_compiles_the_same(tmp_path: Path) -> None:
         "q = np.array([1.0, 0.0, 0.0, 0.0]); attitude.rotate_in_nav_axes(q, 0.2, 0.1, -0.3)\n"
         "print(linker.LINKED); print(q.tobytes().hex())"
     )
-    said = {}
-    for switch in ("on", "off"):
-        for _ in range(2):  # compiled, then from the cache
-            own = {"NUMBA_CACHE_DIR": str(tmp_path), "NAVSIM_LINKER": switch}
-            done = subprocess.run([sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True)
-            said.setdefault(switch, []).append(done.stdout.splitlines() or [done.stderr])
-    assert (said["on"][0][0], said["off"][0][0]) == ("True", "False")
-    assert len({lines[-1] for attempts in said.values() for lines in attempts}) == 1
+    said = []
+    for switch in ("on", "off", "off"):  # compiled, then from the cache
+        own = {"NUMBA_CACHE_DIR": str(tmp_path), "NAVSIM_LINKER": switch}
+        done = subprocess.run([sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True)
+        said.append(done.stdout.splitlines() or [done.stderr])
+    assert [lines[0] for lines in said] == ["True", "False", "False"]
+    assert len({lines[-1] for lines in said}) == 1
 
 
 def test_what_kernels_call_is_a_piece_of_them(tmp_path: Path) -> None:
@@ -235,14 +230,6 @@ def test_what_kernels_call_is_a_piece_of_them(tmp_path: Path) -> None:
         assert second == "[False] True"
 
 
-def test_another_place_of_installation_has_the_same_code(cache: Path, tmp_path: Path) -> None:
-    """Machine code is named by all sources, not by where they lie: a second clone does not compile anew."""
-    result(cache)
-    shutil.copytree(Path(navsim.__file__).parent, tmp_path / "navsim", ignore=shutil.ignore_patterns("__pycache__"))
-    there = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import navsim; assert '{tmp_path}' in navsim.__file__;"
-    assert result(cache, there) == (RIGHT, 1, "")
-
-
 @pytest.mark.parametrize(
     ("file", "old", "new", "right", "hits"),
     in_brief(
@@ -259,7 +246,7 @@ def test_another_place_of_installation_has_the_same_code(cache: Path, tmp_path: 
 def test_another_version_compiles_what_has_changed(
     file: str, old: str, new: str, right: str | None, hits: int, cache: Path, tmp_path: Path
 ) -> None:
-    """What a kernel reaches decides: words do not, other rooms do not, a number does."""
+    """What a kernel reaches decides, a number: not words, other rooms, nor where the sources lie."""
     fresh = tmp_path / "cache"
     shutil.copytree(cache, fresh)
     shutil.copytree(Path(navsim.__file__).parent, tmp_path / "navsim", ignore=shutil.ignore_patterns("__pycache__"))
@@ -321,12 +308,13 @@ def test_a_cache_of_somebody_else_is_not_run(cache: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
-def test_parts_of_somebody_else_are_not_run(tmp_path: Path) -> None:
-    result(tmp_path)
-    (folder,) = tmp_path.glob("kernels-*")
+def test_parts_of_somebody_else_are_not_run(cache: Path, tmp_path: Path) -> None:
+    copied = tmp_path / "cache"
+    shutil.copytree(cache, copied)
+    (folder,) = copied.glob("kernels-*")
     shutil.rmtree(folder)
-    os.chown(tmp_path / "parts", 12345, 12345)
-    assert result(tmp_path)[:2] == (RIGHT, 0)
+    os.chown(copied / "parts", 12345, 12345)
+    assert result(copied)[:2] == (RIGHT, 0)
 
 
 PLACE = (

@@ -32,7 +32,6 @@ def events(file: Path) -> list[dict[str, Any]]:
 
 def test_a_run_from_start_to_end(tmp_path: Path) -> None:
     """Two commands, one log; nothing else is printed because of it."""
-    navsim(tmp_path, *SHORT, "-o", "a.h5", "-q")  # which may compile, and says so
     plain = navsim(tmp_path, *SHORT, "-o", "a.h5", "-q")
     for _ in range(2):
         done = navsim(tmp_path, *SHORT, "-o", "a.h5", "-q", "--log", "a.log")
@@ -61,15 +60,14 @@ def test_an_error_is_logged_with_its_code(tmp_path: Path) -> None:
 
 
 def test_an_interrupt_is_logged(tmp_path: Path) -> None:
-    more = ("--runs", "100000", "--keep", "none", "-o", "b.h5", "--log", "b.log")
-    long = ["run", str(SCENARIOS / "landing.yaml"), *more]
-    process = subprocess.Popen([*NAVSIM, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    more = ("--runs", "100000", "--keep", "none", "--set", "filter.kind=eskf", "-o", "b.h5", "--log", "b.log")
+    process = forks.shared().start("run", SCENARIOS / "landing.yaml", *more, cwd=tmp_path)
     deadline = time.monotonic() + 120.0
     while not any(tmp_path.glob("b.h5.partial/*.npz")):
         assert time.monotonic() < deadline
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=60)
+    process.ended()
     *_, kept, end = events(tmp_path / "b.log")
     assert kept["text"] == (
         "finished runs are kept in b.h5.partial; the same command continues from there, or navsim resume b.h5.partial"

@@ -90,10 +90,11 @@ def test_time_limit_after_the_search_says_what_is_left(
 ) -> None:
     study.write_text(study.read_text().replace("[1, 2]", "[1]").replace("objective: vertical", "objective: vdop"))
     whole = Clock()
-    code, out, _ = optimize(monkeypatch, capsys, whole, study)
+    code, out, _ = optimize(monkeypatch, capsys, whole, study, "--figures", "none")
     assert code == 0
     assert "(stopped)" not in out
-    code, out, err = optimize(monkeypatch, capsys, Clock(), study, "--time-limit", str(whole.now - 4))
+    limit = ("--time-limit", str(whole.now - 4), "--figures", "none")
+    code, out, err = optimize(monkeypatch, capsys, Clock(), study, *limit)
     assert code == 0
     assert "undone: the map for 1 pseudolite(s)" in err
     assert "(stopped)" not in out
@@ -113,7 +114,7 @@ def test_interrupt_keeps_the_best(
     def ctrl_c() -> None:
         raise KeyboardInterrupt
 
-    code, out, err = optimize(monkeypatch, capsys, Clock(ctrl_c, 420), study)
+    code, out, err = optimize(monkeypatch, capsys, Clock(ctrl_c, 420), study, "--figures", "none")
     assert code == 130
     assert "stopped early: interrupted" in err
     assert "(stopped)" in out

@@ -70,6 +70,7 @@ def test_result_is_a_tree_others_can_open(made: tuple[Path, str]) -> None:
     )
 
 
+@pytest.mark.long
 def test_repeatable_for_any_number_of_workers(made: tuple[Path, str], tmp_path: Path) -> None:
     folder, _ = made
     navsim("table2", "--runs", 12, "-q", "--workers", 1, "-o", tmp_path, cwd=tmp_path)
