@@ -100,6 +100,7 @@ WITHOUT_UNIT = {
     "outlier_share", "loss", "truth_refractivity_n", "corrected_refractivity_n",
     "band", "duty", "sigma_share", "height_sigma_share", "load_factor", "load_factor_limit", "bearing_year",  # of one
     "exponent", "damping", "glide_full_scale", "within",  # parts of a scale
+    "fixed", "float", "differential", "single", "wrong",  # shares of the states of a fix
     "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail", "sigma_tolerance",  # ratios
     "max_rejected", "components", "samples", "receivers", "effective_samples",
     "runs", "study_runs", "steps", "experiments",  # counts
