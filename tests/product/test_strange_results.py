@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import random
+import shutil
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -73,10 +74,16 @@ def agree(one: Result, other: Result) -> bool:
     )
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("written") / "small.h5"
+    write(file, small())
+    return file
+
+
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
-    write(tmp_path / "small.h5", small())
-    return tmp_path / "small.h5"
+def file(written: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(written, tmp_path))
 
 
 def unsealed(file: Path, change: Callable[[h5py.File], object] = lambda _: None) -> Path:
@@ -243,7 +250,7 @@ def test_no_flipped_byte_changes_a_number(file: Path) -> None:
     content, wanted = file.read_bytes(), small()
     draw = random.Random(11)
     seen = 0
-    for _ in range(60):
+    for _ in range(30):
         changed = bytearray(content)
         for _ in range(draw.choice([1, 1, 4, 32])):
             changed[draw.randrange(len(content))] ^= draw.randrange(1, 256)
@@ -252,7 +259,7 @@ def test_no_flipped_byte_changes_a_number(file: Path) -> None:
             assert agree(wanted, read(file))
         except ResultError:
             seen += 1
-    assert seen > 54  # but for those that hit nothing that is read
+    assert seen > 27  # but for those that hit nothing that is read
 
 
 def test_no_cut_file_is_read(file: Path) -> None:
