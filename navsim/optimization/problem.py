@@ -324,7 +324,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         )
     if doubted := scenario.runway.doubted_height("height_m", study.height_m, study.placed):
         warnings.append(doubted)
-    if study.objective in FILTER_OUTPUTS and study.constraints.distance_m is None:
+    if (study.objective in FILTER_OUTPUTS or beacons is not None) and study.constraints.distance_m is None:
         distance = FILTER_DISTANCE if beacons is None else BEACON_DISTANCE
         own = study.constraints.model_copy(update={"distance_m": distance})
         study = study.model_copy(update={"constraints": own})

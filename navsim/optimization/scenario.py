@@ -34,7 +34,7 @@ FILTER_DISTANCE = (100.0, 100_000.0)
 """Default of `constraints.distance_m` if a filter error is the objective, m. With fix errors of 3 m, the third-order
 term of a range is then at most 3 % of the second-order term, and that 5 % of the range's sigma."""
 BEACON_DISTANCE = (30.0, 100_000.0)
-"""The same where beacons are placed, m: ten sigmas of fixes, beyond which a range is linear."""
+"""The same where beacons are placed, for every objective, m: ten sigmas of fixes, beyond which a range is linear."""
 Number = Annotated[int, Field(ge=1, le=12)]
 """Number of pseudolites or beacons."""
 
@@ -134,9 +134,9 @@ class Constraints(Section):
     spacing_m: NonNegative = 0.0
     """least distance between pseudolites, or beacons"""
     distance_m: Pair | None = None
-    """least and largest distance from the aircraft during the glide. Left out: 100 m to 100 km (beacons: from 30 m) if
-    the objective is an error of the filter, because covariance analysis is unreliable for nearer passes, else no
-    limits"""
+    """least and largest distance from the aircraft during the glide. Left out: 30 m to 100 km for beacons; 100 m to
+    100 km for pseudolites with an error of the filter as the objective; else no limits. In nearer passes a filter that
+    takes ranges as linear is overconfident"""
     near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
     requirements: bool = False

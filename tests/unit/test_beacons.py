@@ -181,6 +181,7 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     posed = problem(*read_study(study, Optimize, []))
     result = optimize_result(posed, solve(posed, 1), 1)
     assert posed.beacons is not None
+    assert posed.study.constraints.distance_m == (30.0, 100_000.0)
     away = posed.rules.plane.ecef(np.array(places, float)) - posed.beacons.receiver[:, None]
     up = llh_from_ecef(posed.beacons.receiver)
     axes = np.stack([np.cos(up[:, 0]) * np.cos(up[:, 1]), np.cos(up[:, 0]) * np.sin(up[:, 1]), np.sin(up[:, 0])], 1)
