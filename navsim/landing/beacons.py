@@ -145,17 +145,23 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
     largest = float(np.nanmax(vdop))
     if largest > FLAT_VDOP:
         plane, used = plane_of(ecef_from_llh(geometry.llh)), np.flatnonzero(glide)
-        flat = f"nearly in one plane ({plane.thickness:.1f} m thick, {plane.width:.0f} m wide)" if plane.is_flat else (
-            "badly placed for it")  # fmt: skip
+        flat = (
+            f"nearly in one plane ({plane.thickness:.1f} m thick, {plane.width:.0f} m wide, 1 sigma)"
+            if plane.is_flat
+            else "badly placed for it"
+        )
         text = f"beacons: they hardly show the height on the glide: VDOP up to {digits(largest)}, they are {flat}; "
         out.append(text + "put one much higher, or one under the glide path, or keep another source of height")
         height, residual = geometry.images(used[[0, -1]])
         sensor = geometry.sensor
-        if (residual < _SIGMAS * sensor.sigma).any():
-            k = int(np.nanargmin(residual))
-            above = "above" if height[k] > 0.0 else "below"
+        if (fits := residual < _SIGMAS * sensor.sigma).any():
+            places = [
+                f"{abs(h):.0f} m {'above' if h > 0.0 else 'below'} the aircraft where the glide {what}"
+                for h, what, fit in zip(height, ("begins", "ends"), fits, strict=True)
+                if fit
+            ]
             out.append(
-                f"beacons: the ranges have a mirror solution {abs(height[k]):.0f} m {above} the aircraft and fit it "
-                f"within {digits(residual[k], 2)} m: a filter that starts from ranges alone may take it"
+                f"beacons: the ranges have a mirror solution {' and '.join(places)}, and fit it within "
+                f"{residual[fits].max():.2f} m: a filter that starts from ranges alone may take it"
             )
     return out

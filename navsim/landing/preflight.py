@@ -73,7 +73,8 @@ class PreflightChecks:
                 "the first fix: the errors there are those that the filter begins with"
             )
         if self.scenario.box is not None and (apart := self._route_outside(self.scenario.box)):
-            out.append(f"box: the route itself is outside {' and '.join(apart)}")
+            where = f": it is then {self.box_place:.0f} m beyond the threshold" * ("from_threshold_m" in apart)
+            out.append(f"box: the route itself is outside {' and '.join(apart)}{where}")
         hidden = self.environment.behind_terrain(self.signals.antenna)
         out += _out_of_sight(self.environment, self.signals.antenna) + self._under_horizon()
         out += self._shadowed() + self._jammed() + self.lone_pseudolite + self._corrections()
@@ -136,8 +137,8 @@ class PreflightChecks:
         without = np.isinf(age)
         text = (
             f"pseudolites.differential.link: {without.sum()} of {age.size} fixes have no corrections younger than "
-            f"{station.link.oldest:g} s (max_age_s), and the whole errors of the satellites; senders: "
-            f"{', '.join(station.link.senders)}"
+            f"{station.link.oldest:g} s (max_age_s), and the whole errors of the satellites; those of "
+            f"signals.ephemeris are in no sigma; senders: {', '.join(station.link.senders)}"
         )
         return [text] if without.any() else []
 

@@ -122,6 +122,8 @@ _OF_PSEUDOLITES = ("multipath", "air", "survey_error_m", "survey_sigma_m", "cloc
 
 def ranging_errors(result: Result) -> str:
     """Whether errors of ranges average out."""
+    if _FIX_STATES in result:
+        return "not used: fixes have errors of their state"
     signals, pseudolites, receiver = (setting(result, section) for section in ("signals", "pseudolites", "receiver"))
     if "errors" not in signals:  # of an earlier version
         return ABSENT
@@ -753,7 +755,8 @@ def _with_beacons(result: Result, axis: str, i: int) -> Cell | str:
 
 
 def _mirror(result: Result) -> Cell | str:
-    """The mirror solution that fits the ranges best before touchdown: how far from the aircraft, and its residual."""
+    """The mirror solution that fits the ranges best before touchdown, the first of several: how far from the aircraft,
+    and its residual."""
     if "/beacons/image_residual" not in result:
         return ABSENT
     events = dict(zip(map(str, result["/truth/event"]), result["/truth/event_time"].tolist(), strict=True))
@@ -761,7 +764,7 @@ def _mirror(result: Result) -> Cell | str:
     residual = np.where(airborne, result["/beacons/image_residual"], np.nan)
     if np.isnan(residual).all():
         return "none: the beacons are not in one plane"
-    best = int(np.nanargmin(residual))
+    best = int(np.argmax(residual < np.nanmin(residual) + 0.005))  # first of those that fit equally well, as shown
     away = float(result["/beacons/image_height"][best])
     side = "above" if away > 0.0 else "below"
     return cell("{:.0f} m {} the aircraft, fits within {:.2f} m", abs(away), side, float(residual[best]),
@@ -807,9 +810,10 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             path = f"/summary/beacons/{name}{end}"
             if any(path in r and np.isfinite(r[path][0]) for _, r in results):
                 row(f"  {name.upper()}, {title}", lambda r, p=path: _dop(r, p))
-    section("Fix, RMS by its covariance, m", lambda _: "mean on the glide")
-    for name in ("horizontal", "vertical", "3d"):
-        row(f"  {name}", lambda r, n=name: number(r[f"/summary/fix/rms_{n}"][0], 2))
+    if any(_FIX_STATES not in r for _, r in results):  # fixes with a state have its errors, not those of ranges
+        section("Fix, RMS by its covariance, m", lambda _: "mean on the glide")
+        for name in ("horizontal", "vertical", "3d"):
+            row(f"  {name}", lambda r, n=name: _fix_rms(r, n))
 
     def columns(result: Result, value: str) -> str:
         return value + (" [95 %]" if result["/run"].size > 1 else "") + ", σ of the filter"
@@ -985,6 +989,11 @@ def _ends(table: Table, results: list[tuple[str, Result]]) -> None:
 
 
 _FIX_STATES = "/summary/fix_states/state"
+
+
+def _fix_rms(result: Result, name: str) -> Cell | str:
+    """Size of the error of a fix by its covariance, unless fixes have states."""
+    return ABSENT if _FIX_STATES in result else number(result[f"/summary/fix/rms_{name}"][0], 2)
 
 
 def _fix_state(result: Result, k: int) -> Cell | str:

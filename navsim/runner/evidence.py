@@ -27,7 +27,7 @@ from navsim.results.findings import of as findings_of
 from navsim.results.result import Result, ResultError, read, write_bytes, write_text
 from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.provenance import OPTIONS, InputFile, stored_software
-from navsim.runner.verification import find_inputs
+from navsim.runner.verification import damage, find_inputs
 
 METADATA, PAGE, SUMS = "ro-crate-metadata.json", "ro-crate-preview.html", "SHA256SUMS"
 _CRATE = "https://w3id.org/ro/crate/1.1"
@@ -54,9 +54,12 @@ class Evidence:
 def write_evidence(file: Path, folder: Path, inputs: Path | None, licence: str) -> list[Path]:
     """Write the folder; returns its files. inputs: where the result's input files lie, see `verification.find_inputs`.
 
-    Raises BadInput for a folder that holds something, and for inputs that are lacking or were changed; ResultError.
+    Raises BadInput for a folder that holds something, and for inputs that are lacking or were changed; ResultError,
+    also for a result that is not as it was written.
     """
     result = read(file)
+    if wrong := damage(file):
+        raise ResultError(f"{file}: {wrong[0]}; `navsim verify` lists what was changed")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BadInput(as_problems(f"{folder}: is not an empty folder; choose another -o/--output"))
     named = _named_inputs(result, file, inputs)

@@ -111,6 +111,15 @@ class Recomputation:
     out: Verification
 
 
+def damage(file: Path) -> list[str]:
+    """What of a result file is not as it was written: its blocks, variables and attributes. Raises ResultError."""
+    result, contents, wrong = read_unchecked(file)
+    out = Verification(str(file))
+    out.add("file", wrong, "")
+    _check_contents(out, result, contents)
+    return [check.text for check in out.checks if check.verdict == DIFFERS]
+
+
 def verify(file: Path, folder: Path | None, runs: int, executor: Executor, tell: Progress) -> Verification:
     """Verify a result.
 

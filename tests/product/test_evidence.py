@@ -15,6 +15,7 @@ import pytest
 
 from navsim.report.assurance import JUDGES, SECTIONS, judged, rows_of, unmodelled_effects
 from navsim.report.citations import METHODS
+from navsim.results.checksum import MARK
 from navsim.results.result import read
 from tests.forks import navsim
 from tests.made import EVERY
@@ -109,6 +110,17 @@ def test_a_folder_for_a_reviewer(place: Path, tmp_path: Path) -> None:
     assert sums["runs.h5"] == hashlib.sha256((place / "runs.h5").read_bytes()).hexdigest()
     navsim("verify", "runs.h5", "--runs", 8, cwd=folder)
     navsim("evidence", place / "runs.h5", "-o", "folder", cwd=tmp_path, code=2)  # not empty
+
+
+def test_a_damaged_result_has_no_folder(place: Path, tmp_path: Path) -> None:
+    """A changed byte of any block, also of one that the page does not read."""
+    whole = (place / "runs.h5").read_bytes()
+    content = int.from_bytes(whole[-len(MARK) - 40 : -len(MARK) - 32], "little")
+    for at in (content // 4, content // 2, content - 1):
+        (tmp_path / "bad.h5").write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        done = navsim("evidence", "bad.h5", "-o", "folder", "--folder", place, cwd=tmp_path, code=2)
+        assert "error: bad.h5: " in done.stderr
+        assert not (tmp_path / "folder").exists()
 
 
 def test_the_page_repeats_the_result(place: Path, tmp_path: Path) -> None:

@@ -125,7 +125,10 @@ def test_filters_by_the_flag() -> None:
     assert sigma["ignore"][0] > 2.0 * sigma["believe"][0]
     assert sigma["fixed-only"][1] > sigma["believe"][1] > sigma["ignore"][1]
     assert found["/summary/fix_states/share"][:, 0] == pytest.approx([29 / 61, 0.0, 0.0, 32 / 61, 0.0], abs=0.02)
-    assert "States of the fixes" in str(summary_table([("", found)]))
+    table = str(summary_table([("", found)]))
+    assert "States of the fixes" in table
+    assert "not used: fixes have errors of their state" in table
+    assert "Fix, RMS by its covariance" not in table
 
 
 @pytest.mark.parametrize(("settings", "key"), [

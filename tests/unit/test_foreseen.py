@@ -68,6 +68,8 @@ def test_a_file_is_read_as_whoever_flies_does(tmp_path: Path) -> None:
         (["duration_s=20"], "touchdown would be at 60.2 s"),
         (["pseudolites.s_m=60000"], "beyond the radio horizon of the whole flight"),
         (["box={lateral_m: [1, 2], vertical_m: 1}"], "box: the route itself is outside lateral_m"),
+        (["box={error: touchdown, from_threshold_m: [-90, -60]}", "approach.guidance=estimate"],
+         "box: the route itself is outside from_threshold_m: it is then 0 m beyond the threshold"),
         (["box={lateral_m: 1, vertical_m: 1, height_m: 152.9}"], "before the first fix"),
         (["events=[{what: step, sources: [R01], at_s: 0, until_s: 9, error_m: 3}]", "sky.exclude=[R01]"],
          "none of them is received then"),
