@@ -70,7 +70,7 @@ from navsim.simulation.inertial_states import followed
 
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
-TUNING_INTERVAL = 0.05
+TUNING_INTERVAL = 0.02
 """Interval of the increments that a tuning flies, s."""
 STANDSTILL_FACTOR = 5.0
 """Drift of a gyro bias after a standstill, in multiples of its in-run instability."""
