@@ -29,7 +29,7 @@ def test_unguarded_pages_are_listed() -> None:
     assert without == UNGUARDED, "strike out of UNGUARDED what has a probe; make pages by their scripts alone"
 
 
-DEAR = {"lasting_errors", "sensor_errors", "heights", "faults", "filter_consistency", "interference"}
+DEAR = {"integrity", "lasting_errors", "sensor_errors", "heights", "faults", "filter_consistency", "interference"}
 """Pages whose probes take seconds, of effects that other pages have too."""
 
 

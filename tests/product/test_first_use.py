@@ -386,7 +386,7 @@ def test_init_leaves_other_files_alone(tmp_path: Path) -> None:
     assert base.read_text().endswith("# mine\n")
     again = navsim("init", "placement_sweep", cwd=tmp_path, code=2)
     assert "exists already" in again.stderr
-    navsim("init", "placement_optimum", "-o", "nowhere/x.yaml", cwd=tmp_path, code=2)
+    navsim("init", "placement_optimum", "-o", "nowhere/deeper/x.yaml", cwd=tmp_path, code=2)
 
 
 # --- data beside the templates
