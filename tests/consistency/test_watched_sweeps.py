@@ -179,6 +179,7 @@ def test_what_is_asked_for_does_not_vary(tmp_path: Path) -> None:
     assert "vary.0: `outputs` has requirements: all combinations need the same ones" in done.stderr
 
 
+@pytest.mark.long
 def test_an_optimum_of_a_watched_landing_is_that_of_an_unwatched_one(tmp_path: Path) -> None:
     """Placements have pseudolites of their own, which are watched as well."""
     places = []
