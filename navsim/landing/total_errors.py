@@ -14,7 +14,7 @@ from navsim.results.schema import INDICATED, RUNWAY_AXES
 from navsim.runner.batches import Ensemble
 from navsim.runner.checkpoint import Arrays
 from navsim.runner.statistics import mean_interval, rms_interval, share_interval
-from navsim.scenario.approach import IndicatorSection
+from navsim.scenario.approach import FileApproach, IndicatorSection
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.simulation.run import Run
@@ -37,7 +37,9 @@ def indicated(
     """
     runway = case.scenario.runway
     origin = section.origin_m(runway)
-    angle = case.scenario.approach.glide_slope_deg * DEG  # type: ignore[union-attr]
+    approach = case.scenario.approach
+    assert not isinstance(approach, FileApproach)
+    angle = approach.glide_slope_deg * DEG
     course = np.arctan2(right, origin - runway.aim_point_m - along) / np.arctan2(section.course_width_m, origin)
     before = np.where(along < 0.0, np.hypot(along, right), np.nan)
     glide = (np.arctan2(up, before) - angle) / (section.share * angle)

@@ -151,7 +151,7 @@ class BeaconsSection(AidingSection):
     def _check_jammers(self, landing: Landing) -> None:
         """Raise for jammers on the carrier of beacons, which navsim does not simulate."""
         for jammer in () if landing.interference is None else landing.interference.jammers:
-            half = 0.5 * (jammer.bandwidth_mhz or 0.0)
+            half = 0.0 if jammer.bandwidth_mhz is None else 0.5 * jammer.bandwidth_mhz
             if self.carrier_mhz is not None and abs(self.carrier_mhz - jammer.centre_mhz) <= max(half, _MATCHED):
                 text = f"{self.carrier_mhz:g} MHz is in the band of {jammer.name}, and navsim does not jam beacons; "
                 text += "write silence of beacons as an event, or beacons.loss, in its place"

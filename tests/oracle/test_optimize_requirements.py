@@ -186,6 +186,7 @@ def test_the_share_of_epochs_with_levels_is_made_large(tmp_path: Path) -> None:
     assert float(here.shown(np.array(found.value))) >= float((1.0 / brute.objective).max())
 
 
+@pytest.mark.long
 def test_a_receiver_that_remembers_is_gone_through(tmp_path: Path) -> None:
     """With smoothed code an epoch depends on those before it, and 95 % of them are kept by a level that some epochs of
     the beginning decide: of fewer, coarsely."""

@@ -169,6 +169,7 @@ def test_sweep_is_that_of_threads(cluster: Cluster, place: Path) -> None:
     assert (place / "sweep-dask.csv").read_bytes() == (place / "sweep-threads.csv").read_bytes()
 
 
+@pytest.mark.long
 def test_search_is_that_of_one_machine(cluster: Cluster, place: Path) -> None:
     study = place / "optimize.yaml"
     study.write_text(

@@ -104,11 +104,19 @@ MOST_S = 600.0
 """What the tutorial promises: ten minutes; kernels that have to be compiled are in it."""
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page != TUTORIAL])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.long] if page == "how-to/beacons.md" else [])
+        for page in PAGES
+        if page != TUTORIAL
+    ],
+)
 def test_commands_say_what_pages_show(page: str, tmp_path: Path) -> None:
     followed(PAGES[page], tmp_path)
 
 
+@pytest.mark.long
 def test_a_newcomer_has_a_placement_map_in_ten_minutes(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     """A first result, one's own runway, a map of placements, a page, by what the tutorial says and nothing else; with
     `--as-written` by the package of a clone, whose commands start and compile as a newcomer's do."""

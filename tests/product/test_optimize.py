@@ -255,6 +255,7 @@ def test_requirements_that_cannot_be_asked(folder: Path, settings: list[str], ex
     assert not (folder / "bad.h5").exists()
 
 
+@pytest.mark.long
 def test_a_search_under_requirements_goes_on_after_its_time(folder: Path) -> None:
     """What was analysed is remembered with its load: the same in the end as in one go."""
     fewer = JUDGED.replace("receiver.rate_hz: 1", "receiver.rate_hz: 0.25")

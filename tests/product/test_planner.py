@@ -246,6 +246,7 @@ def nobody_else_is_let_in(host: str) -> None:
     assert asked(f"http://{host}") != 403
 
 
+@pytest.mark.long
 def test_a_mouse_is_followed(browser: Any, tmp_path: Path) -> None:
     """At least ten maps of 51 x 51 places a second, half of them within 200 ms, in the best of three tries: the machine
     has other work, too. Nobody else is let in meanwhile."""
