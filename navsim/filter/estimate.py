@@ -221,10 +221,12 @@ def estimate(
 ) -> History:
     """History of one run; arguments are those of `filter.records`.
 
-    state: initial state, overwritten by the final one. stop: whether a filter ends after a piece of its flight; of the
-    history so far, in which later events are unused and later outputs are not set. Outputs are those of the events. If
-    a smoother's covariance loses positive definiteness they are nan, see `lost`. Raises ValueError for an unknown kind,
-    and for a smoother with events ahead.
+    - `state`: initial state, overwritten by the final one.
+    - `stop`: whether a filter ends after a piece of its flight. It gets the history so far, in which later events are
+      unused and later outputs are not set.
+
+    Outputs are those of the events. If a smoother's covariance loses positive definiteness they are nan, see `lost`.
+    Raises ValueError for an unknown kind, and for a smoother with events ahead.
     """
     history = empty_history(_outputs(events), events.time.size, model.states)
     if is_smoother(model.kind):

@@ -88,8 +88,10 @@ class CorrectionLink:
     def ages(self, time: np.ndarray, received: np.ndarray, latency: float) -> np.ndarray:
         """Age (e,), s, of the corrections in use at epochs (e,), s; inf without any.
 
-        A message that arrives between two epochs is received if a sender is at the earlier one; one from before the
-        first epoch, if a sender is at the first. received: (e,) bool, whether a sender is. latency: of a message, s.
+        A message that arrives between two epochs is received if a sender is received at the earlier one. A message from
+        before the first epoch is received if a sender is at the first.
+
+        received: (e,) bool, whether a sender is received. latency: of a message, s.
         """
         newest = np.floor((time - latency) / self.interval + _ROUNDING).astype(np.int64)
         if newest.size == 0:

@@ -391,8 +391,10 @@ class _FlightInputs:
 
 @dataclass(frozen=True)
 class _Part:
-    """A part of a flight: numbers (k,) and arrivals, s, of its fixes; filter output with covariance (t, n, n); first
-    and last row of the fixes that the filter contradicts; its start and end, s."""
+    """A part of a flight: numbers (k,) and arrivals, s, of its fixes; filter output with covariance (t, n, n).
+
+    Also the first and last row of the fixes that the filter contradicts, and the part's start and end, s.
+    """
 
     rows: np.ndarray
     arrival: np.ndarray
@@ -457,7 +459,7 @@ def fly(
     return _joined(given, parts, tuple(lost), int(np.sum(flight.arrival <= until + 1e-9)))
 
 
-def fly_again(
+def fly_same_parts(
     flown: Replayed,
     flight: RecordedFlight,
     design: FilterDesign,
@@ -515,8 +517,11 @@ def _lost(begin: PartStart | None, first: float, last: float, why: str, jump: np
 
 
 def _weighed(history: History, pairs: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which fixes (k,) the filter has weighed, and which it rejected: the position or the velocity of them, or more
-    than half of the ranges. pairs (1 or 2, k): events of fixes; table (k, s): events of ranges, -1 for none."""
+    """Which fixes (k,) the filter has weighed, and which it rejected.
+
+    A fix is rejected if its position, its velocity, or more than half of its ranges are. pairs (1 or 2, k): events of
+    fixes. table (k, s): events of ranges, -1 for none.
+    """
     if not table.shape[1]:
         status = history.status[pairs].max(axis=0, initial=NOT_USED)
         return status != NOT_USED, status == REJECTED
@@ -643,7 +648,7 @@ def waiting(latency: float, velocity_lag: float) -> float:
     return max(0.0, -latency, -latency - velocity_lag)
 
 
-def _apart(fixes: FixTable, known: np.ndarray) -> FixTable:
+def _positions_and_velocities(fixes: FixTable, known: np.ndarray) -> FixTable:
     """Fixes (m,) as positions and, in as many rows more, velocities, which are of another time; known (m,): whether the
     flight has begun at that time."""
     none = np.full_like(fixes.llh, np.nan)
@@ -685,7 +690,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     apart = bool(flight.velocity_lag) and not design.tight
     if apart:
         older = arrival - design.latency - flight.velocity_lag
-        fixes = _apart(fixes, older > at)
+        fixes = _positions_and_velocities(fixes, older > at)
         fix_valid = np.concatenate([valid, np.maximum(older, at)])
         fix_known = fix_valid if is_smoother(kind) else np.tile(arrival, 2)
     tables[PROBE if design.tight else FIX] = fixes

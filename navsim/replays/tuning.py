@@ -203,7 +203,7 @@ class TuningSearch:
             seen = replay.fly(flight, design, fix_sigma, np.empty(0), range_sigma=range_sigma, brief=True)
         else:
             withheld = near.rejected[flight.row] & (not recording.tight)
-            seen = replay.fly_again(near.flown, flight, design, fix_sigma, withheld, range_sigma)
+            seen = replay.fly_same_parts(near.flown, flight, design, fix_sigma, withheld, range_sigma)
         moving = in_motion(flight, recording.moving_speed)
         used = moving & (seen.degrees > 0) & (seen.status != REJECTED)
         count = (recording.fixes if recording.ranges is None or not recording.tight else recording.ranges).time.size

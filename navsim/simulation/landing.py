@@ -859,7 +859,7 @@ def _as_runs(
     stated = inputs.stated
     for name in ("state", "flag"):
         own[f"fix_{name}"] = none if stated is None else getattr(stated, name).astype(float)
-    own |= {"touchdown": np.empty((0, WIDTH)), "go_around": np.empty((0, WIDTH))}
+    own |= {"touchdown": none, "go_around": none}
     if inputs.flown is not None and shared.ways is not None:
         flown = inputs.flown
         own |= {"deviation": flown.deviation, "attitude": flown.rpy, "antenna": flown.antenna, "gust": flown.gust}

@@ -67,7 +67,7 @@ def read(path: Path) -> LogContents:
     with files.open_regular(path) as file, foreign_reader(path, "pymavlink"):
         messages = _Messages(file.read())
         contents = _contents(messages)
-    contents.count_left_out(messages.skipped, "bytes of the log that belong to no message")
+    contents.count_omitted(messages.skipped, "bytes of the log that belong to no message")
     return contents
 
 

@@ -146,7 +146,7 @@ class LogContents:
     def add_receiver(self, record: FixRecord, fix: np.ndarray | None = None) -> None:
         """Take a receiver, without damaged fixes. fix (m,): which messages have a 3D fix; None: all."""
         if fix is not None:
-            self.count_left_out(int((~fix).sum()), f"messages of {record.name} without a 3D fix")
+            self.count_omitted(int((~fix).sum()), f"messages of {record.name} without a 3D fix")
             record = record.take(fix)
         bad = _outside(record.velocity, "velocity", unknown=True)
         for column, name in enumerate(("lat_deg", "lon_deg", "h_m")):
@@ -164,7 +164,7 @@ class LogContents:
         if keep.any():
             self.tables[name] = {key: column[keep] for key, column in columns.items()}
 
-    def count_left_out(self, count: int, what: str) -> None:
+    def count_omitted(self, count: int, what: str) -> None:
         """Note a number of omitted records."""
         if count:
             self.left_out.append(f"{count} {what}")
@@ -177,8 +177,8 @@ class LogContents:
         typical = median_filter(np.where(wild, 0.0, time), min(5, time.size), mode="nearest")
         usual = float(np.median(np.abs(np.diff(time[~wild])))) if (~wild).sum() > 1 else 0.0
         wild |= np.abs(np.where(wild, 0.0, time) - typical) > max(_TIME_TOLERANCE, _INTERVALS * usual)
-        self.count_left_out(int(wild.sum()), f"{what} of {name} with a damaged time")
-        self.count_left_out(int((bad & ~wild).sum()), f"{what} of {name} outside of physical limits")
+        self.count_omitted(int(wild.sum()), f"{what} of {name} with a damaged time")
+        self.count_omitted(int((bad & ~wild).sum()), f"{what} of {name} outside of physical limits")
         return np.asarray(~(wild | bad))
 
     def merge(self, other: LogContents, name: str) -> None:

@@ -60,7 +60,7 @@ def read(path: Path, with_settings: bool = True) -> LogContents:
     if width in _IMU_COLUMNS and rate >= SLOWEST_IMU_HZ:
         out.decided.append(f"{path.name} has IMU increments: {width} columns, {digits(rate, 4)} rows a second")
         keep = np.diff(table[:, 0], prepend=-np.inf) > 0.0
-        out.count_left_out(int((~keep).sum()), f"samples of {path.name} with the time of another, or out of order")
+        out.count_omitted(int((~keep).sum()), f"samples of {path.name} with the time of another, or out of order")
         table = table[keep]
         rates = increments_as_rates(table[:, 0], table[:, 1:7])
         out.add_imu(ImuRecord(path.stem, table[:, 0], rates[:, :3], rates[:, 3:], "averaged"))

@@ -82,7 +82,7 @@ def read(path: Path) -> LogContents:
                     fixes.append([at, *_fix(parsed)])
                 else:
                     precise[at] = [parsed.lat, parsed.lon, 1e-3 * parsed.height, parsed.invalidLlh]
-    out.count_left_out(damaged, "messages with a wrong checksum")
+    out.count_omitted(damaged, "messages with a wrong checksum")
     out.left_out += [f"{count} messages {name}" for name, count in sorted(others.items())]
     if not fixes and not raw:
         reasons = ["no NAV-PVT and no RXM-RAWX: switch them on in the receiver", *out.left_out]
@@ -148,7 +148,7 @@ def _add_rinex(out: LogContents, path: Path, raw: list[tuple[float, int, np.ndar
                 channels[name] = int(one["channel"]) - _CHANNEL_ZERO
             row.append((names.setdefault(name, len(names)), one["range"], one["doppler"], one["cn0"]))
         rows.append(row)
-    out.count_left_out(skipped, "raw measurements of other frequencies or systems, or without a valid range")
+    out.count_omitted(skipped, "raw measurements of other frequencies or systems, or without a valid range")
     check_table(path, 3, len(rows), max(len(names), 1))
     values = np.full((3, len(rows), len(names)), np.nan)
     for epoch, row in enumerate(rows):
