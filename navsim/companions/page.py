@@ -36,7 +36,7 @@ from navsim.report.page.plots import (
     ticks,
     upright,
 )
-from navsim.report.summary_tables import setting
+from navsim.report.result_cells import setting
 from navsim.results.result import Result
 from navsim.statistics.rounding import digits
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.report.flown_requirements import flown_requirements, plain_requirements
-from navsim.report.summary_tables import setting
+from navsim.report.result_cells import setting
 from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.view import View, one_by_one
 from navsim.results.findings import several

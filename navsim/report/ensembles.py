@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from navsim.report.box_rows import box_limits, of_total
 from navsim.report.figure_data import blocks, come_down, ellipse, heights, settled
 from navsim.report.figures import legend_above
 from navsim.report.limits import DOTTED, REQUIRED, Limit, rectangle, required_limits
 from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
-from navsim.report.summary_tables import box_limits, of_total, runs_of, setting
+from navsim.report.result_cells import runs_of, setting
 from navsim.results.result import Result
 
 if TYPE_CHECKING:

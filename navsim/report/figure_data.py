@@ -17,7 +17,7 @@ from navsim.formats.export import choose_run, state_units
 from navsim.formats.export_maps import true_antenna
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unwrap_longitude
-from navsim.report.summary_tables import runs_of, setting
+from navsim.report.result_cells import runs_of, setting
 from navsim.results.result import Result, ResultError, Stream
 from navsim.statistics import chi_square
 

@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from navsim.report.budget_rows import source_title
 from navsim.report.figure_data import (
     ellipse,
     first_runs,
@@ -43,9 +44,9 @@ from navsim.report.printing import (
     new_figure,
     printed,
 )
+from navsim.report.result_cells import runs_of, setting, single
 from navsim.report.ridges import BROWN, ShownRidge, clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import REACH, RINGS, SHADE, WRITTEN, bearings, masked, shaded, sides, source_tracks
-from navsim.report.summary_tables import runs_of, setting, single, source_title
 from navsim.results.result import Result, ResultError, write_bytes
 
 if TYPE_CHECKING:

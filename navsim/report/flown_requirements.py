@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.report.summary_tables import verdict_cell
+from navsim.report.requirement_rows import verdict_cell
 from navsim.report.table import ABSENT, Table
 from navsim.results.result import Result
 

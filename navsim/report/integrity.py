@@ -23,7 +23,7 @@ from navsim.report.figure_data import stanford as counted
 from navsim.report.figures import legend_above
 from navsim.report.limits import level_lines, required_limits
 from navsim.report.printing import COLOURS, COLUMN, SMALL, abreast, new_figure
-from navsim.report.summary_tables import runs_of
+from navsim.report.result_cells import runs_of
 from navsim.results.result import Result
 
 if TYPE_CHECKING:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from navsim.report.summary_tables import glance, summary_table, verdicts
+from navsim.report.requirement_rows import verdicts
+from navsim.report.summary_tables import glance, summary_table
 from navsim.report.table import Table
 from navsim.report.view import View
 from navsim.results.result import Result

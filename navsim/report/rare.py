@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from navsim.report.box_rows import box_head, box_limits, box_sides, box_to_first_order
 from navsim.report.limits import DOTTED, REQUIRED, required_limits, word
-from navsim.report.summary_tables import box_head, box_limits, box_sides, box_to_first_order, requirements, runs_of
+from navsim.report.requirement_rows import requirements
+from navsim.report.result_cells import runs_of
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.results.findings import several
 from navsim.results.result import Result

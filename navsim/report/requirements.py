@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from navsim.report.box_rows import box_limits, of_total, outside_box
 from navsim.report.figure_data import MOST_RUNS, blocks, settled, touchdown
 from navsim.report.figures import legend_below, view_from_above
 from navsim.report.limits import REQUIRED, glide, rectangle, required_limits, rms_lines, spoken, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
-from navsim.report.summary_tables import box_limits, of_total, outside_box, runs_of, single
+from navsim.report.result_cells import runs_of, single
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS
 

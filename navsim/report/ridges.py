@@ -12,7 +12,7 @@ from navsim.formats.ridges import RidgeLine, ridges
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.geodesy.horizon import crossings, skyline_elevation
 from navsim.report.figure_data import about_threshold
-from navsim.report.summary_tables import setting
+from navsim.report.result_cells import setting
 from navsim.results.result import Result
 
 BROWN = "#8C4B00"

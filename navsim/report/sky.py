@@ -11,7 +11,7 @@ import numpy as np
 
 from navsim.geodesy.horizon import between
 from navsim.report.label_placement import ON, LabelPosition, Letters, Rectangle
-from navsim.report.summary_tables import setting
+from navsim.report.result_cells import setting
 from navsim.results.result import Result
 
 Sector = tuple[float, float, float, float]

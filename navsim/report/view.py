@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from navsim.kinds import KINDS, named
-from navsim.report.summary_tables import FINDINGS, plain_tree
+from navsim.report.plain_data import FINDINGS, plain_tree
 from navsim.report.table import Cell, Table
 from navsim.results.result import Result, ResultError, write_text
 

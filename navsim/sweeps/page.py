@@ -27,8 +27,8 @@ from navsim.report.page.plots import (
     view_from_above,
 )
 from navsim.report.page.terrain import ridge_lines
+from navsim.report.result_cells import setting
 from navsim.report.ridges import shown_ridges
-from navsim.report.summary_tables import setting
 from navsim.report.table import as_text
 from navsim.results.result import Result
 from navsim.sweeps import report

@@ -13,8 +13,8 @@ from navsim.formats.sweep_rows import VERDICT, dimensions, heads, key_path, keys
 from navsim.formats.units import unit_of, without_unit
 from navsim.report import table
 from navsim.report.flown_requirements import flown_requirements, plain_requirements
+from navsim.report.result_cells import setting as scenario_setting
 from navsim.report.ridges import shown_ridges
-from navsim.report.summary_tables import setting as scenario_setting
 from navsim.report.table import Cell, Table, as_text, cell
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result

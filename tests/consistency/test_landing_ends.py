@@ -13,7 +13,8 @@ from navsim.integrity.monitoring import ALARM
 from navsim.landing.result import result as summarised
 from navsim.landing.study import fly_all
 from navsim.landing.total_errors import indicated
-from navsim.report.summary_tables import outside_box, summary_table
+from navsim.report.box_rows import outside_box
+from navsim.report.summary_tables import summary_table
 from navsim.results.result import Result
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError

@@ -14,8 +14,8 @@ from navsim.cli.results import shown_as_stored
 from navsim.filter.states import display_name
 from navsim.landing.requirements import untold_by_pushed_runs
 from navsim.landing.study import prepare
-from navsim.report import summary_tables
-from navsim.report.summary_tables import state_verdict
+from navsim.report import budget_rows
+from navsim.report.consistency_rows import state_verdict
 from navsim.results.findings import several
 from navsim.results.result import Result, Variable
 from navsim.results.schema import SCHEMA_VERSION
@@ -227,8 +227,8 @@ def test_the_budget_begins_with_its_largest_source() -> None:
         found[f"/summary/budget/{axis}"] = Variable(("source",), 2.0 * np.sqrt(share), "m", "")
         found[f"/summary/budget/{axis}_share"] = Variable(("source",), share, "1", "")
     result = Result({}, found)
-    rows = summary_tables._budget_rows([result])
+    rows = budget_rows.budget_rows([result])
     assert rows == {"b": ["b"], "c": ["c"], "2 others, below 0.5 % each": ["d", "a"]}
-    cells = [str(summary_tables._budget(result, names)) for names in rows.values()]
+    cells = [str(budget_rows.budget_cell(result, names)) for names in rows.values()]
     assert cells[0] == "0.894 (20.0 %), 1.897 (90.0 %)"
     assert cells[2] == "0.141 (0.5 %), 0.141 (0.5 %)"

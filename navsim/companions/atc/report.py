@@ -107,7 +107,7 @@ def _errors(result: Result) -> Figure:
     from navsim.report.figure_data import settled
     from navsim.report.figures import legend_above
     from navsim.report.printing import COLUMN, new_figure
-    from navsim.report.summary_tables import setting
+    from navsim.report.result_cells import setting
 
     fig = new_figure(2 * COLUMN, 4.8)
     axes = fig.subplots(2, 1, sharex=True)

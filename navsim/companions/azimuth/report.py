@@ -119,7 +119,7 @@ def _growth(result: Result) -> list[Table | str]:
 
 def filter_labels(result: Result) -> dict[str, str]:
     """Description of each filter."""
-    from navsim.report.summary_tables import setting
+    from navsim.report.result_cells import setting
 
     sigmas = setting(result, "filters", "singer_sigma_m_s2")
     return {name: f"Singer, {digits(sigma)} m/s²" for name, sigma in zip(("S1", "S2"), sigmas, strict=True)} | _WORDS

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.report.summary_tables import setting
+from navsim.report.result_cells import setting
 from navsim.report.table import Table, cell, number
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result

@@ -10,6 +10,8 @@ import numpy as np
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
+from navsim.report.budget_rows import source_title
+from navsim.report.consistency_rows import state_verdict
 from navsim.report.figure_data import (
     RunwayErrors,
     descent,
@@ -67,9 +69,9 @@ from navsim.report.page.plots import (
 from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
 from navsim.report.page.terrain import plan_of, ridge_lines
 from navsim.report.page.touchdown import distribution, percentiles, scatter
+from navsim.report.result_cells import setting, single
 from navsim.report.ridges import clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import SourceTrack, masked, source_tracks
-from navsim.report.summary_tables import setting, single, source_title, state_verdict
 from navsim.results.result import Result
 from navsim.results.schema import RMS_WINDOW
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from bokeh.models import Range1d
 
+from navsim.report.box_rows import box_limits
 from navsim.report.page.plots import (
     GREY,
     Drawing,
@@ -23,7 +24,6 @@ from navsim.report.page.plots import (
     upright,
 )
 from navsim.report.rare import curve, middle
-from navsim.report.summary_tables import box_limits
 from navsim.results.findings import several
 
 _MOST = 400

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from bokeh.plotting import figure
 
+from navsim.report.box_rows import box_limits, of_total, outside_box
 from navsim.report.figure_data import (
     ellipse,
 )
@@ -32,7 +33,7 @@ from navsim.report.page.plots import (
     upright,
     width,
 )
-from navsim.report.summary_tables import box_limits, of_total, outside_box, runs_of, single
+from navsim.report.result_cells import runs_of, single
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS
 

@@ -1,0 +1,58 @@
+"""Rows of the verdicts on requirements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from navsim.report.consistency_rows import VERDICT, state_verdict
+from navsim.report.result_cells import single
+from navsim.report.table import ABSENT, Cell, Table, cell
+from navsim.results.result import Result
+from navsim.statistics.rounding import digits
+
+
+def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
+    """Add a verdict on each requirement, if any."""
+    branch = "/summary/requirements"
+    asked = [result for _, result in results if f"{branch}/verdict" in result]
+    if not asked:
+        return
+    found = (f"found{'' if single(result) else ' [95 %]'}" for _, result in results)
+    table.head("Requirements", *(f"verdict: {what}; number of runs for a decision" for what in found))
+    for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
+        table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
+
+
+def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
+    """Verdicts on requirements, and on the filter's sigmas if there are runs."""
+    out = Table("", ("", *(name for name, _ in results)), caption="Verdicts on requirements")
+    requirements(out, results)
+    if any(VERDICT in result for _, result in results):
+        out.head("Sigma of every state", *("" for _ in results))
+        out.add("  all states", *(state_verdict(result) for _, result in results))
+    return [out] if out.rows else []
+
+
+def _verdict(result: Result, statement: str) -> Cell | str:
+    branch = "/summary/requirements"
+    text = [] if f"{branch}/verdict" not in result else [str(text) for text in result[f"{branch}/statement"]]
+    if statement not in text:
+        return ABSENT
+    i = text.index(statement)
+    word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
+    return verdict_cell(word, result[f"{branch}/value"][i], more, single(result))
+
+
+def verdict_cell(word: str, interval: np.ndarray, more: float, one_run: bool = False) -> Cell:
+    """A verdict on a requirement with the value and its interval (3,), and the number of runs that would decide it."""
+    value, low, high = map(float, interval)
+    if np.isnan(value):
+        return cell("{}: not evaluated by this method", word)
+    number = digits(more, 2) if more >= 1e5 else f"{more:.0f}"
+    enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
+    if low == high or np.isnan(low) or one_run:
+        return cell("{}: {:.4g}" + enough, word, value, names=("verdict", "found"))
+    return cell("{}: {:.4g}  [{:.4g}, {:.4g}]" + enough, word, value, low, high,
+                names=("verdict", "found", "found, low", "found, high"))  # fmt: skip
