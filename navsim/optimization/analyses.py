@@ -33,6 +33,7 @@ from navsim.optimization.scenario import LEVEL_OBJECTIVES
 from navsim.results.findings import Finding
 from navsim.results.schema import LARGE
 from navsim.scenario.beacons import BeaconsSection
+from navsim.scenario.pseudolites import Site
 from navsim.scenario.requirements import (
     AccuracyRequirement,
     AvailabilityRequirement,
@@ -40,7 +41,6 @@ from navsim.scenario.requirements import (
     ThresholdRequirement,
     singles,
 )
-from navsim.scenario.signals import Site
 from navsim.simulation.aiding import aids_of
 from navsim.simulation.landing_covariance import Analysis
 from navsim.trajectory.kinematics import Motion

@@ -24,7 +24,7 @@ from navsim.scenario.base import (
     hint,
     reject,
 )
-from navsim.scenario.signals import ClockModel
+from navsim.scenario.pseudolites import ClockModel
 from navsim.scenario.sky import Files
 
 RANGE_UNITS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "ns": 0.299792458, "us": 299.792458}

@@ -11,7 +11,8 @@ from pydantic import Field, model_validator
 from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
 from navsim.scenario.base import DEG, ListOf, NonNegative, Sigma, Signed, Triple, reject
 from navsim.scenario.presets import BEACON_PRESETS
-from navsim.scenario.signals import Gain, Site
+from navsim.scenario.pseudolites import Site
+from navsim.scenario.signals import Gain
 from navsim.scenario.terrain import tops_of
 
 if TYPE_CHECKING:

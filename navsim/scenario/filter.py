@@ -15,7 +15,8 @@ from navsim.scenario.base import (
 )
 from navsim.scenario.beacons import FilterBeacons
 from navsim.scenario.imu import Accelerometer, Gyro
-from navsim.scenario.signals import ClockNoise, FilterPseudolites
+from navsim.scenario.pseudolites import FilterPseudolites
+from navsim.scenario.signals import ClockNoise
 
 
 class FilterInitial(Section):

@@ -55,8 +55,9 @@ from navsim.scenario.imu import Accelerometer, Gyro, Imu, assumed_sensor
 from navsim.scenario.initial_errors import InitialErrorsSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.interference import InterferenceSection
+from navsim.scenario.pseudolites import PseudolitesSection
 from navsim.scenario.requirements import AnyRequirement
-from navsim.scenario.signals import ClockNoise, PseudolitesSection, ReceiverSection, SignalsSection
+from navsim.scenario.signals import ClockNoise, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
 from navsim.scenario.terrain import RidgeSection, tops_of
 

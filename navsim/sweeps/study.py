@@ -52,7 +52,7 @@ from navsim.runner.findings import LANDING, among, marks, notes, without_fix
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import resolved_yaml
-from navsim.scenario.signals import PseudolitesSection
+from navsim.scenario.pseudolites import PseudolitesSection
 from navsim.scenario.source import Document, InputError, set_value
 from navsim.simulation.placement_geometry import Geometry
 from navsim.sweeps.outputs import (
