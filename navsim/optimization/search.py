@@ -46,41 +46,70 @@ from navsim.optimization.problem import (
 )
 from navsim.optimization.progress import SearchMonitor, Step
 from navsim.optimization.scenario import BEACON_OBJECTIVES, LEVEL_OBJECTIVES
-from navsim.runner.job import JobError
 
 if TYPE_CHECKING:
     from scipy.optimize import Bounds
+from navsim.optimization.best_placement import Found, NoPlacement
 from navsim.optimization.surrogate import SurrogateFit, largest_shift
 
 ALL_CHOICES = 2_000_000
 """Choices of sites up to which every one is tried for an objective of geometry; of a filter: ALL_ANALYSED, of levels:
 ALL_WATCHED."""
+
+
 ALL_ANALYSED, ALL_WATCHED = 50, 200
+
+
 GEOMETRY, LEVELS, COARSE, FULL = "geometry", "levels", "coarse", "full"
 """Types of evaluation of a placement: geometry kernel, levels at some epochs, coarse and full analysis."""
+
+
 CHUNK = 65_536
 """Choices of sites evaluated at a time."""
+
+
 _POPULATION, _GENERATIONS = 30, 400
 """Differential evolution with an objective of geometry: members a coordinate, largest number of generations."""
+
+
 _FINISHING = (100.0, 10.0, 1.0)
 """Sizes of the simplices of Nelder-Mead, m, and evaluations a coordinate with each."""
+
+
 _FINISHING_TRIES = 200
+
+
 _MORE = 4000
 """Positions tried for one more pseudolite beside those found before."""
+
+
 _SINGLES, _POOL = 4096, 3000
 """Places for one pseudolite, and placements put together of them, that the search for a filter begins with."""
+
+
 _SCREEN_GENERATIONS = 25
+
+
 _LEVEL_GENERATIONS, _LEVEL_MORE, _LEVEL_STARTS = 60, 400, 2
 """Settings for levels at some epochs, which the coarse analysis follows: generations; positions tried for one more;
 starts in addition to those of the study's effort, so that feasible placements are not missed."""
+
+
 _EXPLORATION = 0.0, 1.0
 """Optimism of a round about unknown values: standard deviations, in turn."""
+
+
 _REGION = 4.0
 """Every second round stays around the best: how far, in distances that new placements keep from the old."""
 
 
+_CHOOSING, _EVOLVING, _SCREENING = "choosing", "searching", "screening by geometry"
+_LEARNING, _DECIDING = "coarse analysis", "full analysis"
+"""Names of the steps of a search."""
 _DIGITS = 2
 """Digits behind the point, of metres, that places have in tables and files."""
+
+
 _ASIDE = (0.01, 0.02, 0.05, 0.1, 0.2)
 """Shift of positions if rounding makes them violate a rule, m."""
 
@@ -106,55 +135,10 @@ class _SearchBudget:
 
 _FLOWN, _WATCHED = _SearchBudget(1, 3, 1, (20.0,), 6), _SearchBudget(3, 10, 3, (100.0, 20.0, 4.0), 15)
 """Budgets for covariance analyses, and for levels alone, which cost less."""
+
+
 _AGAIN = 4
 """Largest number of times that the best are evaluated again, with stricter requirements in the coarse analysis."""
-
-
-class NoPlacement(JobError):
-    """The constraints leave no place, or no placement gives a fix at every epoch."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """Best placement of one number of pseudolites."""
-
-    places: np.ndarray
-    """(k, 2) s and l1, m."""
-    value: float
-    """Its objective; not finite if it has none and misses the requirements."""
-    tried: dict[str, int]
-    """Placements evaluated, by type of evaluation."""
-    every: bool
-    """The objective of every choice of sites was evaluated."""
-    finished: bool
-    """The search is complete."""
-    load: float = 0.0
-    """Load of the requirements. Above 1 no placement was found that meets them, and this one misses the worst of them
-    by least."""
-    others: tuple[np.ndarray, ...] = ()
-    """Next best analysed placements (k, 2), the best first, in case runs contradict this one."""
-
-    @property
-    def met(self) -> bool:
-        """Whether it meets all decidable requirements."""
-        return self.load <= 1.0
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The object as arrays, for `of`."""
-        return {
-            "places": self.places, "value": np.array(self.value), "every": np.array(self.every),
-            "finished": np.array(self.finished), "way": np.array(list(self.tried)),
-            "tried": np.array(list(self.tried.values())), "load": np.array(self.load),
-            "others": np.array(self.others).reshape(-1, *self.places.shape),
-        }  # fmt: skip
-
-    @staticmethod
-    def of(arrays: dict[str, np.ndarray]) -> Found:
-        """The object from `arrays`."""
-        tried = dict(zip(arrays["way"].tolist(), arrays["tried"].tolist(), strict=True))
-        every, finished = bool(arrays["every"]), bool(arrays["finished"])
-        others = tuple(arrays["others"])
-        return Found(arrays["places"], float(arrays["value"]), tried, every, finished, float(arrays["load"]), others)
 
 
 class _Best(NamedTuple):
@@ -174,23 +158,23 @@ def steps(problem: PlacementProblem, count: int, earlier: bool) -> list[Step]:
         usable = int(np.sum(_usable(problem)))
         choices = math.comb(usable, count)
         if problem.analysed and choices <= _all(problem):
-            return [Step(_choosing(problem, count), {FULL: choices})]
+            return [Step(_step_name(problem, count, _CHOOSING), {FULL: choices})]
         # greedy choices, and some three rounds of exchanges of every site
         tried = choices if choices <= ALL_CHOICES else 5 * effort * 4 * count * usable
         if not problem.analysed:
-            return [Step(_choosing(problem, count), {GEOMETRY: tried})]
-        screening = Step(_choosing(problem, count), {GEOMETRY: len(problem.screens) * tried})
+            return [Step(_step_name(problem, count, _CHOOSING), {GEOMETRY: tried})]
+        screening = Step(_step_name(problem, count, _CHOOSING), {GEOMETRY: len(problem.screens) * tried})
         pool = len(problem.screens) * min(tried, _POOL)
         learning = {GEOMETRY: rounds * pool, COARSE: _first(problem, count) + rounds * pace.learning}
         return [
             screening,
-            Step(_learning(problem, count), learning),
-            Step(_deciding(problem, count), {FULL: _decisions(problem)}),
+            Step(_step_name(problem, count, _LEARNING), learning),
+            Step(_step_name(problem, count, _DECIDING), {FULL: _decisions(problem)}),
         ]
     if not problem.analysed:
         of_coordinate = _POPULATION * (_GENERATIONS + 1) + len(_FINISHING) * _FINISHING_TRIES
         per_start = problem.coordinates * count * of_coordinate
-        return [Step(_evolving(problem, count), {GEOMETRY: effort * per_start + _MORE * earlier})]
+        return [Step(_step_name(problem, count, _EVOLVING), {GEOMETRY: effort * per_start + _MORE * earlier})]
     evolving = _members(count) * (_SCREEN_GENERATIONS + 1)
     most = {GEOMETRY: len(problem.screens) * (_POOL + evolving + _MORE * earlier)}
     learning = {COARSE: _first(problem, count) + pace.finishing(problem.coordinates * count)}
@@ -199,12 +183,12 @@ def steps(problem: PlacementProblem, count: int, earlier: bool) -> list[Step]:
     else:
         learning[COARSE] += rounds * pace.learning
         learning[GEOMETRY] = rounds * (2 * _POOL + evolving)
-    screening = Step(_screening(problem, count), most)
+    screening = Step(_step_name(problem, count, _SCREENING), most)
     anew = {} if problem.requirements is None else {COARSE: _AGAIN * pace.finishing(problem.coordinates * count)}
     return [
         screening,
-        Step(_learning(problem, count), learning),
-        Step(_deciding(problem, count), {FULL: _decisions(problem), **anew}),
+        Step(_step_name(problem, count, _LEARNING), learning),
+        Step(_step_name(problem, count, _DECIDING), {FULL: _decisions(problem), **anew}),
     ]
 
 
@@ -222,24 +206,8 @@ def _decisions(problem: PlacementProblem) -> int:
     return (problem.study.effort + 1) * (1 if problem.requirements is None else 1 + _AGAIN) + 1
 
 
-def _choosing(problem: PlacementProblem, count: int) -> str:
-    return f"{problem.study.named(count)}, choosing"
-
-
-def _evolving(problem: PlacementProblem, count: int) -> str:
-    return f"{problem.study.named(count)}, searching"
-
-
-def _screening(problem: PlacementProblem, count: int) -> str:
-    return f"{problem.study.named(count)}, screening by geometry"
-
-
-def _learning(problem: PlacementProblem, count: int) -> str:
-    return f"{problem.study.named(count)}, coarse analysis"
-
-
-def _deciding(problem: PlacementProblem, count: int) -> str:
-    return f"{problem.study.named(count)}, full analysis"
+def _step_name(problem: PlacementProblem, count: int, what: str) -> str:
+    return f"{problem.study.named(count)}, {what}"
 
 
 def _members(count: int) -> int:
@@ -361,7 +329,7 @@ def _place(
         return float(trials.at_once(x.reshape(1, count, -1))[0])
 
     bounds = _bounds(problem, count)
-    with watch.step(_evolving(problem, count)):
+    with watch.step(_step_name(problem, count, _EVOLVING)):
         candidates = [
             _evolve(
                 problem, trials.at_once, bounds, np.random.default_rng([seed, count, start]), _GENERATIONS, _POPULATION
@@ -477,7 +445,7 @@ def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
 def _choose(problem: PlacementProblem, count: int, seed: int, trials: Evaluator, watch: SearchMonitor) -> _Best:
     """The best `count` of the study's sites."""
     usable = _sites(problem, count)
-    with watch.step(_choosing(problem, count)):
+    with watch.step(_step_name(problem, count, _CHOOSING)):
         if math.comb(len(usable), count) <= ALL_CHOICES:
             best, lowest = usable[:count], math.inf
             for chunk in _chunks(len(usable), count):
@@ -552,7 +520,7 @@ def _place_analysed(
     rng = np.random.default_rng([seed, count])
     bounds = _bounds(problem, count)
     size, pace = _members(count), _pace(problem)
-    with watch.step(_screening(problem, count)):
+    with watch.step(_step_name(problem, count, _SCREENING)):
         pool = _pool(problem, count, rng)
         lists: list[Iterable[np.ndarray]] = []
         for screen in problem.screens:
@@ -565,7 +533,7 @@ def _place_analysed(
             lists = _by_levels(problem, count, rng, lists, earlier, trials)
         lists.append(pool)
     learner = SurrogateFit(problem, trials)
-    with watch.step(_learning(problem, count)):
+    with watch.step(_step_name(problem, count, _LEARNING)):
         gaps = _gaps(problem, count)
         learner.analyse(
             learner.new(_in_turn(lists), _first(problem, count), gaps[0] if problem.level_screen is None else 1.0)
@@ -643,7 +611,7 @@ def _decided(
     and the refined placements are evaluated again.
     """
     best, lowest = np.empty((0, problem.coordinates)), math.inf
-    with watch.step(_deciding(problem, count)):
+    with watch.step(_step_name(problem, count, _DECIDING)):
         watch.judge_anew()
         for again in range(1 + _AGAIN):
             if again:
@@ -681,19 +649,19 @@ def _choose_analysed(
     """The best `count` of the study's sites by analyses."""
     usable = _sites(problem, count)
     if math.comb(len(usable), count) <= _all(problem):
-        with watch.step(_choosing(problem, count)):
+        with watch.step(_step_name(problem, count, _CHOOSING)):
             choices = usable[np.concatenate(list(_chunks(len(usable), count)))]
             values = trials.full(choices).value
         best, *others = np.argsort(values, kind="stable")
         return _Best(choices[best], float(values[best]), tuple(choices[others[: CANDIDATES - 1]]), every=True)
-    with watch.step(_choosing(problem, count)):
+    with watch.step(_step_name(problem, count, _CHOOSING)):
         ranked = [
             _screened_choices(usable, count, seed, problem.study.effort, trials.by(screen))
             for screen in problem.screens
         ]
     learner, pace = SurrogateFit(problem, trials), _pace(problem)
     pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
-    with watch.step(_learning(problem, count)):
+    with watch.step(_step_name(problem, count, _LEARNING)):
         starts = (usable[list(c)] for c in _in_turn([*ranked, np.random.default_rng([seed, count]).permutation(pool)]))
         learner.analyse(learner.new(starts, _first(problem, count), 0.0))
         for _ in range(_rounds(count) * problem.study.effort):

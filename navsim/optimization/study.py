@@ -17,6 +17,7 @@ import numpy as np
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.confirmation import Candidate, Confirmation, confirm, put_requirements
 from navsim.landing.requirements import statements
+from navsim.optimization.best_placement import Found, NoPlacement
 from navsim.optimization.placement import ObjectiveFunction
 from navsim.optimization.prefetch import ObjectiveFunctions, Prefetcher
 from navsim.optimization.problem import (
@@ -28,7 +29,7 @@ from navsim.optimization.problem import (
 )
 from navsim.optimization.progress import SearchMonitor, Step, TimeUp
 from navsim.optimization.scenario import Optimize
-from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, Found, NoPlacement, search_one, steps
+from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, search_one, steps
 from navsim.optimization.search_log import SearchLog
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from navsim.landing.study import covariance_analysis, judged_without_runs
+from navsim.optimization.best_placement import Found
 from navsim.optimization.problem import PlacementProblem, load_of, penalised, problem
 from navsim.optimization.scenario import Optimize
-from navsim.optimization.search import Found
 from navsim.optimization.study import search
 from navsim.scenario.load import read_study
 from tests.conftest import SCENARIOS
