@@ -106,13 +106,16 @@ class Monitoring:
     """Monitor of the filter's innovations, None without."""
     bank: Callable[[Any], Bank] | None = None
     """Creates the filter bank of a flight if it monitors the filter instead of the fixes."""
+    beacons: tuple[str, ...] = ()
+    """Names of the ranging beacons that the filter bank watches beside the sources of fixes."""
 
     def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
-        """Faults of all used sources, and pairs of them that must be monitored with a share of the tolerated
-        probability."""
+        """Faults of all used sources and of beacons, and pairs of them that must be monitored with a share of the
+        tolerated probability."""
         if isinstance(self.test, ChiSquareTest):
             return ()
-        alone = [fault for fault in self.faults if signals.used[:, list(_indices(signals.names, fault.sources))].any()]
+        used = {*np.array(signals.names)[signals.used.any(axis=0)].tolist(), *self.beacons}
+        alone = [fault for fault in self.faults if used.intersection(fault.sources)]
         pairs = araim.coincidences([fault.prior for fault in alone], share * self.test.p_unmonitored)
         both = [(alone[i], alone[j], (i, j)) for i, j in pairs]
         return (

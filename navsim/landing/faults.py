@@ -9,7 +9,7 @@ from navsim.integrity.araim import Allocation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.monitoring import ExpectedFault, Monitoring
 from navsim.integrity.residuals import ChiSquareTest
-from navsim.scenario.integrity import GroundGroup, IntegritySection
+from navsim.scenario.integrity import GroundGroup, IntegritySection, transmitter_prior
 from navsim.scenario.landing import Landing
 from navsim.simulation.filter_bank import FilterBank
 
@@ -20,36 +20,40 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
     if section is None or scenario.method == "rare":
         return None
     names = sources.pseudolites.names
+    of_filter = section.method == "filter"
+    beacons = () if scenario.beacons is None or not of_filter else scenario.beacons.names()
     systems = _systems(sources)
     # satellites that are not to be used are among the signals all the same
     nominal = {name: section.b_nom_m for of_group, _ in _satellites(sources) for name in of_group}
-    nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m)
+    nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m) | dict.fromkeys(beacons, section.b_nom_beacon_m)
     drops, asked = section.on_alarm == "drop", section.innovations
     innovations = None if asked is None else InnovationTest(asked.window_s, asked.p_fa)
     if section.method == "chi2":
         test = ChiSquareTest(section.p_fa, section.p_md)
         return Monitoring(test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops, innovations)
     faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
-    faults += [ExpectedFault(name, (name,), section.pseudolite_prior()) for name in names]
+    faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_pseudolite)) for name in names]
+    faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_beacon)) for name in beacons]
     faults += [
         ExpectedFault(system, members, section.p_constellations.get(system, section.p_constellation))
         for system, members in systems.items()
     ]
-    faults += [ExpectedFault("+".join(g.members), g.members, g.prior) for g in _groups(section, names)]
+    faults += [ExpectedFault("+".join(g.members), g.members, g.prior) for g in _groups(section, names, beacons)]
     return Monitoring(
         Allocation(
             section.p_hmi_v, section.p_hmi_h, section.p_fa_v, section.p_fa_h, section.p_unmonitored_max,
             samples=section.effective_samples,
         ),
         tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc, section.exclusion,
-        drops, innovations, FilterBank.of if section.method == "filter" else None,
+        drops, innovations, FilterBank.of if of_filter else None, beacons,
     )  # fmt: skip
 
 
-def _groups(section: IntegritySection, pseudolites: tuple[str, ...]) -> tuple[GroundGroup, ...]:
+def _groups(section: IntegritySection, *kinds: tuple[str, ...]) -> tuple[GroundGroup, ...]:
+    """Transmitters that fail together; kinds: names of the pseudolites, and of the beacons."""
     if section.ground_groups is not None:
         return tuple(section.ground_groups)
-    return (GroundGroup(members=pseudolites),) if len(pseudolites) > 1 else ()
+    return tuple(GroundGroup(members=names) for names in kinds if len(names) > 1)
 
 
 def _systems(sources: Environment) -> dict[str, tuple[str, ...]]:

@@ -166,10 +166,10 @@ class BeaconsSection(AidingSection):
                 "interference.jammers: none jams beacons, whose band is unknown (beacons.carrier_mhz); write silence "
                 "of beacons as an event"
             )
-        if landing.integrity is not None:
+        if landing.integrity is not None and landing.integrity.method != "filter":
             out.append(
-                "integrity: its monitors and levels are of satellites and pseudolites; the gate (filter.gate) alone "
-                "rejects wrong ranges of beacons"
+                "integrity: its levels and alarms are of fixes, which beacons do not enter; method filter watches "
+                "beacons, too"
             )
         return out
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Prior = Annotated[float, Field(ge=0.0, le=0.1)]
 """A probability that a fault is there."""
+TransmitterPrior = Prior | Literal["monitored", "unmonitored"]
+"""That of a transmitter on the ground, or the name of one."""
 Chance = Annotated[float, Field(ge=1e-15, le=0.1)]
 """A probability that is allowed."""
 AlertLimit = Annotated[float, Field(ge=0.1, le=1e4)] | None
@@ -64,10 +66,10 @@ class LimitsSection(Section):
 
 
 class GroundGroup(Section):
-    """Pseudolites that can fail together, since they share clock, survey, power or correction link."""
+    """Pseudolites or beacons that can fail together, since they share clock, survey, power or correction link."""
 
     members: Annotated[DistinctListOf[str], Field(min_length=1)]
-    """names of the pseudolites of the group"""
+    """names of the pseudolites or beacons of the group"""
     prior: Prior = 1e-5
     """probability that the whole group is faulty"""
 
@@ -186,15 +188,20 @@ class IntegritySection(Section):
     """mhss and filter: probability that all satellites of a system are faulty"""
     p_constellations: dict[Name, Prior] = Field(default_factory=dict)
     """mhss and filter: that of single satellite systems, by name, in place of p_constellation"""
-    p_pseudolite: Prior | Literal["monitored", "unmonitored"] = 1e-4
+    p_pseudolite: TransmitterPrior = 1e-4
     """mhss and filter: probability that a pseudolite is faulty. monitored: 4.3e-5, it has a monitor that shuts it down
     within 6 s; unmonitored: 1.04e-3, where a fault is found after an hour"""
+    p_beacon: TransmitterPrior = 1e-4
+    """filter: probability that a ranging beacon is faulty, like p_pseudolite"""
     ground_groups: Annotated[ListOf[GroundGroup], Field(max_length=20)] | None = None
-    """pseudolites that can fail together; null: several pseudolites are one group, with its default prior"""
+    """pseudolites, or beacons, that can fail together; null: several pseudolites are one group, and for `filter`
+    several beacons another, with the default prior"""
     b_nom_m: Bias = 0.75
     """bound of the bias of a satellite's range without a fault"""
     b_nom_pseudolite_m: Bias = 0.25
     """bound of the bias of a pseudolite's range without a fault"""
+    b_nom_beacon_m: Bias = 0.25
+    """filter: bound of the bias of a beacon's range without a fault, beyond the biases that the filter estimates"""
     sigma_ratio_acc: Annotated[float, Field(ge=0.01, le=1.0)] = 1.0
     """1 sigma of the ranges without a fault by the one that bounds them, which is the receiver's"""
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
@@ -236,11 +243,6 @@ class IntegritySection(Section):
                     raise reject(f"must be {shown} with method filter: {why}; or use method mhss or chi2", name)
         return self
 
-    def pseudolite_prior(self) -> float:
-        """Probability that a pseudolite is faulty."""
-        given = self.p_pseudolite
-        return PSEUDOLITES[given] if isinstance(given, str) else given
-
     def false_alarm(self) -> float:
         """The largest probability of an alarm at an epoch without a fault."""
         return self.p_fa if self.method == "chi2" else (self.p_fa_v + self.p_fa_h) / self.effective_samples
@@ -257,10 +259,14 @@ class IntegritySection(Section):
             "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max", "p_satellite", "p_constellation",
             "p_constellations", "p_pseudolite", "ground_groups", "effective_samples",
         )  # fmt: skip
+        of_filter = ("p_beacon", "b_nom_beacon_m")
         usual = IntegritySection()
         out = [
             f"integrity.{name} is not used: integrity.method is {self.method}"
-            for name in (of_separation if self.method == "chi2" else of_residuals)
+            for name in (
+                *(of_separation if self.method == "chi2" else of_residuals),
+                *(of_filter if self.method != "filter" else ()),
+            )
             if getattr(self, name) != getattr(usual, name)
         ]
         if self.method != "chi2" and systems is not None:
@@ -268,11 +274,20 @@ class IntegritySection(Section):
             out += [f"integrity.p_constellations.{name} is not used: the sky has none of them" for name in absent]
         return out
 
-    def check_names(self, pseudolites: Sequence[str]) -> None:
-        """Raise for members of groups that are none of these pseudolites."""
+    def check_names(self, pseudolites: Sequence[str], beacons: Sequence[str]) -> None:
+        """Raise for members of groups that are none of these pseudolites or, for `filter`, of these beacons."""
         for i, group in enumerate(self.ground_groups or ()):
             for j, member in enumerate(group.members):
-                if member not in pseudolites:
+                if member in beacons and self.method != "filter":
+                    text = f"{member!r} is a beacon, which method filter alone watches"
+                    raise reject(text, "ground_groups", i, "members", j)
+                if member not in (*pseudolites, *beacons):
                     there = ", ".join(pseudolites) or "none"
                     text = f"{member!r} is not a pseudolite; the pseudolites are: {there}"
+                    text += f"; the beacons are: {', '.join(beacons)}" if beacons else ""
                     raise reject(text, "ground_groups", i, "members", j)
+
+
+def transmitter_prior(given: float | Literal["monitored", "unmonitored"]) -> float:
+    """Probability that a transmitter on the ground is faulty."""
+    return PSEUDOLITES[given] if isinstance(given, str) else given

@@ -181,7 +181,9 @@ class Landing(Section):
             raise reject("is for `coupling: tight`: each fix solves for the clock", "filter", "clock")
         if self.integrity is not None:
             try:
-                self.integrity.check_names(self.pseudolites.names())
+                self.integrity.check_names(
+                    self.pseudolites.names(), () if self.beacons is None else self.beacons.names()
+                )
             except KeyedError as error:
                 raise reject(str(error), "integrity", *error.path) from None
             if self.integrity.method == "filter" and self.filter.kind in SMOOTHERS:

@@ -13,6 +13,7 @@ from navsim.filter.measurement_models import FixTable, RangeTable
 from navsim.filter.records import ImuData
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.integrity.fix_slopes import slopes
+from navsim.sensors.beacons import Beacons
 from navsim.simulation.inertial_states import TrueState, true_states
 from navsim.simulation.landing import Flight, exact_clock, exact_start, initial_state, with_clock
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
@@ -51,19 +52,30 @@ def along_design(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongT
     """Linearise a filter along measurements without any error (`shared_truth.assumed_measurements`), with noise-free
     sensors.
 
-    without: (s,) bool, sources that are missing.
+    without: (s + b,) bool, sources that are missing, and beacons after them.
     """
     ranges, rates = assumed_measurements(flight.shared)
-    return _along(flight, np.where(without, np.nan, ranges), rates, noisy=False)
+    missing, sources = np.asarray(without, bool), ranges.shape[1]
+    aided = [
+        np.where(missing[sources:][aid.sensor.asked(aid.time)][:, None], np.nan, aid.exact)
+        if isinstance(aid.sensor, Beacons)
+        else aid.exact
+        for aid in flight.shared.aids
+    ]
+    return _along(flight, np.where(missing[:sources], np.nan, ranges), rates, aided, noisy=False)
 
 
 def along_truth(flight: Flight) -> AlongTruth:
     """Fly the filter of a flight along the truth, without noise."""
-    return _along(flight, *without_noise(flight.shared))
+    return _along(flight, *without_noise(flight.shared), [aid.exact for aid in flight.shared.aids])
 
 
-def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = True) -> AlongTruth:
-    """Linearise along these measurements (e, s); noisy: whether to compute the added sensor noise."""
+def _along(
+    flight: Flight, ranges: np.ndarray, rates: np.ndarray, aided: Sequence[np.ndarray], noisy: bool = True
+) -> AlongTruth:
+    """Linearise along these measurements (e, s), and those of each sensor beside the receiver (m, k).
+
+    noisy: whether to compute the added sensor noise."""
     shared, design, gyro, accel = flight.shared, flight.design, flight.gyro, flight.accel
     own: FixTable | RangeTable
     if design.tight:
@@ -87,7 +99,7 @@ def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = 
     lin = empty(steps, shared.filter_time.size, flight.model.states, truth)
     linearise(
         ImuData(shared.imu_time, shared.dtheta, shared.dv),
-        measurements(flight, own, [aid.exact for aid in shared.aids]),
+        measurements(flight, own, aided),
         flight.events,
         steps,
         initial_state(

@@ -28,6 +28,7 @@ from navsim.integrity.araim import Allocation, Levels, SeparationDistances, Solu
 from navsim.integrity.fixes import ReceiverFixes, solved
 from navsim.integrity.monitoring import faults_of, fix_of
 from navsim.integrity.solution import turned
+from navsim.sensors.beacons import Beacons
 from navsim.simulation.along_truth import AlongTruth, along_design
 from navsim.simulation.landing import Flight
 from navsim.simulation.landing_covariance import excess, responses, route_of_filter
@@ -37,6 +38,8 @@ _ROUNDING = 1e-5
 LEAST = 0.05
 """Smallest sigma of a difference, relative to that without some sources. Gains along the truth neglect some hundredths
 of it, which would cause an alarm for sources with hardly any weight."""
+_ENOUGH = 3
+"""Beacons that give a position by themselves."""
 _ENU = _NED = [1, 0, 2]
 """Indices of east, north, up in north, east, down, except for the sign of up; and vice versa."""
 
@@ -48,11 +51,11 @@ class FilterSolution:
     covariance: np.ndarray
     """(e, 3, 3) m2."""
     reach: np.ndarray
-    """(e, 3, s) effect of the largest bias of each range, m."""
+    """(e, 3, s + b) effect of the largest bias of each range, m, of sources and then of beacons."""
 
     @classmethod
     def of(cls, flight: Flight, along: AlongTruth, nominal: np.ndarray) -> FilterSolution:
-        """Solution of a filter along the truth. nominal: (s,) bounds of biases, m."""
+        """Solution of a filter along the truth. nominal: (s + b,) bounds of biases, m."""
         covariance = along.lin.assumed[1:, :3, :3][:, _ENU][:, :, _ENU]
         return cls(covariance, responses(flight, along)[1:, states.POS : states.POS + 3][:, _ENU] * nominal)
 
@@ -65,7 +68,7 @@ class FilterBank(SeparationDistances):
     found: Levels
     """(e,) protection levels at its outputs except the first."""
     taken: np.ndarray
-    """(f, s) bool, sources that each of the other filters does not use."""
+    """(f, s + b) bool, sources and beacons that each of the other filters does not use."""
     route: LinearisedHistory
     """State history of the filter."""
     gains: np.ndarray
@@ -77,9 +80,9 @@ class FilterBank(SeparationDistances):
     solutions: tuple[FilterSolution, ...]
     """Solutions of the filter and of the others; they give levels along other axes."""
     aided: np.ndarray
-    """(e,) bool, whether the filter has a fix or, tightly coupled, a range."""
+    """(e,) bool, whether the filter has a fix, a range of a beacon or, tightly coupled, of a source."""
     idle: np.ndarray
-    """(f, e) bool, whether a fix without the faulty sources is missing."""
+    """(f, e) bool, whether without the faulty sources there is neither a fix nor `_ENOUGH` beacons."""
 
     @classmethod
     def of(cls, flight: Flight) -> FilterBank:
@@ -88,11 +91,11 @@ class FilterBank(SeparationDistances):
         if watching is None or not isinstance(watching.test, Allocation):
             raise ValueError("solution separation needs the shares of its levels")
         signals = flight.shared.signals
-        expected = watching.expected(signals)
-        faults = faults_of(signals.names, expected)
-        taken = np.array([np.isin(signals.names, one.sources) for one in expected]).reshape(-1, len(signals.names))
-        whole = along_design(flight, np.zeros(len(signals.names), bool))
-        nominal = np.array([watching.nominal[name] for name in signals.names])
+        expected, names, sources = watching.expected(signals), (*signals.names, *watching.beacons), len(signals.names)
+        faults = faults_of(names, expected)
+        taken = np.array([np.isin(names, one.sources) for one in expected], bool).reshape(-1, len(names))
+        whole = along_design(flight, np.zeros(len(names), bool))
+        nominal = np.array([watching.nominal[name] for name in names])
         # only the data that levels and differences need, since all would be hundreds of megabytes
         route = route_of_filter(flight, whole)
         gains, solutions, both = [], [FilterSolution.of(flight, whole, nominal)], []
@@ -101,10 +104,15 @@ class FilterBank(SeparationDistances):
             gains.append(along.lin.gain)
             solutions.append(FilterSolution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
-        ever = np.logical_or.accumulate(signals.used, axis=0)
+        heard = beacons_heard(flight)
+        ever = np.logical_or.accumulate(np.hstack([signals.used, heard]), axis=0)
         spread = _together(solutions, both)
         # without some sources there is no fix, so the filter coasts on its inertial sensors with growing errors
-        solved_ = [fix_of(replace(signals, used=signals.used & ~one)).solved for one in taken]
+        solved_ = [
+            fix_of(replace(signals, used=signals.used & ~one[:sources])).solved
+            | ((heard & ~one[sources:]).sum(axis=1) >= _ENOUGH)
+            for one in taken
+        ]
         idle = ~np.array(solved_, bool).reshape(len(taken), signals.time.size)
         found = araim.allocated_risk(spread, ever, faults, watching.test, idle=idle)
         there = found.monitored[..., None] & (found.threshold > 0.0)
@@ -116,7 +124,8 @@ class FilterBank(SeparationDistances):
         return cls(
             flight, found, taken, route, np.stack(gains, axis=1) if gains else np.zeros(shape),
             np.where(events.kind == FIX, events.row, -1), scale, tuple(solutions),
-            np.asarray(signals.used.any(axis=1) if flight.design.tight else fix_of(signals).solved), idle,
+            np.asarray(signals.used.any(axis=1) if flight.design.tight else fix_of(signals).solved)
+            | heard.any(axis=1), idle,
         )  # fmt: skip
 
     @property
@@ -177,7 +186,7 @@ class FilterBank(SeparationDistances):
         measured, rates = (np.ascontiguousarray(m[:, heard]) for m in (ranges, rates))
         here = _ecef(fixes.llh)
         # sources that are taken anyway are taken once
-        taken, which = np.unique(self.taken[:, heard], axis=0, return_inverse=True)
+        taken, which = np.unique(self.taken[:, : heard.size][:, heard], axis=0, return_inverse=True)
         out = np.empty((len(taken), ranges.shape[0], MAX_MEASUREMENT_SIZE, WIDTH))
         axes = shared.antenna_enu[:, _NED] * np.array([[1.0], [1.0], [-1.0]])
         for one, without in zip(out, taken, strict=True):
@@ -185,6 +194,21 @@ class FilterBank(SeparationDistances):
             one[:, :3] = np.einsum("eij,ejw->eiw", axes, _ecef(other.llh) - here)
             one[:, 3:] = other.velocity - fixes.velocity
         return np.ascontiguousarray(out[which.reshape(-1)])
+
+
+def beacons_heard(flight: Flight) -> np.ndarray:
+    """Which beacons (e, b) bool the filter has a range of at its outputs except the first, not older than a cycle of
+    questions or an interval of fixes; (e, 0) without a watch on them."""
+    now, watching = flight.shared.filter_time[1:], flight.watching
+    out = np.zeros((now.size, 0 if watching is None else len(watching.beacons)), bool)
+    for aid in flight.shared.aids if out.size else ():
+        if isinstance(aid.sensor, Beacons):
+            fresh = max(aid.sensor.sources / aid.sensor.rate, float(np.diff(now).max(initial=0.0)))
+            asked, answered = aid.sensor.asked(aid.time), np.isfinite(aid.exact[:, 0])
+            for beacon in range(aid.sensor.sources):
+                came = np.append(-np.inf, aid.arrival[answered & (asked == beacon)])
+                out[:, beacon] = now - came[np.searchsorted(came, now, side="right") - 1] < fresh + _ROUNDING
+    return out
 
 
 def _ecef(llh: np.ndarray) -> np.ndarray:

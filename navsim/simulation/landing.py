@@ -25,6 +25,7 @@ from navsim.filter.estimate import fly as fly_filter
 from navsim.filter.estimate import in_all_lanes, is_smoother
 from navsim.filter.measurement_models import FIX, RANGE, SOURCE, FixTable, Measurements
 from navsim.filter.records import (
+    TIME_TOLERANCE,
     ErrorHistory,
     Events,
     FilterModel,
@@ -45,6 +46,7 @@ from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.fix_exclusion import Excluder
 from navsim.integrity.fixes import ReceiverFixes
 from navsim.sensors import imu
+from navsim.sensors.beacons import Beacons
 from navsim.simulation.aiding import Aid
 from navsim.simulation.correlated_errors import RangeErrors, as_noise, fix_weights
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
@@ -832,10 +834,27 @@ def _monitored(flight: Flight, inputs: Inputs, filtered: _Filtered, count: int) 
     )  # fmt: skip
     status, ratio = _of_runs(filtered.watched.status, count).astype(np.int64), np.empty((count, 0))
     if flight.watching is not None and flight.watching.innovations is not None:
-        squared, degrees = of_events["innovation_squared"], of_events["degrees"]
+        squared, degrees = _with_beacons(flight, of_events)
         ratio = flight.watching.innovations.ratio(flight.shared.signals.time, squared, degrees)
         status = np.where((ratio > 1.0) & (status != monitoring.NO_FIX), monitoring.ALARM, status)
     return _Monitored(of_events, status, ratio)
+
+
+def _with_beacons(flight: Flight, of_events: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Innovations squared and their degrees (r, e) of fixes, or ranges, together with those of beacons since the epoch
+    before."""
+    degrees = of_events["degrees"].copy()
+    squared, first = np.where(degrees > 0, of_events["innovation_squared"], 0.0), 0
+    for aid in flight.shared.aids:
+        its = slice(first, first + aid.time.size)
+        first = its.stop
+        if isinstance(aid.sensor, Beacons):
+            epoch = np.searchsorted(flight.shared.filter_time[1:], aid.arrival - TIME_TOLERANCE)
+            some = epoch < degrees.shape[1]
+            count, square = of_events["aided_degrees"][:, its], of_events["aided_squared"][:, its]
+            np.add.at(degrees.T, epoch[some], count[:, some].T)
+            np.add.at(squared.T, epoch[some], np.where(count > 0, square, 0.0)[:, some].T)
+    return squared, degrees
 
 
 def _as_runs(

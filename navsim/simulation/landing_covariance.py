@@ -39,6 +39,7 @@ from navsim.filter.sensitivity_propagation import (
 )
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, Block
 from navsim.gnss.pseudorange import Signals
+from navsim.sensors.beacons import Beacons
 from navsim.simulation.along_truth import FIRST_MARKOV, AlongTruth, along_truth, noise_densities
 from navsim.simulation.correlated_sources import (
     white_noise,
@@ -425,13 +426,18 @@ def _owners(sources: tuple[str, ...], of_pseudolites: np.ndarray, count: int) ->
 
 
 def responses(flight: Flight, along: AlongTruth) -> np.ndarray:
-    """Errors of the filter's states at its outputs (o, n, s) by a bias of 1 m that each range always has."""
+    """Errors of the filter's states at its outputs (o, n, s + b) by a bias of 1 m that each range always has, of the
+    sources and then of beacons."""
     carried, route = _route(flight, along)
     weighed, row = weighed_events(flight.events, route, RANGE if flight.design.tight else FIX)
     sources = along.by_range.shape[2]
-    off = np.zeros((*along.lin.have.shape, sources))
-    off[weighed] = np.where(along.lin.have[weighed, :, None] > 0.0, along.by_range[row], 0.0)
-    return propagate_all_columns(route, np.zeros((carried.size, sources)), off)[0]
+    beacons = [(aid, aid.sensor) for aid in flight.shared.aids if isinstance(aid.sensor, Beacons)]
+    off = np.zeros((*along.lin.have.shape, sources + sum(sensor.sources for _, sensor in beacons)))
+    off[weighed, :, :sources] = np.where(along.lin.have[weighed, :, None] > 0.0, along.by_range[row], 0.0)
+    for aid, sensor in beacons:
+        weighed, row = weighed_events(flight.events, route, sensor.kind)
+        off[weighed, 0, sources + sensor.asked(aid.time[row])] = along.lin.have[weighed, 0]
+    return propagate_all_columns(route, np.zeros((carried.size, off.shape[2])), off)[0]
 
 
 def systematic(flight: Flight, along: AlongTruth) -> np.ndarray:

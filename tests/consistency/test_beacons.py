@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+from navsim.compiler.lanes import WIDTH
+from navsim.integrity.monitoring import ALARM
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
+from navsim.simulation.landing import draw, fly_inputs
+from tests.consistency.test_watched_filters import AXES, bank_of, differences
+from tests.consistency.test_watched_filters import weighed as given_to_bank
 from tests.helpers import case, in_brief
 
 BRIEF = ("duration_s=40", "receiver.rate_hz=1", "imu.rate_hz=20", "initial_errors.attitude_deg=1")
@@ -89,3 +97,50 @@ def test_shipped_share_of_outliers() -> None:
     alone = flown.shared.filter_time > 43.0
     nees = [run.nees_position_velocity[:, alone] for run in flown.fly_runs(9021, 0, 24, measured=False)]
     assert np.concatenate(nees).mean() / 6.0 == pytest.approx(1.0, abs=0.2)
+
+
+WATCHED = (*BRIEF, "receiver.rate_hz=2", "filter.kind=eskf", "sky.source=nominal", "pseudolites.count=0",
+           beacons("bias_sigma_m: 0.3", "survey_sigma_m: 0.2"),
+           "integrity={method: filter, p_constellation: 1.0e-8, p_satellite: 1.0e-7, "
+           "innovations: {window_s: 4}}")  # fmt: skip
+
+
+def test_filters_without_a_beacon_watch_the_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Differences after the loss of the satellites: those of filters that are really flown without the beacons."""
+    flown = case(*WATCHED, NO_SATELLITES)
+    bank, bare = bank_of(flown), replace(flown.flight, watching=None)
+    (aid,) = flown.shared.aids
+    faults = {k: fault for k, fault in enumerate(flown.flight.expected) if fault.sources[0][0] == "B" and not fault.of}
+    assert [fault.name for fault in faults.values()] == ["B1", "B2", "B3", "B4", "B1+B2+B3+B4"]
+    given, inputs = given_to_bank(flown, 78, range(WIDTH), monkeypatch), draw(bare, 78, range(WIDTH))
+    whole, late = fly_inputs(bare, inputs, WIDTH), flown.shared.filter_time[1:] > 20.0
+    for k, fault in faults.items():
+        out = np.isin(aid.sensor.asked(aid.time), [int(name[1:]) - 1 for name in fault.sources])
+        less = replace(inputs, aided=(np.where(out[:, None, None], np.nan, inputs.aided[0]),))
+        apart = np.abs(whole.error - fly_inputs(bare, less, WIDTH).error)[:, 1:, :3]
+        sigma = bank.found.spread.separation_sigma[k][:, AXES]
+        ours = np.array(differences(bank, given, k, monkeypatch)).transpose(2, 1, 0)
+        assert np.sqrt(np.mean(((ours - apart) / sigma)[:, late] ** 2)) < 0.1
+        assert np.sqrt(np.mean((apart / sigma)[:, late] ** 2)) == pytest.approx(0.9, abs=0.3)
+
+
+def test_a_faulty_beacon_is_an_alarm_and_stays_within_the_level() -> None:
+    """A step of 3 m at 20 s, noticed within 1 s; without it no alarm. Errors before an alarm are below their levels,
+    which count the loss of every beacon and of all together."""
+    for event, alarms in (("", 0.0), (", {what: step, sources: [B1], at_s: 20, error_m: 3}", 1.0)):
+        flown = case(*WATCHED, NO_SATELLITES[:-1] + event + "]", "filter.gate={probability: 0}")
+        time, levels = flown.shared.signals.time, flown.flight.monitor.levels
+        for run in flown.fly_runs(5, 0, 16, measured=False):
+            alarm = run.monitor_status == ALARM
+            assert not alarm[:, time < 20.0].any()
+            assert alarm[:, time > 21.0].mean() == alarms
+            assert (run.watched_error < levels)[~alarm].all()
+    (aid,) = flown.shared.aids
+    for e in (10, 50, 70):  # the fixes of four seconds, and the ranges since the fix before them
+        fixes = (time > time[e] - 4.0 + 1e-6) & (time <= time[e])
+        since = (aid.time > time[fixes][0] - 0.5 + 1e-6) & (aid.time <= time[e] + 1e-6)
+        squares = np.nansum(run.innovation_squared[:, fixes], axis=1) + run.aided_squared[:, since].sum(axis=1)
+        degrees = run.degrees[0, fixes].sum() + run.aided_degrees[0, since].sum()
+        np.testing.assert_allclose(run.innovation_ratio[:, e], squares / chi2.isf(1e-5, degrees), rtol=1e-9)
+    alone = flown.flight.bank.found.spread.separate_sigma[-1]
+    assert levels[-1, 0] > 5.0 * alone[-1, 0] > 0.0

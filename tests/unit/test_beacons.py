@@ -165,7 +165,9 @@ def test_what_beacons_do_not_have_is_refused(settings: list[str], text: str) -> 
 
 def test_monitors_leave_beacons_out() -> None:
     said = scenario(section(), "integrity={method: mhss}").unused()
-    assert any(text.startswith("integrity: its monitors and levels are of satellites") for text in said)
+    assert any(
+        text.startswith("integrity: its levels and alarms are of fixes, which beacons do not enter") for text in said
+    )
 
 
 def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:

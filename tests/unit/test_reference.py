@@ -96,7 +96,8 @@ def test_examples_are_valid(kind: str, name: str, assignments: tuple[str, ...]) 
 WITHOUT_UNIT = {
     "p_fa", "p_md", "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max",
     "p_satellite", "p_constellation", "p_constellations",
-    "p_pseudolite", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share", "long_share",
+    "p_pseudolite", "p_beacon", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share",
+    "long_share",
     "outlier_share", "loss", "truth_refractivity_n", "corrected_refractivity_n",
     "band", "duty", "sigma_share", "height_sigma_share", "load_factor", "load_factor_limit", "bearing_year",  # of one
     "exponent", "damping", "glide_full_scale", "within",  # parts of a scale
