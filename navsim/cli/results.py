@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -254,6 +255,44 @@ def _inches(given: str) -> float:
     return inches
 
 
+@dataclass(frozen=True)
+class ExportFormats:
+    """Formats to write."""
+
+    rinex: Annotated[bool, typer.Option("--rinex", help="RINEX observations and messages; pseudolites as CSV.")] = False
+    nmea: Annotated[bool, typer.Option("--nmea", help="NMEA sentences GGA, RMC, VTG of the fixes.")] = False
+    kml: Annotated[bool, typer.Option("--kml", help="Track, runway, pseudolites, error ellipses as KML.")] = False
+    geojson: Annotated[bool, typer.Option("--geojson", help="The same as GeoJSON.")] = False
+    csv: Annotated[bool, typer.Option("--csv", help="Truth, fixes, errors of the filter and of runs at heights.")] = (
+        False
+    )
+    imu: Annotated[bool, typer.Option("--imu", help="Inertial samples and fixes, and the log for navsim replay.")] = (
+        False
+    )
+    motion: Annotated[bool, typer.Option("--motion", help="True motion of the antenna for gps-sdr-sim and Skydel.")] = (
+        False
+    )
+    mavlink: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.tlog|udp:127.0.0.1:PORT",
+            help="Write inertial samples, fixes and ranges of beacons as a MAVLink log, or send them in real time.",
+            show_default=False,
+        ),
+    ] = None
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            metavar="FACTOR", help="Send MAVLink messages this many times faster. Default: 1.", show_default=False
+        ),
+    ] = None
+
+    def chosen(self) -> list[str]:
+        """Names of the formats of `formats.export.export`."""
+        names = ("rinex", "nmea", "kml", "geojson", "csv", "imu", "motion")
+        return [name for name in names if getattr(self, name)]
+
+
 def export(
     file: Annotated[
         Path,
@@ -261,18 +300,7 @@ def export(
             metavar="RESULT.h5", help="The result of a landing, a replay, a sweep or a search.", show_default=False
         ),
     ],
-    rinex: Annotated[
-        bool, typer.Option("--rinex", help="RINEX observations and messages; pseudolites as CSV.")
-    ] = False,
-    nmea: Annotated[bool, typer.Option("--nmea", help="NMEA sentences GGA, RMC, VTG of the fixes.")] = False,
-    kml: Annotated[bool, typer.Option("--kml", help="Track, runway, pseudolites, error ellipses as KML.")] = False,
-    geojson: Annotated[bool, typer.Option("--geojson", help="The same as GeoJSON.")] = False,
-    csv: Annotated[
-        bool, typer.Option("--csv", help="Truth, fixes, errors of the filter and of runs at heights.")
-    ] = False,
-    imu: Annotated[
-        bool, typer.Option("--imu", help="Inertial samples and fixes, and the log for navsim replay.")
-    ] = False,
+    formats: ExportFormats,
     run: Annotated[
         int | None, number_option(int, 0, "Number of the run to write, of an ensemble. Default: the first.")
     ] = None,
@@ -295,21 +323,23 @@ def export(
     from navsim.formats.export import export as convert
     from navsim.formats.simulated_log import differences
 
-    chosen = [name for name, wanted in (("rinex", rinex), ("nmea", nmea), ("kml", kml), ("geojson", geojson),
-                                        ("csv", csv), ("imu", imu)) if wanted]  # fmt: skip
-    if not chosen:
-        leave(BAD_INPUT, "choose one or more of --rinex, --nmea, --kml, --geojson, --csv, --imu")
+    chosen, mavlink = formats.chosen(), formats.mavlink
+    if not chosen and mavlink is None:
+        leave(BAD_INPUT, "choose one or more of --rinex, --nmea, --kml, --geojson, --csv, --imu, --motion, --mavlink")
+    address = _destination(formats, file)
     target = (output or file).with_suffix(".h5")
     result = read_result(file)
     make_folder(target)
     with shown_as_stored([result], [file]):
         chosen_run, several = choose_run(result, run)
-        for path in convert(chosen_run, target, chosen, result):
+        for path in convert(chosen_run, target, chosen, result) if chosen else ():
             print(path)
+        if mavlink is not None:
+            _export_mavlink(chosen_run, mavlink, address, formats.speed or 1.0)
         if several is not None:
             print_message(f"{file}: {several}; --run K takes another")
-        approximate = approximate_systems(result) if rinex else []
-        otherwise = differences(result) if imu else []
+        approximate = approximate_systems(result) if formats.rinex else []
+        otherwise = differences(result) if formats.imu else []
     for system in approximate:
         print_message(
             f"warning: the {system} satellites flew by an almanac, and the exported messages only resemble it; fly "
@@ -319,3 +349,36 @@ def export(
         print_message(
             f"warning: the run's filter {text}; navsim replay of the exported log gives other estimates than the run"
         )
+
+
+def _destination(formats: ExportFormats, file: Path) -> tuple[str, int] | None:
+    """Address to which MAVLink messages go, None for a file; exits if the options do not fit together."""
+    from navsim.formats.mavlink import loopback_address
+
+    mavlink, speed = formats.mavlink, formats.speed
+    if mavlink is not None and mavlink.startswith("udp:"):
+        if speed is not None and not speed > 0.0:
+            leave(BAD_INPUT, f"--speed {speed}: a number above 0 is needed")
+        try:
+            return loopback_address(mavlink)
+        except ValueError as error:
+            leave(BAD_INPUT, f"--mavlink: {error}")
+    if speed is not None:
+        leave(BAD_INPUT, "--speed is for --mavlink udp:127.0.0.1:PORT")
+    if mavlink is not None and (not mavlink or Path(mavlink).resolve() == file.resolve()):
+        leave(BAD_INPUT, f"--mavlink {mavlink}: give the log another name than the result, as flight.tlog")
+    return None
+
+
+def _export_mavlink(result: Result, mavlink: str, address: tuple[str, int] | None, speed: float) -> None:
+    """Write or send MAVLink messages and say how many."""
+    from navsim.formats import mavlink as link
+
+    if address is not None:
+        print_message(f"{link.send(result, address, speed)} messages sent to {mavlink}")
+    else:
+        make_folder(Path(mavlink))
+        link.write_log(result, Path(mavlink))
+        print(mavlink)
+    for text in link.assumptions(result):
+        print_message(f"warning: {text}")

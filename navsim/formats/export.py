@@ -1,9 +1,11 @@
-"""Export of results to other formats: RINEX, NMEA, CSV, KML, GeoJSON.
+"""Export of results to other formats: RINEX, NMEA, CSV, KML, GeoJSON, motion files of signal simulators.
 
 Everything comes from the result file, without a new simulation. Pseudolites, for which RINEX has no letter, go to a CSV
 beside the observation file.
 
-Sources: [1] RINEX 3.04. [2] NMEA 0183 version 4.11. [3] OGC KML 2.3. [4] RFC 7946 (GeoJSON).
+Sources: [1] RINEX 3.04. [2] NMEA 0183 version 4.11. [3] OGC KML 2.3. [4] RFC 7946 (GeoJSON). [5] gpssim.c of
+gps-sdr-sim (osqzss), `readUserMotion` and `readUserMotionLLH`. [6] Safran's remote API of
+Skydel, `example_create_track_aircraft.py`.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ import numpy as np
 
 from navsim.formats import rinex_write, simulated_log
 from navsim.formats.conventions import KNOT
-from navsim.formats.export_maps import origin_text, undulation_of, write_geojson, write_kml
+from navsim.formats.export_maps import origin_text, route_at, true_antenna, undulation_of, write_geojson, write_kml
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.geodesy import earth
 from navsim.gnss import timescales
@@ -39,7 +41,8 @@ TOE_SPACING = 7200.0
 def export(result: Result, target: Path, formats: list[str], ensemble: Result | None = None) -> list[Path]:
     """Write a result as `target` with the endings of the formats; returns the files.
 
-    - Of a landing: "rinex", "nmea", "csv", "imu", "kml", "geojson". Of an ensemble, it writes the run of `choose_run`.
+    - Of a landing: "rinex", "nmea", "csv", "imu", "motion", "kml", "geojson". Of an ensemble, it writes the run of
+      `choose_run`.
     - Of a replay: "csv", "kml", "geojson". Of a sweep or an optimisation: "kml", "geojson".
 
     ensemble: the whole ensemble, whose errors at heights go into the tables.
@@ -51,7 +54,8 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
     if result.attributes.get("method") == "rare":
         raise ResultError("method rare keeps errors at the box, but no flight; export a result of method monte-carlo")
     if kind == "landing":
-        writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "imu": _imu, "kml": write_kml, "geojson": write_geojson}
+        writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "imu": _imu, "kml": write_kml, "geojson": write_geojson,
+                   "motion": _motion}  # fmt: skip
     elif kind == "replay":
         writers = {"csv": _replay_csv, "kml": write_kml, "geojson": write_geojson}
     elif kind in ("optimize", "sweep"):
@@ -105,7 +109,7 @@ def _run_of_ensemble(result: Result) -> int | None:
     return int(result["/run"][0]) if int(result["/summary/count/runs"]) > 1 else None
 
 
-def _start(result: Result) -> float:
+def start_of(result: Result) -> float:
     """GPS time of time 0, s; the scenario's text has the fractions that older files' `epoch` lacks."""
     utc = datetime.datetime.fromisoformat(scenario_of(result)["epoch"]).timestamp()
     return float(timescales.gps_from_utc(utc))
@@ -114,7 +118,7 @@ def _start(result: Result) -> float:
 # --- RINEX
 
 
-def _lacking(result: Result, what: str) -> ResultError:
+def lacking(result: Result, what: str) -> ResultError:
     """Error: the result contains no single runs."""
     if result.attributes.get("method") == "covariance":
         return ResultError(f"a covariance analysis flies no runs and has no {what}; fly some with --method monte-carlo")
@@ -124,7 +128,7 @@ def _lacking(result: Result, what: str) -> ResultError:
 def _rinex(result: Result, target: Path) -> dict[Path, str]:
     """Observations, messages, and the pseudolites' own table."""
     if "/measurements/pseudorange" not in result:
-        raise _lacking(result, "measurements")
+        raise lacking(result, "measurements")
     time = result["/geometry/time"]
     if not time.size:
         text = "the result has no fixes: its flight is shorter than one fix interval, or than receiver.latency_s"
@@ -139,9 +143,9 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     scenario = scenario_of(result)
     receiver = scenario["receiver"]
     clock = 1e-6 * receiver["clock_offset_us"] + 1e-9 * receiver["clock_drift_ppb"] * time
-    gpst = _start(result) + time
+    gpst = start_of(result) + time
     # a receiver marks epochs by its own clock
-    start, part = divmod(_start(result), 1.0)
+    start, part = divmod(start_of(result), 1.0)
     tag = part + time + clock
     names = [str(name) for name in result["/geometry/source"]]
     ranges, rates = result["/measurements/pseudorange"][0], result["/measurements/range_rate"][0]
@@ -301,7 +305,7 @@ def _stored(result: Result, system: System, name: str) -> np.ndarray:
 
 def _near(elements: gps.Elements, system: System, result: Result) -> gps.Elements:
     """Simulated messages during the flight; those of a real navigation file stay unchanged."""
-    time = _start(result) + result["/geometry/time"][[0, -1]]
+    time = start_of(result) + result["/geometry/time"][[0, -1]]
     if np.all(np.abs(elements.toe[:, None] - time) < max(gps.WINDOWS[system])):
         return elements
     if not time[0] <= time[1] <= time[0] + LONGEST:
@@ -357,7 +361,8 @@ def _cell(value: float, digits: int) -> str:
 def _table(head: list[str], rows: list[list[str]]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(head)
+    if head:
+        writer.writerow(head)
     writer.writerows(rows)
     return out.getvalue()
 
@@ -429,11 +434,41 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
 def _imu(result: Result, target: Path) -> dict[Path, str]:
     """The run as a recorded flight, for `navsim replay`."""
     if any(path not in result for path in simulated_log.NEEDED):
-        raise _lacking(result, "inertial samples and start of the filter")
+        raise lacking(result, "inertial samples and start of the filter")
     imu, fixes, log = (target.with_name(f"{target.stem}_{part}") for part in ("imu.csv", "fixes.csv", "replay.yaml"))
     title = f"{result.attributes.get('title') or target.stem}, as recorded"
     *parts, text = simulated_log.files(result, imu, fixes, title)
     return {path: _table(head, rows) for path, (head, *rows) in zip((imu, fixes), parts, strict=True)} | {log: text}
+
+
+MOTION_RATE = 10.0
+"""Rows of a motion file per second, as gps-sdr-sim takes them [5]."""
+_MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
+
+
+def _motion(result: Result, target: Path) -> dict[Path, str]:
+    """Write the antenna's motion along the route for signal simulators, ten rows a second.
+
+    `_ecef.csv` and `_llh.csv`: time, s, and ECEF coordinates, m, or latitude and longitude, deg, and height, m [5].
+    `_skydel.csv`: UTC, ECEF coordinates, km, and yaw, pitch, roll, deg [6].
+    """
+    truth = result["/truth/time"]
+    time = np.arange(int(np.floor(truth[-1] * MOTION_RATE + 1e-9)) + 1) / MOTION_RATE
+    ecef, (_, attitude) = true_antenna(result, time), route_at(result, time)
+    llh = earth.llh_from_ecef(ecef)
+    start = datetime.datetime.fromisoformat(scenario_of(result)["epoch"]).astimezone(datetime.UTC)
+    rows: tuple[list[list[str]], ...] = ([], [], [])
+    for t, place, (lat, lon, height), (roll, pitch, yaw) in zip(time, ecef, llh, np.degrees(attitude), strict=True):
+        rows[0].append([f"{t:.1f}", *(f"{x:.4f}" for x in place)])
+        rows[1].append([f"{t:.1f}", f"{np.degrees(lat):.10f}", f"{np.degrees(lon):.10f}", f"{height:.4f}"])
+        now = start + datetime.timedelta(milliseconds=round(1e3 * t))
+        day = f"{now.day:02d} {_MONTHS[now.month - 1]} {now.year} {now:%H:%M:%S}.{now.microsecond // 1000:03d}"
+        angles = (f"{x:.4f}" for x in (yaw % 360.0, pitch, roll))
+        rows[2].append([day, *(f"{1e-3 * x:.7f}" for x in place), *angles])
+    head = ["Time (UTCG)", *(f"{axis} (km)" for axis in "xyz"), *(f"{name} (deg)" for name in ("Yaw", "Pitch", "Roll"))]
+    heads: tuple[list[str], ...] = ([], [], head)
+    files = zip(("ecef", "llh", "skydel"), heads, rows, strict=True)
+    return {target.with_name(f"{target.stem}_{name}.csv"): _table(one, table) for name, one, table in files}
 
 
 def _gates(result: Result, target: Path) -> dict[Path, str]:
@@ -492,8 +527,8 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
     the geoid with its separation where the scenario has it, else over the ellipsoid with a separation of zero. A leap
     second is 23:59:60. The talker is that of the satellite system in use, GN if there are several."""
     if "/receiver/position_llh" not in result:
-        raise _lacking(result, "fixes")
-    start, separation = _start(result), undulation_of(result) or 0.0
+        raise lacking(result, "fixes")
+    start, separation = start_of(result), undulation_of(result) or 0.0
     in_use = np.isfinite(result["/geometry/line_of_sight"][:, :, 0])
     used, talker = in_use.sum(axis=1), _talker(result["/geometry/source"][in_use.any(axis=0)])
     lines = []

@@ -34,20 +34,25 @@ def origin_text(result: Result) -> str:
     return f"navsim {result.attributes['navsim_version']}, scenario {str(result.attributes['scenario_sha256'])[:16]}"
 
 
-def true_antenna(result: Result) -> np.ndarray:
-    """True position of the antenna at the fix epochs, ECEF, m (e, 3).
+def route_at(result: Result, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """True position of the IMU on the route, rad, rad, m (n, 3), and attitude, rad (n, 3), at times (n,), s."""
+    t = result["/truth/time"]
+
+    def interpolated(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(time, t, column) for column in values.T], axis=1)
+
+    llh = interpolated(earth.unwrap_longitude(result["/truth/position_llh"]))
+    return llh, interpolated(np.unwrap(result["/truth/attitude_rpy"], axis=0))
+
+
+def true_antenna(result: Result, time: np.ndarray | None = None) -> np.ndarray:
+    """True position of the antenna, ECEF, m (n, 3), at times (n,), s, by default the fix epochs.
 
     It is the IMU's position plus the lever arm rotated by the true attitude, both interpolated between the stored
     times.
     """
-    t, when = result["/truth/time"], result["/geometry/time"]
-
-    def at_fixes(values: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(when, t, column) for column in values.T], axis=1)
-
-    llh = at_fixes(earth.unwrap_longitude(result["/truth/position_llh"]))
-    attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
-    lever = attitude @ np.array(scenario_of(result)["receiver"]["lever_arm_m"], dtype=float)
+    llh, attitude = route_at(result, result["/geometry/time"] if time is None else time)
+    lever = dcm_from_rpy(attitude) @ np.array(scenario_of(result)["receiver"]["lever_arm_m"], dtype=float)
     return earth.ecef_from_llh(llh) + np.einsum("eij,ei->ej", earth.ned_matrix(llh), lever)
 
 
