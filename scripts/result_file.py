@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 
-from navsim.results.schema import FAMILIES, LAYOUTS, ONE_FLIGHT, ROOT, SECTIONS, WORDS, Entry, fields
+from navsim.results.schema import FAMILIES, LAYOUTS, ONE_FLIGHT, ROOT, SECTIONS, WORDS, Entry
+from navsim.results.variables import row_of
 
 HEAD = """# Variables of a result: {layout}
 
@@ -20,36 +20,12 @@ HEAD = """# Variables of a result: {layout}
 TABLE = ["| path | dimensions | unit | holds | what | when | attributes |", "|---|---|---|---|---|---|---|"]
 
 
-def paths_of(entry: Entry) -> list[str]:
-    """The paths of an entry, one for each member of its families; a family that the study names is in <>."""
-    named = [name for name in fields(entry.path) if name in entry.each]
-    out = []
-    for members in itertools.product(*(entry.each[name] for name in named)):
-        path = entry.path
-        for name, member in zip(named, members, strict=True):
-            path = path.replace(f"{{{name}}}", member)
-        out.append(path.replace("{", "<").replace("}", ">"))
-    return out
-
-
-def said(entry: Entry, text: str) -> str:
-    """A unit or a meaning, with what stands for the member or comes with the data."""
-    for name in fields(text):
-        members = entry.each.get(name.lower(), ())
-        only = (members[0].upper() if name.isupper() else members[0]) if len(members) == 1 else f"*{name}*"
-        text = text.replace(f"{{{name}}}", only)
-    return text
-
-
 def row(entry: Entry, layout: str) -> str:
     """The row of an entry on the page of a layout."""
-    dims = ", ".join(dim.replace("{", "<").replace("}", ">") for dim in entry.dims)
-    meaning = said(entry, entry.meaning)
-    if entry.labels:
-        meaning += ": " + ", ".join(entry.labels)
-    paths = ", ".join(f"`{path}`" for path in paths_of(entry))
-    cells = (paths, f"`{dims}`" if dims else "", said(entry, entry.units), entry.of, meaning, entry.layouts[layout],
-             ", ".join(entry.attributes))  # fmt: skip
+    found = row_of(entry, layout)
+    paths, dims = ", ".join(f"`{path}`" for path in found.paths), ", ".join(found.dimensions)
+    cells = (paths, f"`{dims}`" if dims else "", found.unit, found.holds, found.meaning, found.when,
+             ", ".join(found.attributes))  # fmt: skip
     return f"| {' | '.join(cells)} |"
 
 

@@ -1,4 +1,4 @@
-"""`navsim validate`, `navsim schema`, `navsim keys`, `navsim init`: scenario files."""
+"""`navsim validate`, `schema`, `keys`, `init`: scenario files; `navsim variables`: contents of results."""
 
 from __future__ import annotations
 
@@ -128,6 +128,59 @@ def keys(
         print(row.key)
         print(f"    {row.facts()}")
         print(textwrap.fill(row.meaning, 116, initial_indent="    ", subsequent_indent="    ") or "    -")
+
+
+def _layouts() -> list[str]:
+    from navsim.results.schema import LAYOUTS
+
+    return list(LAYOUTS)
+
+
+def variables(
+    layout: Annotated[
+        str | None,
+        typer.Argument(
+            help="Kind of result, such as landing or covariance. Without it: list the kinds.",
+            show_default=False,
+            autocompletion=_layouts,
+        ),
+    ] = None,
+    word: Annotated[
+        str | None,
+        typer.Argument(help="List only variables with this word in their path or meaning.", show_default=False),
+    ] = None,
+    json_: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """List the variables of a kind of result with type, unit, dimensions and meaning.
+
+    A name in <> is one that the study gives, such as a sensor. A word in * comes with the data.
+    """
+    from navsim.results.schema import LAYOUTS
+    from navsim.results.variables import rows_of
+    from navsim.scenario.base import hint
+
+    if layout is None:
+        if json_:
+            print_json(LAYOUTS)
+            return
+        for name, what in LAYOUTS.items():
+            print(textwrap.fill(what, 116, initial_indent=f"{name:<18}", subsequent_indent=" " * 18))
+        return
+    if layout not in LAYOUTS:
+        leave(BAD_INPUT, f"{layout!r} is not a kind of result; {hint(layout, list(LAYOUTS))}")
+    every = [row for _, row in rows_of(layout)]
+    low = (word or "").lower()
+    found = [row for row in every if low in " ".join(row.paths).lower() or low in row.meaning.lower()]
+    if not found:
+        leave(BAD_INPUT, f"no variable of a {layout} result has {word!r} in its path or meaning; "
+                         f"navsim variables {layout} lists all {len(every)}")  # fmt: skip
+    if json_:
+        print_json([asdict(row) for row in found])
+        return
+    for row in found:
+        print(textwrap.fill(", ".join(row.paths), 116, subsequent_indent="    "))
+        print(textwrap.fill(row.facts(), 116, initial_indent="    ", subsequent_indent="    "))
+        print(textwrap.fill(row.meaning, 116, initial_indent="    ", subsequent_indent="    "))
 
 
 def init(

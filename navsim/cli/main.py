@@ -42,6 +42,7 @@ PLACES = {
     "schema": "navsim.cli.files:schema",
     "init": "navsim.cli.files:init",
     "keys": "navsim.cli.files:keys",
+    "variables": "navsim.cli.files:variables",
 }
 """The commands in the order of `--help`."""
 

@@ -56,15 +56,18 @@ def findings(
 
 
 def _inconsistent(result: Result) -> list[Finding]:
-    """Finding of innovations whose squares exceed `LARGEST_NIS`, in the group of fixes with the largest ones.
+    """Finding of innovations whose squares exceed `LARGEST_NIS` by more than their number explains, in the group of
+    fixes where they exceed it most.
 
     `of_flight` reports larger ones for their size alone.
     """
     degrees = result["/innovations/degrees"]
-    nis = dict(zip(result["/summary/fixes"], result["/summary/nis"], strict=True))
-    group = max((name for name in nis if np.isfinite(nis[name])), key=lambda name: float(nis[name]), default="all")
-    most = LARGEST_NIS * limit(float(degrees.sum())) / DOUBTED
-    if not nis[group] > most or nis["all"] > limit(float(degrees.sum())):
+    names, freedom = result["/summary/fixes"], result["/summary/degrees_of_freedom"].tolist()
+    nis = dict(zip(names, result["/summary/nis"].tolist(), strict=True))
+    excess = {name: nis[name] / (LARGEST_NIS * limit(own) / DOUBTED)
+              for name, own in zip(names, freedom, strict=True) if own}  # fmt: skip
+    group = max(excess, key=lambda name: excess[name], default="all")
+    if not excess.get(group, 0.0) > 1.0 or nis["all"] > limit(float(degrees.sum())):
         return []
     text = (
         f"the innovations of {group} fixes have a NIS of {nis[group]:.2f} per degree of freedom where 1 is due. The "

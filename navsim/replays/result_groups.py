@@ -85,6 +85,10 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
             origin = "not used: each fix has its own"
         elif any(name.startswith(key) and there for key, there in given.items()):
             origin = "given"
+        elif name.startswith("position_sigma") and not free[POSITION_RATIO]:
+            origin = f"{settings[POSITION_RATIO]:g} s times the velocity sigma"
+        elif name == "velocity_latency" and not free[VELOCITY_LAG]:
+            origin = "as latency"
         draft.put(f"/tuning/{name}", value, {"origin": origin})
 
 
@@ -167,6 +171,7 @@ def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: re
         for m in groups.values()
     ]
     draft["/summary/nis"] = np.array(nis)
+    draft["/summary/degrees_of_freedom"] = np.array([int(flown.degrees[m].sum()) for m in groups.values()])
     scaled = flown.innovation / flown.innovation_sigma
     for name, part in (("position", scaled[:, :3]), ("velocity", scaled[:, 3:])):
         draft[f"/summary/nis_{name}"] = np.array([_rms(part[m]) ** 2 for m in groups.values()])

@@ -291,7 +291,8 @@ _FILTER = Chapter(
         _a("/filter/gyro_bias", "run time axis", "rad/s", "estimated bias of the gyros", REPLAY),
         _a("/filter/accelerometer_bias", "run time axis", "m/s2", "estimated bias of the accelerometers", REPLAY),
         _a("/filter/nees", "run time", "1",
-           "normalised estimation error squared of all states; its degrees of freedom are the states that have any "
+           "normalised estimation error squared of all states, in the coordinates of the filter kind; not divided by "
+           "its degrees of freedom, which are the states that have any "
            "uncertainty", LANDING, when=_KEPT, attributes=("degrees_of_freedom",)),
         _a("/filter/nees_position_velocity", "run time", "1",
            "normalised estimation error squared of position and velocity", LANDING, when=_KEPT,
@@ -981,6 +982,7 @@ _REPLAY = Chapter(
         _a("/summary/innovation_position", "fixes ned", "m", "rms of the position innovations", REPLAY),
         _a("/summary/innovation_velocity", "fixes ned", "m/s", "rms of the velocity innovations", REPLAY),
         _a("/summary/nis", "fixes", "1", "normalised innovation squared per degree of freedom", (REPLAY, LIVE)),
+        _a("/summary/degrees_of_freedom", "fixes", "1", "degrees of freedom of their innovations", REPLAY, WHOLE),
         _a("/summary/count/samples", "", "1", "number of samples of the IMU", REPLAY, WHOLE),
         _a("/summary/count/gaps", "", "1", "number of gaps between the samples", REPLAY, WHOLE),
         _a("/summary/nis_{part}", "fixes", "1", "normalised innovation squared per degree of freedom, {part}", REPLAY,

@@ -16,6 +16,7 @@ from navsim.formats.logs.tables import log_files
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
+from navsim.replays.findings import _inconsistent
 from navsim.replays.tuning import TuningSearch
 from navsim.results import findings
 from navsim.results.result import Result
@@ -627,3 +628,12 @@ def test_a_rejected_fix_counts_by_its_own_noise(tmp_path: Path) -> None:
     every = np.ones(flight.arrival.size, bool)
     without = replace(seen, status=status, rejected=rejected)
     assert without.surprise(every, counts) > seen.surprise(every, counts)
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(3, False), (300, True)])
+def test_a_few_large_innovations_are_no_finding(degrees: int, told: bool) -> None:
+    result = {
+        "/innovations/degrees": np.full(200, 3), "/summary/fixes": np.array(["all", "straight"], dtype=object),
+        "/summary/nis": np.array([1.05, 3.17]), "/summary/degrees_of_freedom": np.array([600, degrees]),
+    }  # fmt: skip
+    assert bool(_inconsistent(result)) is told

@@ -277,7 +277,7 @@ def test_files_are_sent_to_their_command(command: str, template: str, files: Pat
 
 COMMAND_NAMES = (
     "run", "table2", "integrity-table", "sweep", "optimize", "replay", "live", "show", "plot", "export", "validate",
-    "schema", "init", "report", "cite", "keys", "resume",
+    "schema", "init", "report", "cite", "keys", "variables", "resume",
 )  # fmt: skip
 
 
