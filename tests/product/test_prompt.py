@@ -120,7 +120,8 @@ def test_keys_that_are_not_there_get_their_nearest(tmp_path: Path) -> None:
 
 def test_variables_of_a_result_are_printed_with_what_they_mean(tmp_path: Path) -> None:
     said = navsim("variables", "landing", "nees_position", cwd=tmp_path).stdout
-    assert said.splitlines()[:2] == ["/filter/nees_position_velocity", "    number; 1; (run, time); unless `--keep none`"]
+    facts = "    number; 1; (run, time); unless `--keep none`"
+    assert said.splitlines()[:2] == ["/filter/nees_position_velocity", facts]
     every = json.loads(navsim("variables", "covariance", "--json", cwd=tmp_path).stdout)
     assert {"/filter/sigma", "/summary/budget/source"} <= {path for row in every for path in row["paths"]}
     assert "did you mean 'covariance'?" in navsim("variables", "covarianc", cwd=tmp_path, code=2).stderr
