@@ -120,7 +120,8 @@ class LiveOptions:
 def live(scenario: ScenarioArgument, given: LiveOptions, care: OutputOptions) -> None:
     """Simulate a landing with a real receiver or IMU.
 
-    Give --receiver or --imu. navsim counts late, lost and corrupt messages and continues.
+    Give one of --receiver and --imu; the other sensor is simulated. navsim counts late, lost and corrupt messages
+    and continues.
     """
     from navsim.formats.stream import StreamError, open_source
     from navsim.results.result import ResultError, ResultKind

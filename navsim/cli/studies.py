@@ -92,15 +92,17 @@ class OptimizeOptions:
     figures: Annotated[str | None, figures_option()] = None
     time_limit: Annotated[
         float | None,
-        number_option(float, 0.0, "Stop after this time with the best found so far. Default: no limit.", most=10**9),
+        number_option(
+            float, 0.0, "Stop the search after this time with the best found so far. Default: no limit.", most=10**9
+        ),
     ] = None
     runs: Annotated[
         int | None,
         number_option(
             int,
             0,
-            "Runs that verify the best placements, 0 for none. Default: 200 if the objective is an error of the "
-            "filter, else none.",
+            "Runs that verify the best placement of each number of pseudolites, 0 for none; default: 200. They come "
+            "after --time-limit, too.",
         ),
     ] = None
     dry_run: Annotated[bool, dry_run_option("Check the input, estimate memory and disk, and stop.")] = False

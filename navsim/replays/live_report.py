@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from navsim.report.table import Table, cell
 from navsim.report.view import View, one_by_one
 from navsim.results.result import Result
-from navsim.results.schema import RMS_WINDOW
+from navsim.results.schema import COUNTS, RMS_WINDOW
 from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
@@ -17,19 +18,23 @@ if TYPE_CHECKING:
 
 
 def tables(result: Result) -> list[Table | str]:
-    """Counts of the stream, accuracy against the scenario's truth."""
+    """Counts of the stream above 0, accuracy against the scenario's truth."""
     stream = Table(f"Stream in place of the {result.attributes['replaced_block']}", ("messages", "count"))
-    for path, variable in sorted(result.variables.items()):
-        if path.startswith("/stream/"):
-            stream.add(variable.long_name, cell("{}", int(np.asarray(variable.data))))
-    rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
-    time = result["/filter/time"]
-    span = min(RMS_WINDOW, float(time[-1] - time[0])) if time.size else 0.0
-    text = f"rms position error N E D over the last {digits(span)} s: {rms} m"
-    text += f"; NIS per degree {result['/summary/nis'][0]:.2f}"
-    offset, base = float(result["/clock/offset"]), result.attributes["clock"]
-    clock = f"time 0 of the flight by the source's clock: {offset:.3f} s ({base})"
-    return [stream, text, clock, f"verdict: {result.attributes['verdict']}"]
+    for name in COUNTS:
+        variable = result.variables.get(f"/stream/{name}")
+        count = 0 if variable is None else int(np.asarray(variable.data))
+        if variable is not None and (count or name in ("received", "used")):
+            stream.add(variable.long_name, cell("{}", count))
+    out: list[Table | str] = [stream]
+    if (time := result["/filter/time"]).size:
+        rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
+        span = min(RMS_WINDOW, float(time[-1] - time[0]))
+        out.append(f"rms position error N E D over the last {digits(span)} s: {rms} m; NIS per degree of freedom "
+                   f"{result['/summary/nis'][0]:.2f}")  # fmt: skip
+    offset = float(result["/clock/offset"])
+    if math.isfinite(offset):
+        out.append(f"time 0 of the flight by the source's clock: {offset:.3f} s ({result.attributes['clock']})")
+    return [*out, f"verdict: {result.attributes['verdict']}"]
 
 
 def figures(result: Result) -> dict[str, Figure]:
