@@ -28,6 +28,8 @@ from navsim.filter.records import (
     ImuData,
     State,
     StreamCursor,
+    Truth,
+    empty_error_history,
     empty_history,
     lanes_of,
 )
@@ -91,7 +93,8 @@ def fly(
         return
     _engine(model, state).run(
         chart_of(model), ImuData(imu.time, in_lanes(imu.dtheta), in_lanes(imu.dv)), measurements.each(in_lanes),
-        events, lanes_of(state), _start_cursor(state.navigation.shape[-1]).each(in_lanes), model, errors.each(in_lanes),
+        events, lanes_of(state), _start_cursor(state.navigation.shape[-1]).each(in_lanes), model,
+        lanes_of(errors.of_events()), errors.each(in_lanes),
     )  # fmt: skip
 
 
@@ -162,6 +165,7 @@ def fly_in_pieces(
     longest = max((part.stop - part.start for part in parts), default=0)
     history = empty_history(max(answers, default=0), longest, model.states, lanes)
     kernels_history = lanes_of(history)
+    no_errors = empty_error_history(Truth.none(lanes), model.states, 0, lanes).each(in_lanes)
     flown = [in_lanes(m) if m.ndim == 3 else None for m in (imu.dtheta, imu.dv)]
     output = 0
     for part, outputs in zip(parts, answers, strict=True):
@@ -184,6 +188,7 @@ def fly_in_pieces(
             kernels_way,
             model._replace(noise=noise),
             kernels_history,
+            no_errors,
         )
         stream.cursor[0] += first
         count = part.stop - part.start

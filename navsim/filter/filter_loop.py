@@ -25,7 +25,7 @@ from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, gain, is_varying, predict
 from navsim.filter.error_parametrisation import rotate_bias_frame
 from navsim.filter.first_estimates import note_shift, start_transition
-from navsim.filter.history import as_registers, clear_event, write_output
+from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
 from navsim.filter.interval import LONGEST, StepSums, accumulate_markov, add_step, allocate_sums, reset_sums, transition
 from navsim.filter.measurement_models import RANGE, hard_iron, observe, slot
 from navsim.filter.range_update import (
@@ -234,11 +234,11 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
 
 
 @kernel
-def run(chart, imu, measurements, events, state, stream, model, output):
+def run(chart, imu, measurements, events, state, stream, model, history, errors):
     """Process the events; arguments are those of `filter.records`, or those of lanes.
 
     chart: of `error_parametrisation.CHARTS`. state, stream: overwritten by those after the last event that was not
-    ahead. output: it, or a history, is filled in.
+    ahead. history, errors: filled in where they have rows.
     """
     declared = model.declared
     state_nav, state_p, state_rejected = (
@@ -247,7 +247,7 @@ def run(chart, imu, measurements, events, state, stream, model, output):
         as_simd(state.rejected),
     )
     stream_increments = as_simd(stream.increments)
-    record = as_registers(output)
+    record, account = as_registers(history), as_error_registers(errors)
     n = state_p.shape[0]
     buffers = update_buffers(state_nav, n)
     space = propagation_buffers(state_nav, n, chart.straight, declared)
@@ -308,7 +308,7 @@ def run(chart, imu, measurements, events, state, stream, model, output):
             end_interval(line, v, variance, attitude, force_noise(model, cursor), cursor[1], m_force)
             couple(p, VEL, m_force, 1.0)
         if kind == OUTPUT:
-            write_output(chart, nav, p, record, row)
+            write_output(chart, nav, p, record, account, row)
         elif kind != PASS:
             if constrained:
                 copy(nav, predicted)

@@ -45,7 +45,7 @@ from navsim.filter.filter_loop import (
     start_axes,
     start_mechanisation,
 )
-from navsim.filter.history import as_registers, clear_event, write_output
+from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
 from navsim.filter.left_invariant import turned
 from navsim.filter.measurement_models import RANGE, observe, slot
 from navsim.filter.range_update import (
@@ -633,7 +633,7 @@ def update_weights(used, weight, squares, sizes):
 
 
 @kernel
-def run(chart, imu, measurements, events, state, stream, model, output):
+def run(chart, imu, measurements, events, state, stream, model, history, errors):
     """Process the events with a Gaussian sum; arguments are those of `filter_loop.run`.
 
     The components of `state` continue. Its navigation and covariance become their moments after the last event that was
@@ -645,7 +645,7 @@ def run(chart, imu, measurements, events, state, stream, model, output):
         as_simd(state.covariance),
         as_simd(state.rejected),
     )
-    record = as_registers(output)
+    record, account = as_registers(history), as_error_registers(errors)
     own = Mixture(
         as_simd(state.components.navigation), as_simd(state.components.covariance),
         as_simd(state.components.increments), as_simd(state.components.weight),
@@ -721,7 +721,7 @@ def run(chart, imu, measurements, events, state, stream, model, output):
             couple_sum(now, count, m_force, turns)
         if kind == OUTPUT:
             moments(now, buffers.nav, buffers.p, True, space, mixture_work)
-            write_output(chart, buffers.nav, buffers.p, record, row)
+            write_output(chart, buffers.nav, buffers.p, record, account, row)
         elif kind != PASS:
             m = 0
             for a in range(MAX_MEASUREMENT_SIZE):

@@ -203,6 +203,11 @@ class Truth(NamedTuple):
     sensors: np.ndarray
     """(o, k) the declared sensor states, then the clock's."""
 
+    @classmethod
+    def none(cls, *lanes: int) -> Truth:
+        """The truth at no output, of one run or of lanes."""
+        return cls(*(np.empty((0, size, *lanes)) for size in (3, 3, 4, 0)))
+
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Truth:
         """The truth with every array changed."""
         return Truth(*map(change, self))
@@ -242,6 +247,15 @@ class ErrorHistory(NamedTuple):
     """(k,) see `History`."""
     status: np.ndarray
     """(k,) see `History`."""
+
+    def of_events(self) -> History:
+        """A history that shares the arrays of its events, without outputs and sigmas of innovations."""
+        n, *lanes = self.sigma.shape[1:]
+        size = states.NAV_SENSORS + n - states.SENSORS
+        return History(
+            np.empty((0, size, *lanes)), np.empty((0, n, n, *lanes)), self.innovation,
+            np.empty((0, MAX_MEASUREMENT_SIZE, *lanes)), self.innovation_squared, self.degrees, self.status,
+        )  # fmt: skip
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> ErrorHistory:
         """The error history with every array changed that differs between runs."""
