@@ -175,11 +175,12 @@ def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) ->
     if len(kinds) > 1:
         leave(BAD_INPUT, f"results of different kinds cannot be compared: {', '.join(sorted(kinds))}")
     here = view(kinds.pop())
-    parts: Sequence[Table | str] = here.tables(results)
+    tables = here.tables if how.rows is None or here.with_small_rows is None else here.with_small_rows
+    parts: Sequence[Table | str] = tables(results)
     if how.compare:
         from navsim.report.compare import compared, differences, settings_of
 
-        parts = compared(results, parts, [here.tables([each]) for each in results])
+        parts = compared(results, parts, [tables([each]) for each in results])
         settings = differences([name for name, _ in results], [settings_of(result) for _, result in results])
         if settings is not None:
             settings.title = "Settings that differ"

@@ -36,12 +36,14 @@ def source_title(name: str) -> str:
     )
 
 
-def budget_rows(results: Sequence[Result]) -> dict[str, list[str]]:
-    """Sources of the error budget by the names of their rows: the largest of any result first, small ones last."""
+def budget_rows(results: Sequence[Result], every: bool = False) -> dict[str, list[str]]:
+    """Sources of the error budget by the names of their rows: the largest of any result first, small ones last, summed
+    unless `every` is asked for."""
     largest = {name: max(max(_shares(r, name)) for r in results) for name in names_at(results, SOURCES)}
     order = sorted(largest, key=lambda name: -largest[name])
-    out = {source_title(name): [name] for name in order if largest[name] >= _SMALL_SHARE}
-    rest = [name for name in order if largest[name] < _SMALL_SHARE]
+    least = 0.0 if every else _SMALL_SHARE
+    out = {source_title(name): [name] for name in order if largest[name] >= least}
+    rest = [name for name in order if largest[name] < least]
     return out | ({f"{len(rest)} others, below {100 * _SMALL_SHARE:g} % each": rest} if rest else {})
 
 

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from navsim.report.result_cells import heights_of
 from navsim.report.table import ABSENT, Cell, Table
 from navsim.results.estimates import BRANCH
 from navsim.results.result import Result
-from navsim.results.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
+from navsim.results.schema import RMS_WINDOW, RUNWAY_AXES
 from navsim.statistics.rounding import digits
 
 _MILLION = 1e6
@@ -26,10 +27,9 @@ def controlled_rows(table: Table, results: Sequence[tuple[str, Result]]) -> None
     names = {f"rms/{part}": f"{part}, {RMS_WINDOW:g} s" for part in ("horizontal", "vertical")}
     for path, label in names.items():
         table.add(f"  {label}", *(_estimate(result, path) for _, result in results))
-    for h, height in enumerate(HEIGHTS):
+    for h, height in heights_of([result for _, result in results]).items():
         for axis in RUNWAY_AXES:
-            label = f"  {height.replace('ft', ' ft')}, {axis}"
-            table.add(label, *(_estimate(result, f"at/{axis}", h) for _, result in results))
+            table.add(f"  {height}, {axis}", *(_estimate(result, f"at/{axis}", h) for _, result in results))
     if any(f"{BRANCH}/box/probability" in result for _, result in results):
         table.add("  outside the box", *(_estimate(result, "box/probability") for _, result in results))
     if any(why_none(result) for _, result in results):

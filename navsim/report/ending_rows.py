@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from navsim.report.result_cells import count_cell, percentile_cell, runs_of, share_cell, single
+from navsim.report.result_cells import count_cell, heights_of, percentile_cell, runs_of, share_cell, single
 from navsim.report.table import ABSENT, Cell, Table, number
 from navsim.results.result import Result
-from navsim.results.schema import HEIGHTS, INDICATED
+from navsim.results.schema import INDICATED
 
 
 def system_error_heading(result: Result) -> str:
@@ -65,7 +65,7 @@ def ending_rows(table: Table, results: list[tuple[str, Result]]) -> None:
 
     several = not all(single(r) for _, r in results)
     if several and section("Size of the total system error, m", "/summary/at/lateral_tse_percentile", levels):
-        for i, label in enumerate(name.replace("ft", " ft") for name in HEIGHTS):
+        for i, label in heights_of([r for _, r in results]).items():
             for name in ("lateral", "along", "vertical"):
                 path = f"/summary/at/{name}_tse_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: percentile_cell(r, p, i) if p in r else ABSENT)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from navsim.report.requirement_rows import verdicts
@@ -19,11 +20,11 @@ def _rare(result: Result) -> bool:
     return bool(result.attributes["method"] == "rare")
 
 
-def _tables(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
+def _tables(results: Sequence[tuple[str, Result]], every_source: bool = False) -> list[Table | str]:
     """A table of the summaries of flights, and one of the probabilities of leaving a box."""
     flights = [(name, result) for name, result in results if not _rare(result)]
     boxes = [(name, result) for name, result in results if _rare(result)]
-    out: list[Table | str] = [summary_table(flights)] if flights else []
+    out: list[Table | str] = [summary_table(flights, every_source)] if flights else []
     if boxes:
         from navsim.report.rare import table
 
@@ -49,6 +50,6 @@ def _figures(result: Result) -> dict[str, Figure]:
 
 
 VIEW = View(_tables, _figures, ("/summary/",), drawings="navsim.report.page.landing:drawings",
-            verdicts=verdicts, glance=glance,
+            verdicts=verdicts, glance=glance, with_small_rows=partial(_tables, every_source=True),
             of_runs=("errors", "nees", "fixes", "box", "integrity", "stanford"))  # fmt: skip
 """The summary of landings as a table, and of all results as plain data for JSON."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from navsim.report.table import ABSENT, Cell, cell, numbers
 from navsim.results.result import Result, scenario_of
+from navsim.results.schema import HEIGHTS
 
 DEGREE = 180.0 / math.pi
 
@@ -64,6 +65,13 @@ def error_at(result: Result, name: str, i: int) -> Cell:
     """Error at a height: of one run with its sign, of several the RMS with its interval."""
     sign = result[f"/summary/at/{name}_run"][0, i] if single(result) else None
     return _accuracy(result[f"/summary/at/{name}"][i], result[f"/summary/at/{name}_sigma"][i], sign=sign)
+
+
+def heights_of(results: Sequence[Result]) -> dict[int, str]:
+    """Titles of the heights that any of the results passes, by their index."""
+    found = [result["/summary/at/lateral"] for result in results]
+    return {i: name.replace("ft", " ft") for i, name in enumerate(HEIGHTS)
+            if any(np.isfinite(each[i]).any() for each in found)}  # fmt: skip
 
 
 def percentile_cell(result: Result, path: str, i: int | None = None) -> Cell | str:

@@ -21,6 +21,7 @@ from navsim.report.result_cells import (
     RANGE,
     count_cell,
     error_at,
+    heights_of,
     index_of,
     late_rms,
     names_at,
@@ -32,7 +33,7 @@ from navsim.report.result_cells import (
 )
 from navsim.report.table import ABSENT, Cell, Table, cell, number
 from navsim.results.result import Result
-from navsim.results.schema import HEIGHTS, RMS_WINDOW
+from navsim.results.schema import RMS_WINDOW
 
 
 def _fixes(result: Result) -> Cell:
@@ -176,11 +177,12 @@ _HELPFUL = 0.5
 
 def _with_beacons(result: Result, axis: str, i: int) -> Cell | str:
     """Sigmas of a coordinate at a height with and without beacons, and whether beacons measure it."""
-    if (path := f"/summary/at/{axis}_without_beacons") not in result:
-        return ABSENT
-    held, without = float(result[f"/summary/at/{axis}_sigma"][i]), float(result[path][i])
+    held, path = float(result[f"/summary/at/{axis}_sigma"][i]), f"/summary/at/{axis}_without_beacons"
     if math.isnan(held):
         return ABSENT
+    if path not in result:
+        return cell("- ({:.2f}), no beacons", held, names=("without",))
+    without = float(result[path][i])
     by = "from beacons" if held <= _HELPFUL * without else "not from beacons"
     return cell("{:.2f} ({:.2f}), {}", held, without, by, names=("with", "without", "source"))
 
@@ -202,8 +204,11 @@ def _mirror(result: Result) -> Cell | str:
                 names=("distance", "side", "residual"))  # fmt: skip
 
 
-def summary_table(results: list[tuple[str, Result]]) -> Table:
-    """One table of the summaries, a column a result: names and results in order."""
+def summary_table(results: list[tuple[str, Result]], every_source: bool = False) -> Table:
+    """One table of the summaries, a column a result: names and results in order.
+
+    every_source: a row for each source of the error budget, small ones too.
+    """
     table = Table("", ("", *(name for name, _ in results)), caption=_SUMMARY)
 
     def row(label: str, shown: Any) -> None:
@@ -261,15 +266,15 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     ):
         for i, axis in enumerate(axes):
             row(f"  {axis}, {unit}", lambda r, p=path, i=i, s=scale: late_rms(r, p, i, s))
-    labels = [name.replace("ft", " ft") for name in HEIGHTS]
+    labels = heights_of([r for _, r in results])
     section("Filter, position error at height, m", lambda r: columns(r, "truth - estimate" if single(r) else "RMS"))
-    for i, label in enumerate(labels):
+    for i, label in labels.items():
         for name in ("lateral", "along", "vertical"):
             row(f"  {label}, {name}", lambda r, n=name, i=i: error_at(r, n, i))
 
     if any("/summary/at/vertical_without_beacons" in r for _, r in results):
         section("When may height be trusted? σ of the filter, m", lambda _: "with beacons (without)")
-        for i, label in enumerate(labels):
+        for i, label in labels.items():
             for name in ("vertical", "lateral"):
                 row(f"  {label}, {name}", lambda r, n=name, i=i: _with_beacons(r, n, i))
         row("  mirror solution of the ranges", _mirror)
@@ -286,19 +291,19 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
                 f"  {name}, RMS over {RMS_WINDOW:g} s",
                 lambda r, n=name: percentile_cell(r, f"/summary/rms/{n}_percentile"),
             )
-        for i, label in enumerate(labels):
+        for i, label in labels.items():
             for name in ("lateral", "along", "vertical"):
                 path = f"/summary/at/{name}_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: percentile_cell(r, p, i))
     if any("/summary/at/lateral_tse" in r for _, r in results):
         section("System errors at height, m", system_error_heading)
-        for i, label in enumerate(labels):
+        for i, label in labels.items():
             for name in ("lateral", "along", "vertical"):
                 row(f"  {label}, {name}", lambda r, n=name, i=i: total_error(r, n, i))
         ending_rows(table, results)
     if any("/summary/at/headwind" in r for _, r in results):
         section("Mean wind and airspeed at height")
-        for i, label in enumerate(labels):
+        for i, label in labels.items():
             for words, name, scale in _WIND:
                 row(f"  {label}, {words}", lambda r, i=i, n=name, s=scale: _wind(r, n, i, s))
     if any("/summary/track/rms_smoothed" in r for _, r in results):
@@ -330,7 +335,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         for i, level in enumerate(flown["/summary/coverage/level"]):
             row(f"  share of position within {level:g}σ", lambda r, i=i: coverage(r, i))
     consistency_rows(table, results)
-    if sources := budget_rows([r for _, r in results]):
+    if sources := budget_rows([r for _, r in results], every_source):
         shares = "horizontal, vertical, m (share of mean square)"
         section(f"Error budget over the same {RMS_WINDOW:g} s", lambda _: shares)
         for label, names in sources.items():

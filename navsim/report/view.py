@@ -44,6 +44,8 @@ class View:
     """Key values of a result, by name."""
     of_runs: tuple[str, ...] = ()
     """Names of the figures of single runs."""
+    with_small_rows: Callable[[Sequence[tuple[str, Result]]], list[Table | str]] | None = None
+    """`tables` with every row that they sum; None: they sum none."""
 
 
 def one_by_one(
