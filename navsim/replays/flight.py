@@ -448,6 +448,8 @@ def fly(
             first, last = (float(part.arrival[i]) for i in streak)
             part = _fly_part(given, begin, last)
             jump = part.seen.innovation[streak[1], :3]
+            if first - begin.alignment.time < last - first:  # contradicted for longer than confirmed: a wrong start
+                first = begin.alignment.time
             begin = _after_contradiction(given, part, streak, lost, jump)
             lost.append(_lost(begin, first, last, CONTRADICTION, jump, until))
         elif missing is not None and missing[1] <= until:

@@ -44,8 +44,8 @@ WIDEST_LAG = 1.0
 """Largest difference between the latencies of velocity and position that is searched, s."""
 AT_BOUND = 0.01
 """Distance from a bound of the latency, s, below which the latency is at that bound."""
-COARSE = 2.5
-"""Step between the latencies that are tried before the search, tenths of a second."""
+USUAL, COARSE = 1.0, 2.5
+"""A usual latency, and the step between those that are tried before the search, tenths of a second."""
 LAGS = (-0.8, -0.4, -0.15, 0.15, 0.4, 0.8)
 """Differences between the latencies of velocity and position that are tried, s."""
 ERRORS = ((5.0, 1.0), (20.0, 1.0), (20.0, 2.0), (60.0, 2.0), (60.0, 4.0), (200.0, 8.0))
@@ -183,11 +183,14 @@ class TuningSearch:
         start = self.recording.settings.copy()
         if LATENCY in free:
 
-            def cost(latency: float) -> float:
-                trial = np.where(np.arange(SETTINGS) == LATENCY, 0.1 * latency, start)
-                return self.evaluate(trial, judged=False).robust
+            def at(latency: float, judged: bool) -> _Evaluation:
+                return self.evaluate(np.where(np.arange(SETTINGS) == LATENCY, 0.1 * latency, start), judged)
 
-            start[LATENCY] = 0.1 * _first_latency(cost)
+            first = _first_latency(lambda latency: at(latency, judged=False).robust)
+            # after wild fixes a flight without the gate is lost, and its cost means nothing
+            if first != USUAL and at(USUAL, judged=True).surprise < at(first, judged=True).surprise:
+                first = USUAL
+            start[LATENCY] = 0.1 * first
         return start
 
     def evaluate(self, values: np.ndarray, judged: bool = True, near: _Evaluation | None = None) -> _Evaluation:
@@ -353,12 +356,12 @@ class TuningSearch:
 def _first_latency(cost: Callable[[float], float]) -> float:
     """The latency, tenths of a second, at which the search starts: 0.1 s, unless another one is more likely. cost: of
     flights without the gate. With it, all fixes are rejected if the latency is far off, and the cost has no slope."""
-    near, (lowest, highest) = 1.0, (10.0 * bound for bound in SEARCHED)
-    coarse = np.arange(np.ceil((lowest - near) / COARSE), np.floor((highest - near) / COARSE) + 1.0) * COARSE + near
+    lowest, highest = (10.0 * bound for bound in SEARCHED)
+    coarse = np.arange(np.ceil((lowest - USUAL) / COARSE), np.floor((highest - USUAL) / COARSE) + 1.0) * COARSE + USUAL
     coarse = np.unique([lowest, *coarse, highest])
     best = float(min(coarse, key=cost))
-    if best == near:
-        return near
+    if best == USUAL:
+        return USUAL
     fine = best + COARSE * np.array([-0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8])
     return float(min(fine[(fine >= lowest) & (fine <= highest)], key=cost))
 

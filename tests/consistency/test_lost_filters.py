@@ -18,12 +18,15 @@ from navsim.cli.main import app
 from navsim.formats.recorded_data import Samples
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.replays import flight as simulated
+from navsim.replays import study as replay
 from navsim.replays.findings import find_outliers
 from navsim.replays.page import replays
 from navsim.replays.report import figures, lost_spans, tables
+from navsim.replays.tuning import LATENCY, TuningSearch
 from navsim.report.table import Table
 from navsim.results import findings
 from navsim.results.result import Result
+from navsim.scenario.load import read_replay
 from navsim.trajectory.recorded import RecordedTrajectory
 from tests.consistency.test_replay import GIVEN, errors, flown, without
 from tests.helpers import in_brief
@@ -113,6 +116,20 @@ def test_fixes_that_are_off_for_long_are_named(kind: str, tmp_path: Path) -> Non
     assert time.max() > 98.0
     assert np.abs(z).max() < 4.5
     assert np.sqrt(np.mean(z**2, axis=0)).max() < 1.8
+
+
+def test_wild_fixes_at_the_start_do_no_damage(tmp_path: Path) -> None:
+    """300 m off for three seconds: the latency is searched by fixes that agree, and what was flown by the wild ones is
+    unusable from the start on."""
+    truth = write_flight(tmp_path, duration=60.0)
+    shifted(tmp_path / "gnss.csv", 0.0, 4.0, 300.0)
+    recording = replay.prepare(*read_replay(tmp_path / "log.yaml"))
+    assert abs(TuningSearch(recording, lambda _: None).begin(recording.free)[LATENCY] - 0.1) < 0.25
+    result = flown(tmp_path / "log.yaml", *GIVEN)
+    (begin,), (end,) = result["/lost/start"], result["/lost/end"]
+    assert begin <= result["/filter/time"][0] + 1e-6 < 4.0
+    assert end < 15.0
+    assert np.abs(scaled(result, truth)[0]).max() < 4.5
 
 
 def test_without_a_gate_wild_fixes_are_flown(tmp_path: Path) -> None:
