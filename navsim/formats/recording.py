@@ -147,7 +147,10 @@ def read_fixes(
         if first > 1 or (first == 1 and _far(table[0], table[1])):
             dropped.add("placeholders before the first fix", first)
             table = table[first:]
-        stale = np.concatenate([[False], np.all(table[1:, 1:7] == table[:-1, 1:7], axis=1)])
+        same = np.isclose(table[1:, 1:7], table[:-1, 1:7], rtol=0.0, atol=0.0, equal_nan=True).all(axis=1)
+        # parked fixes without all velocities may be the same
+        telling = np.isfinite(table[1:, 4:7]).all(axis=1) | (np.nansum(table[1:, 4:7] ** 2, axis=1) > 0.0)
+        stale = np.concatenate([[False], same & telling])
         dropped.add("repeated fixes", stale.sum())
         table = table[~stale]
     if table.shape[0] < 2:

@@ -317,19 +317,17 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
 
 
 def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:
-    """Warning about pseudolites on the runway."""
-    runway = scenario.runway
-    sites = ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
-    places = in_heading_axes(sites, scenario.threshold(trajectory.frame), runway.heading_deg * DEG)
-    on = [
-        f"{name} ({along:.1f} m beyond the threshold, {abs(right):.1f} m off the centre line)"
-        for name, (along, right, _) in zip(scenario.pseudolites.names(), places, strict=True)
-        if runway.is_pavement(float(along), float(right))
-    ]
-    if not on:
-        return []
-    most = f"{runway.length_m:g} m by {runway.width_m:g} m (runway.length_m, runway.width_m)"
-    return [f"pseudolites on the pavement of the runway, {most}: {', '.join(on)}; move them off it"]
+    """Warnings about pseudolites and beacons on the runway."""
+    runway, frame = scenario.runway, trajectory.frame
+    placed = [("pseudolites", scenario.pseudolites.names(), scenario.pseudolite_positions(frame))]
+    if scenario.beacons is not None:
+        beacons = scenario.beacons.model(scenario)
+        placed.append(("beacons", beacons.names, beacons.positions(frame)))
+    out = []
+    for what, names, llh in placed:
+        at = in_heading_axes(ecef_from_llh(llh), scenario.threshold(frame), runway.heading_deg * DEG)[:, :2].tolist()
+        out += runway.on_pavement(what, ((name, *place) for name, place in zip(names, at, strict=True)))
+    return out
 
 
 def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:

@@ -468,7 +468,18 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     )  # fmt: skip
     out = draft.result(attributes)
     flown = [each for c, one in sorted(outcome.confirmed.items()) for each in one.findings(problem.study.named(c), _at)]
-    out.variables.update(kept(judging.notes(problem.warnings) + _findings(problem, outcome) + flown + unmet))
+    told = judging.notes([*problem.warnings, *_on_pavement(problem, outcome)])
+    out.variables.update(kept(told + _findings(problem, outcome) + flown + unmet))
+    return out
+
+
+def _on_pavement(problem: PlacementProblem, outcome: SearchOutcome) -> list[str]:
+    """Warnings about best placements on the runway."""
+    study, runway, out = problem.study, problem.scenario.runway, []
+    for count, best in sorted(outcome.found.items()):
+        named = ((f"number {k}", -l1, s) for k, (s, l1, *_) in enumerate(best.places.tolist(), 1))
+        out += [f"{study.named(count)}: {text}, or keep off it by `constraints.runway_strip`"
+                for text in runway.on_pavement(study.placed, named)]  # fmt: skip
     return out
 
 

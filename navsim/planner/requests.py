@@ -32,7 +32,7 @@ class SourceCounts:
 
 
 def read_order(text: object, known: SourceCounts) -> dict[str, Any]:
-    """An order, with each of its members of the right type and within its range. Raises WrongOrder."""
+    """An order, with each of its members of the right type and within its range. Raises UnknownRequest."""
     if not isinstance(text, str) or len(text) > _LONGEST:
         raise UnknownRequest("a request of the page is not text, or too long")
     try:

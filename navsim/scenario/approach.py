@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -131,6 +131,16 @@ class Runway(Section):
     def is_pavement(self, along: float, right: float) -> bool:
         """Whether a place, m from the threshold in the direction of landing and right of the centre line, is on it."""
         return 0.0 <= along <= self.length_m and abs(right) < 0.5 * self.width_m
+
+    def on_pavement(self, what: str, places: Iterable[tuple[str, float, float]]) -> list[str]:
+        """Warning about transmitters on it, by names and places as of `is_pavement`; empty for none."""
+        on = [
+            f"{name} ({along:.1f} m beyond the threshold, {abs(right):.1f} m off the centre line)"
+            for name, along, right in places
+            if self.is_pavement(along, right)
+        ]
+        most = f"{self.length_m:g} m by {self.width_m:g} m (runway.length_m, runway.width_m)"
+        return [f"{what} on the pavement of the runway, {most}: {', '.join(on)}; move them off it"] if on else []
 
     @property
     def defaulted(self) -> list[str]:

@@ -15,6 +15,7 @@ from navsim.geodesy.earth import in_heading_axes
 from navsim.gnss.pseudolite import Track
 from navsim.gnss.signals import Environment
 from navsim.landing.plausibility import implausible, one_direction
+from navsim.landing.preflight import on_pavement
 from navsim.landing.requirements import Statement, statements
 from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import (
@@ -265,7 +266,9 @@ class Plan:
         """Warnings about the sky, the flight and the sensors of the first combination."""
         _, scenario, warnings = self._environment
         moves = any(key.startswith("pseudolites.") for axis in self.axes for key in axis.keys)
-        fixed = [] if moves else one_direction(scenario, self.trajectory)  # its DOPs evaluate the moved pseudolites
+        fixed = []
+        if not moves:  # its DOPs evaluate the moved pseudolites
+            fixed = one_direction(scenario, self.trajectory) + on_pavement(scenario, self.trajectory)
         unused = []
         if scenario.requirements and REQUIREMENTS not in self.study.wanted():
             flies = self.study.method == "covariance" and set(self.study.wanted()) & set(FILTER_OUTPUTS)
@@ -287,7 +290,7 @@ class Plan:
         scenario, flown = case.scenario, case.trajectory
         mine = case.warnings
         if self.study.method == "dop":  # geometry alone does not give values that are undefined without a touchdown
-            mine = [*case.sky_warnings, *implausible(scenario, flown)]
+            mine = [*case.sky_warnings, *implausible(scenario, flown), *on_pavement(scenario, flown)]
         # a lone pseudolite is a separate finding
         told = {*self.warnings, *case.preflight.lone_pseudolite, *one_direction(scenario, flown)}
         return [text for text in mine if text not in told]

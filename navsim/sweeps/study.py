@@ -128,7 +128,8 @@ class SweepStudy:
             except ValueError:
                 continue
             rows["site"][i] = self.plan.in_plan(site)
-            rows["warned"][i] = not set(moved.doubted_heights()) <= set(self.plan.warnings)
+            blocked = any(moved.runway.is_pavement(*place) for place in self.plan.plane(site).tolist())
+            rows["warned"][i] = blocked or not set(moved.doubted_heights()) <= set(self.plan.warnings)
             members, sites = groups.setdefault(len(site), ([], []))
             members.append(i)
             sites.append(site)

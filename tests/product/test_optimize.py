@@ -75,6 +75,10 @@ def test_none_is_flown_where_that_is_asked_for(folder: Path) -> None:
     file = study(folder, NARROW)
     done = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", "--figures", "none", cwd=folder)
     assert "The best placements were not flown (--runs 0)" in done.stdout
+    file = study(folder, "pseudolites: [1]\nobjective: pdop\nsites: [{s_m: -14, l1_m: -300}]\n")
+    said = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", "--figures", "none", cwd=folder).stderr
+    assert "1 pseudolite: pseudolites on the pavement of the runway, 1000 m by 30 m" in said
+    assert "(300.0 m beyond the threshold, 14.0 m off the centre line)" in said
 
 
 def test_runs_of_the_best_judge_requirements_that_are_no_constraint(folder: Path) -> None:

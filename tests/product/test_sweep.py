@@ -92,11 +92,16 @@ DOUBTFUL: dict[str, tuple[str, int, tuple[str, ...]]] = {
         2,
         ("in 1 of 2 combinations the input has warnings; the first: duration_s 20: touchdown would be",),
     ),
+    "a pseudolite on the runway": (
+        "set: {pseudolites: {count: 1, frame: runway, l1_m: -500}}\nvary: [{key: pseudolites.s_m, values: [200, 14]}]",
+        2,
+        ("in 1 of 2 combinations the input has warnings; the first: pseudolites.s_m 14: pseudolites on the pavement",),
+    ),
 }
 """Studies of which not all combinations are in order: their text, how many are computed, what is said."""
 
 
-@pytest.mark.parametrize("name", in_brief(DOUBTFUL, 0, 2, 4, 5))
+@pytest.mark.parametrize("name", in_brief(DOUBTFUL, 0, 2, 4, 5, 8))
 def test_doubtful_combinations_are_computed_or_named(name: str, tmp_path: Path) -> None:
     """And what was computed can be shown again."""
     text, computed, words = DOUBTFUL[name]

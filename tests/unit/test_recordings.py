@@ -98,6 +98,16 @@ def test_heights_without_a_separation_are_said(tmp_path: Path) -> None:
     assert not dropped.counts
 
 
+@pytest.mark.parametrize(("velocity", "left"), [("20,1,0", 3), ("20,1,", 3), ("0,0,0", 3), ("0,0,", 4), (",,", 4)])
+def test_fixes_that_a_receiver_repeats_are_left_out(velocity: str, left: int, tmp_path: Path) -> None:
+    """Also without a vertical velocity; of a standing aircraft such fixes may be new ones."""
+    rows = [f"{t},56.0000{place},37.0,100,{velocity}" for t, place in enumerate((1, 2, 2, 3))]
+    (tmp_path / "f.csv").write_text("\n".join(["t_s,lat_deg,lon_deg,h_m,vn_m_s,ve_m_s,vd_m_s", *rows]) + "\n")
+    fixes, dropped = read_fixes(tmp_path / "f.csv")
+    assert fixes.time.size == left
+    assert dropped.counts.get("repeated fixes", 0) == 4 - left
+
+
 def test_a_live_stream_gives_the_same_rows() -> None:
     """The assembler that live runs feed is the one of files."""
     plain, wrapped = Assembler(), Assembler()
