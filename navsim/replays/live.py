@@ -75,8 +75,9 @@ MOST_NIS = 100.0
 landing."""
 MOST_OFF = 10.0
 """Median distance of the fixes from the flight, in sigmas of a fix, beyond which they are not of this landing."""
-MOST_ASIDE = 5.0
-"""Mean of the fixes across the track, or in height, in sigmas of one fix, beyond which they are not of this landing."""
+DOUBTED_ASIDE, MOST_ASIDE = 3.0, 5.0
+"""Mean of the fixes across the track, or in height, in sigmas of one fix, beyond which the user is warned, and beyond
+which they are not of this landing."""
 _UNDULATIONS = (-107.0, 86.0)
 """Least and largest height of the geoid of EGM96 above the ellipsoid, m."""
 _AS_GEOID = 0.2
@@ -472,7 +473,7 @@ def failures(result: Result) -> list[str]:
             f"half of the fixes lie more than {digits(metres)} m ({digits(sigmas)} sigmas) from where the flight is "
             "at their times: another flight, or another time of it?"
         )
-    out += _aside_failures(result)
+    out += _aside(result, MOST_ASIDE, np.inf)
     rejected = int(np.sum(result["/innovations/status"] == REJECTED))
     if rejected > MOST_REJECTED * used:
         out.append(f"the gate rejected {rejected} of {several(used, 'fix')}")
@@ -487,13 +488,13 @@ def failures(result: Result) -> list[str]:
     return out
 
 
-def _aside_failures(result: Result) -> list[str]:
-    """Fixes beside, above or below the flight by more than a healthy receiver's errors."""
+def _aside(result: Result, least: float, most: float) -> list[str]:
+    """Messages about fixes beside, above or below the flight by `least` to `most` sigmas of one fix."""
     out = []
     count = result["/innovations/time"].size
     for name, sides in (("across", ("left of", "right of")), ("up", ("below", "above"))):
         off, sigma = float(result[f"/off_flight/{name}"]), float(result[f"/off_flight/{name}_sigma"])
-        if abs(off) > MOST_ASIDE * sigma:
+        if least * sigma < abs(off) <= most * sigma:
             out.append(
                 f"the fixes lie on average {abs(off):.1f} m {sides[off > 0.0]} the flight, {abs(off) / sigma:.1f} "
                 f"sigmas of one fix ({sigma:.1f} m) and {abs(off) / sigma * np.sqrt(count):.0f} of the mean of {count} "
@@ -527,7 +528,7 @@ def _why_above(off: float, result: Result) -> str:
 
 def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
     """Findings of a run, besides `failures`."""
-    text = []
+    text = _aside(result, DOUBTED_ASIDE, MOST_ASIDE)
     if lines.strangers:
         others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
         text.append(f"datagrams of other senders than the first were left out: {others}")

@@ -390,6 +390,17 @@ def test_a_receiver_beside_the_flight_is_told(
     assert (re.search(said, wrong) is not None) if said else (wrong, warned) == ("", [])
 
 
+def test_a_mean_of_four_sigmas_is_doubted(flown: Any) -> None:
+    """A result, with a warning."""
+    c, _, table, _ = flown
+    header, *rows = table.read_text().splitlines()
+    _, result, _ = flew(c, [header, *rows])
+    metres = 4.0 * float(result["/off_flight/across_sigma"])
+    _, result, (warned,) = flew(c, [header, *aside(rows, metres)])
+    assert not flying.failures(result)
+    assert re.search(OFF.format(r"\d+\.\d", "(right|left) of", r"\d\d"), warned)
+
+
 @pytest.mark.parametrize(
     ("geoid", "up", "said"),
     [
