@@ -108,7 +108,7 @@ class _Group(TyperGroup):
 app = typer.Typer(
     name="navsim",
     cls=_Group,
-    help="Plan and prove a landing navigation system: INS corrected by GNSS and ground pseudolites.",
+    help="Plan and check a landing navigation system: INS corrected by GNSS and ground pseudolites.",
     no_args_is_help=True,
     rich_markup_mode=None,  # plain help: half the time, and flags are not shown with a type
     pretty_exceptions_enable=False,
