@@ -135,14 +135,14 @@ def _correct(h, gain, d, x):
 
 @kernel
 def propagate_errors(route, measured, exact, used, aided, x, errors):
-    """First-order position errors of runs in lanes.
+    """First-order errors of position and velocity of runs in lanes.
 
     - `route`: the linearised filter.
     - `measured`, `exact`: `Readings` of the runs, and those without random errors, which may be numbers for all runs.
     - `used` (e, s): bool, ranges that are received.
     - `aided` (m,) of lanes: changes of innovations by sensors beside the receiver.
     - `x` (2, n) of lanes: initial errors, and room for the copy that predicts ahead; overwritten.
-    - `errors` (o, 3) of lanes, out: NED, m, truth minus estimate, at the outputs, without their mean.
+    - `errors` (o, 6) of lanes, out: NED, m, m/s, truth minus estimate, at the outputs, without their mean.
     """
     x, errors, aided = as_simd(x), as_simd(errors), as_simd(aided)
     dtheta, dv, ranges, rates = (
@@ -164,7 +164,7 @@ def propagate_errors(route, measured, exact, used, aided, x, errors):
             _add_steps(route, i, dtheta, dv, exact_dtheta, exact_dv, q)
             _propagate(route.transition[at], q, here, work)
         if route.output[i] >= 0:
-            for j in range(3):
+            for j in range(errors.shape[1]):
                 errors[route.output[i], j] = here[POS + j]
         if w < 0:
             continue

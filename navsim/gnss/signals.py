@@ -280,7 +280,8 @@ def antenna_motion(motion: Motion, lever_arm: np.ndarray) -> tuple[np.ndarray, n
     """Position and velocity of the antenna along a motion, ECEF (n, 3), m, m/s; lever_arm as of `antenna_ecef`."""
     c_ne = ned_matrix(motion.llh)
     # the antenna swings around the IMU as the body turns against the Earth
-    earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
+    about = [motion.c_nb[:, j] * c_ne[:, j, 2:] * EARTH_RATE for j in range(3)]
+    earth_rate_b = about[0] + about[1] + about[2]
     swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, lever_arm))
     return antenna_ecef(motion, lever_arm), motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
 

@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
@@ -35,7 +34,7 @@ from navsim.simulation.aiding import followed_errors as followed_errors_of_aids
 from navsim.simulation.correlated_errors import IGNORED, STATES, as_noise, fix_blocks, followed_errors
 from navsim.simulation.first_order import FirstOrder, position_covariance
 from navsim.simulation.inertial_states import followed, gains_that_matter
-from navsim.simulation.landing import Flight, InitialErrors, fly
+from navsim.simulation.landing import Flight, InitialErrors, fly_runs
 from navsim.simulation.landing import prepare as prepare_flight
 from navsim.simulation.run import Run
 from navsim.simulation.shared_truth import SharedTruth, build_shared_truth
@@ -171,15 +170,15 @@ class Case:
 
     def fly(self, seed: int, run: int) -> Run:
         """Run number `run` of the ensemble of `seed`."""
-        return fly(self.flight, seed, [run]).one(0)
+        return next(self.fly_runs(seed, run, 1)).one(0)
 
     def fly_runs(
         self, seed: int, first: int, count: int, measured: bool = True, first_order: FirstOrder | None = None
     ) -> Iterator[Run]:
         """Runs first ... first + count - 1, in order, with their measurements or without, and with their first-order
         errors if `first_order` is given; as many at a time as there are lanes."""
-        for begin in range(first, first + count, WIDTH):
-            yield fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)), measured, first_order)
+        predicts = self.first_order if self.scenario.steered else None
+        return fly_runs(self.flight, seed, range(first, first + count), measured, first_order, predicts)
 
     @cached_property
     def why_not_linear(self) -> str:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.filter import states
 from navsim.landing.case import PERCENTILES, Case, crossing_times, rms_window
 from navsim.landing.ensemble import FIRST_ORDER, beside_times, between_outputs, percent, to_runway
 from navsim.landing.error_box import box_of
@@ -61,7 +62,7 @@ class Controls:
         first_order, turn = self.case.first_order, to_runway(self.case)
         assert first_order is not None
         covariance = turn @ self.case.first_order_covariance @ turn.T
-        mean = beside_times(self.case, times, first_order.mean @ turn.T)
+        mean = beside_times(self.case, times, first_order.mean[:, states.SLICES["position"]] @ turn.T)
         flat = beside_times(self.case, times, covariance.reshape(-1, 9))
         return mean, flat.reshape(*mean.shape, 3)
 

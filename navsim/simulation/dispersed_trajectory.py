@@ -171,8 +171,9 @@ class Dispersion:
         since = np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
         turn = self.trajectory.frame.axes.T @ earth.ned_matrix(self.at_filter.llh).swapaxes(1, 2)
         outputs, _, lanes = error.shape
-        turned = np.einsum("oaj,opjw->opaw", turn, error.reshape(outputs, 2, 3, lanes))
-        return GuidanceErrors.of(since, turned.reshape(error.shape))
+        both = error.reshape(outputs, 2, 3, lanes)
+        turned = [sum(turn[:, a, j, None, None] * both[:, :, j] for j in range(3)) for a in range(3)]
+        return GuidanceErrors.of(since, np.stack(turned, axis=2).reshape(error.shape))
 
     def departure(
         self,
@@ -210,11 +211,11 @@ class Dispersion:
             in_lanes(dtheta), in_lanes(dv),
         )  # fmt: skip
         way, turn = departure.at(self.at_filter.time)
-        there = deviated(self.at_filter, frame, way, turn)
+        there = deviated(self.at_filter, frame, way, turn, force=False)
         if np.array_equal(self.at_fixes.time, self.at_filter.time[1:]):
             at_fixes = _without_first(there, lanes)
         else:
-            at_fixes = deviated(self.at_fixes, frame, *departure.at(self.at_fixes.time))
+            at_fixes = deviated(self.at_fixes, frame, *departure.at(self.at_fixes.time), force=False)
         antenna, antenna_velocity = (_lanes(m, lanes) for m in antenna_motion(at_fixes, self.lever_arm))
         ranges, rates = self._ranges(antenna, antenna_velocity)
         return DispersedTrajectories(

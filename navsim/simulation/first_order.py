@@ -26,8 +26,8 @@ from navsim.simulation.shared_truth import SharedTruth, without_noise
 
 @dataclass(frozen=True)
 class FirstOrder:
-    """First-order errors of position of the runs of a flight. exact: measurements where nothing is drawn. mean (o, 3):
-    of the errors at the filter's outputs, NED, m, truth - estimate."""
+    """First-order errors of position and velocity of the runs of a flight. exact: measurements where nothing is drawn.
+    mean (o, 6): of the errors at the filter's outputs, NED, m, m/s, truth - estimate."""
 
     route: LinearisedRun
     exact: Readings
@@ -40,17 +40,17 @@ class FirstOrder:
         shared, dt = flight.shared, flight.shared.imu_time[1] - flight.shared.imu_time[0]
         biases = [dt * np.array(triad.fixed_bias or (0.0, 0.0, 0.0)) for triad in (flight.gyro, flight.accel)]
         exact = Readings(shared.dtheta + biases[0], shared.dv + biases[1], *without_noise(shared))
-        return cls(_route(flight, along), exact, systematic(flight, along)[:, states.SLICES["position"]].copy())
+        return cls(_route(flight, along), exact, systematic(flight, along)[:, states.POS : states.ATT].copy())
 
     def errors(self, flight: Flight, inputs: Inputs, ranges: np.ndarray) -> np.ndarray:
-        """Errors (o, 3, W) of runs, by all that is drawn of them; ranges: (e, s, W), smoothed by the carrier where the
+        """Errors (o, 6, W) of runs, by all that is drawn of them; ranges: (e, s, W), smoothed by the carrier where the
         receiver does that."""
         x = np.zeros((2, self.route.transition.shape[1], WIDTH))
         fixed = np.zeros(states.SENSORS) if flight.initial.fixed is None else flight.initial.fixed
         x[0, : states.SENSORS] = inputs.initial - fixed[:, None]
         if flight.scales:
             x[0, -len(inputs.clock) :] = exact_clock(flight)[0][:, None] - inputs.clock
-        out = np.empty((len(self.mean), 3, WIDTH))
+        out = np.empty((*self.mean.shape, WIDTH))
         measured = Readings(inputs.dtheta, inputs.dv, ranges, inputs.rates)
         propagate_errors(
             self.route, Readings(*map(in_lanes, measured)), self._exact(flight.shared, inputs),

@@ -10,7 +10,7 @@ run. If the air moves each run off the route, `simulation.dispersed_trajectory` 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -428,6 +428,11 @@ class Flight:
             sigma = np.sqrt(np.maximum(sigma**2 + self.white_variance[0], 0.0))
         return sigma if self.reflection_sigma is None else np.hypot(sigma, self.reflection_sigma)
 
+    @cached_property
+    def along_route(self) -> Flight:
+        """Copy whose runs fly the route."""
+        return replace(self, shared=replace(self.shared, ways=None))
+
     @property
     def with_receiver_fixes(self) -> Flight:
         """Copy whose filter takes fixes with the weights of the receiver."""
@@ -669,45 +674,119 @@ LOOP_TOLERANCE = 0.01
 """Largest distance between the trajectory that a run flew and the one that guidance by its estimates gives, m."""
 MOST_FLIGHTS = 20
 """Flights of a run at most for that."""
+TOGETHER = 2
+"""Flights of runs beside the same others."""
 
 
 class Linear(Protocol):
     """Computes first-order errors of runs (`simulation.first_order`)."""
 
     def errors(self, flight: Flight, inputs: Inputs, ranges: np.ndarray) -> np.ndarray:
-        """Errors (o, 3, W) of runs; ranges: (e, s, W) as the receiver uses them."""
+        """Errors (o, 6, W) of runs; ranges: (e, s, W) as the receiver uses them."""
 
 
 def fly(
-    flight: Flight, seed: int, runs: Sequence[int], measured: bool = True, first_order: Linear | None = None
+    flight: Flight,
+    seed: int,
+    runs: Sequence[int],
+    measured: bool = True,
+    first_order: Linear | None = None,
+    predicts: Linear | None = None,
 ) -> Run:
-    """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; measured: with their measurements;
-    first_order: computes their first-order errors, None if they are not requested.
+    """At most WIDTH landings, see `fly_runs`. Raises ValueError for more."""
+    if len(runs) > WIDTH:
+        raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
+    return next(fly_runs(flight, seed, runs, measured, first_order, predicts))
+
+
+def fly_runs(
+    flight: Flight,
+    seed: int,
+    runs: Sequence[int],
+    measured: bool = True,
+    first_order: Linear | None = None,
+    predicts: Linear | None = None,
+) -> Iterator[Run]:
+    """Landings numbered `runs` of the ensemble of `seed`, in order, WIDTH at a time.
+
+    - measured: with their measurements.
+    - first_order: computes their first-order errors, None if they are not requested.
+    - predicts: computes the first-order errors that steer the first of their flights, None to begin along the route.
 
     Aircraft that their estimates steer, or that an alarm breaks off, fly until the loop closes. Guidance acts on the
     past alone. So each flight is right for longer than the one before, and one trajectory alone reproduces itself.
-    Raises ValueError for more."""
-    inputs, ways = draw(flight, seed, runs), flight.shared.ways
-    filtered = _filter(flight, inputs)
+    Runs that need more than TOGETHER flights fly them beside those of other lanes."""
+    packs, ways = [runs[i : i + WIDTH] for i in range(0, len(runs), WIDTH)], flight.shared.ways
     if ways is None or not ways.depends:
-        return _as_runs(flight, inputs, filtered, len(runs), measured, first_order)
-    gap = np.full(WIDTH, np.inf)
-    for flights in range(1, MOST_FLIGHTS + 1):
-        assert inputs.flown is not None
+        for pack in packs:
+            inputs = draw(flight, seed, pack)
+            yield _as_runs(flight, inputs, _filter(flight, inputs), len(pack), measured, first_order)
+        return
+    out: list[Run] = []
+    still_open: list[_OpenRun] = []
+
+    def flown(pack: Sequence[int], departure: Departure, flights: int) -> tuple[Run, np.ndarray, Departure]:
+        """Runs of a pack, which of them have closed their loops, and the departures that their estimates command."""
+        gap = np.full(WIDTH, np.inf)
+        for last in reversed(range(flights)):
+            inputs = draw(flight, seed, pack, departure)
+            filtered = _filter(flight, inputs)
+            now = _commanded(flight, seed, pack, inputs, filtered)
+            # a run whose loop is closed flies the same again, whoever flies beside it
+            new = np.abs(now.way[:, :3] - departure.way[:, :3]).max(axis=(0, 1))
+            gap = np.where(gap <= LOOP_TOLERANCE, gap, new)
+            if last == 0 or gap.max() <= LOOP_TOLERANCE:
+                break
+            departure = departure.where(gap <= LOOP_TOLERANCE, now)
+        made = _as_runs(flight, inputs, filtered, len(pack), measured, first_order)
+        made = replace(made, loop_gap=gap[: len(pack), None]) if ways.steered else made
+        return made, gap[: len(pack)] <= LOOP_TOLERANCE, now
+
+    for number, pack in enumerate(packs):
         known = None
-        if ways.steered:  # a run's numbers lie side by side: sums over them have one order
-            errors = _of_runs(filtered.errors.errors.error[:, states.POS : states.ATT], WIDTH)
-            known = ways.known(errors.transpose(1, 2, 0))
-        begin = ways.begins(_monitored(flight, inputs, filtered, WIDTH).alerts) if ways.breaks_off else None
-        before, now = inputs.flown.departure, ways.departure(seed, runs, WIDTH, known, begin)
-        # a run whose loop is closed flies the same again, whoever flies beside it
-        gap = np.where(gap <= LOOP_TOLERANCE, gap, np.abs(now.way[:, :3] - before.way[:, :3]).max(axis=(0, 1)))
-        if gap.max() <= LOOP_TOLERANCE or flights == MOST_FLIGHTS:
-            break
-        inputs = draw(flight, seed, runs, before.where(gap <= LOOP_TOLERANCE, now))
-        filtered = _filter(flight, inputs)
-    out = _as_runs(flight, inputs, filtered, len(runs), measured, first_order)
-    return replace(out, loop_gap=gap[: len(runs), None]) if ways.steered else out
+        if ways.steered and predicts is not None:
+            known = ways.known(_predicted(flight, seed, pack, predicts))
+        made, closed, now = flown(pack, ways.departure(seed, pack, WIDTH, known), TOGETHER)
+        out.append(made)
+        still_open += [_OpenRun(number, int(i), now.lane(i), TOGETHER) for i in np.flatnonzero(~closed)]
+        while len(still_open) >= WIDTH or (still_open and number == len(packs) - 1):
+            now_open, still_open = still_open[:WIDTH], still_open[WIDTH:]
+            pack = [packs[one.pack][one.place] for one in now_open]
+            made, closed, now = flown(pack, Departure.of_lanes([one.departure for one in now_open], WIDTH), 1)
+            for lane, one in enumerate(now_open):
+                if closed[lane] or one.flights + 1 == MOST_FLIGHTS:
+                    out[one.pack].put(one.place, made, lane)
+                else:
+                    still_open.append(replace(one, departure=now.lane(lane), flights=one.flights + 1))
+    yield from out
+
+
+@dataclass(frozen=True)
+class _OpenRun:
+    """A run whose loop is open: its pack and its place there, the departure to fly next, and its flights so far."""
+
+    pack: int
+    place: int
+    departure: Departure
+    flights: int
+
+
+def _commanded(flight: Flight, seed: int, runs: Sequence[int], inputs: Inputs, filtered: _Filtered) -> Departure:
+    """Departures that the estimates and alarms of runs command."""
+    ways, known = flight.shared.ways, None
+    assert ways is not None
+    if ways.steered:  # a run's numbers lie side by side: sums over them have one order
+        errors = _of_runs(filtered.errors.errors.error[:, states.POS : states.ATT], WIDTH)
+        known = ways.known(errors.transpose(1, 2, 0))
+    begin = ways.begins(_monitored(flight, inputs, filtered, WIDTH).alerts) if ways.breaks_off else None
+    return ways.departure(seed, runs, WIDTH, known, begin)
+
+
+def _predicted(flight: Flight, seed: int, runs: Sequence[int], linear: Linear) -> np.ndarray:
+    """First-order errors (o, 6, W) of runs, which do not depend on the trajectory: along the route."""
+    along = flight.along_route
+    inputs = draw(along, seed, runs)
+    return linear.errors(along, inputs, smoothed(along.shared, inputs.ranges, inputs.phases))
 
 
 NO_FIXES = FixTable(
@@ -863,7 +942,7 @@ def _as_runs(
     """The first `count` landings, with their measurements and first-order errors if requested."""
     shared, design, nav, watched, errors = flight.shared, flight.design, filtered.nav, filtered.watched, filtered.errors
     llh, velocity, clocks, _ = filtered.fixes
-    linear = None if first_order is None else first_order.errors(flight, inputs, filtered.ranges)
+    linear = None if first_order is None else first_order.errors(flight, inputs, filtered.ranges)[:, states.SLICES["position"]]
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
         return _of_runs(lanes, count)

@@ -126,6 +126,11 @@ class Run:
         """One of several runs."""
         return Run(**{name: getattr(self, name)[which] for name in self.__dataclass_fields__})
 
+    def put(self, which: int, others: Run, other: int) -> None:
+        """Overwrite one of several runs by one of others."""
+        for name in self.__dataclass_fields__:
+            getattr(self, name)[which] = getattr(others, name)[other]
+
 
 @dataclass(frozen=True)
 class MonitorOutput:

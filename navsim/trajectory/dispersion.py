@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -49,6 +50,18 @@ class Departure:
             return other
         pairs = ((getattr(self, name), getattr(other, name)) for name in ("way", "turn", "gust", "begin"))
         return Departure(self.time, *(np.where(kept, own, new) for own, new in pairs))
+
+    def lane(self, i: int) -> Departure:
+        """Copy of one lane."""
+        begin = np.broadcast_to(self.begin, self.way.shape[2:])
+        return Departure(self.time, *(m[..., i : i + 1].copy() for m in (self.way, self.turn, self.gust, begin)))
+
+    @classmethod
+    def of_lanes(cls, each: Sequence[Departure], lanes: int) -> Departure:
+        """Departures of one lane in the first of so many; further lanes repeat the last."""
+        every = [*each, *[each[-1]] * (lanes - len(each))]
+        parts = ([getattr(one, name) for one in every] for name in ("way", "turn", "gust", "begin"))
+        return cls(each[0].time, *(np.concatenate(part, axis=-1) for part in parts))
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`way` and `turn` at times (m,): between samples the quintic, and the cubic, of both ends."""
@@ -239,9 +252,11 @@ def _slope(trajectory: Trajectory, time: np.ndarray) -> np.ndarray:
     return np.stack([-velocity[:, 2] / speed, (velocity[:, 2] * faster / speed - acceleration[:, 2]) / speed])
 
 
-def deviated(reference: Motion, frame: Frame, way: np.ndarray, turn: np.ndarray) -> Motion:
+def deviated(reference: Motion, frame: Frame, way: np.ndarray, turn: np.ndarray, force: bool = True) -> Motion:
     """The motion of W runs, one after the other (W m), that deviate from a reference (m,) by `way` (m, 9, W), `turn`
-    (m, 6, W), see `Departure`."""
+    (m, 6, W), see `Departure`.
+
+    force: with the specific force, which takes half of the time; without, it is nan."""
     lanes = way.shape[2]
     place, velocity, acceleration, gibbs, rate = (
         part.transpose(2, 0, 1).reshape(-1, 3) for part in (*np.split(way, 3, axis=1), *np.split(turn, 2, axis=1))
@@ -254,11 +269,13 @@ def deviated(reference: Motion, frame: Frame, way: np.ndarray, turn: np.ndarray)
     old = each(reference.position_ecef)
     position, speed = old + place @ to_ecef, velocity @ to_ecef
     llh = earth.llh_from_ecef(position)
-    felt = acceleration @ to_ecef + 2.0 * np.cross(EARTH_RATE, speed)
-    felt -= earth.gravity_at(llh) - earth.gravity_ecef(old)
     turned = _of_gibbs(gibbs)
-    c_eb = each(reference.c_eb)
-    force = each(reference.specific_force) + np.einsum("nji,nj->ni", c_eb, felt)
+    c_eb, specific_force = each(reference.c_eb), np.full(position.shape, np.nan)
+    if force:
+        felt = acceleration @ to_ecef + 2.0 * np.cross(EARTH_RATE, speed)
+        felt -= earth.gravity_at(llh) - earth.gravity_ecef(old)
+        own = each(reference.specific_force) + np.einsum("nji,nj->ni", c_eb, felt)
+        specific_force = np.einsum("nji,nj->ni", turned, own)
     scale = 2.0 / (1.0 + np.sum(gibbs**2, axis=1, keepdims=True))
     own = np.einsum("nji,nj->ni", turned, each(reference.angular_rate))
     return Motion(
@@ -267,7 +284,7 @@ def deviated(reference: Motion, frame: Frame, way: np.ndarray, turn: np.ndarray)
         velocity_ecef=each(reference.velocity_ecef) + speed,
         llh=llh,
         c_eb=c_eb @ turned,
-        specific_force=np.einsum("nji,nj->ni", turned, force),
+        specific_force=specific_force,
         angular_rate=own + scale * (rate - np.cross(gibbs, rate)),
     )
 

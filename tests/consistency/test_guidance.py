@@ -14,6 +14,7 @@ from navsim.landing.result import result as summarised
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads
 from navsim.runner.findings import open_loops
+from navsim.simulation import landing as simulation
 from navsim.simulation.landing import LOOP_TOLERANCE, fly
 from navsim.trajectory.autopilot import Autopilot, Channel
 from navsim.trajectory.guidance import GuidanceErrors, steered
@@ -173,6 +174,24 @@ def test_the_loop_closes() -> None:
     assert turn < 1e-6
     alone = fly(guided.flight, 1, [2], measured=False)
     np.testing.assert_array_equal(alone.error[0], flown.error[2])
+
+
+def test_first_order_errors_predict_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two flights close the loops of nearly all runs; one that needs more flies them beside those of other lanes, with
+    the same bits as alone."""
+    guided, flights = case(STEERED, *GENTLE), []
+    fly_filter = simulation._filter
+    monkeypatch.setattr(simulation, "_filter", lambda *inputs: (flights.append(1), fly_filter(*inputs))[1])
+    flown = list(guided.fly_runs(1, 0, 2 * WIDTH, measured=False))
+    together, count = np.concatenate([pack.error for pack in flown]), len(flights)
+    assert max(pack.loop_gap.max() for pack in flown) <= LOOP_TOLERANCE
+    assert 4 <= count <= 6
+    monkeypatch.setattr(simulation, "TOGETHER", 1)
+    again = list(guided.fly_runs(1, 0, 2 * WIDTH, measured=False))
+    np.testing.assert_array_equal(np.concatenate([pack.error for pack in again]), together)
+    along_route = fly(guided.flight, 1, range(WIDTH), measured=False)
+    np.testing.assert_allclose(along_route.deviation, flown[0].deviation, atol=2.0 * LOOP_TOLERANCE)
+    np.testing.assert_array_equal(guided.fly(1, WIDTH + 3).error, together[WIDTH + 3])
 
 
 def test_errors_of_steered_runs() -> None:

@@ -42,7 +42,7 @@ def errors(flown: Case, seed: int, runs: range) -> np.ndarray:
     for first in range(runs.start, runs.stop, WIDTH):
         inputs = draw(flown.flight, seed, range(first, first + WIDTH))
         found = first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))
-        out.append(np.moveaxis(found, -1, 0))
+        out.append(np.moveaxis(found[:, :3], -1, 0))
     return np.concatenate(out)
 
 
@@ -52,9 +52,10 @@ def test_they_are_the_slopes_times_all_that_is_drawn(name: str) -> None:
     flown, _, slopes, at = ready(name)
     inputs = draw(flown.flight, 5, range(WIDTH))
     first_order = FirstOrder.of(flown.flight)
-    found = first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))[at]
-    expected = first_order.mean[at][:, None] + slopes.times(deviations(flown.flight, inputs))
-    scale = np.sqrt(np.mean((expected - first_order.mean[at][:, None]) ** 2))
+    found = first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))[at, :3]
+    mean = first_order.mean[at, :3, None]
+    expected = mean + slopes.times(deviations(flown.flight, inputs))
+    scale = np.sqrt(np.mean((expected - mean) ** 2))
     assert np.abs(found - expected).max() < 2e-3 * scale
 
 
@@ -63,7 +64,7 @@ def test_their_mean_and_covariance_are_those_of_the_analysis(name: str) -> None:
     """400 draws, over all outputs but the start: means within 4.5 standard errors, and second moments."""
     flown = case(*ANY[name])
     assert flown.first_order is not None
-    found = errors(flown, 9, range(400))[:, 5:] - flown.first_order.mean[5:]
+    found = errors(flown, 9, range(400))[:, 5:] - flown.first_order.mean[5:, :3]
     variance = np.diagonal(flown.first_order_covariance, axis1=1, axis2=2)[5:]
     assert np.abs(found.mean(axis=0) / np.sqrt(variance / 400)).max() < 4.5
     assert np.abs(np.mean(found**2, axis=0) / variance - 1.0).max() < 4.5 * np.sqrt(2.0 / 400)
@@ -76,6 +77,11 @@ def test_the_filter_makes_these_errors(name: str) -> None:
     run = fly(flown.flight, 3, range(WIDTH), False, flown.first_order)
     left, error = run.error[:, 10:, :3] - run.first_order[:, 10:], run.error[:, 10:, :3]
     assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(error**2))
+    inputs = draw(flown.flight, 3, range(WIDTH))
+    assert flown.first_order is not None
+    linear = flown.first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))
+    left, error = run.error[:, 10:, 3:6] - np.moveaxis(linear[10:, 3:], -1, 0), run.error[:, 10:, 3:6]
+    assert np.sqrt(np.mean(left**2)) < 0.25 * np.sqrt(np.mean(error**2))
 
 
 def test_the_mean_is_that_of_the_analysis() -> None:
@@ -84,7 +90,7 @@ def test_the_mean_is_that_of_the_analysis() -> None:
     of_pseudolites = np.isin(flown.shared.signals.names, flown.pseudolites.names)
     analysis = analyse(flown.flight, of_pseudolites, along, second_order=False)
     assert flown.first_order is not None
-    np.testing.assert_allclose(flown.first_order.mean, analysis.mean[:, :3], rtol=1e-12)
+    np.testing.assert_allclose(flown.first_order.mean, analysis.mean[:, :6], rtol=1e-12)
 
 
 def test_none_where_the_covariance_analysis_says_nothing() -> None:
