@@ -942,7 +942,7 @@ def _as_runs(
     """The first `count` landings, with their measurements and first-order errors if requested."""
     shared, design, nav, watched, errors = flight.shared, flight.design, filtered.nav, filtered.watched, filtered.errors
     llh, velocity, clocks, _ = filtered.fixes
-    linear = None if first_order is None else first_order.errors(flight, inputs, filtered.ranges)[:, states.SLICES["position"]]
+    linear = None if first_order is None else first_order.errors(flight, inputs, filtered.ranges)
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
         return _of_runs(lanes, count)
@@ -983,7 +983,7 @@ def _as_runs(
         filter_fix_llh=of_runs(of_filter.llh), filter_fix_velocity=of_runs(of_filter.velocity),
         filter_fix_covariance=of_runs(of_filter.covariance),
         clipped=of_runs(inputs.clipped).astype(np.int64) if flight.limited else np.empty((count, 0), np.int64),
-        first_order=np.empty((count, 0, 3)) if linear is None else of_runs(linear),
+        first_order=np.empty((count, 0, 3)) if linear is None else of_runs(linear[:, states.SLICES["position"]]),
         loop_gap=np.empty((count, 0)),
     )  # fmt: skip
 
