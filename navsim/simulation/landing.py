@@ -748,7 +748,7 @@ def fly_runs(
             known = ways.known(_predicted(flight, seed, pack, predicts))
         made, closed, now = flown(pack, ways.departure(seed, pack, WIDTH, known), TOGETHER)
         out.append(made)
-        still_open += [_OpenRun(number, int(i), now.lane(i), TOGETHER) for i in np.flatnonzero(~closed)]
+        still_open += [_OpenRun(number, i, now.lane(i), TOGETHER) for i in np.flatnonzero(~closed).tolist()]
         while len(still_open) >= WIDTH or (still_open and number == len(packs) - 1):
             now_open, still_open = still_open[:WIDTH], still_open[WIDTH:]
             pack = [packs[one.pack][one.place] for one in now_open]
