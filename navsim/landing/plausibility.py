@@ -182,7 +182,7 @@ def _speeds(scenario: Landing) -> Iterator[str]:
 
 def _wind(scenario: Landing, trajectory: Moving) -> Iterator[str]:
     """Wind that comes near the airspeed."""
-    if not scenario.wind.blows or not isinstance(trajectory, Trajectory):
+    if not scenario.wind.blows or not isinstance(trajectory, Trajectory) or trajectory.body is not None:
         return
     from navsim.trajectory.air import triangle_along
 

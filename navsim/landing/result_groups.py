@@ -73,7 +73,8 @@ def _wind(draft: ResultBuilder, case: Case) -> None:
     at = triangle_along(trajectory, passed[known])
     for name in ("headwind", "crosswind", "airspeed", "crab"):
         values = np.full(passed.size, np.nan)
-        values[known] = getattr(at, name)
+        if name != "crab" or trajectory.body is None:  # a nose that keeps its heading does not answer the wind
+            values[known] = getattr(at, name)
         draft[f"/summary/at/{name}"] = values
 
 

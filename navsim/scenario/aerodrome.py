@@ -57,8 +57,9 @@ def with_published(data: Any) -> Any:
     _write_slope(runway)
     if _number(runway.get("tch_m")):
         slope = approach.get("glide_slope_deg", 5.0)
-        if approach.get("profile") in ("recorded", "track"):
-            raise reject("a flight of a file has no slope that an aim point follows from", "runway", "tch_m")
+        if approach.get("profile") in ("recorded", "track", "pad"):
+            text = "a flight of a file, or onto a pad, has no slope that an aim point follows from"
+            raise reject(text, "runway", "tch_m")
         if _number(slope) and 0.0 < slope < 90.0:
             rise = runway.get("slope_percent", 0.0)
             below = math.tan(slope * DEG) + (0.01 * rise if _number(rise) else 0.0)

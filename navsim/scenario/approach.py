@@ -28,6 +28,8 @@ from navsim.scenario.base import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from navsim.trajectory.air import Deviation
     from navsim.trajectory.approach import Taxi
     from navsim.trajectory.autopilot import Autopilot
@@ -37,6 +39,8 @@ if TYPE_CHECKING:
 
 SLOWEST = 2.0
 """Least speed over ground at which a path has a course, m/s."""
+STEEPEST_GLIDE = 15.0
+"""Largest angle of a glide path onto a runway, deg."""
 Reach = Annotated[float, Field(ge=-1e5, le=1e5)]
 """Along or across a runway, m."""
 
@@ -390,7 +394,7 @@ class _Approach(Section):
     """where the simulation begins; leave out to derive it from runway.threshold"""
     start_height_m: Annotated[float, Field(ge=0.1, le=5000.0)] = 153.0
     """height above the runway at the start"""
-    glide_slope_deg: Annotated[float, Field(ge=1.0, le=15.0)] = 5.0
+    glide_slope_deg: Annotated[float, Field(ge=1.0, le=STEEPEST_GLIDE)] = 5.0
     """angle of the glide path below the horizontal"""
     speed_start_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 130.0
     """speed at the start, along the path, over ground, or through the air by speed_is"""
@@ -412,12 +416,76 @@ class _Approach(Section):
     indicator: IndicatorSection | None = None
     """deviations from localizer and glide path in parts of full scale; null: none"""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _gentle(cls, data: Any) -> Any:
+        """Say what flies a slope that is too steep for a runway."""
+        slope = data.get("glide_slope_deg") if isinstance(data, dict) and data.get("profile") != "pad" else None
+        if isinstance(slope, int | float) and slope > STEEPEST_GLIDE:
+            text = f"must be at most {STEEPEST_GLIDE:g} deg onto a runway, not {slope:g}; `profile: pad` flies up to 80"
+            raise reject(f"{text} deg to a hover, and descends vertically", "glide_slope_deg")
+        return data
+
     @model_validator(mode="after")
     def _steered(self) -> Self:
         # a stored scenario has every default written out
         if self.guidance == "reference" and self.autopilot.model_dump() != AutopilotSection().model_dump():
             raise reject("is for `guidance: estimate`", "autopilot")
         return self
+
+
+class PadApproach(_Approach):
+    """Decelerated glide to a hover, and a vertical descent onto a pad. The aircraft keeps its attitude, in any wind."""
+
+    profile: Literal["pad"]
+    """glide to a hover and vertical descent onto a pad, at the place of the touchdown point"""
+    glide_slope_deg: Annotated[float, Field(ge=1.0, le=80.0)] = 9.0
+    """angle of the glide path below the horizontal, to the hover"""
+    speed_touchdown_kmh: Annotated[float, Field(ge=0.0, le=0.0)] = 0.0
+    """0: the aircraft hovers before it touches down"""
+    speed_is: Literal["ground"] = "ground"
+    """reference of speeds"""
+    angle_of_attack_deg: Annotated[float, Field(ge=-10.0, le=30.0)] = 0.0
+    """pitch all the way"""
+    pitch: Literal["level"] = "level"
+    """level: the nose keeps angle_of_attack_deg above the horizon"""
+    flight_technical_error: None = None
+    """null: all runs fly the route; at rest there is no course to be off"""
+    guidance: Literal["reference"] = "reference"
+    """reference: the route itself steers the aircraft"""
+    indicator: None = None
+    """null: there is no glide path to the touchdown point"""
+    nose_deg: Azimuth | None = None
+    """heading of the nose all the way, clockwise from true north; null: runway.heading_deg"""
+    lead_in_s: Stretch = 10.0
+    """level flight before the capture of the glide slope"""
+    capture_s: Stretch = 4.0
+    """duration of the transition onto the slope"""
+    hover_height_m: Annotated[float, Field(ge=0.5, le=1000.0)] = 15.0
+    """height of the hover above the pad"""
+    hover_s: NonNegative = 5.0
+    """duration of the hover"""
+    sink_m_s: Annotated[float, Field(ge=0.05, le=20.0)] = 1.0
+    """rate of the vertical descent; it ends at 0 on the pad"""
+    descent_ease_s: Stretch = 2.0
+    """time in which the vertical descent begins, and ends"""
+
+    def path(self) -> Path:
+        """Path in the tangent plane of the pad. Raises ValueError if there is none."""
+        from navsim.trajectory.approach import Hover, pad_profile
+
+        hover = Hover(self.hover_height_m, self.hover_s, self.sink_m_s, self.descent_ease_s)
+        start, slope = self.speed_start_kmh * KMH, self.glide_slope_deg * DEG
+        return pad_profile(start, self.start_height_m, slope, self.lead_in_s, self.capture_s, hover)
+
+    def body(self, runway_heading: float) -> np.ndarray:
+        """Body axes (3, 3) in those of the path, whose x axis has a heading, rad."""
+        import numpy as np
+
+        from navsim.geodesy.attitude import dcm_from_rpy
+
+        nose = 0.0 if self.nose_deg is None else self.nose_deg * DEG - runway_heading
+        return dcm_from_rpy(np.array([0.0, self.angle_of_attack_deg * DEG, nose]))
 
 
 S_TURN_LASTS = 3600.0

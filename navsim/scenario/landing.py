@@ -28,6 +28,7 @@ from navsim.scenario.approach import (
     S_TURN_LASTS,
     SLOWEST,
     FileApproach,
+    PadApproach,
     PaperApproach,
     RecordedApproach,
     Runway,
@@ -98,7 +99,7 @@ class Landing(Section):
     runway: Runway = Runway()
     """the runway, and where on it the aircraft touches down"""
     approach: Annotated[
-        PaperApproach | SmoothApproach | STurn | WaypointApproach | RecordedApproach | TrackApproach,
+        PaperApproach | SmoothApproach | PadApproach | STurn | WaypointApproach | RecordedApproach | TrackApproach,
         Field(discriminator="profile"),
     ]
     """trajectory of the aircraft, by `profile`"""
@@ -242,12 +243,12 @@ class Landing(Section):
             if (air := self.air()) is not None:
                 raise reject(f"a recorded flight, or a planned one, is flown as it is{beside(air[1])}", *air[1][0])
             return self
-        if isinstance(self.approach, WaypointApproach):
-            if self.pseudolites.frame == "table1":
-                raise reject("the paper's frame needs the paper's approach", "pseudolites", "frame")
-            if self.approach.by_coordinates() and self.runway.threshold is None:
-                text = "waypoints by coordinates need the runway's: give runway.threshold instead of approach.start"
-                raise reject(text, "approach", "points")
+        if isinstance(self.approach, PadApproach | WaypointApproach) and self.pseudolites.frame == "table1":
+            raise reject("the paper's frame needs the paper's approach", "pseudolites", "frame")
+        by_coordinates = isinstance(self.approach, WaypointApproach) and self.approach.by_coordinates()
+        if by_coordinates and self.runway.threshold is None:
+            text = "waypoints by coordinates need the runway's: give runway.threshold instead of approach.start"
+            raise reject(text, "approach", "points")
         path = self._checked_path()
         self._checked_speed(path)
         trajectory = self.trajectory()
@@ -475,6 +476,8 @@ class Landing(Section):
             if slowest < SLOWEST:
                 text = f"a route that falls to {slowest:.1f} m/s within duration_s has no course to be off; 2 m/s has"
                 raise reject(text + beside(air[1]), *air[1][0])
+        if isinstance(self.approach, PadApproach):
+            return
         # on the ground the nose does not turn
         times = times[times < path.events.get(ROLL_OUT, math.inf)]
         slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
@@ -482,14 +485,14 @@ class Landing(Section):
             raise reject(
                 f"the aircraft falls to {slowest:.1f} m/s within duration_s, {self.duration_s:g} s. Its attitude "
                 "follows from its path, so it must keep 2 m/s. Give a shorter duration_s, or `speed_is: ground`, with "
-                "which an aircraft stops and remains at rest",
+                "which an aircraft stops and remains at rest, or `profile: pad`, which hovers",
                 "approach",
                 "profile",
             )
 
     def check_airspeed(self, trajectory: Trajectory) -> None:
         """Raise where the aircraft would go backwards through the air, or where gusts are as fast as it."""
-        if not (self.wind.blows or self.wind.buffets):
+        if trajectory.body is not None or not (self.wind.blows or self.wind.buffets):
             return
         import numpy as np
 
@@ -705,6 +708,8 @@ class Landing(Section):
         from navsim.trajectory.approach import sloped
 
         assert not isinstance(self.approach, FileApproach)
+        if isinstance(self.approach, PadApproach):
+            return self.approach.path()
         path = self._route(self.approach)
         if isinstance(self.approach, SmoothApproach | WaypointApproach) and self.approach.stops(path, self.duration_s):
             path = self._route(self.approach.model_copy(update={"taxi_speed_kmh": 0.0}))
@@ -838,6 +843,7 @@ class Landing(Section):
             isinstance(self.approach, TrackApproach) or self.approach.pitch == "path",
             events.get(ROLL_OUT, math.inf),
             self.runway.rise,
+            self.approach.body(heading) if isinstance(self.approach, PadApproach) else None,
         )
 
     def threshold(self, frame: Frame) -> np.ndarray:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.trajectory.air import AirError, MeanWind, crossings, ground_speed, over_runway
+from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.path import AnyPath, hermite
 
 _STEP = 0.1
@@ -44,9 +45,10 @@ def held_airspeed(path: AnyPath, wind: MeanWind, duration: float, rise: float = 
         flown = t[:-1] < duration
         if not np.isfinite(over_ground[flown]).all() or np.isnan(t[1:][flown[: t.size - 1]]).any():
             text = "the wind, against the path or across it, is no less than the airspeed: it cannot be flown"
-            raise AirError("speed_m_s", text)
-        if (over_ground[flown] < SLOWEST).any():
-            raise AirError("speed_m_s", f"against the wind the aircraft falls below {SLOWEST:g} m/s over ground")
+            raise AirError("speed_m_s", text + _after_landing(path, s, t, ~np.isfinite(over_ground).all(axis=1)))
+        if (slow := (over_ground < SLOWEST).any(axis=1) & flown).any():
+            text = f"against the wind the aircraft falls below {SLOWEST:g} m/s over ground"
+            raise AirError("speed_m_s", text + _after_landing(path, s, t, slow))
         last = int(np.flatnonzero(flown)[-1]) + 2
         if last < t.size:
             break
@@ -55,6 +57,17 @@ def held_airspeed(path: AnyPath, wind: MeanWind, duration: float, rise: float = 
     first = _rates(path, wind, rise, s)[0]
     slope = (_rates(path, wind, rise, s + _SMALL)[0] - _rates(path, wind, rise, s - _SMALL)[0]) / (2.0 * _SMALL)
     return Retimed(path, t, np.stack([s, first, slope * first], axis=1))
+
+
+def _after_landing(path: AnyPath, s: np.ndarray, t: np.ndarray, failing: np.ndarray) -> str:
+    """What flies a landing that fails on the roll-out alone; s: of the path (n + 1,), t: of the flight (n + 1,), s, up
+    to the first failing piece (n,)."""
+    touchdown, first = path.events.get(TOUCHDOWN, math.inf), int(np.argmax(failing))
+    if s[first] < touchdown:
+        return ""
+    landed, until = np.interp(touchdown, s[: first + 1], t[: first + 1]), math.floor(t[first])
+    ground = "`approach.speed_is: ground`"
+    return f", {t[first] - landed:.0f} s after touchdown, on the roll-out: give duration_s {until} or less, or {ground}"
 
 
 def _rates(path: AnyPath, wind: MeanWind, rise: float, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

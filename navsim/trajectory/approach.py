@@ -18,6 +18,10 @@ GLIDE_START, FLARE, TOUCHDOWN = "glide_start", "flare", "touchdown"
 ROLL_OUT, TAXI, STAND = "roll_out", "taxi", "stand"
 """Events of a roll-out: the gear has settled and the path is the runway's x axis; taxi speed is reached; the aircraft
 stops."""
+HOVER, DESCENT = "hover", "descent"
+"""Events of a landing on a pad: the aircraft hovers over it; it begins to descend vertically."""
+HARDEST = 5.0
+"""Largest acceleration along a leg, m/s2."""
 _X, _Z = 0, 2
 
 
@@ -218,6 +222,85 @@ def smooth_profile(
     )
     path = Path(segments, {GLIDE_START: t1, FLARE: t3, TOUCHDOWN: t4})
     return path if ending.taxi is None else _slowed(path, rollout_deceleration, ending.taxi)
+
+
+@dataclass(frozen=True)
+class Hover:
+    """A hover over a pad and the vertical descent onto it."""
+
+    height: float
+    """Of the hover above the pad, m."""
+    time: float
+    """Duration of the hover, s."""
+    sink: float
+    """Rate of descent, m/s."""
+    ease: float
+    """Time in which the descent begins, and ends, s."""
+
+
+def pad_profile(speed: float, height: float, slope: float, lead_in: float, capture: float, hover: Hover) -> Path:
+    """Level lead-in, capture, decelerated glide to a hover, vertical descent to rest on a pad at the origin.
+
+    Continuous in position, velocity and acceleration. On the glide and at both ends of the descent the speed changes by
+    a cubic without acceleration at its ends.
+
+    - `speed`: at the start, m/s; `height`: of the lead-in above the pad, m; `slope`: rad.
+    - `lead_in`, `capture`: durations, s.
+
+    Raises ValueError if no such path exists.
+    """
+    sin, cos = math.sin(slope), math.cos(slope)
+    captured = height - 0.5 * speed * sin * capture
+    slant = (captured - hover.height) / sin
+    if slant <= 0.0:
+        raise ValueError(
+            f"the glide-slope capture ends {captured:.1f} m above the pad, below the hover at {hover.height:g} m: give "
+            "a shorter capture_s, a greater start_height_m or a lower hover_height_m"
+        )
+    glide_time = 2.0 * slant / speed
+    if (hardest := 1.5 * speed / glide_time) > HARDEST:
+        raise ValueError(
+            f"the glide brakes at up to {hardest:.1f} m/s2, at most {HARDEST:g} are allowed: give a slower "
+            "speed_start_kmh, a greater start_height_m or a smaller glide_slope_deg"
+        )
+    steady = hover.height / hover.sink - hover.ease
+    if steady < 0.0:
+        raise ValueError(
+            f"a descent at {hover.sink:g} m/s, begun and ended within {hover.ease:g} s each, takes "
+            f"{hover.sink * hover.ease:g} m; hover_height_m is {hover.height:g}"
+        )
+    down, rest = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    along, ahead = np.array([cos, 0.0, sin]), np.array([1.0, 0.0, 0.0])
+    stop = -hover.height * down
+    corner = stop - slant * along
+    first = corner - 0.5 * speed * capture * (ahead + along) - speed * lead_in * ahead
+    t1, t2 = lead_in, lead_in + capture
+    level, glide = uniform(0.0, first, speed * ahead, rest), uniform(t2, corner, speed * along, rest)
+    segments: list[AnySegment] = [level, joined(t1, t2, level, glide)]
+    begins = {GLIDE_START: t1, HOVER: t2 + glide_time, DESCENT: t2 + glide_time + hover.time}
+    segments += [_speeding(t2, corner, along, (speed, 0.0), glide_time), uniform(begins[HOVER], stop, rest, rest)]
+    now, sink = begins[DESCENT], hover.sink
+    eased = 0.5 * sink * hover.ease * down
+    segments += [
+        _speeding(now, stop, down, (0.0, sink), hover.ease),
+        uniform(now + hover.ease, stop + eased, sink * down, rest),
+        _speeding(now + hover.ease + steady, -eased, down, (sink, 0.0), hover.ease),
+    ]
+    begins[TOUCHDOWN] = now + 2.0 * hover.ease + steady
+    return Path((*segments, uniform(begins[TOUCHDOWN], rest, rest, rest)), begins)
+
+
+def _speeding(
+    start: float, position: np.ndarray, direction: np.ndarray, speeds: tuple[float, float], time: float
+) -> Segment:
+    """A straight segment whose speed changes within a time, s, by a cubic without acceleration at either end."""
+    change = speeds[1] - speeds[0]
+    polynomial = np.zeros((3, DEGREE + 1))
+    polynomial[:, 0] = position
+    polynomial[:, 1], polynomial[:, 3], polynomial[:, 4] = (
+        factor * direction for factor in (speeds[0], change / time**2, -0.5 * change / time**3)
+    )
+    return Segment(start, polynomial)
 
 
 def sloped(path: Path, slope: float) -> Path:

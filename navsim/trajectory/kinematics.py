@@ -2,7 +2,7 @@
 
 The path is given in the tangent plane of the touchdown point, so position, velocity, acceleration and jerk are exact in
 ECEF. Flight is coordinated (no side force) with a constant angle of attack, and the longitudinal plane contains the
-velocity relative to the air. This determines the attitude.
+velocity relative to the air. This determines the attitude. An aircraft that hovers keeps its attitude instead.
 
 Sources: [1] Groves (2013), eqs. 2.147-2.149 (specific force in rotating axes), 5.3 (ECEF). [2] Etkin, Dynamics of
 Atmospheric Flight (1972), section 4.2 (wind axes).
@@ -169,6 +169,9 @@ class Trajectory:
     """Time, s, from which the path is up the runway, where the nose stays, however slow the aircraft."""
     runway_slope: float = 0.0
     """Rise of the runway along the frame's x axis, m a m."""
+    body: np.ndarray | None = None
+    """(3, 3) body axes in those of the frame, of an aircraft that keeps them on any path and at rest; None: flight is
+    coordinated."""
 
     def motion(self, t: np.ndarray) -> Motion:
         """Everything at the times t (n,), s."""
@@ -177,6 +180,11 @@ class Trajectory:
         jet = self.path.jet(t) @ to_ecef
         position = self.frame.origin + jet[:, 0]
         velocity, acceleration, jerk = jet[:, 1], jet[:, 2], jet[:, 3]
+        llh = earth.llh_from_ecef(position)
+        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_at(llh)
+        if self.body is not None:
+            c_eb = np.tile(self.frame.axes @ self.body, (t.size, 1, 1))
+            return assembled(t, (position, llh), velocity, force, c_eb, np.zeros((t.size, 3)))
 
         rolls = (t >= self.grounded)[:, None]
         # at rest there is no direction of motion; from here on it is known
@@ -184,10 +192,8 @@ class Trajectory:
         course_rate = np.where(rolls, 0.0, acceleration)
         direction = course / np.linalg.norm(course, axis=1, keepdims=True)
         step = 0.5 * _GRADIENT_STEP * direction
-        llh = earth.llh_from_ecef(position)
         slope = (earth.gravity_ecef(position + step) - earth.gravity_ecef(position - step)) / _GRADIENT_STEP
         gravity_rate = slope * np.linalg.norm(velocity, axis=1, keepdims=True)
-        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_at(llh)
         force_rate = jerk + 2.0 * np.cross(EARTH_RATE, acceleration) - gravity_rate
 
         wind, wind_rate = self.wind.at(t)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.geodesy.earth import STANDARD_GRAVITY
+from navsim.trajectory.approach import HARDEST
 from navsim.trajectory.path import (
     AnySegment,
     Arc,
@@ -30,8 +31,6 @@ from navsim.trajectory.path import (
 
 STEEPEST = math.radians(30.0)
 """Largest angle of climb and descent on a leg, rad."""
-HARDEST = 5.0
-"""Largest acceleration along a leg, m/s2."""
 _NEAREST = 1.0
 """Waypoints lie at least so far apart, m."""
 _BESIDE = 0.5

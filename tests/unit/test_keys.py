@@ -53,7 +53,7 @@ def test_rows_say_what_the_models_say() -> None:
     assert not by_key["duration_s"].required
     assert "eskf" in by_key["filter.kind"].choices
     assert by_key["approach.flare_height_m"].when == ("approach.profile: smooth, waypoints",)
-    assert by_key["approach.profile"].choices == ("paper", "smooth", "s-turn", "waypoints", "recorded", "track")
+    assert by_key["approach.profile"].choices == ("paper", "smooth", "pad", "s-turn", "waypoints", "recorded", "track")
     assert by_key["approach.profile"].when == ()
     assert by_key["imu.gyro.drift_fixed_deg_h"].kind == "list of 3 or null"
     assert by_key["integrity.p_constellations.NAME"].range == "0 to 0.1"
