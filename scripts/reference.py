@@ -85,6 +85,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "{what: level, of: hpl, below_m: 40}, {what: time_to_alert, within_s: 6}]",
         )),
         ("odense", ("runway.end_height_m=17",)),
+        ("beacons_pad", ("approach.nose_deg=90",)),
         ("landing", ("receiver.fix_states={forced: [{state: wrong, at_s: 20, until_s: 40, error_ned_m: [0, 0, 6]}]}",)),
         ("landing", (
             "imu.gyro={drift_deg_h: 700, noise_deg_h: 30, bias_instability_deg_h: 8}",

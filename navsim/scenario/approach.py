@@ -449,12 +449,8 @@ class PadApproach(_Approach):
     """pitch all the way"""
     pitch: Literal["level"] = "level"
     """level: the nose keeps angle_of_attack_deg above the horizon"""
-    flight_technical_error: None = None
-    """null: all runs fly the route; at rest there is no course to be off"""
     guidance: Literal["reference"] = "reference"
     """reference: the route itself steers the aircraft"""
-    indicator: None = None
-    """null: there is no glide path to the touchdown point"""
     nose_deg: Azimuth | None = None
     """heading of the nose all the way, clockwise from true north; null: runway.heading_deg"""
     lead_in_s: Stretch = 10.0
@@ -469,6 +465,14 @@ class PadApproach(_Approach):
     """rate of the vertical descent; it ends at 0 on the pad"""
     descent_ease_s: Stretch = 2.0
     """time in which the vertical descent begins, and ends"""
+
+    @model_validator(mode="after")
+    def _of_the_route(self) -> Self:
+        if self.flight_technical_error is not None:
+            raise reject("at rest there is no course to be off: leave it out", "flight_technical_error")
+        if self.indicator is not None:
+            raise reject("the glide path does not lead to the touchdown point: leave it out", "indicator")
+        return self
 
     def path(self) -> Path:
         """Path in the tangent plane of the pad. Raises ValueError if there is none."""

@@ -78,6 +78,15 @@ def test_they_hold_the_position_when_satellites_are_lost() -> None:
     assert true > 3.0 * assumed
 
 
+@pytest.mark.long
+def test_every_state_is_consistent_over_a_pad() -> None:
+    """The shipped landing on a pad, whose satellites are lost before the hover, in 300 runs."""
+    result = fly_all(case(name="beacons_pad"), 42, 0, 300, threads())
+    z = np.sqrt(np.mean((result["error"] / result["sigma"]) ** 2, axis=0))[5:]
+    assert np.abs(z - 1.0).max() < 0.22, z.round(3)
+    assert np.abs(np.sqrt(np.mean(z**2, axis=0)) - 1.0).max() < 0.12
+
+
 def test_outliers_and_lost_answers() -> None:
     """The gate keeps reflections out that are far longer than the noise."""
     keys = ("long_share: 0.05", "long_m: 400", "loss: 0.3")

@@ -253,6 +253,8 @@ ALIKE = {
     "approach.file": "studies take no recorded flight", "approach.file_sha256": "the same",
     "approach.sigma_m": "the same", "approach.sigma_vertical_m": "the same",
     "approach.go_around.at_s": "approach.go_around.height_m", "approach.go_around.ease_s": "a pull-up's shape",
+    "approach.hover_height_m": "a landing on a pad is one more route", "approach.hover_s": "the same",
+    "approach.sink_m_s": "the same", "approach.descent_ease_s": "the same", "approach.nose_deg": "the same",
     "approach.brake_ease_s": "how taxiing begins", "approach.taxi_s": "how long it lasts",
     "approach.start_s": "the same", "approach.touchdown_s": "the same",
     "runway.length_m": "for drawings", "runway.width_m": "for drawings",

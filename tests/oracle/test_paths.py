@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.landing import study as landing
 from navsim.landing.case import crossing_times
 from navsim.results.schema import HEIGHTS
+from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.trajectory.path import NoSuchPath, Path, ended
 from navsim.trajectory.waypoints import Turn, Waypoint, cruise, turn
@@ -302,6 +304,7 @@ def test_pull_up() -> None:
         (("approach.go_around={at_s: 40, climb_deg: 0, ease_s: 5}",), "landing"),
         ((*TAXIED, "approach.taxi_speed_kmh=18", "approach.taxi_s=5", "wind.speed_m_s=5", "runway.slope_percent=-2"),
          "landing_smooth"),
+        (("approach.glide_slope_deg=20", "approach.nose_deg=200", "approach.angle_of_attack_deg=4"), "beacons_pad"),
     ],
 )  # fmt: skip
 def test_they_come_back(settings: tuple[str, ...], name: str, within: Within) -> None:
@@ -376,3 +379,68 @@ def test_an_aircraft_that_brakes_stops_and_stands() -> None:
     assert np.abs(stops.jet(np.array([139.0]))[0, 1]).max() == 0.0
     rolling = times[times < stops.events["stand"] - 1.01]
     np.testing.assert_array_equal(short.jet(rolling)[:, :3], stops.jet(rolling)[:, :3])
+
+
+def test_a_landing_on_a_pad() -> None:
+    """Straight down the slope to a hover, straight down to rest at the pad's centre, without a jump; lengths and times
+    by hand; the attitude is kept, and an accelerometer at rest feels gravity alone."""
+    whole = scenario("approach.glide_slope_deg=20", "approach.nose_deg=200", "wind={speed_m_s: 12, from_deg: 150}",
+                     name="beacons_pad")  # fmt: skip
+    trajectory, path = whole.trajectory(), whole.path()
+    assert isinstance(path, Path)
+    assert joins(path) < 1e-9
+    begins = path.events
+    sin, cos = math.sin(math.radians(20.0)), math.cos(math.radians(20.0))
+    slant = (80.0 - 20.0 * sin * 2.0 - 15.0) / sin
+    assert begins["hover"] == pytest.approx(10.0 + 4.0 + 2.0 * slant / 20.0)  # the mean speed is half the first one
+    assert begins["touchdown"] - begins["descent"] == pytest.approx(15.0 / 1.0 + 2.0)  # half of each ease is lost
+    glide = path.jet(np.linspace(14.0, begins["hover"], 50))
+    np.testing.assert_allclose(glide[:, 1] @ [-sin, 0.0, cos], 0.0, atol=1e-12)
+    assert -np.diff(glide[:, 1, 0]).max() >= 0.0
+    still = path.jet(np.array([*np.linspace(begins["hover"], begins["descent"], 9), begins["touchdown"], 1e4]))
+    assert np.abs(still[:, 1:3]).max() < 1e-12
+    np.testing.assert_allclose(still[:9, 0], np.tile([0.0, 0.0, -15.0], (9, 1)), atol=1e-12)
+    np.testing.assert_allclose(still[9:, 0], 0.0, atol=1e-12)
+    down = path.jet(np.linspace(begins["descent"], begins["touchdown"], 99))
+    assert not down[:, :, :2].any()
+    assert down[:, 1, 2].max() == pytest.approx(1.0)
+    motion = trajectory.motion(np.array([0.0, 30.0, begins["hover"], begins["touchdown"] + 5.0]))
+    np.testing.assert_allclose(np.degrees(motion.rpy[-2:]), [[0.0, 0.0, -160.0]] * 2, atol=1e-9)
+    np.testing.assert_allclose(np.degrees(motion.rpy), [[0.0, 0.0, -160.0]] * 4, atol=6e-3)  # meridians converge
+    np.testing.assert_allclose(motion.specific_force[-1, :2], 0.0, atol=2e-4)  # plumb line and normal differ
+    assert -motion.specific_force[-1, 2] == pytest.approx(9.8157, abs=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(motion.angular_rate, axis=1), 7.292115e-5, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "words"),
+    [
+        (("approach.glide_slope_deg=20",), "landing_smooth", "`profile: pad` flies up to 80 deg"),
+        (("approach.glide_slope_deg=12",), "odense", "s after touchdown, on the roll-out: give duration_s 143 or less"),
+        (("approach.glide_slope_deg=9",), "odense", "give duration_s 129 or less, or `approach.speed_is: ground`"),
+        (("approach.speed_start_kmh=200",), "beacons_pad", "brakes at up to .* m/s2, at most 5"),
+        (("approach.hover_height_m=78",), "beacons_pad", "below the hover at 78 m"),
+        (("approach.sink_m_s=9",), "beacons_pad", "takes 18 m; hover_height_m is 15"),
+        (("approach.guidance=estimate",), "beacons_pad", "reference"),
+        (("approach.flight_technical_error={lateral: {sigma_m: 3}}",), "beacons_pad", "no course to be off"),
+        (("approach.indicator={}",), "beacons_pad", "does not lead to the touchdown point"),
+        (("wind={speed_m_s: 5, from_deg: 0, turbulence: {severity: light}}",), "beacons_pad", "no course to be off"),
+        (("runway.tch_m=15",), "beacons_pad", "onto a pad, has no slope"),
+    ],
+)
+def test_what_flies_instead(settings: tuple[str, ...], name: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        scenario(*settings, name=name)
+
+
+def test_what_results_say_of_a_landing_on_a_pad_in_wind() -> None:
+    """The wind has a headwind and no crab, since the nose keeps its heading."""
+    here = case("wind={speed_m_s: 12, from_deg: 150}", "filter.kind=eskf", "imu.rate_hz=20", name="beacons_pad")
+    assert not any("wind" in text for text in here.warnings)
+    result = landing.result(here, landing.fly_all(here, 1, 0, 1, threads(1), keep="errors"), 1, keep="errors")
+    assert np.isnan(result["/summary/at/crab"]).all()
+    assert np.isfinite(result["/summary/at/headwind"]).any()
+    assert np.isfinite(result["/truth/airspeed"]).all()
+    passed = dict(zip(HEIGHTS, crossing_times(here), strict=True))
+    assert passed["touchdown"] == pytest.approx(here.trajectory.path.events["touchdown"], abs=1e-6)
+    assert passed["200ft"] < passed["100ft"] < passed["50ft"] < passed["touchdown"]

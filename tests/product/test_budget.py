@@ -38,9 +38,9 @@ MEMORY = 0.5, 2.0
     in_brief(
         [*((name, "monte-carlo") for name in LANDINGS), ("landing_open_sky", "covariance"), ("circuit", "covariance")],
         0,
-        3,
-        7,
-        12,
+        4,
+        8,
+        13,
     ),
 )
 def test_result_file_of_every_landing(name: str, method: str, tmp_path: Path) -> None:
