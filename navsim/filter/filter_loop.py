@@ -28,6 +28,7 @@ from navsim.filter.first_estimates import note_shift, start_transition
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
 from navsim.filter.interval import LONGEST, StepSums, accumulate_markov, add_step, allocate_sums, reset_sums, transition
 from navsim.filter.measurement_models import RANGE, hard_iron, observe, slot
+from navsim.filter.outliers import excess, expects_outliers
 from navsim.filter.range_update import (
     accumulate_range,
     apply_epoch,
@@ -328,10 +329,14 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
             degrees = count_valid(buffers.have, m)
             weighed = gain(p, buffers.h, buffers.r, m, buffers.pht, buffers.s, buffers.k) & (degrees > 0.0)
             used = weighed
+            if expects_outliers(kind, measurements):
+                mean, buffers.spread[0], _, _ = excess(buffers.z[0], buffers.s[0, 0], measurements.beacons.outliers)
+                buffers.z[0] -= mean
             if any_lane(weighed):
                 estimate_errors(buffers.k, buffers.z, m, buffers.x)
                 counter = slot(kind, row, measurements)
-                used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, model, rejected, record, i)
+                tested = not expects_outliers(kind, measurements)
+                used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, tested, model, rejected, record, i)
                 if any_lane(used):
                     if kind == RANGE:
                         accumulate_range(used, m, p, epoch, 0, buffers)

@@ -48,6 +48,7 @@ from navsim.filter.filter_loop import (
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
 from navsim.filter.left_invariant import turned
 from navsim.filter.measurement_models import RANGE, observe, slot
+from navsim.filter.outliers import excess, expects_outliers
 from navsim.filter.range_update import (
     accumulate_range,
     apply_epoch,
@@ -658,6 +659,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
         alloc(state_nav, (most, n, MAX_MEASUREMENT_SIZE)),
     )
     squares, sizes, numbers = alloc(state_nav, (most,)), alloc(state_nav, (most,)), alloc(state_nav, (most,))
+    spreads = alloc(state_nav, (most,))
     there = alloc(state_nav, (MAX_MEASUREMENT_SIZE,))
     space, mixture_work = (
         propagation_buffers(state_nav, n, chart.straight, declared),
@@ -755,6 +757,11 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                 sizes[j] = ss[j, 0, 0]
                 for a in range(1, m):
                     sizes[j] *= ss[j, a, a]
+                if expects_outliers(kind, measurements):
+                    outliers = measurements.beacons.outliers
+                    mean, spreads[j], square, sizes[j] = excess(zs[j, 0], ss[j, 0, 0], outliers)
+                    squares[j] = where(squares[j] < math.inf, square, squares[j])
+                    zs[j, 0] -= mean
             copy(there, buffers.have)
             degrees = count_valid(there, m)
             # a component that is none any more goes, unless there is no other
@@ -771,7 +778,8 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                 _normalise_weights(fewer, weight)
             weighed = _mixture_innovation(weight, zs, ss, m, buffers.z, buffers.s) & (degrees > 0.0) & sound
             counter = slot(kind, row, measurements)
-            used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, model, rejected, record, i)
+            tested = not expects_outliers(kind, measurements)
+            used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, tested, model, rejected, record, i)
             for j in range(count):
                 own_use = used & (weight[j] > 0.0)
                 if not any_lane(own_use):
@@ -787,6 +795,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                     accumulate_range(own_use, m, p, epoch, j, buffers)
                 else:
                     estimate_errors(ks[j], zs[j], m, buffers.x)
+                    buffers.spread[0] = spreads[j]
                     update(
                         chart, used, kind, row, measurements, declared, nav, p, increments, cursor[2], space, buffers
                     )  # fmt: skip

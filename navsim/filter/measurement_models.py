@@ -211,6 +211,8 @@ class BeaconTable(NamedTuple):
     """Distance at which the bias has grown to 63 %, m."""
     lever_arm: np.ndarray
     """See `FixTable`."""
+    outliers: np.ndarray = np.empty(0)
+    """(4,) of the mixture that the filter assumes (`outliers.excess`); (0,) for none."""
 
     @classmethod
     def none(cls, *lanes: int) -> BeaconTable:

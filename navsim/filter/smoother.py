@@ -28,6 +28,7 @@ from navsim.filter.error_parametrisation import PLAIN
 from navsim.filter.filter_loop import advance_once, can_advance, propagation_buffers, start_mechanisation
 from navsim.filter.history import as_registers, record_decision, record_innovation
 from navsim.filter.measurement_models import PROBE, observe, slot
+from navsim.filter.outliers import add_spread, excess, expects_outliers
 from navsim.filter.receiver_clock import propagate_clock_rows
 from navsim.filter.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
 from navsim.filter.states import (
@@ -243,6 +244,10 @@ def run(imu, measurements, events, state, model, passes, history):
                     z[a] -= h[a, c] * mean[node, c]
             copy_matrix(filtered[node], p)
             used = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
+            spread = 0.0 * degrees
+            if expects_outliers(kind, measurements):
+                shift, spread, _, _ = excess(z[0], s[0, 0], measurements.beacons.outliers)
+                z[0] -= shift
             estimate_errors(k, z, m, x)
             if first:
                 weighed = used
@@ -250,6 +255,8 @@ def run(imu, measurements, events, state, model, passes, history):
                 q = whitened_square(s, z, m)
                 counter = slot(kind, events.row[e], measurements)
                 used = weighed & (no(q > gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
+                if expects_outliers(kind, measurements):
+                    used = weighed
                 if kind == PROBE:
                     used = used & no(used)
                 record_decision(weighed, used, q, degrees, decay, e)
@@ -258,6 +265,8 @@ def run(imu, measurements, events, state, model, passes, history):
             if not any_lane(used):
                 continue
             joseph(p, h, r, m, pht, k, work)
+            if expects_outliers(kind, measurements):
+                add_spread(p, k, spread)
             if first:
                 # the node moves onto its estimate, and its errors are counted from there
                 copy(nodes[node], here)

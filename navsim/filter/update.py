@@ -16,6 +16,7 @@ from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct
 from navsim.filter.history import record_decision, record_innovation, record_use
 from navsim.filter.measurement_models import PROBE, observe
+from navsim.filter.outliers import add_spread, expects_outliers
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 
 
@@ -40,6 +41,8 @@ class UpdateBuffers(NamedTuple):
     """(NAV,) state before the update or at the output."""
     p: np.ndarray
     """(n, n) covariance likewise."""
+    spread: np.ndarray
+    """(1,) variance of an outlier given its innovation (`outliers.excess`)."""
 
 
 @kernel_internal
@@ -51,7 +54,7 @@ def update_buffers(nav, n):
         alloc(nav, (MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)),
         alloc(nav, (n, MAX_MEASUREMENT_SIZE)), alloc(nav, (n, MAX_MEASUREMENT_SIZE)),
         alloc(nav, (n, MAX_MEASUREMENT_SIZE)), alloc(nav, (n,)), alloc(nav, (nav.shape[0],)),
-        alloc(nav, (n, n)),
+        alloc(nav, (n, n)), alloc(nav, (1,)),
     )  # fmt: skip
 
 
@@ -103,16 +106,18 @@ def count_rejection(weighed, used, counter, rejected):
 
 
 @kernel
-def apply_gate(ahead, weighed, degrees, m, buffers, counter, model, rejected, record, i):
+def apply_gate(ahead, weighed, degrees, m, buffers, counter, tested, model, rejected, record, i):
     """Whether a measurement is used: it passes the gate, or enough consecutive ones before it were rejected.
 
     - `buffers`: `update_buffers` with z (m,), which is overwritten, and the factor s of its covariance.
-    - `counter`: its slot in `rejected` (slots,), which is updated.
+    - `counter`: its slot in `rejected` (slots,), which is updated. `tested`: whether the gate tests it.
     - The decision is stored as that of event i, except for the copy that predicts ahead.
     """
     record_innovation(ahead, buffers.have, weighed, m, buffers.z, buffers.s, record, i)
     q = whitened_square(buffers.s, buffers.z, m)
     used = weighed & ((q <= gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
+    if not tested:
+        used = weighed
     if counter == PROBE:
         used = used & no(used)
     record_use(used, m, record, i)
@@ -159,6 +164,8 @@ def update(chart, used, kind, row, measurements, declared, nav, p, increments, i
     )
     gain(p, buffers.h, buffers.r, m, buffers.pht, buffers.s, buffers.k)
     joseph(p, buffers.h, buffers.r, m, buffers.pht, buffers.k, buffers.work)
+    if expects_outliers(kind, measurements):
+        add_spread(p, buffers.k, buffers.spread[0])
     if spared:
         copy_where_not(buffers.nav, used, nav)
         for i in range(p.shape[0]):

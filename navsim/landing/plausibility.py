@@ -57,6 +57,8 @@ def _beacons(scenario: Landing) -> Iterator[str]:
             "heading: its sigma of heading is far too small with beacons; write eskf or gaussian-sum"
         )
     share = section.outlier_share + section.long_share
+    if scenario.filter.beacons.outliers == "mixture":
+        return
     if share > 0.0 and scenario.filter.gate.probability == 0.0:
         yield (
             f"filter.gate.probability: 0 is no gate, and {digits(share)} of the ranges of the beacons are outliers, "
@@ -65,7 +67,7 @@ def _beacons(scenario: Landing) -> Iterator[str]:
     elif share > MANY_OUTLIERS:
         yield (
             f"beacons: {digits(share)} of the ranges are outliers, against which the filter has its gate alone. Above "
-            f"{MANY_OUTLIERS:g} errors exceed its sigma; take errors from runs, or lower outlier_share and long_share"
+            f"{MANY_OUTLIERS:g} errors exceed its sigma; write filter.beacons.outliers: mixture"
         )
 
 

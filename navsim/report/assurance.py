@@ -81,6 +81,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     ),
     "error model and update of the navigation filter": (
         "clock of a receiver without sources", "two sources and an unknown clock",
+        "update with a range that may be an outlier",
         "Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
     ),
     "batch smoother": ("The `map` smoother minimises the nonlinear least-squares cost of the whole flight",),

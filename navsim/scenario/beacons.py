@@ -27,6 +27,10 @@ _LINK = ("eirp_dbm", "sensitivity_dbm")
 """Keys of the link budget that have no default."""
 
 
+_OUTLIERS = ("outlier_share", "outlier_sigma_m"), ("long_share", "long_m")
+"""Keys of the share and the size of each kind of outlier."""
+
+
 class BeaconsSection(AidingSection):
     """Ranging beacons on the ground: two-way time of flight, without the receiver's clock. The vehicle asks one beacon
     after the other. Errors are drawn for each beacon and run."""
@@ -101,7 +105,7 @@ class BeaconsSection(AidingSection):
         elif len(link) < len(_LINK) or self.carrier_mhz is None:
             text = "how far beacons reach is not given: give range_limit_m, or a link budget by eirp_dbm, "
             raise reject(text + "sensitivity_dbm and carrier_mhz", "range_limit_m")
-        for share, size in (("outlier_share", "outlier_sigma_m"), ("long_share", "long_m")):
+        for share, size in _OUTLIERS:
             if bool(getattr(self, share)) != bool(getattr(self, size)):
                 missing = size if getattr(self, share) else share
                 given = share if missing == size else size
@@ -135,6 +139,31 @@ class BeaconsSection(AidingSection):
         for key in () if its.errors == "states" else ERRORS_OF_BEACONS:
             if getattr(its, key) is not None:
                 raise reject("is for `errors: states`", "filter", "beacons", key)
+        self._check_mixture(landing)
+
+    def _check_mixture(self, landing: Landing) -> None:
+        """Raise for a mixture without outliers, and for keys of one without it."""
+        its, mine = landing.filter.beacons, self.assumed(landing).outliers()
+        for share, size in _OUTLIERS:
+            for key in (share, size):
+                if its.outliers == "gate" and getattr(its, key) is not None:
+                    raise reject("is for `outliers: mixture`", "filter", "beacons", key)
+        if its.outliers == "mixture":
+            if not mine.share and not mine.long_share:
+                raise reject("no outliers: give long_share, or outlier_share", "filter", "beacons", "outliers")
+            for share, part, size in (("outlier", mine.share, mine.sigma), ("long", mine.long_share, mine.long)):
+                if bool(part) != bool(size):
+                    text = "share and size of outliers: both above 0, or neither"
+                    raise reject(text, "filter", "beacons", f"{share}_share")
+            if mine.share + mine.long_share >= 1.0:
+                text = "no range would be clean: shares must add up to less than 1"
+                raise reject(text, "filter", "beacons", "long_share")
+
+    def assumed(self, landing: Landing) -> BeaconsSection:
+        """The beacons as the filter assumes them."""
+        its = landing.filter.beacons
+        given = {key: value for key, value in its if value is not None and key in BeaconsSection.model_fields}
+        return self.model_copy(update=given)
 
     def _check_events(self, landing: Landing) -> None:
         """Raise for names that events cannot tell apart, and for events that two-way ranges do not have."""
@@ -199,13 +228,13 @@ class BeaconsSection(AidingSection):
 
     def model(self, landing: Landing) -> Beacons:
         """The beacons at a runway, and the filter's model of them."""
+        from dataclasses import replace
+
         import numpy as np
 
         from navsim.sensors.beacons import BeaconDesign, Beacons
 
-        its, runway = landing.filter.beacons, landing.runway
-        given = {key: value for key, value in its if value is not None and key in BeaconsSection.model_fields}
-        other = self.model_copy(update=given)
+        its, runway, other = landing.filter.beacons, landing.runway, self.assumed(landing)
         plane, llh = np.full((len(self.sites), 2), np.nan), np.full((len(self.sites), 3), np.nan)
         for k, site in enumerate(self.sites):
             llh[k, 2] = runway.ellipsoidal_m + (self.height_m if site.height_m is None else site.height_m)
@@ -216,6 +245,7 @@ class BeaconsSection(AidingSection):
         assumed = BeaconDesign(
             other.sigma_m, other.weak_sigma_m, other.latency_s, np.array(other.lever_arm_m),
             other.errors(its.errors == "states"),
+            replace(other.outliers(), loss=0.0) if its.outliers == "mixture" else None,
         )  # fmt: skip
         return Beacons(
             self.names(), plane, llh, runway.aim_point_m, runway.ellipsoidal_m, runway.heading_deg * DEG, self.rate_hz,
@@ -247,6 +277,17 @@ class FilterBeacons(FilterAidingSection):
     errors: Literal["states", "none"] = "states"
     """what the filter does about biases and survey errors: states: estimate those that it assumes, up to five for each
     beacon; none: nothing, a beacon is described by its noise alone"""
+    outliers: Literal["gate", "mixture"] = "gate"
+    """what the filter does about outliers. gate: `filter.gate` alone rejects them; mixture: it weighs by how probable
+    each outlier is, given the shares and sizes below, and the gate does not test beacons"""
+    outlier_share: Part | None = None
+    """fraction of outliers to both sides in the mixture"""
+    outlier_sigma_m: NonNegative | None = None
+    """1 sigma of these in the mixture"""
+    long_share: Part | None = None
+    """fraction of ranges that are too long in the mixture"""
+    long_m: NonNegative | None = None
+    """mean of how much they are too long in the mixture"""
     sigma_m: Sigma | None = None
     """1 sigma of the noise near the beacon in the filter model"""
     weak_sigma_m: NonNegative | None = None

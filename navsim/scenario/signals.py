@@ -27,7 +27,6 @@ from navsim.scenario.presets import SIGNAL_PRESETS
 from navsim.scenario.sky import Name
 
 if TYPE_CHECKING:
-
     from navsim.gnss import signal_errors
     from navsim.gnss.antenna import AircraftAntenna
     from navsim.gnss.correlated_errors import CorrelatedError, Mapping

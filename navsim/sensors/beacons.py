@@ -73,6 +73,10 @@ class Outliers:
     long: float = 0.0
     """Mean of the exponential distribution of how much they are too long, m."""
 
+    def mixture(self) -> np.ndarray:
+        """Shares and sizes (4,) as `filter.outliers.excess` takes them; those without a share have no effect."""
+        return np.array([self.share, self.sigma**2, self.long_share, self.long if self.long_share else 1.0])
+
     def applied(self, measured: np.ndarray, draw: np.random.Generator) -> np.ndarray:
         """Ranges (m, 1) with outliers, nan where the answer is lost."""
         lost, kind, size, far = draw.random(measured.shape), draw.random(measured.shape), *(
@@ -92,6 +96,8 @@ class BeaconDesign:
     latency: float
     lever_arm: np.ndarray
     errors: BeaconErrors
+    outliers: Outliers | None = None
+    """Outliers of the filter's mixture; None: the gate alone."""
 
 
 @dataclass(frozen=True)
@@ -228,6 +234,7 @@ class Beacons(AidingSensor):
             measured[:, 0].copy(), self.in_turn(np.arange(len(measured))), ecef_from_llh(llh),
             ned_matrix(llh), its.sigma, its.weak_sigma / self.reach, its.errors.growth,
             its.errors.growth_distance, its.lever_arm,
+            np.empty(0) if its.outliers is None else its.outliers.mixture(),
         )  # fmt: skip
 
     @property

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
+from scipy.stats import exponnorm, norm
 
 from navsim.filter import states
 from navsim.filter.measurement_models import BEACON, Measurements, observe
+from navsim.filter.outliers import excess
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.dop import dops
 from navsim.gnss.ranging_geometry import mixed_dops, two_way_dops
@@ -59,6 +63,34 @@ def test_link_budget() -> None:
     reach = largest_range(14.0, 2.0, -97.0, 868e6)
     loss = 32.4478 + 20.0 * math.log10(reach / 1e3) + 20.0 * math.log10(868.0)
     assert loss == pytest.approx(14.0 + 2.0 + 97.0, abs=1e-3)
+
+
+@pytest.mark.validates(
+    "update with a range that may be an outlier", "posterior by numerical integration", "(relative)", moments="1e-6"
+)
+@pytest.mark.parametrize("mixture", [(0.0, 1.0, 0.3, 2.0), (0.1, 4.0, 0.0, 1.0), (0.05, 9.0, 0.2, 1.5)])
+def test_update_with_a_mixture(within: Within, mixture: tuple[float, ...]) -> None:
+    """Prior N(0, a), z = x + noise + D: mean and variance of x given z, and the likelihood of z."""
+    wide, variance, long_share, long = mixture
+    for a, r, z in itertools.product((0.01, 4.0), (0.01, 0.09), (-1.0, -0.1, 0.0, 0.4, 3.0)):
+        s = a + r
+        x = np.linspace(-16.0, 16.0, 20001) * math.sqrt(a)
+        left = z - x
+        clean = norm.pdf(left, scale=math.sqrt(r))
+        both = norm.pdf(left, scale=math.sqrt(r + variance))
+        late = exponnorm.pdf(left, long / math.sqrt(r), scale=math.sqrt(r))
+        density = norm.pdf(x, scale=math.sqrt(a)) * (
+            (1.0 - wide - long_share) * clean + wide * both + long_share * late
+        )
+        total = simpson(density, x=x)
+        mean = simpson(density * x, x=x) / total
+        second = simpson(density * (x - mean) ** 2, x=x) / total
+        shift, spread, q, size = excess(z, math.sqrt(s), np.array(mixture))
+        gain = a / s
+        assert gain * (z - shift) == pytest.approx(mean, rel=within["moments"], abs=1e-6 * math.sqrt(a))
+        assert a - gain * a + gain**2 * spread == pytest.approx(second, rel=within["moments"])
+        likelihood = math.exp(-0.5 * q) / size / math.sqrt(2.0 * math.pi)
+        assert likelihood == pytest.approx(total, rel=within["moments"])
 
 
 def wgs84(lat: float, lon: float, height: float) -> np.ndarray:

@@ -156,6 +156,11 @@ def test_events_of_beacons() -> None:
          "names other sources, too"),
         ([section("carrier_mhz: 1580"), "interference={jammers: [{name: J, place: {lat_deg: 56, lon_deg: 37}, "
           "eirp_dbw: 5, waveform: noise, bandwidth_mhz: 20}]}"], "1580 MHz is in the band of J"),
+        (["filter.beacons={outliers: mixture}"], "no outliers: give long_share"),
+        (["filter.beacons={long_share: 0.1}"], "is for `outliers: mixture`"),
+        (["filter.beacons={outliers: mixture, long_share: 0.1}"], "share and size of outliers"),
+        (["filter.beacons={outliers: mixture, long_share: 0.5, long_m: 1, outlier_share: 0.5, outlier_sigma_m: 1}"],
+         "no range would be clean"),
     ],
 )  # fmt: skip
 def test_what_beacons_do_not_have_is_refused(settings: list[str], text: str) -> None:
