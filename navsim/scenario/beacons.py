@@ -151,10 +151,10 @@ class BeaconsSection(AidingSection):
         if its.outliers == "mixture":
             if not mine.share and not mine.long_share:
                 raise reject("no outliers: give long_share, or outlier_share", "filter", "beacons", "outliers")
-            for share, part, size in (("outlier", mine.share, mine.sigma), ("long", mine.long_share, mine.long)):
-                if bool(part) != bool(size):
+            for kind, part, length in (("outlier", mine.share, mine.sigma), ("long", mine.long_share, mine.long)):
+                if bool(part) != bool(length):
                     text = "share and size of outliers: both above 0, or neither"
-                    raise reject(text, "filter", "beacons", f"{share}_share")
+                    raise reject(text, "filter", "beacons", f"{kind}_share")
             if mine.share + mine.long_share >= 1.0:
                 text = "no range would be clean: shares must add up to less than 1"
                 raise reject(text, "filter", "beacons", "long_share")
