@@ -353,8 +353,10 @@ def counted(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     draft[f"{branch}/tested"], draft[f"{branch}/alarms"] = np.int64(tested.sum()), np.int64(alarms.sum())
     draft[f"{branch}/alarm_share"] = share_over_runs(alarms, tested)
     draft[f"{branch}/lost"] = np.int64(ensemble.per_run("integrity_lost").sum())
+    levelled = np.isfinite(tested_levels(case.flight.monitor)[glide_of(case)]).any(axis=0)
     for i, name in enumerate(("horizontal", "vertical")):
-        draft[f"{branch}/exceeded_{name}"] = share_over_runs(ensemble.per_run("integrity_exceeded")[:, i], tested)
+        exceeded = share_over_runs(ensemble.per_run("integrity_exceeded")[:, i], tested)
+        draft[f"{branch}/exceeded_{name}"] = exceeded if levelled[i] else np.full(3, np.nan)
     if watches_innovations(case):
         found, glide = ensemble.per_run("integrity_innovations"), int(glide_of(case).sum())
         draft[f"{branch}/innovation_alarms"] = np.int64(found.sum())
@@ -377,9 +379,11 @@ def counted(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     counts = ensemble.per_run("integrity_regions").sum(axis=0)
     draft[f"{branch}/region"] = np.array(REGIONS)
     for i, name in enumerate(("horizontal", "vertical")):
-        draft[f"{branch}/hmi_{name}"] = share_interval(int(misled[:, i].sum()), runs)
+        misleading = share_interval(int(misled[:, i].sum()), runs)
+        draft[f"{branch}/hmi_{name}"] = misleading if levelled[i] else np.full(3, np.nan)
         draft[f"{branch}/stanford_{name}"] = counts[i].astype(np.int64)
-    draft[f"{branch}/hmi"] = share_interval(int(misled.any(axis=1).sum()), runs)
+    either = share_interval(int(misled.any(axis=1).sum()), runs)
+    draft[f"{branch}/hmi"] = either if levelled.any() else np.full(3, np.nan)
     draft[f"{branch}/time_to_alert"] = np.fmax.reduce(delay, axis=None)
 
 

@@ -415,7 +415,7 @@ def _of_shares(
     branch = "/summary/integrity"
     if one.what in ("approaches", "misleading"):
         value = draft[f"{branch}/{'hmi' if one.what == 'misleading' else one.what}"]
-        return _counted(nothing, round(float(value[0]) * runs), runs)
+        return _counted(nothing, round(float(value[0]) * runs), runs) if np.isfinite(value[0]) else nothing
     value = draft[f"{branch}/{'continuity_risk' if one.what == 'continuity' else one.what}"]
     return _share_of_epochs(nothing, value, runs)
 

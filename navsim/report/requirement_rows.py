@@ -7,10 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from navsim.report.consistency_rows import VERDICT, state_verdict
-from navsim.report.result_cells import single
+from navsim.report.result_cells import setting, single
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.results.result import Result
 from navsim.statistics.rounding import digits
+
+_MONITORED = {
+    "level", "emt", "accuracy", "availability", "approaches", "continuity", "misleading", "time_to_alert",
+}  # fmt: skip
+"""Requirements on what the integrity monitor says."""
+
+
+def _monitored(result: Result) -> str:
+    """What the monitor of a result watches: the fixes, or the filter."""
+    section = setting(result).get("integrity")
+    return ABSENT if section is None else "the filter" if section["method"] == "filter" else "the fixes alone"
 
 
 def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
@@ -21,6 +32,8 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
         return
     found = (f"found{'' if single(result) else ' [95 %]'}" for _, result in results)
     table.head("Requirements", *(f"verdict: {what}; number of runs for a decision" for what in found))
+    if _MONITORED & {str(what) for result in asked if f"{branch}/what" in result for what in result[f"{branch}/what"]}:
+        table.add("  levels, alarms and risks are those of", *(_monitored(result) for _, result in results))
     for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
 
@@ -42,14 +55,17 @@ def _verdict(result: Result, statement: str) -> Cell | str:
         return ABSENT
     i = text.index(statement)
     word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
-    return verdict_cell(word, result[f"{branch}/value"][i], more, single(result))
+    return verdict_cell(word, result[f"{branch}/value"][i], more, single(result), str(result.attributes["method"]))
 
 
-def verdict_cell(word: str, interval: np.ndarray, more: float, one_run: bool = False) -> Cell:
-    """A verdict on a requirement with the value and its interval (3,), and the number of runs that would decide it."""
+def verdict_cell(word: str, interval: np.ndarray, more: float, one_run: bool = False, method: str = "") -> Cell:
+    """A verdict on a requirement with the value and its interval (3,), and the number of runs that would decide it.
+
+    method: of the result. Runs evaluate every requirement, unless no epoch of theirs counts for it.
+    """
     value, low, high = map(float, interval)
     if np.isnan(value):
-        return cell("{}: not evaluated by this method", word)
+        return cell(f"{{}}: {'no epoch counts' if method == 'monte-carlo' else 'not evaluated by this method'}", word)
     number = digits(more, 2) if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
     if low == high or np.isnan(low) or one_run:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.report.table import ABSENT, Cell, cell, numbers
+from navsim.report.table import ABSENT, Cell, cell
 from navsim.results.result import Result, scenario_of
 from navsim.results.schema import HEIGHTS
 
@@ -75,12 +75,18 @@ def heights_of(results: Sequence[Result]) -> dict[int, str]:
 
 
 def percentile_cell(result: Result, path: str, i: int | None = None) -> Cell | str:
-    """Percentiles over runs; a result of one run has none, a covariance analysis only those at heights."""
+    """Percentiles over runs, those that at least one run in the mean exceeds; a result of one run has none, a
+    covariance analysis only those at heights."""
     if single(result) or path not in result:
         return ABSENT
     values = result[path] if i is None else result[path][i]
-    names = [f"p{level:g}" for level in result["/summary/percentile"].tolist()]
-    return numbers(values, 3, names) if np.all(np.isfinite(values)) else ABSENT
+    levels = result["/summary/percentile"]
+    runs = math.inf if result.attributes["method"] == "covariance" else result["/run"].size
+    shown = runs * (100 - levels) >= 100
+    if not shown.any() or not np.isfinite(values).all():
+        return ABSENT
+    pattern = "  ".join("{:.3f}" if each else ABSENT for each in shown)
+    return Cell(pattern, tuple(map(float, values[shown])), several=True, names=tuple(f"p{p:g}" for p in levels[shown]))
 
 
 def names_at(results: Sequence[Result], path: str) -> list[str]:

@@ -850,8 +850,8 @@ _INTEGRITY = Chapter(
         _a("/summary/integrity/continuity_risk", "interval", "1", "share of intervals of 15 s on the glide that begin "
            "available and lose availability; nan without any", LANDING, when=_ASKED),
         _a("/summary/integrity/hmi", "interval", "1", "share of runs with hazardously misleading information: an error "
-           "beyond its limit for longer than the time to alert, or to the end, no alarm, the level within it", LANDING,
-           when=_ASKED),
+           "beyond its limit for longer than the time to alert, or to the end, no alarm, the level within it; nan "
+           "without any level", LANDING, when=_ASKED),
         _a("/summary/integrity/hmi_{axis}", "interval", "1", "fraction of runs with hazardously misleading "
            "information, {axis} error", LANDING, when=_ASKED,
            axis=("horizontal", "vertical")),

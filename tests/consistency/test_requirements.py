@@ -362,3 +362,15 @@ def test_levels_after_exclusions_are_judged_by_runs(tmp_path: Path) -> None:
     assert value[0, 1] < value[0, 0] < value[0, 2]
     assert result["/summary/requirements/verdict"][0] == MET
     assert np.isfinite(value[:3]).all()
+
+
+def test_without_a_level_nothing_misleads_and_nothing_is_shown(tmp_path: Path) -> None:
+    """One system, whose fault has the default prior, has no level at any epoch."""
+    asked = [{"what": "misleading", "at_most": 0.1}]
+    result, said = flown(tmp_path, asked, "--set", WATCHED.replace("chi2, p_fa: 1.0e-2", "mhss"), "--runs", 2)
+    assert result["/summary/integrity/level_share"] == 0.0
+    assert np.isnan(result["/summary/integrity/hmi"]).all()
+    (line,) = (each for each in said.splitlines() if each.strip().startswith("hazardously misleading information  "))
+    assert line.split()[-1] == "-"
+    assert "levels, alarms and risks are those of" in said
+    assert "undecided: no epoch counts" in said
