@@ -1,4 +1,4 @@
-"""navsim: plan and prove a landing navigation system (INS + GNSS + ground pseudolites).
+"""navsim: plan and check a landing navigation system (INS + GNSS + ground pseudolites).
 
 Conventions of the whole package; `docs/conventions.md` has the details.
 

@@ -200,11 +200,13 @@ def init(
 ) -> None:
     """Write a commented scenario to start from, ready to run.
 
-    navsim also writes the files that it names, such as the base of a study, unless they exist. After
+    navsim also writes the files that the scenario uses, such as the base of a study, unless they exist. After
     `navsim schema --install` its first line names the schema for editors.
     """
+    from navsim.scenario.base import hint
+
     if template not in names():
-        leave(BAD_INPUT, f"there is no template {template!r}; allowed: {', '.join(names())}")
+        leave(BAD_INPUT, f"there is no template {template!r}; {hint(template, names())}")
     target = output or Path(f"{template}.yaml")
     if target.exists():
         leave(BAD_INPUT, f"{target}: exists already and stays untouched; choose another name with -o")
@@ -228,4 +230,5 @@ def init(
                 print_message(f"warning: {path} differs from the shipped file; navsim keeps it. {target} names it")
         except OSError as error:
             leave(BAD_INPUT, f"{path}: cannot be written: {error.strerror or error}")
-    print(f"{', '.join(written)} written; go on with: navsim {KINDS[shipped.kind(template)].command} {target}")
+    also = f" (it uses {', '.join(written[:-1])}, written too)" if written[:-1] else ""
+    print(f"{target} written{also}; go on with: navsim {KINDS[shipped.kind(template)].command} {target}")

@@ -8,7 +8,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer._click.exceptions import UsageError
+from typer.core import TyperCommand, TyperGroup
 
 from navsim.cli.exit_status import OK, ending
 from navsim.cli.options import grouped
@@ -19,40 +20,53 @@ if TYPE_CHECKING:
     from typer._click.formatting import HelpFormatter
 
 PLACES = {
+    "init": "navsim.cli.files:init",
     "run": "navsim.cli.run:run",
-    "table2": "navsim.cli.studies:table2",
-    "integrity-table": "navsim.cli.studies:integrity_table",
+    "show": "navsim.cli.results:show",
+    "plot": "navsim.cli.results:plot",
+    "report": "navsim.cli.reports:report",
+    "export": "navsim.cli.results:export",
+    "validate": "navsim.cli.files:validate",
+    "keys": "navsim.cli.files:keys",
+    "variables": "navsim.cli.files:variables",
+    "plan": "navsim.cli.plan:plan",
     "sweep": "navsim.cli.studies:sweep",
     "optimize": "navsim.cli.studies:optimize",
     "import": "navsim.cli.imports:import_log",
     "imu": "navsim.cli.imports:imu_sheet",
     "replay": "navsim.cli.recorded:replay",
     "live": "navsim.cli.recorded:live",
-    "plan": "navsim.cli.plan:plan",
+    "table2": "navsim.cli.studies:table2",
+    "integrity-table": "navsim.cli.studies:integrity_table",
     "merge": "navsim.cli.merge:merge",
     "resume": "navsim.cli.resume:resume",
-    "show": "navsim.cli.results:show",
-    "plot": "navsim.cli.results:plot",
-    "export": "navsim.cli.results:export",
-    "report": "navsim.cli.reports:report",
     "verify": "navsim.cli.verify:verify",
     "evidence": "navsim.cli.verify:evidence",
     "cite": "navsim.cli.reports:cite",
-    "validate": "navsim.cli.files:validate",
     "schema": "navsim.cli.files:schema",
-    "init": "navsim.cli.files:init",
-    "keys": "navsim.cli.files:keys",
-    "variables": "navsim.cli.files:variables",
 }
-"""The commands in the order of `--help`."""
+"""The commands in the order of `--help`: by use."""
+
+
+class _Command(TyperCommand):
+    """A command that explains a value after `--require`, which takes none."""
+
+    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
+        asked = "--require" in args
+        try:
+            return super().parse_args(ctx, args)
+        except UsageError as error:
+            if asked and "unexpected extra argument" in error.message:
+                error.message += ". --require takes no value: write limits in the scenario, in section requirements"
+            raise
 
 
 @cache
 def command_named(name: str) -> Any:
     """A command as typer has it."""
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(name)(ending(grouped(named(PLACES[name]))))
-    command = typer.main.get_command(alone)
+    alone.command(name, cls=_Command)(ending(grouped(named(PLACES[name]))))
+    command: Any = typer.main.get_command(alone)
     for parameter in command.params:
         if parameter.nargs == -1:  # files; typer would show Python's type
             vars(parameter)["display_type"] = lambda _: "<path>"
@@ -91,7 +105,13 @@ class _Group(TyperGroup):
         return list(PLACES)
 
     def resolve_command(self, ctx: Context, args: list[str]) -> Any:
-        """The command. The error of an unknown one names those that are spelt alike, otherwise all."""
+        """The command; `help` is `--help`, alone or of the command that follows. The error of an unknown one names
+        those that are spelt alike, otherwise all."""
+        if args[0] == "help":
+            args = [*args[1:2], "--help"]
+        if args[0] == "--help":
+            typer.echo(ctx.get_help())
+            ctx.exit(OK)
         if args[0] not in PLACES:
             from difflib import get_close_matches
 
@@ -109,7 +129,8 @@ app = typer.Typer(
     name="navsim",
     cls=_Group,
     help="Plan and check a landing navigation system: INS corrected by GNSS and ground pseudolites.",
-    no_args_is_help=True,
+    epilog="Start with: navsim init, which writes landing_open_sky.yaml; then navsim run landing_open_sky.yaml",
+    invoke_without_command=True,
     rich_markup_mode=None,  # plain help: half the time, and flags are not shown with a type
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
@@ -126,8 +147,10 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
+    ctx: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", "-V", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    pass
+    if ctx.invoked_subcommand is None:
+        typer.echo(ctx.get_help())

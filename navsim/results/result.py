@@ -442,7 +442,7 @@ def _open_tree(path: Path, whole: bool = True) -> Tree:
         file = files.open_regular(path, sys.maxsize)
         if file.read(len(SIGNATURE)) != SIGNATURE:
             file.close()
-            raise ResultError(f"{path}: not a readable HDF5 file")
+            raise ResultError(f"{path}: not a readable HDF5 file; a result of navsim (.h5) is needed")
     except FileNotFoundError:
         raise ResultError(f"{path}: no such file") from None
     except IsADirectoryError:

@@ -24,7 +24,8 @@ SweepMethod = Literal["dop", "covariance", "monte-carlo"]
 
 
 def scenario_instead(path: Path) -> str:
-    """For a file that is not a result but a scenario or study: the command that takes it; "" otherwise."""
+    """For a file that is not a result but a scenario or study: the command that takes it, and its results in
+    `results/`; "" otherwise."""
     from navsim.kinds import OF_FILES, advice
     from navsim.scenario.source import InputError, load
 
@@ -34,7 +35,10 @@ def scenario_instead(path: Path) -> str:
         kind = str(load(path).data.get("kind"))
     except InputError:  # not even YAML: another message explains why it is no result
         return ""
-    return f"{path}: is not a result but {advice(kind, path)}" if kind in OF_FILES else ""
+    if kind not in OF_FILES:
+        return ""
+    made = Path("results", f"{path.stem}.h5")
+    return f"{path}: is not a result but {advice(kind, path)}" + (f"; its result is {made}" if made.is_file() else "")
 
 
 def open_job(

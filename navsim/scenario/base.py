@@ -457,10 +457,14 @@ _OTHER_WORDS = {"msl": "geoid", "amsl": "geoid", "sea level": "geoid", "wgs84": 
 
 
 def hint(given: str, allowed: list[str]) -> str:
-    """List the allowed words; before them the one that was meant, in capitals or small letters, or by another name."""
+    """List the allowed words; before them the one that was meant: in capitals or small letters, by another name, or
+    by a part of it."""
     spelt = {one.lower(): one for one in allowed}
     meant = _OTHER_WORDS.get(given.lower(), given.lower())
     near = difflib.get_close_matches(meant, list(spelt), n=1, cutoff=0.6)
+    if not near and len(meant) > 2:
+        having = [one for one in spelt if meant in one]
+        near = having if len(having) == 1 else []
     ask = f"did you mean '{spelt[near[0]]}'? " if near else ""
     return f"{ask}allowed: {', '.join(allowed)}"
 

@@ -346,13 +346,16 @@ def _missing(path: Path) -> str:
     """Advice for a missing file: one of a similar name, or the command that makes one."""
     from navsim.scenario import shipped
 
+    known = path.stem in shipped.names()
     if not path.parent.is_dir():
-        return f"there is no folder {path.parent}"
+        return f"there is no folder {path.parent}" + (
+            f"; 'navsim init {path.stem} -o {path.name}' writes this scenario here" if known else ""
+        )
 
-    here = sorted(one.name for one in path.parent.glob("*.y*ml"))
-    if near := difflib.get_close_matches(path.name, here, n=1) or [n for n in here if Path(n).stem == path.name]:
-        return f"there is no such file; did you mean {path.with_name(near[0])}?"
-    template = f" {path.stem}" if path.stem in shipped.names() else ""
+    here = {one.stem: one.name for one in sorted(path.parent.glob("*.y*ml"))}
+    if near := difflib.get_close_matches(path.stem, here, n=1, cutoff=0.7):
+        return f"there is no such file; did you mean {path.with_name(here[near[0]])}?"
+    template = f" {path.stem}" if known else ""
     return f"there is no such file; 'navsim init{template}' writes a scenario to start from"
 
 

@@ -233,6 +233,8 @@ def test_results_are_wanted(command: str, template: str, files: Path) -> None:
     kind = shipped.kind(template)
     assert f"{file}: is not a result" in said
     assert f"kind {kind}: use navsim {KINDS[kind].command} {file} or navsim validate {file}" in said
+    made = Path("results", f"{template}.h5")
+    assert (f"; its result is {made}" in said) is (files / made).is_file()
 
 
 @pytest.mark.parametrize("command", ["run", "sweep", "optimize", "replay", "live", "integrity-table", "validate"])

@@ -324,6 +324,15 @@ def test_help_says_what_each_command_is_for() -> None:
         assert f" {name} {' '.join(first.split())}" in said
 
 
+def test_a_newcomer_is_told_where_to_start() -> None:
+    """By the bare command and by `help`, without an error."""
+    shown = [CliRunner().invoke(app, given) for given in ([], ["help"], ["--help"])]
+    assert {(done.exit_code, done.output) for done in shown} == {(0, shown[0].output)}
+    assert "Start with: navsim init" in shown[0].output
+    assert CliRunner().invoke(app, ["help", "plot"]).output == CliRunner().invoke(app, ["plot", "--help"]).output
+    assert "--require takes no value" in CliRunner().invoke(app, ["run", "x.yaml", "--require", "lateral<1"]).output
+
+
 def test_validate_says_what_changes_nothing(tmp_path: Path) -> None:
     given = ("--set", "sky.almanac=README.md", "--set", "integrity={method: mhss, p_fa: 1e-4}")
     done = navsim("validate", SCENARIOS / "landing.yaml", *given, cwd=tmp_path)

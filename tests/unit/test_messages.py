@@ -53,6 +53,9 @@ LANDING = SCENARIOS / "landing.yaml"
         ("integrity={p_pseudolite: monitord}",
          "integrity.p_pseudolite: 'monitord' is not allowed; did you mean 'monitored'? "
          "allowed: monitored, unmonitored"),
+        ("sky.source=galileo", "sky.source: 'galileo' is not allowed; did you mean 'nominal-galileo'? allowed: "
+         "nominal-glonass, nominal-gps, nominal-galileo, nominal-beidou, nominal-qzss, nominal, almanac, navigation, "
+         "orbits, directions"),
         ("integrity={p_pseudolite: 2}",
          "integrity.p_pseudolite: must be at most 0.1, not 2"),
         ("approach.glide_slope_deg=5 deg",
@@ -109,6 +112,20 @@ def test_no_value_takes_the_place_of_a_section(given: object) -> None:
         )
     with pytest.raises(InputError, match=re.escape("did you mean {count: 1}?")):
         read(LANDING, ["pseudolites=1"])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("scenarios/landing.yaml", "no folder {}scenarios; 'navsim init landing -o landing.yaml' writes this scenario"),
+        ("nothing.yaml", "no such file; 'navsim init' writes a scenario to start from"),
+        ("units", "no such file; did you mean {}unit.yaml?"),
+    ],
+)
+def test_a_missing_file_names_its_cure(given: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "unit.yaml").touch()
+    with pytest.raises(InputError, match=re.escape(said.format(f"{tmp_path}/"))):
+        read(tmp_path / given, [])
 
 
 @pytest.mark.parametrize(
