@@ -105,7 +105,7 @@ def cluster(place: Path) -> Iterator[Cluster]:
         yield made
 
 
-QUICK = ("--set", "duration_s=65", "--set", "receiver.rate_hz=1", "--set", "imu.rate_hz=50")
+QUICK = ("--set", "duration_s=65", "--set", "receiver.rate_hz=1", "--set", "imu.rate_hz=20")
 PLAIN = (*QUICK, "--set", "filter.kind=eskf")
 """A filter that flies ten times as fast, where it is all the same which."""
 RUNS = 192

@@ -104,10 +104,14 @@ MOST_S = 600.0
 """What the tutorial promises: ten minutes; kernels that have to be compiled are in it."""
 
 
+DEAR = ("how-to/beacons.md", "how-to/figure.md", "how-to/ranges.md")
+"""Pages whose commands other pages and tests run, too, at length or in brief."""
+
+
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=[pytest.mark.long] if page == "how-to/beacons.md" else [])
+        pytest.param(page, marks=[pytest.mark.long] if page in DEAR else [])
         for page in PAGES
         if page != TUTORIAL
     ],
