@@ -96,14 +96,14 @@ class Finding:
         return f"{self.file}:{self.line}: {self.rule}: {self.message}"
 
 
-def words(text: str) -> int:
+def word_count(text: str) -> int:
     """Number of words."""
     return len(_WORD.findall(text))
 
 
 def sentences(text: str) -> list[str]:
     """Sentences of a paragraph that have three words or more."""
-    return [one for one in _SENTENCE_END.split(_SHORT_FORM.sub(r"\1", text)) if words(one) > 2]
+    return [one for one in _SENTENCE_END.split(_SHORT_FORM.sub(r"\1", text)) if word_count(one) > 2]
 
 
 def _plain(inline: Token) -> str:
@@ -138,7 +138,7 @@ def of_source(file: str, source: str) -> Iterator[Text]:
             skipped |= {id(part) for part in node.values}
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped:
             text = node.value
-        if words(text) >= 5 and " " in text.strip() and not text.startswith(("#", ":root")):  # scripts, styles
+        if word_count(text) >= 5 and " " in text.strip() and not text.startswith(("#", ":root")):  # scripts, styles
             yield Text(file, getattr(node, "lineno", 1), " ".join(re.sub(r"`[^`]*`", "code", text).split()))
 
 
@@ -163,12 +163,12 @@ def lengths(found: Iterable[Text]) -> Iterator[Finding]:
     for file, group in groupby((text for text in found if text.prose), key=lambda text: text.file):
         total = 0
         for text in group:
-            total += (count := words(text.text))
+            total += (count := word_count(text.text))
             if count > MOST_PARAGRAPH:
                 message = f"{count} words, {MOST_PARAGRAPH} at most: {text.text[:80]}..."
                 yield Finding(file, text.line, "paragraph", message)
             for sentence in sentences(text.text):
-                if (count := words(sentence)) > MOST_SENTENCE:
+                if (count := word_count(sentence)) > MOST_SENTENCE:
                     message = f"{count} words, {MOST_SENTENCE} at most: {sentence[:80]}..."
                     yield Finding(file, text.line, "sentence", message)
         most = MOST_README if file == "README.md" else MOST_PAGE
@@ -178,7 +178,7 @@ def lengths(found: Iterable[Text]) -> Iterator[Finding]:
 
 def words_of_docs() -> int:
     """Words of prose of all pages of docs/ that are not generated."""
-    return sum(words(text.text) for text in texts() if text.prose and text.file.startswith("docs/"))
+    return sum(word_count(text.text) for text in texts() if text.prose and text.file.startswith("docs/"))
 
 
 def _phrases(text: str, check: Check) -> Iterator[CheckResult]:

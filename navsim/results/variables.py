@@ -44,7 +44,7 @@ def row_of(entry: Entry, layout: str) -> VariableRow:
     meaning = in_words(entry, entry.meaning)
     if entry.labels:
         meaning += ": " + ", ".join(entry.labels)
-    dimensions = tuple(_given(dim) for dim in entry.dims)
+    dimensions = tuple(_in_angle_brackets(dim) for dim in entry.dims)
     return VariableRow(tuple(paths_of(entry)), dimensions, in_words(entry, entry.units), entry.of, meaning,
                        entry.layouts[layout], entry.attributes)  # fmt: skip
 
@@ -57,11 +57,11 @@ def paths_of(entry: Entry) -> list[str]:
         path = entry.path
         for name, member in zip(named, members, strict=True):
             path = path.replace(f"{{{name}}}", member)
-        out.append(_given(path))
+        out.append(_in_angle_brackets(path))
     return out
 
 
-def _given(text: str) -> str:
+def _in_angle_brackets(text: str) -> str:
     """A path or dimension with the names that a study gives in <>."""
     return text.replace("{", "<").replace("}", ">")
 

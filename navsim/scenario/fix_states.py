@@ -32,7 +32,7 @@ class FollowingSection(Section):
     """of wrong ambiguities, flagged as fixed"""
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_complete(self) -> Self:
         if abs(sum(dict(self).values()) - 1.0) > 1e-6:
             raise reject("the probabilities of the next state have to add up to 1")
         return self

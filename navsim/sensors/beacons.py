@@ -163,11 +163,11 @@ class Beacons(AidingSensor):
                 row[:] = runway_position(threshold, self.heading, s, l1, row[2] - self.height)
         return out
 
-    def asked(self, time: np.ndarray) -> np.ndarray:
+    def beacon_at(self, time: np.ndarray) -> np.ndarray:
         """Number of the beacon asked at times (m,), s, those of measurements."""
-        return self.in_turn(np.rint(time * self.rate).astype(np.int64) - 1)
+        return self.beacon_of(np.rint(time * self.rate).astype(np.int64) - 1)
 
-    def in_turn(self, question: np.ndarray) -> np.ndarray:
+    def beacon_of(self, question: np.ndarray) -> np.ndarray:
         """Number of the beacon asked by questions (m,) int, counted from 0."""
         return question % len(self.names)
 
@@ -206,12 +206,12 @@ class Beacons(AidingSensor):
 
     def line_of_sight(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Vectors (m, 3) to the beacons asked, and whether they are received (m,), as `away`."""
-        (away, received), of = self.away(flight, time), (np.arange(time.size), self.asked(time))
+        (away, received), of = self.away(flight, time), (np.arange(time.size), self.beacon_at(time))
         return away[of], received[of]
 
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
         """Ranges (m, 1) with the mean bias and errors by events, m; nan where the beacon asked is not received."""
-        (away, received), of = self.away(flight, time), (np.arange(time.size), self.asked(time))
+        (away, received), of = self.away(flight, time), (np.arange(time.size), self.beacon_at(time))
         distance, its = np.linalg.norm(away[of], axis=1), self.true_errors
         longer = self._happened(time, self.antenna(flight, time), away).longer[of] if self.events else 0.0
         return np.where(received[of], distance + its.growth * its.grown(distance) + longer, np.nan)[:, None]
@@ -231,7 +231,7 @@ class Beacons(AidingSensor):
         """Ranges as the filter takes them."""
         its, llh = self.design, self.positions(frame)
         return BeaconTable(
-            measured[:, 0].copy(), self.in_turn(np.arange(len(measured))), ecef_from_llh(llh),
+            measured[:, 0].copy(), self.beacon_of(np.arange(len(measured))), ecef_from_llh(llh),
             ned_matrix(llh), its.sigma, its.weak_sigma / self.reach, its.errors.growth,
             its.errors.growth_distance, its.lever_arm,
             np.empty(0) if its.outliers is None else its.outliers.mixture(),
@@ -260,7 +260,7 @@ class Beacons(AidingSensor):
 
     def effects(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, ...]:
         """Derivatives (m, 1, 1) of the ranges by each of these errors."""
-        its, asked = self.true_errors, self.asked(time)
+        its, asked = self.true_errors, self.beacon_at(time)
         away, _ = self.line_of_sight(flight, time)
         distance = np.linalg.norm(away, axis=1)
         # a longer way also has a larger bias

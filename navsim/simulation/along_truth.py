@@ -57,7 +57,7 @@ def along_design(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongT
     ranges, rates = assumed_measurements(flight.shared)
     missing, sources = np.asarray(without, bool), ranges.shape[1]
     aided = [
-        np.where(missing[sources:][aid.sensor.asked(aid.time)][:, None], np.nan, aid.exact)
+        np.where(missing[sources:][aid.sensor.beacon_at(aid.time)][:, None], np.nan, aid.exact)
         if isinstance(aid.sensor, Beacons)
         else aid.exact
         for aid in flight.shared.aids

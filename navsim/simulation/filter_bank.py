@@ -104,7 +104,7 @@ class FilterBank(SeparationDistances):
             gains.append(along.lin.gain)
             solutions.append(FilterSolution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
-        heard = beacons_heard(flight)
+        heard = beacons_received(flight)
         ever = np.logical_or.accumulate(np.hstack([signals.used, heard]), axis=0)
         spread = _together(solutions, both)
         # without some sources there is no fix, so the filter coasts on its inertial sensors with growing errors
@@ -196,7 +196,7 @@ class FilterBank(SeparationDistances):
         return np.ascontiguousarray(out[which.reshape(-1)])
 
 
-def beacons_heard(flight: Flight) -> np.ndarray:
+def beacons_received(flight: Flight) -> np.ndarray:
     """Which beacons (e, b) bool the filter has a range of at its outputs except the first, not older than a cycle of
     questions or an interval of fixes; (e, 0) without a watch on them."""
     now, watching = flight.shared.filter_time[1:], flight.watching
@@ -204,7 +204,7 @@ def beacons_heard(flight: Flight) -> np.ndarray:
     for aid in flight.shared.aids if out.size else ():
         if isinstance(aid.sensor, Beacons):
             fresh = max(aid.sensor.sources / aid.sensor.rate, float(np.diff(now).max(initial=0.0)))
-            asked, answered = aid.sensor.asked(aid.time), np.isfinite(aid.exact[:, 0])
+            asked, answered = aid.sensor.beacon_at(aid.time), np.isfinite(aid.exact[:, 0])
             for beacon in range(aid.sensor.sources):
                 came = np.append(-np.inf, aid.arrival[answered & (asked == beacon)])
                 out[:, beacon] = now - came[np.searchsorted(came, now, side="right") - 1] < fresh + _ROUNDING

@@ -436,7 +436,7 @@ def responses(flight: Flight, along: AlongTruth) -> np.ndarray:
     off[weighed, :, :sources] = np.where(along.lin.have[weighed, :, None] > 0.0, along.by_range[row], 0.0)
     for aid, sensor in beacons:
         weighed, row = weighed_events(flight.events, route, sensor.kind)
-        off[weighed, 0, sources + sensor.asked(aid.time[row])] = along.lin.have[weighed, 0]
+        off[weighed, 0, sources + sensor.beacon_at(aid.time[row])] = along.lin.have[weighed, 0]
     return propagate_all_columns(route, np.zeros((carried.size, off.shape[2])), off)[0]
 
 

@@ -132,7 +132,7 @@ def test_filters_without_a_beacon_watch_the_filter(monkeypatch: pytest.MonkeyPat
     given, inputs = given_to_bank(flown, 78, range(WIDTH), monkeypatch), draw(bare, 78, range(WIDTH))
     whole, late = fly_inputs(bare, inputs, WIDTH), flown.shared.filter_time[1:] > 20.0
     for k, fault in faults.items():
-        out = np.isin(aid.sensor.asked(aid.time), [int(name[1:]) - 1 for name in fault.sources])
+        out = np.isin(aid.sensor.beacon_at(aid.time), [int(name[1:]) - 1 for name in fault.sources])
         less = replace(inputs, aided=(np.where(out[:, None, None], np.nan, inputs.aided[0]),))
         apart = np.abs(whole.error - fly_inputs(bare, less, WIDTH).error)[:, 1:, :3]
         sigma = bank.found.spread.separation_sigma[k][:, AXES]

@@ -35,7 +35,7 @@ def test_sentences_end_and_code_is_one_word() -> None:
     page = f"# {LONG}\n\n{LONG.strip()}. Short one, e.g. This of `a b c d`.\n\n    {LONG}\n\n"
     page += f"| {LONG} |\n|---|\n| cell |\n"
     found = list(prose.of_markdown("docs/page.md", page))
-    assert [(text.line, prose.words(text.text), text.prose) for text in found] == [
+    assert [(text.line, prose.word_count(text.text), text.prose) for text in found] == [
         (1, 36, False), (3, 43, True), (7, 36, False), (9, 1, False),
     ]  # fmt: skip
     assert [(one.line, one.rule) for one in prose.lengths(found)] == [(3, "sentence")]
