@@ -31,6 +31,7 @@ import numpy as np
 import navsim
 from navsim.compiler.jit import digest
 from navsim.results.atomic_write import discard, replacing, write_atomically
+from navsim.results.files import open_regular
 
 _HASHED = {
     "scenario_sha256": "settings of the scenario",
@@ -42,6 +43,8 @@ _HASHED = {
 """Parts of keys that are meaningless to a reader."""
 _KEY_FILE = "key.json"
 _COMMAND_FILE = "command.json"
+_LARGEST_COMMAND = 1_000_000
+"""Bytes of a command or a key."""
 _BY_HAND = "repeat the command by hand"
 JOURNAL = "journal.txt"
 """The file of `optimization.search_log` in the folder."""
@@ -96,7 +99,7 @@ class StoredArray:
     def read(self) -> np.ndarray:
         """The array. Raises CheckpointError if it has changed."""
         try:
-            with open(self.piece, "rb") as file:
+            with open_regular(self.piece) as file:
                 return self.read_from(file)
         except (OSError, ValueError) as error:
             what = f"was damaged or removed while the study ran ({error})"
@@ -166,7 +169,7 @@ class CheckpointStore:
         if path.name not in self._known:
             return None
         try:
-            with open(path, "rb") as file:
+            with open_regular(path) as file:
                 found = self._found(name, file)
                 for kept in found.values():
                     kept.read_from(file)
@@ -277,7 +280,8 @@ def command_of(folder: Path) -> Command:
     try:
         for each in (folder, file):
             _check_owner(each)
-        told = json.loads(file.read_bytes())
+        with open_regular(file, _LARGEST_COMMAND) as content:
+            told = json.load(content)
         words, place, work = tuple(told["command"]), Path(told["folder"]), Path(told["work"])
         if not words or not all(isinstance(word, str) and word.isprintable() for word in words):
             raise ValueError
@@ -311,7 +315,10 @@ def earlier_work(folder: Path, key: dict[str, Any]) -> BegunWork | None:
             return None
         _compare(folder, json.dumps(key, sort_keys=True, indent=1), key)
         journal = folder / JOURNAL
-        analyses = journal.read_bytes().count(b"\n") if journal.exists() else 0
+        analyses = 0
+        if journal.exists():
+            with open_regular(journal) as lines:
+                analyses = sum(line.endswith(b"\n") for line in lines)
         return BegunWork(sum(1 for _ in folder.glob("*.npz")), analyses)
     except OSError as error:
         raise CheckpointError(f"{folder}: partial work cannot be read there: {error.strerror or error}") from None
@@ -345,7 +352,8 @@ def _others(folder: Path) -> list[str]:
 def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
     """Raise CheckpointError where the folder's key is not this one."""
     try:
-        theirs = (folder / _KEY_FILE).read_text()
+        with open_regular(folder / _KEY_FILE, _LARGEST_COMMAND) as file:
+            theirs = file.read().decode()
         if theirs == mine:
             return
         other = json.loads(theirs)

@@ -71,6 +71,12 @@ def test_resuming_is_giving_the_command_again(tmp_path: Path, monkeypatch: pytes
     assert "begun.yaml: there is no such file" in navsim("resume", "a b/o p.h5.partial", cwd=tmp_path, code=2).stderr
 
 
+def piped(file: Path) -> None:
+    """Put a named pipe in the place of a file: opening it would wait for a writer."""
+    file.unlink()
+    os.mkfifo(file)
+
+
 def relative(folder: Path, member: str) -> None:
     """Make a path in the command a relative one, so that it is anywhere."""
     file = folder / "command.json"
@@ -86,12 +92,13 @@ def relative(folder: Path, member: str) -> None:
         (lambda folder: (folder / "command.json").write_text("[]"), "command.json: cannot be read or is damaged"),
         (lambda folder: (folder / "command.json").write_text('{"command": [1], "folder": "/", "work": ""}'), "damaged"),
         (lambda folder: (folder / "command.json").write_bytes(b"\xff{"), "damaged"),
+        (lambda folder: piped(folder / "command.json"), "damaged"),
         (lambda folder: relative(folder, "work"), "damaged"),
         (lambda folder: relative(folder, "folder"), "damaged"),
         (lambda folder: folder.rename(folder.with_name("moved")), "was moved there from"),
         (lambda folder: (folder.parent / "work").rmdir(), "the folder in which its command was given is gone"),
     ],
-    ids=["folder", "command", "all", "other", "words", "bytes", "work", "place", "moved", "gone"],
+    ids=["folder", "command", "all", "other", "words", "bytes", "pipe", "work", "place", "moved", "gone"],
 )  # fmt: skip
 def test_what_cannot_be_resumed_is_told(
     change: Callable[[Path], object], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
