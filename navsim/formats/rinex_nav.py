@@ -199,7 +199,7 @@ def _header(path: Path, lines: list[str]) -> _Header:
         elif label == "TIME SYSTEM CORR" and (of := _TIME_OFFSETS.get(line[:4])) is not None:
             offsets[of] = index, line
         elif label == "LEAP SECONDS":
-            if _counts_from_gps(line):
+            if line[:6].strip() and _counts_from_gps(line):
                 leap = int(within(path, index, integer(path, index, line[:6], "leap seconds"), 0, 100, "leap seconds"))
         elif label == "END OF HEADER":
             both = {"GPSA", "GPSB"} <= corrections.keys()

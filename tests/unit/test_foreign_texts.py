@@ -240,7 +240,8 @@ def test_leap_seconds_of_other_systems_do_not_tell_gps_less_utc(
     lines[at] = f"{f'    18    18  1929     7{told}':60s}LEAP SECONDS"
     path.write_text("\n".join(lines))
     assert read_nav(path).leap_seconds == seconds
-    lines.insert(at, f"{'     4     4   573     7BDS':60s}LEAP SECONDS")
+    blank = f"{'':60s}LEAP SECONDS"
+    lines[at:at] = [f"{'     4     4   573     7BDS':60s}LEAP SECONDS", blank]
     path.write_text("\n".join(lines))
     assert read_nav(path).leap_seconds == seconds
 
