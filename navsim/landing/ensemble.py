@@ -376,6 +376,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         out += judging.clipped(ensemble.per_run("clipped"), samples)
     if case.scenario.steered:
         out += judging.open_loops(ensemble.per_run("loop_gap"), LOOP_TOLERANCE)
+    out += integrity.levels_without_alarm(case, ensemble)
     weighed = int(ensemble.per_run("weighed").sum())
     if weighed:
         mean = float(ensemble.per_run("innovations").sum()) / weighed
@@ -507,10 +508,13 @@ def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.nda
     ways = case.shared.ways
     if ways is None:
         return {}
-    seen = runs.deviation
+    total = seen = runs.deviation
+    error = runs.error[..., states.SLICES["position"]] @ to_runway(case).T
     if ways.steered:
-        seen = seen - runs.error[..., states.SLICES["position"]] @ to_runway(case).T
-    return {"at_deviation": _technical(case, crossings, runs), **total_errors.of_runs(case, runs, seen)}
+        seen = seen - error
+    else:
+        total = seen + error
+    return {"at_deviation": _technical(case, crossings, runs), **total_errors.of_runs(case, runs, total, seen)}
 
 
 def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:

@@ -30,6 +30,7 @@ from navsim.integrity.monitoring import (
 from navsim.landing.case import Case, times_at_heights
 from navsim.landing.sources import on_glide
 from navsim.results.builder import ResultBuilder
+from navsim.results.findings import Finding
 from navsim.results.schema import COVARIANCE
 from navsim.runner.batches import Ensemble
 from navsim.runner.checkpoint import Arrays
@@ -331,6 +332,23 @@ def compared(draft: ResultBuilder, case: Case) -> None:
     for name, values in found.items():
         draft[f"/integrity/{name}"] = values
         draft[f"/summary/integrity/{name}"] = _numbers(values[glide & np.isfinite(values)])
+
+
+def levels_without_alarm(case: Case, ensemble: Ensemble) -> list[Finding]:
+    """Finding of protection levels above their alert limits where only alarms break landings off."""
+    if not case.scenario.breaks_off or approach_limits(case) is None:
+        return []
+    counts = ensemble.per_run("integrity_regions").sum(axis=0)
+    above = counts[:, [REGIONS.index(name) for name in ("unavailable", "unavailable_misleading")]].sum(axis=1)
+    if not (most := int(above.max())):
+        return []
+    axis = int(np.argmax(above))
+    text = (
+        f"the {('horizontal', 'vertical')[axis]} protection level is above its alert limit without an alarm at {most} "
+        f"of {int(counts[axis].sum())} epochs: `go_around.on_alarm` counts alarms of tests, so that such a level "
+        "breaks no landing off"
+    )
+    return [Finding("level_without_alarm", text)]
 
 
 def level_outputs(case: Case) -> dict[str, float]:

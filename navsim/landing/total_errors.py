@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from navsim.geodesy import earth
+from navsim.geodesy.indicator import Indicator, foot_of
 from navsim.landing.case import PERCENTILES, Case, crossing_times
 from navsim.landing.integrity import glide_of
 from navsim.results.builder import ResultBuilder
@@ -24,44 +26,39 @@ FULL, HALF = 1.0, 0.5
 
 
 def indicator_of(scenario: Landing) -> IndicatorSection | None:
-    """The scales of the deviations that pilots see, None for none."""
+    """The indicator of the deviations that pilots see, None for none."""
     return getattr(scenario.approach, "indicator", None)
 
 
-def indicated(
-    case: Case, section: IndicatorSection, along: np.ndarray, right: np.ndarray, up: np.ndarray
-) -> np.ndarray:
-    """Deviations (..., 2) from localizer and glide path in parts of full scale, to the right and up.
-
-    along, right, up: places in axes of the touchdown point, m. That of the glide path is nan beyond the point.
-    """
-    runway = case.scenario.runway
-    origin = section.origin_m(runway)
-    approach = case.scenario.approach
+def scales_of(case: Case) -> Indicator | None:
+    """The scales of the indicator."""
+    section, approach = indicator_of(case.scenario), case.scenario.approach
+    if section is None:
+        return None
     assert not isinstance(approach, FileApproach)
-    angle = approach.glide_slope_deg * DEG
-    course = np.arctan2(right, origin - runway.aim_point_m - along) / np.arctan2(section.course_width_m, origin)
-    before = np.where(along < 0.0, np.hypot(along, right), np.nan)
-    glide = (np.arctan2(up, before) - angle) / (section.share * angle)
-    return np.stack([course, glide], axis=-1)
+    runway, angle = case.scenario.runway, approach.glide_slope_deg * DEG
+    jet = case.trajectory.path.jet(case.shared.filter_time)
+    foot = foot_of(jet[:, 0], jet[:, 1], angle)
+    return Indicator(section.origin_m(runway), runway.aim_point_m, section.course_width_m, angle, section.share, foot)
 
 
-def of_runs(case: Case, runs: Run, deviation_of_estimate: np.ndarray) -> Arrays:
-    """Numbers of each of several runs; deviation_of_estimate: (run, o, 3) from the route, as guidance sees it."""
+def of_runs(case: Case, runs: Run, total: np.ndarray, of_estimate: np.ndarray) -> Arrays:
+    """Numbers of each of several runs; total, of_estimate: deviations (run, o, 3) of aircraft and of their estimates
+    from the route."""
     out: Arrays = {"touchdown": runs.touchdown}
     if case.shared.ways is not None and case.shared.ways.breaks_off:
         out["go_around"] = runs.go_around
-    section = indicator_of(case.scenario)
-    if section is None:
+    section, shown = indicator_of(case.scenario), scales_of(case)
+    if section is None or shown is None:
         return out
     path, time = case.trajectory.path, case.shared.filter_time
     route = path.jet(time)[:, 0]
     judged = np.isin(time, case.shared.signals.time[glide_of(case)] + case.scenario.receiver.latency_s)
     judged &= -route[:, 2] >= section.until_height_m
     both = []
-    for off in (runs.deviation, deviation_of_estimate):
+    for off in (total, of_estimate):
         right, along, up = np.moveaxis(off, -1, 0)
-        seen = indicated(case, section, route[:, 0] + along, route[:, 1] + right, up - route[:, 2])
+        seen = shown.deviations(route[:, 0] + along, route[:, 1] + right, up - route[:, 2])
         here = judged
         if "go_around" in out:
             here = judged & ~(time >= out["go_around"][:, :1])
@@ -116,16 +113,19 @@ def _put_indicated(
     draft: ResultBuilder, case: Case, ensemble: Ensemble, times: np.ndarray, technical: np.ndarray
 ) -> None:
     """Write the deviations that pilots see; technical: (run, h, 3) deviations of the estimate at the heights."""
-    section = indicator_of(case.scenario)
-    if section is None:
+    shown = scales_of(case)
+    if shown is None:
         return
+    for name in ("origin", "aim", "width", "angle", "share", "foot"):
+        draft[f"/summary/indicator/scale_{name}"] = getattr(shown, name)
+    draft["/summary/indicator/touchdown_llh"] = earth.llh_from_ecef(case.trajectory.frame.origin)
     route = np.full((times.size, 3), np.nan)
     passed = np.isfinite(times)
     route[passed] = case.trajectory.path.jet(times[passed])[:, 0]
     total = technical + ensemble.per_run("at_height")
     for kind, off in (("", total), ("_indicated", technical)):
         right, along, up = np.moveaxis(off, -1, 0)
-        seen = indicated(case, section, route[:, 0] + along, route[:, 1] + right, up - route[:, 2])
+        seen = shown.deviations(route[:, 0] + along, route[:, 1] + right, up - route[:, 2])
         for i, name in enumerate(INDICATED):
             draft[f"/summary/at/{name}{kind}_run"] = seen[..., i]
             draft[f"/summary/at/{name}{kind}"] = np.stack([_rms(column) for column in seen[..., i].T])

@@ -8,20 +8,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.report.box_rows import box_limits, of_total
-from navsim.report.figure_data import blocks, come_down, ellipse, heights, settled
+from navsim.report.figure_data import (
+    PERCENTS,
+    IndicatedDeviations,
+    blocks,
+    come_down,
+    ellipse,
+    heights,
+    indicated_deviations,
+    settled,
+)
 from navsim.report.figures import legend_above
 from navsim.report.limits import DOTTED, REQUIRED, Limit, rectangle, required_limits
 from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
 from navsim.report.result_cells import runs_of, setting
 from navsim.results.result import Result
+from navsim.results.schema import INDICATED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 AXES = ("lateral", "along", "vertical")
-PERCENTS = (2.5, 25.0, 50.0, 75.0, 97.5)
-"""Percentiles of the errors of all runs, with their signs."""
 _INSTANTS = 150
 """Largest number of evenly spaced filter times; all runs' errors at these times are in memory at once."""
 _MOST_NUMBERS = 60_000_000
@@ -81,10 +89,38 @@ def figures(result: Result) -> dict[str, Figure]:
         down = _descent(result, of)
         if down.size > 2:
             out["spread_height"] = _bands(result, _at(of, down), of.height[down], "height above the runway, m")
+    if (seen := indicated_deviations(result, _INSTANTS)) is not None and seen.height.size > 2:
+        out["deviations"] = _deviations(result, seen)
     if all(np.isfinite(at_touchdown(result, axis)).any() for axis in AXES):
         out["touchdown"] = _scatter(result)
         out["histogram"] = _histogram(result)
     return out
+
+
+def _deviations(result: Result, seen: IndicatedDeviations) -> Figure:
+    """Deviations from localizer and glide path against height, with half and full scale and required sizes."""
+    fig = new_figure(COLUMN, 3.6)
+    axes = fig.subplots(2, 1, sharex=True)
+    for i, (ax, name) in enumerate(zip(axes, INDICATED, strict=True)):
+        low, lower, median, upper, high = seen.aircraft[:, :, i]
+        ax.fill_between(seen.height, low, high, color=COLOURS[5], alpha=0.3, lw=0, label="95 % of runs")
+        ax.fill_between(seen.height, lower, upper, color=COLOURS[0], alpha=0.4, lw=0, label="50 % of runs")
+        ax.plot(seen.height, median, color=COLOURS[0], label="median")
+        for k, side in ((0, -1.0), (4, 1.0)):
+            label = "95 % as pilots see it" if k else None
+            ax.plot(seen.height, seen.estimate[k, :, i], color=COLOURS[1], ls="--", lw=0.9, label=label)
+            ax.axhline(side, color="black", lw=0.9, label="full scale" if k else None)
+            ax.axhline(0.5 * side, color="black", lw=0.6, ls="-.", label="half scale" if k else None)
+        for size in seen.required[name]:
+            for side in (-size, size):
+                ax.axhline(side, color=REQUIRED, ls=DOTTED, lw=1.4, label="required" if side > 0.0 else None)
+        ax.set_ylim(-seen.reach(i), seen.reach(i))
+        ax.set_ylabel(f"{name.replace('_', ' ')}, parts\nof full scale")
+    axes[-1].set_xlabel("height above the runway, m")
+    axes[-1].set_xlim(seen.height.max(), seen.height.min())
+    fig.align_ylabels(axes)
+    legend_above(fig, axes[0], 2, f"deviations, {runs_of(result)}", axes[1])
+    return fig
 
 
 def _descent(result: Result, of: RunSpread) -> np.ndarray:

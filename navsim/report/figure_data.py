@@ -17,8 +17,10 @@ from navsim.formats.export import choose_run, state_units
 from navsim.formats.export_maps import true_antenna
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unwrap_longitude
+from navsim.geodesy.indicator import Indicator
 from navsim.report.result_cells import runs_of, setting
 from navsim.results.result import Result, ResultError, Stream
+from navsim.results.schema import INDICATED
 from navsim.statistics import chi_square
 
 START = 0.1
@@ -190,6 +192,64 @@ def runway_errors(result: Result, at: np.ndarray, most: int) -> RunwayErrors:
         runs.append(here[:room])
         room -= len(runs[-1])
     return RunwayErrors(np.concatenate(runs), np.sqrt(total / result["/run"].size), sigma)
+
+
+PERCENTS = (2.5, 25.0, 50.0, 75.0, 97.5)
+"""Percentiles of the values of all runs, with their signs."""
+
+
+@dataclass(frozen=True)
+class IndicatedDeviations:
+    """Deviations of runs from localizer and glide path along the descent, in parts of full scale."""
+
+    height: np.ndarray
+    """(w,) of the route above the runway, m."""
+    aircraft: np.ndarray
+    """(5, w, 2) `PERCENTS` over runs that have not gone around."""
+    estimate: np.ndarray
+    """(5, w, 2) likewise, of the estimate: what the pilot sees."""
+    required: dict[str, list[float]]
+    """Required sizes by deviation."""
+
+    def reach(self, i: int) -> float:
+        """Largest deviation to show, with half scale."""
+        largest = max(float(np.nanmax(np.abs(each[:, :, i]))) for each in (self.aircraft, self.estimate))
+        return 1.15 * max(0.5, largest, *(self.required[INDICATED[i]] or [0.0]))
+
+
+def indicated_deviations(result: Result, most: int) -> IndicatedDeviations | None:
+    """At so many outputs of the descent at most, down to `until_height_m`; None for a result without them."""
+    if "/summary/indicator/touchdown_llh" not in result or "/filter/deviation_lateral" not in result:
+        return None
+    height, lowest = heights(result), setting(result, "approach", "indicator", "until_height_m")
+    at = descent(result)
+    at = at[height[at] >= lowest]
+    at = at[:: max(1, -(-at.size // most))]
+    scales = (
+        float(result[f"/summary/indicator/scale_{name}"])
+        for name in ("origin", "aim", "width", "angle", "share", "foot")
+    )
+    shown, touchdown_llh = Indicator(*scales), result["/summary/indicator/touchdown_llh"]
+    heading = math.radians(setting(result, "runway", "heading_deg"))
+    time = result["/filter/time"][at]
+    ecef = ecef_from_llh(result["/truth/position_llh"])
+    route = np.stack([np.interp(time, result["/truth/time"], column) for column in ecef.T], axis=1)
+    ahead, right, down = in_heading_axes(route, touchdown_llh, heading).T
+    off = np.stack([first_runs(result, f"/filter/deviation_{axis}", result["/run"].size)[:, at]
+                    for axis in ("lateral", "along", "vertical")], axis=-1)  # fmt: skip
+    if "/summary/go_around/time_run" in result:
+        off[time >= result["/summary/go_around/time_run"][:, None]] = np.nan
+    error = runway_errors(result, at, result["/run"].size).runs
+    # without guidance by the estimate the drawn deviation is that of the estimate
+    steered = setting(result, "approach", "guidance") == "estimate"
+    both = (
+        shown.deviations(ahead + own[..., 1], right + own[..., 0], own[..., 2] - down)
+        for own in ((off, off - error) if steered else (off + error, off))
+    )
+    aircraft, estimate = (np.nanpercentile(each, PERCENTS, axis=0) for each in both)
+    asked = setting(result, "requirements") or []
+    required = {name: [float(one["within"]) for one in asked if one["what"] == name] for name in INDICATED}
+    return IndicatedDeviations(height[at], aircraft, estimate, required)
 
 
 @dataclass(frozen=True)

@@ -487,6 +487,20 @@ _SUMMARY = Chapter(
                    "than {part} scale", LANDING, when=_INDICATED, seen=INDICATED, part=("half", "full")),
             )
         ),
+        *(
+            _a(f"/summary/indicator/scale_{name}", "", unit, f"scales of these deviations: {meaning}", LANDING,
+               when=_INDICATED)
+            for name, unit, meaning in (
+                ("origin", "m", "distance of the vertex of the course beyond the threshold"),
+                ("aim", "m", "distance of the touchdown point beyond the threshold"),
+                ("width", "m", "full scale from the centre line at the threshold"),
+                ("angle", "rad", "angle of the glide path"),
+                ("share", "1", "full scale of the glide path as a part of its angle"),
+                ("foot", "m", "distance of the foot of the glide path beyond the touchdown point"),
+            )
+        ),
+        _a("/summary/indicator/touchdown_llh", "llh", "rad, rad, m", "touchdown point of the route", LANDING,
+           when=_INDICATED),
         _a("/summary/fix_states/state", "state", "1", "states of fixes", LANDING, TEXT, when=_STATED),
         _a("/summary/fix_states/share", "state interval", "1", "share of the fixes in each state", LANDING,
            when=_STATED),

@@ -357,11 +357,11 @@ class AutopilotSection(Section):
 
 
 FULL_SCALE = {"ils": 0.24, "gls": 0.25}
-"""Full-scale deviation in height, as a part of the glide slope's angle: ICAO Annex 10, volume I, 3.1.5.6 (175 uA at
-0.24 of it), and RTCA DO-253, 2.3.11.5."""
+"""Full-scale deviation in height, as a part of the glide slope's angle. ICAO Annex 10, volume I, 3.1.5.6: half of full
+scale, 0.0875 DDM, at 0.12 of the angle. Unverified for gls: usual, said to be of RTCA DO-253, which is not public."""
 BEYOND_END = {"ils": 300.0, "gls": 305.0}
-"""Distance of the vertex of the course beyond the runway's end, m: a usual place of a localizer's antenna, and of the
-GARP of GBAS (RTCA DO-253)."""
+"""Distance of the vertex of the course beyond the runway's end, m: a usual place of a localizer's antenna, and,
+unverified, of the GARP of GBAS."""
 
 
 class IndicatorSection(Section):

@@ -12,10 +12,12 @@ from navsim.filter import states
 from navsim.integrity.monitoring import ALARM
 from navsim.landing.result import result as summarised
 from navsim.landing.study import fly_all
-from navsim.landing.total_errors import indicated
+from navsim.landing.total_errors import scales_of
 from navsim.report.box_rows import outside_box
+from navsim.report.figure_data import PERCENTS, indicated_deviations
 from navsim.report.summary_tables import summary_table
 from navsim.results.result import Result
+from navsim.results.schema import INDICATED
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import fly
@@ -62,21 +64,36 @@ def test_what_a_pilot_sees() -> None:
     """Full scale by similar triangles, on both sides; the glide path has no deviation beyond its foot."""
     seen = case(STEERED, "approach.indicator={course_width_m: 100, course_origin_m: 2000, glide_full_scale: 0.25}",
                 "runway.aim_point_m=300", "approach.glide_slope_deg=4")  # fmt: skip
-    section = seen.scenario.approach.indicator
-    assert section is not None
+    shown = scales_of(seen)
+    assert shown is not None
+    assert shown.foot == 0.0
     along = np.array([-300.0, -1000.0, -1000.0, 10.0])
     angle = np.radians(4.0)
     right = np.array([100.0, -100.0 / 2000.0 * 2700.0, 0.0, 0.0])
     up = np.array([0.0, np.tan(1.25 * angle) * np.hypot(1000.0, right[1]), 1000.0 * np.tan(0.5 * angle), 3.0])
-    course, glide = indicated(seen, section, along, right, up).T
+    course, glide = shown.deviations(along, right, up).T
     np.testing.assert_allclose(course, [1.0, -1.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(glide, [-4.0, 1.0, -2.0, np.nan], atol=1e-12)
+
+
+def test_the_glide_path_of_a_flare() -> None:
+    """Its foot is before the touchdown point, and who flies the route has no deviation until the flare."""
+    flared = case(
+        "approach.indicator={}", "approach.flight_technical_error.lateral={sigma_m: 1}", name="landing_smooth"
+    )
+    shown, path = scales_of(flared), flared.trajectory.path
+    assert shown is not None
+    assert shown.foot < -10.0
+    at = np.linspace(path.events["glide_start"] + 6.01, path.events["flare"] - 0.5, 50)
+    ahead, right, down = path.jet(at)[:, 0].T
+    np.testing.assert_allclose(shown.deviations(ahead, right, -down)[:, 1], 0.0, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
 def broken_off() -> Result:
     """Runs of which a false range of a pseudolite raises alarms."""
-    one = case(*MONITOR, SPOOF, ON_ALARM, "approach.indicator={}", "box={error: touchdown, lateral_m: 30}")
+    one = case(*MONITOR, SPOOF, ON_ALARM, "approach.indicator={}", "box={error: touchdown, lateral_m: 30}",
+               "integrity.limits={hal_m: 1000, val_m: 30, tta_s: 6}", "requirements=[{what: glide_path}]")  # fmt: skip
     return summarised(one, fly_all(one, 1, 0, WIDTH, threads(1), keep="all"), 1, keep="all")
 
 
@@ -137,6 +154,40 @@ def test_steered_runs_go_around() -> None:
     first = one.shared.signals.time[np.argmax(runs.monitor_status == ALARM, axis=1)]
     np.testing.assert_allclose(runs.go_around[:, 0], first + 2.0, atol=0.011)
     assert np.isfinite(runs.error[..., : states.ATT]).all()
+
+
+def test_a_level_above_its_limit_breaks_nothing_off(broken_off: Result) -> None:
+    """And is said, with the count of the Stanford diagram."""
+    texts = [str(text) for text in broken_off["/findings/text"] if "`go_around.on_alarm`" in str(text)]
+    above = broken_off["/summary/integrity/stanford_vertical"][3:5].sum()
+    assert above > 0
+    (text,) = texts
+    assert f"the vertical protection level is above its alert limit without an alarm at {above} of" in text
+
+
+@pytest.mark.parametrize("system", ["ils", "gls"])
+def test_deviations_along_the_approach(broken_off: Result, system: str) -> None:
+    """Percentiles of the aircraft are those of its path, until it goes around; those of the estimate differ by the
+    error. At the heights of the table both are those of the table."""
+    one = case(f"approach.indicator={{system: {system}, until_height_m: 5}}", "duration_s=61",
+               "approach.flight_technical_error.lateral={sigma_m: 5}", "imu.rate_hz=50")  # fmt: skip
+    flown = summarised(one, fly_all(one, 1, 0, WIDTH, threads(1), keep="errors"), 1, keep="errors")
+    seen = indicated_deviations(flown, 10_000)
+    assert seen is not None
+    at = flown["/summary/at/height"]
+    for k, name in enumerate(INDICATED):
+        for kind, found in (("", seen.aircraft), ("_indicated", seen.estimate)):
+            for i in np.flatnonzero((at > 5.0) & (at < 150.0)):
+                due = np.percentile(flown[f"/summary/at/{name}{kind}_run"][:, i], PERCENTS)
+                shown = [np.interp(-at[i], -seen.height, each) for each in found[:, :, k]]
+                np.testing.assert_allclose(shown, due, atol=0.03)
+        largest = np.abs(flown[f"/summary/indicator/{name}_largest_run"]).max()
+        assert largest == pytest.approx(np.abs(seen.aircraft[[0, 4], :, k]).max(), rel=0.3)
+    gone = indicated_deviations(broken_off, 10_000)
+    assert gone is not None
+    assert np.isfinite(gone.aircraft[:, 0]).all()
+    assert gone.required == {"localizer": [], "glide_path": [0.5]}
+    assert gone.reach(1) > 0.5
 
 
 @pytest.mark.parametrize(("settings", "key"), [

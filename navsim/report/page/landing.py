@@ -68,7 +68,7 @@ from navsim.report.page.plots import (
 )
 from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
 from navsim.report.page.terrain import plan_of, ridge_lines
-from navsim.report.page.touchdown import distribution, percentiles, scatter
+from navsim.report.page.touchdown import deviations, distribution, percentiles, scatter
 from navsim.report.result_cells import setting, single
 from navsim.report.ridges import clipped, flown_over, on_plan, shown_ridges, terrain_skyline
 from navsim.report.sky import SourceTrack, masked, source_tracks
@@ -88,8 +88,8 @@ def drawings(results: Sequence[Named]) -> list[Drawing]:
     out: list[Drawing] = []
     if flights:
         made = (
-            track, sky, dops, heights, scatter, distribution, percentiles, states, fixes, consistency, ratios, budget,
-            integrity.levels, integrity.stanford, integrity.interference,
+            track, sky, dops, heights, deviations, scatter, distribution, percentiles, states, fixes, consistency,
+            ratios, budget, integrity.levels, integrity.stanford, integrity.interference,
         )  # fmt: skip
         out = [drawing for make in made if (drawing := make(flights)) is not None]
     boxes = [(name, result) for name, result in results if result.attributes["method"] == "rare"]

@@ -11,6 +11,7 @@ from bokeh.plotting import figure
 from navsim.report.box_rows import box_limits, of_total, outside_box
 from navsim.report.figure_data import (
     ellipse,
+    indicated_deviations,
 )
 from navsim.report.limits import required_limits
 from navsim.report.page.plots import (
@@ -19,6 +20,7 @@ from navsim.report.page.plots import (
     Drawing,
     Key,
     Named,
+    band,
     colour,
     downwards,
     having,
@@ -35,8 +37,10 @@ from navsim.report.page.plots import (
 )
 from navsim.report.result_cells import runs_of, single
 from navsim.results.result import Result
-from navsim.results.schema import HEIGHTS
+from navsim.results.schema import HEIGHTS, INDICATED
 
+_INSTANTS = 150
+"""Most instants of deviations from localizer and glide path."""
 _FEW = 3
 """Fewer runs than this have no distribution."""
 _BINS = (8, 40)
@@ -180,6 +184,45 @@ def distribution(results: Sequence[Named]) -> Drawing | None:
         + ", ".join(f"{name}: {runs_of(result)}" for _, name, result in kept) + "."
     )  # fmt: skip
     return Drawing("histograms", "Histograms at touchdown", panels, caption, keys_of(results, of=kept), 3)
+
+
+def deviations(results: Sequence[Named]) -> Drawing | None:
+    """Deviations from localizer and glide path against height, with half and full scale and required sizes."""
+    shown = [(i, name, result, seen) for i, name, result in having(results, "/summary/indicator/touchdown_llh")
+             if result["/run"].size >= 10 and (seen := indicated_deviations(result, _INSTANTS)) is not None
+             and seen.height.size > 2]  # fmt: skip
+    if not shown:
+        return None
+    panels = []
+    for k, what in enumerate(INDICATED):
+        title = what.replace("_", " ").capitalize()
+        on, marks = plot(title, "height above the runway, m", "parts of full scale", 260), []
+        for i, name, _, seen in shown:
+            low, _, median, _, high = seen.aircraft[:, :, k]
+            of = source(x=seen.height, low=low, median=median, high=high, seen_low=seen.estimate[0, :, k],
+                        seen_high=seen.estimate[4, :, k])  # fmt: skip
+            band(on, of, "low", "high", colour(i), len(shown) > 1)
+            line(on, of, "seen_low", colour(i), line_dash="dashed")
+            line(on, of, "seen_high", colour(i), line_dash="dashed")
+            marks.append(line(on, of, "median", colour(i), line_width=width(i, len(shown)), name=name))
+            for size in seen.required[what]:
+                for side in (-size, size):
+                    level(on, side, colour(i), "dotted")
+        for size in (-1.0, -0.5, 0.5, 1.0):
+            level(on, size, GREY, "solid" if abs(size) == 1.0 else "dotdash")
+        most = max(seen.reach(k) for *_, seen in shown)
+        on.y_range.start, on.y_range.end = -most, most
+        tell(on, marks, ("", "$name"), ("height", "@x{0.0} m"), ("95 % of runs", "@low{0.000} to @high{0.000}"),
+             ("95 % of what pilots see", "@seen_low{0.000} to @seen_high{0.000}"))  # fmt: skip
+        downwards(on, *(float(edge) for edge in (min(s.height.min() for *_, s in shown),
+                                                 max(s.height.max() for *_, s in shown))))  # fmt: skip
+        panels.append(on)
+    caption = (
+        "Deviations of the aircraft from localizer and glide path on the descent: 95 % of runs and their median; "
+        "dashed: 95 % of what pilots see, the deviations of the estimate. Grey: half and full scale; dotted: required."
+    )
+    kept = [each[:3] for each in shown]
+    return Drawing("deviations", "Localizer and glide path", panels, caption, keys_of(results, of=kept), 2)
 
 
 def percentiles(results: Sequence[Named]) -> Drawing | None:
