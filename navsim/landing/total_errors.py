@@ -16,8 +16,9 @@ from navsim.results.schema import INDICATED, RUNWAY_AXES
 from navsim.runner.batches import Ensemble
 from navsim.runner.checkpoint import Arrays
 from navsim.runner.statistics import mean_interval, rms_interval, share_interval
-from navsim.scenario.approach import FileApproach, IndicatorSection
+from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG
+from navsim.scenario.guidance import IndicatorSection
 from navsim.scenario.landing import Landing
 from navsim.simulation.run import Run
 

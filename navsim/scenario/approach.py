@@ -1,14 +1,13 @@
-"""Runway and approach: sections `runway`, `approach`."""
+"""Profiles of the approach: section `approach`."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.aerodrome import STEEPEST, distance, turned
 from navsim.scenario.base import (
     DEG,
     KMH,
@@ -22,7 +21,6 @@ from navsim.scenario.base import (
     NonNegative,
     Section,
     Sigma,
-    Size,
     Stretch,
     reject,
 )
@@ -30,363 +28,19 @@ from navsim.scenario.base import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from navsim.trajectory.air import Deviation
     from navsim.trajectory.approach import Taxi
-    from navsim.trajectory.autopilot import Autopilot
     from navsim.trajectory.go_around import AlarmGoAround, PullUp
     from navsim.trajectory.path import Path
     from navsim.trajectory.waypoints import Waypoint
+from navsim.scenario.guidance import AutopilotSection, FlightTechnicalErrorSection, IndicatorSection
+from navsim.scenario.runway import Point, Reach
 
 SLOWEST = 2.0
 """Least speed over ground at which a path has a course, m/s."""
+
+
 STEEPEST_GLIDE = 15.0
 """Largest angle of a glide path onto a runway, deg."""
-Reach = Annotated[float, Field(ge=-1e5, le=1e5)]
-"""Along or across a runway, m."""
-
-
-class Point(Section):
-    """A place on the ellipsoid."""
-
-    lat_deg: Latitude
-    """geodetic latitude"""
-    lon_deg: Longitude
-    """longitude, east positive"""
-
-    @property
-    def radians(self) -> tuple[float, float]:
-        """Latitude and longitude, rad."""
-        return self.lat_deg * DEG, self.lon_deg * DEG
-
-
-_LOW, _MAST = 100.0, 30.0
-"""Pseudolites above a runway higher than the first, m, and no more than the second above that height, were likely given
-the height of a mast above the ellipsoid or the geoid."""
-_USUAL_HEIGHTS = {"pseudolites": (-100.0, 1000.0), "beacons": (-1.0, 100.0)}
-"""Heights above the runway, m, beyond which navsim doubts them. Valleys and hills reach those of pseudolites; beacons
-are within sight of the strip."""
-
-
-class Runway(Section):
-    """The runway and where on it the aircraft touches down."""
-
-    heading_deg: Azimuth = 0.0
-    """direction of landing, clockwise from true north; with runway.end or runway.bearing_deg it follows from them"""
-    bearing_deg: Azimuth | None = None
-    """published direction of landing; null: heading_deg"""
-    bearing_is: Literal["true", "magnetic"] = "true"
-    """reference of bearing_deg; magnetic north needs declination_deg"""
-    declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | Literal["auto"] | None = None
-    """magnetic north from true north, east positive, when bearing_deg was measured; auto: of the World Magnetic Model,
-    which needs the extra `magnetic`; the stored scenario has the number"""
-    bearing_year: Annotated[float, Field(ge=1990.0, le=2100.0)] | None = None
-    """decimal year of bearing_deg, for `declination_deg: auto`; null: that of epoch"""
-    height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] = 0.0
-    """height above the WGS-84 ellipsoid, or above the geoid, see height_above"""
-    height_above: Literal["ellipsoid", "geoid"] = "ellipsoid"
-    """reference of height_m; geoid: sea level, as in published heights of runways"""
-    geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | Literal["auto"] | None = None
-    """height of the geoid above the ellipsoid at the runway; auto: that of EGM96 at runway.threshold or approach.start,
-    which needs the extra `geoid`; the stored scenario has the number"""
-    slope_percent: Annotated[float, Field(ge=-STEEPEST, le=STEEPEST)] = 0.0
-    """rise of the runway in the direction of landing, from the threshold on, which height_m is of; with end_height_m it
-    follows from it"""
-    end_height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] | None = None
-    """height of runway.end with the same reference as height_m, as published for both thresholds; null:
-    slope_percent"""
-    length_m: Size = 1000.0
-    """length of the runway, for drawings, and, where runway.end is not given, for how far it rises by slope_percent; by
-    default to runway.end where that is given"""
-    width_m: Size = 30.0
-    """width of the runway: for drawings, and for warnings of pseudolites on its pavement"""
-    aim_point_m: Annotated[float, Field(ge=0.0, le=3000.0)] = 0.0
-    """distance of the touchdown point beyond the threshold; with tch_m it follows from it"""
-    tch_m: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
-    """height above the threshold of the straight line down the glide slope to the touchdown point; null: aim_point_m"""
-    threshold: Point | None = None
-    """where the runway begins; leave out to derive it from approach.start"""
-    end: Point | None = None
-    """threshold of the other direction; heading_deg becomes the direction to it and replaces the published one; null:
-    none"""
-
-    @model_validator(mode="after")
-    def _above_geoid(self) -> Self:
-        if self.height_above == "geoid" and self.geoid_undulation_m is None:
-            raise reject("a height above the geoid needs the geoid's own above the ellipsoid", "geoid_undulation_m")
-        return self
-
-    @model_validator(mode="after")
-    def _derived(self) -> Self:
-        if self.end is not None and self.threshold is None:
-            raise reject("is counted from the threshold: give runway.threshold", "end")
-        if self.end_height_m is not None and self.end is None:
-            raise reject("is of the threshold of the other direction: give runway.end", "end_height_m")
-        if self.bearing_deg is None:
-            for key in ("declination_deg", "bearing_year"):
-                if getattr(self, key) is not None:
-                    raise reject("is for a published direction: give bearing_deg", key)
-            if self.bearing_is == "magnetic":
-                text = "belongs to bearing_deg, which is not given; heading_deg counts from true north"
-                raise reject(f"{text}: write the magnetic direction as bearing_deg, with declination_deg", "bearing_is")
-        elif self.bearing_is == "magnetic" and not isinstance(self.declination_deg, float):
-            raise reject("a direction from magnetic north needs the declination there", "declination_deg")
-        return self
-
-    def is_pavement(self, along: float, right: float) -> bool:
-        """Whether a place, m from the threshold in the direction of landing and right of the centre line, is on it."""
-        return 0.0 <= along <= self.length_m and abs(right) < 0.5 * self.width_m
-
-    def on_pavement(self, what: str, places: Iterable[tuple[str, float, float]]) -> list[str]:
-        """Warning about transmitters on it, by names and places as of `is_pavement`; empty for none."""
-        on = [
-            f"{name} ({along:.1f} m beyond the threshold, {abs(right):.1f} m off the centre line)"
-            for name, along, right in places
-            if self.is_pavement(along, right)
-        ]
-        most = f"{self.length_m:g} m by {self.width_m:g} m (runway.length_m, runway.width_m)"
-        return [f"{what} on the pavement of the runway, {most}: {', '.join(on)}; move them off it"] if on else []
-
-    @property
-    def defaulted(self) -> list[str]:
-        """Warnings about numbers of a runway with a position that are neither given nor follow from others."""
-        if self.threshold is None:
-            return []
-        out = []
-        if "heading_deg" not in self.model_fields_set:
-            out.append(
-                "runway.heading_deg is not given: 0 (north) is taken; write heading_deg, or the threshold of the other "
-                "direction (end), or bearing_deg"
-            )
-        if "height_m" not in self.model_fields_set:
-            out.append(
-                "runway.height_m is not given: 0 m above the ellipsoid is taken; write height_m, and height_above: "
-                "geoid with geoid_undulation_m for a height above sea level"
-            )
-        return out
-
-    @property
-    def misprint_deg(self) -> float:
-        """Published direction minus that between the thresholds, deg; 0 if unknown."""
-        if self.bearing_deg is None or self.end is None:
-            return 0.0
-        magnetic = self.declination_deg if self.bearing_is == "magnetic" else 0.0
-        assert isinstance(magnetic, float)
-        return turned(self.heading_deg, self.bearing_deg + magnetic)
-
-    @property
-    def undulation_m(self) -> float:
-        """Height of the geoid above the ellipsoid, m. Raises ValueError if it is missing."""
-        if not isinstance(self.geoid_undulation_m, float):
-            raise ValueError("the undulation of the geoid is not given")
-        return self.geoid_undulation_m
-
-    @property
-    def ellipsoidal_m(self) -> float:
-        """Height above the ellipsoid, m."""
-        return self.height_m + (self.undulation_m if self.height_above == "geoid" else 0.0)
-
-    def doubted_height(self, key: str, height: float, of: Literal["pseudolites", "beacons"] = "pseudolites") -> str:
-        """Warning about a height of a pseudolite or beacon above the runway, m, that is implausible; else empty.
-
-        It is probably one above the ellipsoid or the geoid, or not that of an antenna on the ground.
-        """
-        deepest, highest = _USUAL_HEIGHTS[of]
-        meant = (h for h in (self.ellipsoidal_m, self.height_m) if h > _LOW and 0.0 <= height - h <= _MAST)
-        other = next(meant, None)
-        if other is None and deepest <= height <= highest:
-            return ""
-        side = "above" if height > 0.0 else "below"
-        text = f"{key}: {abs(height):g} m {side} the runway; heights of {of} are counted from the runway"
-        if other is not None:
-            return f"{text}, which is itself at {other:g} m; give {height - other:g} if that was meant"
-        if of == "beacons" and height < 0.0:
-            return f"{text}, up positive: this one is under the ground unless that falls there; give 0 or more"
-        return (
-            f"{text}, not from the ellipsoid or the geoid (the runway is {self.ellipsoidal_m:g} m above the "
-            "ellipsoid); give the height of the antenna less that of the runway, and check runway.height_m"
-        )
-
-    @property
-    def rise(self) -> float:
-        """Slope in the direction of landing, m a m."""
-        return 0.01 * self.slope_percent
-
-    @property
-    def rise_m(self) -> float:
-        """Height of the touchdown point above the threshold, m."""
-        return self.rise * self.aim_point_m
-
-    @property
-    def surface(self) -> tuple[tuple[float, float], ...]:
-        """Distances beyond the threshold, m, and heights above it, m, between which the runway is straight; empty if it
-        is level."""
-        if self.slope_percent == 0.0:
-            return ()
-        return (0.0, 0.0), (self.extent_m, self.rise * self.extent_m)
-
-    @property
-    def extent_m(self) -> float:
-        """Distance from the threshold to that of the other direction where it is given, else length_m."""
-        if self.threshold is None or self.end is None:
-            return self.length_m
-        return distance(*((place.lat_deg, place.lon_deg) for place in (self.threshold, self.end)))
-
-    @property
-    def elevation_m(self) -> float:
-        """Height above the geoid, m. Raises ValueError as of `undulation_m`."""
-        return self.height_m - (self.undulation_m if self.height_above == "ellipsoid" else 0.0)
-
-
-MOST_ACCELERATION = 3.0
-"""1 sigma of the acceleration of a flight-technical error, m/s2, beyond which it is none."""
-
-
-class DeviationSection(Section):
-    """A flight-technical error along one axis: third-order Gauss-Markov, of finite acceleration."""
-
-    sigma_m: Annotated[float, Field(ge=1e-3, le=200.0)]
-    """1 sigma; with reference_height_m that at this height"""
-    correlation_time_s: Annotated[float, Field(ge=1.0, le=300.0)] = 10.0
-    """integral of the normalised autocorrelation"""
-    reference_height_m: Annotated[float, Field(ge=1.0, le=5000.0)] | None = None
-    """height above the runway where 1 sigma is sigma_m, in proportion to which it shrinks, as by angular guidance;
-    null: it is the same at all heights"""
-    floor_m: Annotated[float, Field(ge=0.0, le=200.0)] = 0.0
-    """1 sigma that is left at no height, with reference_height_m; adds in squares"""
-
-    @model_validator(mode="after")
-    def _flyable(self) -> Self:
-        if self.floor_m and self.reference_height_m is None:
-            raise reject("is for an error that shrinks: give reference_height_m", "floor_m")
-        acceleration = self.sigma_m * self.model().beta ** 2
-        if acceleration > MOST_ACCELERATION:
-            raise reject(
-                f"an error of {self.sigma_m:g} m that lasts {self.correlation_time_s:g} s has accelerations of 1 sigma "
-                f"{acceleration:.1f} m/s2; at most {MOST_ACCELERATION:g} are taken",
-                "correlation_time_s",
-            )
-        return self
-
-    def model(self) -> Deviation:
-        """The process."""
-        from navsim.trajectory.air import Deviation
-
-        if self.reference_height_m is None:
-            return Deviation(self.sigma_m, self.correlation_time_s)
-        return Deviation(self.sigma_m, self.correlation_time_s, self.floor_m, self.reference_height_m)
-
-
-class FlightTechnicalErrorSection(Section):
-    """Deviation of an aircraft from its route, drawn for each run; omitted keys mean none."""
-
-    lateral: DeviationSection | None = None
-    """to the right of the course; null: none"""
-    along: DeviationSection | None = None
-    """along the course; null: none"""
-    vertical: DeviationSection | None = None
-    """in height; it ends on the ground; null: none"""
-    bank_lag_s: Annotated[float, Field(ge=0.1, le=5.0)] = 0.3
-    """time constant of each of two lags of the bank behind the lateral acceleration"""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _moved(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "follow_estimate_s" in data:
-            text = "the autopilot has its own section now: write approach.guidance: estimate, and time constants"
-            raise reject(f"{text} below approach.autopilot", "follow_estimate_s")
-        return data
-
-    @model_validator(mode="after")
-    def _some(self) -> Self:
-        if all(part is None for part in (self.lateral, self.along, self.vertical)):
-            raise reject("there is none: give lateral, along or vertical")
-        return self
-
-
-class AutopilotSection(Section):
-    """Autopilot that steers an aircraft by the estimate; the defaults are examples, of no aircraft in particular."""
-
-    lateral_time_constant_s: Annotated[float, Field(ge=0.5, le=300.0)] = 5.0
-    """T of the lateral loop: acceleration -(d/T + 2 damping d')/T for the estimated deviation d"""
-    vertical_time_constant_s: Annotated[float, Field(ge=0.5, le=300.0)] = 5.0
-    """likewise in height, where d is the deviation from the glide path at the estimated place"""
-    speed_time_constant_s: Annotated[float, Field(ge=0.5, le=300.0)] = 5.0
-    """T of the speed loop: acceleration -d'/T for the estimated deviation d' from the route's speed"""
-    damping: Annotated[float, Field(ge=0.5, le=2.0)] = 1.0
-    """damping ratio of the lateral and vertical loops without the aircraft's lags"""
-    bank_lag_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.3
-    """time constant of each of two lags of the bank, and so of the lateral acceleration, behind its command"""
-    pitch_lag_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.3
-    """time constant of each of two lags of the vertical acceleration behind its command"""
-    thrust_lag_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
-    """time constant of each of two lags of the acceleration along the course behind its command"""
-    bank_limit_deg: Annotated[float, Field(ge=1.0, le=60.0)] = 25.0
-    """largest bank that guidance commands"""
-    bank_rate_limit_deg_s: Annotated[float, Field(ge=0.5, le=180.0)] = 20.0
-    """largest rate of the commanded bank"""
-    load_factor_limit: Annotated[float, Field(ge=0.01, le=2.0)] = 0.2
-    """largest change of the load factor that guidance commands, up or down"""
-    acceleration_limit_m_s2: Annotated[float, Field(ge=0.05, le=10.0)] = 1.5
-    """largest acceleration along the course that guidance commands"""
-
-    def model(self) -> Autopilot:
-        """The autopilot."""
-        from navsim.trajectory.air import GRAVITY
-        from navsim.trajectory.autopilot import Autopilot, Channel
-
-        bank, rate = GRAVITY * math.tan(self.bank_limit_deg * DEG), GRAVITY * self.bank_rate_limit_deg_s * DEG
-        return Autopilot((
-            Channel(self.lateral_time_constant_s, self.damping, self.bank_lag_s, bank, rate),
-            Channel(self.speed_time_constant_s, None, self.thrust_lag_s, self.acceleration_limit_m_s2),
-            Channel(self.vertical_time_constant_s, self.damping, self.pitch_lag_s, self.load_factor_limit * GRAVITY),
-        ))  # fmt: skip
-
-    @model_validator(mode="after")
-    def _damped(self) -> Self:
-        if not self.model_fields_set:
-            return self
-        from navsim.trajectory.autopilot import LEAST_DAMPING
-
-        names, lags = ("lateral", "speed", "vertical"), ("bank_lag_s", "thrust_lag_s", "pitch_lag_s")
-        for name, lag, channel in zip(names, lags, self.model().channels, strict=True):
-            if channel.least_damping < LEAST_DAMPING:
-                has = f"the {name} loop has a damping ratio of {channel.least_damping:.2f}"
-                text = f"with {lag} {channel.lag:g} s {has}; at least {LEAST_DAMPING:g} is allowed: give a longer time"
-                raise reject(text, f"{name}_time_constant_s")
-        return self
-
-
-FULL_SCALE = {"ils": 0.24, "gls": 0.25}
-"""Full-scale deviation in height, as a part of the glide slope's angle. ICAO Annex 10, volume I, 3.1.5.6: half of full
-scale, 0.0875 DDM, at 0.12 of the angle. Unverified for gls: usual, said to be of RTCA DO-253, which is not public."""
-BEYOND_END = {"ils": 300.0, "gls": 305.0}
-"""Distance of the vertex of the course beyond the runway's end, m: a usual place of a localizer's antenna, and,
-unverified, of the GARP of GBAS."""
-
-
-class IndicatorSection(Section):
-    """Deviations from localizer and glide path as a pilot sees them: angles, in parts of full scale."""
-
-    system: Literal["ils", "gls"] = "ils"
-    """whose scales: instrument landing system; or GBAS, whose receiver imitates it"""
-    course_width_m: Annotated[float, Field(ge=20.0, le=300.0)] = 106.75
-    """distance from the centre line at the threshold that is full scale; the FAS data block of GBAS has it"""
-    course_origin_m: Annotated[float, Field(ge=100.0, le=20000.0)] | None = None
-    """distance beyond the threshold of the localizer's antenna, or of the GARP; null: 300 m (ils) or 305 m (gls) beyond
-    the end of the runway"""
-    glide_full_scale: Annotated[float, Field(ge=0.05, le=1.0)] | None = None
-    """full scale of the glide path as a part of its angle; null: 0.24 (ils) or 0.25 (gls)"""
-    until_height_m: Annotated[float, Field(ge=1.0, le=1000.0)] = 60.96
-    """height above the runway down to which deviations are judged, for instance the decision height"""
-
-    def origin_m(self, runway: Runway) -> float:
-        """Distance of the course's vertex beyond the threshold, m."""
-        return runway.extent_m + BEYOND_END[self.system] if self.course_origin_m is None else self.course_origin_m
-
-    @property
-    def share(self) -> float:
-        """Full scale of the glide path as a part of its angle."""
-        return FULL_SCALE[self.system] if self.glide_full_scale is None else self.glide_full_scale
 
 
 class _Approach(Section):

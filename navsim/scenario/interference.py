@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.approach import Point
 from navsim.scenario.base import FlightTime, ListOf, NonNegative, PairOf, Section, reject
+from navsim.scenario.runway import Point
 from navsim.scenario.terrain import RidgeSection, tops_of
 
 if TYPE_CHECKING:

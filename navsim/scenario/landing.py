@@ -31,7 +31,6 @@ from navsim.scenario.approach import (
     PadApproach,
     PaperApproach,
     RecordedApproach,
-    Runway,
     SmoothApproach,
     STurn,
     TrackApproach,
@@ -58,6 +57,7 @@ from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.interference import InterferenceSection
 from navsim.scenario.pseudolites import PseudolitesSection
 from navsim.scenario.requirements import AnyRequirement
+from navsim.scenario.runway import Runway
 from navsim.scenario.signals import ClockNoise, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
 from navsim.scenario.terrain import RidgeSection, tops_of

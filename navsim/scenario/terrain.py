@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.approach import Point
 from navsim.scenario.base import DEG, Azimuth, PairOf, Section, Signed, reject
+from navsim.scenario.runway import Point
 
 if TYPE_CHECKING:
     import numpy as np
