@@ -272,6 +272,7 @@ class ExportFormats:
     motion: Annotated[bool, typer.Option("--motion", help="True motion of the antenna for gps-sdr-sim and Skydel.")] = (
         False
     )
+    fas: Annotated[bool, typer.Option("--fas", help="FAS data block of the approach, as hexadecimal digits.")] = False
     mavlink: Annotated[
         str | None,
         typer.Option(
@@ -289,7 +290,7 @@ class ExportFormats:
 
     def chosen(self) -> list[str]:
         """Names of the formats of `formats.export.export`."""
-        names = ("rinex", "nmea", "kml", "geojson", "csv", "imu", "motion")
+        names = ("rinex", "nmea", "kml", "geojson", "csv", "imu", "motion", "fas")
         return [name for name in names if getattr(self, name)]
 
 
@@ -325,7 +326,10 @@ def export(
 
     chosen, mavlink = formats.chosen(), formats.mavlink
     if not chosen and mavlink is None:
-        leave(BAD_INPUT, "choose one or more of --rinex, --nmea, --kml, --geojson, --csv, --imu, --motion, --mavlink")
+        leave(
+            BAD_INPUT,
+            "choose one or more of --rinex, --nmea, --kml, --geojson, --csv, --imu, --motion, --fas, --mavlink",
+        )
     address = _destination(formats, file)
     target = (output or file).with_suffix(".h5")
     result = read_result(file)

@@ -23,6 +23,7 @@ import numpy as np
 from navsim.formats import rinex_write, simulated_log
 from navsim.formats.conventions import KNOT
 from navsim.formats.export_maps import origin_text, route_at, true_antenna, undulation_of, write_geojson, write_kml
+from navsim.formats.fas import write_fas
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.geodesy import earth
 from navsim.gnss import timescales
@@ -41,8 +42,8 @@ TOE_SPACING = 7200.0
 def export(result: Result, target: Path, formats: list[str], ensemble: Result | None = None) -> list[Path]:
     """Write a result as `target` with the endings of the formats; returns the files.
 
-    - Of a landing: "rinex", "nmea", "csv", "imu", "motion", "kml", "geojson". Of an ensemble, it writes the run of
-      `choose_run`.
+    - Of a landing: "rinex", "nmea", "csv", "imu", "motion", "fas", "kml", "geojson". Of an ensemble, it writes the run
+      of `choose_run`.
     - Of a replay: "csv", "kml", "geojson". Of a sweep or an optimisation: "kml", "geojson".
 
     ensemble: the whole ensemble, whose errors at heights go into the tables.
@@ -55,7 +56,7 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
         raise ResultError("method rare keeps errors at the box, but no flight; export a result of method monte-carlo")
     if kind == "landing":
         writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "imu": _imu, "kml": write_kml, "geojson": write_geojson,
-                   "motion": _motion}  # fmt: skip
+                   "motion": _motion, "fas": write_fas}  # fmt: skip
     elif kind == "replay":
         writers = {"csv": _replay_csv, "kml": write_kml, "geojson": write_geojson}
     elif kind in ("optimize", "sweep"):
