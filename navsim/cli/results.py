@@ -77,7 +77,7 @@ def show(
     if json_ and (format_ != "terminal" or compare or rows is not None or provenance):
         leave(BAD_INPUT, "--json prints whole summaries: not with --format, --compare, --rows or --provenance")
     if rows is not None and not rows.strip():
-        leave(BAD_INPUT, "--rows: a pattern is needed; without --rows all stand there")
+        leave(BAD_INPUT, "--rows: give a pattern; without --rows navsim prints all rows")
     if provenance and compare:
         leave(BAD_INPUT, "--provenance has no numbers to compare: not with --compare")
     if compare and len(files) < 2:

@@ -110,7 +110,7 @@ def test_a_first_landing(pytestconfig: pytest.Config) -> None:
         (inside,) = numbers(r"within 3 sigma: ([\d.]+) %", printed)
         assert inside > 95.0
         runs = form("runs=100").partition("=")[2]
-        assert f"{runs} of {runs} flown" in printed
+        assert f"{runs} of {runs} done" in printed
         rms, low, high = numbers(r"horizontal RMS ([\d.]+) m, 95 % interval ([\d.]+) to ([\d.]+) m", printed)
         assert 0.05 < low < rms < high < 1.0
         mean, share = numbers(r"mean ([\d.]+), within the 95 % band at (\d+) %", printed)
