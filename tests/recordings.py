@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.formats.conventions import GNSS_COLUMNS, HEIGHT_UNITS, IMU_COLUMNS, SPEED_UNITS
+from navsim.formats.conventions import FIX_ACCURACIES, GNSS_COLUMNS, HEIGHT_UNITS, IMU_COLUMNS, SPEED_UNITS
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.geodesy.earth import llh_from_ecef, ned_matrix
@@ -263,8 +263,10 @@ def write_recording(folder: Path, samples: Samples, fixes: Fixes) -> Path:
     np.savetxt(folder / "imu.csv", np.column_stack([samples.time, samples.rate, samples.force]), "%.9g", ",",
                header=",".join(IMU_COLUMNS), comments="")  # fmt: skip
     place = np.column_stack([np.degrees(fixes.llh[:, :2]), fixes.llh[:, 2]])
-    np.savetxt(folder / "gnss.csv", np.column_stack([fixes.time, place, fixes.velocity]), "%.12g", ",",
-               header=",".join(GNSS_COLUMNS), comments="")  # fmt: skip
+    claims = np.empty((fixes.time.size, 0)) if fixes.accuracy is None else fixes.accuracy
+    names = (*GNSS_COLUMNS, *FIX_ACCURACIES[: claims.shape[1]])
+    np.savetxt(folder / "gnss.csv", np.column_stack([fixes.time, place, fixes.velocity, claims]), "%.12g", ",",
+               header=",".join(names), comments="")  # fmt: skip
     log = folder / "log.yaml"
     log.write_text("kind: replay\nversion: 1\nimu: {file: imu.csv}\ngnss: {file: gnss.csv}\ntuning: none\n")
     return log

@@ -31,14 +31,24 @@ TURNING = np.radians(5.0)
 
 
 def write_filter(
-    draft: ResultBuilder, flown: replay.Replayed, wanted: np.ndarray, names: Sequence[str], units: Sequence[str]
+    draft: ResultBuilder,
+    flown: replay.Replayed,
+    wanted: np.ndarray,
+    names: Sequence[str],
+    units: Sequence[str],
+    latency_sigma: float,
 ) -> None:
+    """The outputs. An error of the latency, of this 1 sigma, s, moves all positions along the flight, and no innovation
+    shows it; the sigma of position includes it."""
     draft["/filter/time"] = flown.time[wanted]
     draft.put("/filter/state", np.array(names, dtype=object), {"state_units": ", ".join(units)})
     draft["/filter/position_llh"] = flown.navigation[wanted, states.NAV_LLH : states.NAV_VEL]
     draft["/filter/velocity_ned"] = flown.navigation[wanted, states.NAV_VEL : states.NAV_QUAT]
     draft["/filter/attitude_rpy"] = flown.rpy[wanted]
-    draft["/filter/sigma"] = flown.sigma[wanted]
+    sigma = flown.sigma[wanted]
+    position = slice(states.POS, states.VEL)
+    sigma[:, position] = np.hypot(sigma[:, position], latency_sigma * draft["/filter/velocity_ned"])
+    draft["/filter/sigma"] = sigma
     draft["/filter/gyro_bias"] = flown.navigation[wanted, states.NAV_GYRO : states.NAV_ACCEL]
     draft["/filter/accelerometer_bias"] = flown.navigation[wanted, states.NAV_ACCEL : states.NAV_N]
 
@@ -57,6 +67,9 @@ def write_innovations(draft: ResultBuilder, flight: replay.RecordedFlight, flown
     for i, name in enumerate(("range", "range_rate")):
         draft[f"/innovations/{name}"] = flown.range_innovation[..., i]
     draft["/innovations/range_status"] = flown.range_status
+
+
+CLAIMED = ("position_error_horizontal", "position_error_vertical")
 
 
 def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> None:
@@ -81,6 +94,12 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
              "velocity_latency": recording.scenario.gnss.velocity_latency_s is not None}  # fmt: skip
     for name, value, which in values:
         origin = "tuned to the innovations" if free[which] else "given"
+        if free[which] and name in recording.tuned and np.isfinite(tuning.spread[which]):
+            spread = tuning.spread[which]
+            how = f"{digits(spread)} s" if which == LATENCY else f"a factor of {np.exp(spread):.2f}"
+            origin += f", 1 sigma {how}"
+        if recording.claimed and free[ERROR_SIZE] and name in CLAIMED:
+            origin = "accuracies of the receiver, less the noise"
         if own and "_sigma_" in name:
             origin = "not used: each fix has its own"
         elif any(name.startswith(key) and there for key, there in given.items()):

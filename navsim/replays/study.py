@@ -6,7 +6,8 @@ that the innovations of the fixes in motion are most likely:
 - horizontal and vertical velocity noise of the fixes;
 - white noise of gyros and of accelerometers, expected within a factor of two of the sensor class's;
 - latency, and that of velocities where another one is clearly likelier;
-- size and correlation time of an error of the positions, and their noise, where such an error is clearly likelier.
+- size and correlation time of an error of the positions, where such an error is clearly likelier;
+- white noise of the positions, where the receiver claims accuracies. The rest of a claim is an error that lasts.
 
 Otherwise the noise of positions is 2.5 s times that of velocities. Without vertical velocities, vertical noise equals
 horizontal noise. Fixes closer than 0.45 s share their errors, so the filter uses one of them. Biases are those of the
@@ -70,6 +71,15 @@ from navsim.simulation.inertial_states import followed
 
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
+LASTING_TIME = 100.0
+"""Correlation time at which the tuning of an error that the receiver claims starts, s."""
+UNTOLD = (
+    "errors of the positions that last for minutes: the fixes have no accuracies, and no innovation shows them. The "
+    "position's sigma is without them"
+)
+"""What a recording without accuracies of its fixes does not show."""
+LEAST_LASTING = 0.05
+"""Least part of a claimed accuracy that lasts."""
 TUNING_INTERVAL = 0.02
 """Interval of the increments that a tuning flies, s."""
 STANDSTILL_FACTOR = 5.0
@@ -183,8 +193,23 @@ class Recording:
         """Time-correlated errors of the fixes: those of the log, or the one of these values of `tuned`."""
         if not settings[ERROR_SIZE] > 0.0:
             return self.scenario.gnss.errors
-        horizontal, vertical = settings[ERROR_SIZE] * self.fix_sigma(settings)[[0, 2]]
+        white = self.fix_sigma(settings)[[0, 2]]
+        horizontal, vertical = settings[ERROR_SIZE] * white
+        if self.claimed:
+            whole = settings[ERROR_SIZE] * self.fixes.usual_accuracy[:2]
+            horizontal, vertical = np.sqrt(np.maximum(whole**2 - white**2, (LEAST_LASTING * whole) ** 2))
         return [FixError(correlation_time_s=settings[ERROR_TIME], position_sigma_m=(horizontal, vertical))]
+
+    @property
+    def claimed(self) -> bool:
+        """Whether the accuracies that the receiver claims tell how large the lasting part of its errors is."""
+        return bool(self.settings[ERROR_SIZE] > 0.0)
+
+    @property
+    def unknown_errors(self) -> tuple[str, ...]:
+        """Errors of the fixes that neither the recording nor the log tells."""
+        told = self.tight or self.claimed or self.scenario.gnss.errors or self.fixes.has_own_noise
+        return () if told else (UNTOLD,)
 
     def velocity_lag(self, settings: np.ndarray) -> float:
         """How much older velocities are than positions, s, for values of `tuned`."""
@@ -195,7 +220,11 @@ class Recording:
         """The increments and fixes after the alignment, for values of `tuned`; coarse: for the tuning."""
         ranges = self.ranges if self.tight else None
         patience = self.scenario.filter.gate.restart_s
-        fixes = _with_effects(self.fixes, self.errors(settings)) if settings[ERROR_SIZE] > 0.0 else self.fixes
+        fixes = self.fixes
+        if settings[ERROR_SIZE] > 0.0:
+            fixes = _with_effects(fixes, self.errors(settings))
+            if self.claimed and fixes.effect is not None:
+                fixes = replace(fixes, effect=fixes.weight[:, :, None] * fixes.effect)
         return replay.prepare(
             self._coarse if coarse else self._sensed, fixes, self.alignment, settings[LATENCY], ranges,
             self._realigned, patience, self.known, self.velocity_lag(settings),
@@ -288,6 +317,9 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     free[: LATENCY + 1] = *open_noise, *(v is None for v in given_noise), gnss.latency_s is None
     free[POSITION_RATIO] = not tight and gnss.position_sigma_m is None and np.isfinite(claimed[:2]).all()
     free &= scenario.tuning == "likelihood"
+    if free[POSITION_RATIO] and not gnss.errors:
+        settings[[ERROR_SIZE, ERROR_TIME]] = 1.0, LASTING_TIME
+        free[[ERROR_SIZE, ERROR_TIME]] = True
     if gnss.navigation is not None:
         free[LATENCY] = False  # observations are stamped with the time they are valid
     has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
@@ -480,7 +512,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     blocks = design.sensors.blocks
     names = states.names(blocks, scales), states.units(blocks, len(scales))
     draft = ResultBuilder(REPLAY, {"mixed": ", ".join(dict.fromkeys(names[1]))})
-    write_filter(draft, flown, np.isin(flown.time, times), *names)
+    write_filter(draft, flown, np.isin(flown.time, times), *names, tuning.latency_sigma)
     write_innovations(draft, flight, flown)
     write_outages(draft, recording, flight, settings)
     write_lost_spans(draft, flown)
@@ -495,7 +527,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
             "replay", 0, scenario, alignment_time=alignment.time, alignment_until=alignment.until,
             alignment_sigma_deg=np.degrees(np.sqrt(np.diag(alignment.covariance))),
             recorded_s=recording.recorded, flown_s=(flight.imu_time[0], flight.imu_time[-1]),
-            not_judged="; ".join(recording.not_judged),
+            not_judged="; ".join([*recording.not_judged, *recording.unknown_errors]),
         )
     )  # fmt: skip
     out.variables.update(kept([*tuning.findings, *findings(recording, out, withheld, flight, flown)]))

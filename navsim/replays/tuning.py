@@ -8,7 +8,7 @@ decomposition, method of scoring). [3] Marquardt, J. SIAM 11 (1963): 431-441. [4
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,10 +30,12 @@ FEWEST = 20
 """Number of fixes in motion that a tuning has to exceed: receivers at rest smooth their fixes and so hide the noise."""
 TRUST = 0.7
 """1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
-STRAYED = 5.0
-"""Sigmas of `TRUST` beyond which a tuned noise is no sensor's: an airframe's vibration reaches 4.4 (a factor of 22)."""
 GYRO_NOISE, ACCELEROMETER_NOISE, LATENCY, VELOCITY_LAG, POSITION_RATIO, ERROR_SIZE, ERROR_TIME = range(2, 9)
 """Numbers of the settings that all filters have, after the two of the noise of fixes or ranges."""
+CLAIMS = ((ERROR_SIZE, 0.3), (ERROR_TIME, 2.0))
+"""1 sigma of the logarithms of the true accuracy over the claimed one, and of its correlation time."""
+STRAYED = 5.0
+"""Sigmas of `TRUST` beyond which a tuned noise is no sensor's: an airframe's vibration reaches 4.4 (a factor of 22)."""
 LEVER_ARM, SETTINGS = np.arange(9, 12), 12
 """Numbers of the lever arm's components, and of all settings."""
 TIMES, LENGTHS = np.isin(np.arange(SETTINGS), (LATENCY, VELOCITY_LAG)), np.isin(np.arange(SETTINGS), LEVER_ARM)
@@ -52,7 +54,7 @@ ERRORS = ((5.0, 1.0), (20.0, 1.0), (20.0, 2.0), (60.0, 2.0), (60.0, 4.0), (200.0
 """Correlation times, s, and sizes, over the noise of positions, of errors of the fixes that are tried."""
 LIKELIER = 12.5
 """Gain of log-likelihood from which on such a lag or error is certain: five sigma."""
-FACTOR, SIZES, CORRELATION_TIMES = 1e4, (0.05, 100.0), (2.0, 1000.0)
+FACTOR, SIZES, CORRELATION_TIMES = 1e4, (0.05, 100.0), (2.0, 1e5)
 """Bounds of a search: of noise over its start, of the size of an error as above, and of its correlation time, s."""
 DIFFERENCES, LONGEST_STEPS = np.where(TIMES | LENGTHS, 0.3, 0.1), np.where(TIMES, 5.0, 2.0)
 """Steps for derivatives and longest steps of a search, of all settings as they are searched."""
@@ -79,6 +81,13 @@ class Tuning:
     settings: np.ndarray
     tuned: np.ndarray
     findings: tuple[Finding, ...] = ()
+    spread: np.ndarray = field(default_factory=lambda: np.full(SETTINGS, np.nan))
+    """1 sigma by which the flight shows each setting: of times s, of others of the logarithm; nan where not tuned."""
+
+    @property
+    def latency_sigma(self) -> float:
+        """1 sigma of the latency, s: 0 of a given one."""
+        return float(self.spread[LATENCY]) if self.tuned[LATENCY] else 0.0
 
 
 def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Tuning:
@@ -103,7 +112,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
     of_lag, of_error = (search.lags, [VELOCITY_LAG]), (search.errors, [ERROR_SIZE, ERROR_TIME])
     for number, (trials, which) in enumerate((of_lag, of_error, of_lag)):
         again = number > 1 and ERROR_SIZE not in free
-        tried = [] if again or np.isin(which, free).any() else trials(best)
+        tried = [] if again or which[0] in free else trials(best)
         excess = [now.excess(search.evaluate(trial, near=now)) for trial in tried]
         if min(excess, default=0.0) < -LIKELIER:
             more = np.union1d(free, which)
@@ -114,8 +123,9 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
     if not recording.has_vertical:
         best[1] = best[0]
         tuned[1] = tuned[0]
-    remarks = [*_remarks(recording, best, free, converged, search.flown), *search.other_arm(best, now, free)]
-    return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks))
+    other_arm, spread = search.shown(best, now, free)
+    remarks = [*_remarks(recording, best, free, converged, search.flown), *other_arm]
+    return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks), spread)
 
 
 @dataclass(frozen=True)
@@ -155,6 +165,12 @@ class _Evaluation:
         ])  # fmt: skip
         both = both[:, np.isfinite(both).all(axis=0)]
         return np.asarray(both @ both.T)
+
+
+def _expected(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Settings (k,) that are expected near their start, and 1 sigma (k,) of their logarithms."""
+    pairs = [(GYRO_NOISE, TRUST), (ACCELEROMETER_NOISE, TRUST), *(CLAIMS if recording.claimed else ())]
+    return np.array([i for i, _ in pairs]), np.array([sigma for _, sigma in pairs])
 
 
 def _searched(values: np.ndarray) -> np.ndarray:
@@ -216,8 +232,8 @@ class TuningSearch:
         )[used]
         rejected = np.zeros(count, bool)
         rejected[flight.row] = seen.status == REJECTED
-        strayed = np.log(values[GYRO_NOISE:LATENCY] / recording.settings[GYRO_NOISE:LATENCY]) / TRUST
-        of_class = 0.5 * float(np.sum(strayed**2))
+        which, trust = _expected(recording)
+        of_class = 0.5 * float(np.sum((np.log(values[which] / recording.settings[which]) / trust) ** 2))
         total = seen.surprise(moving, recording.of_rejected(recording.settings, flight)) + of_class
         return _Evaluation(total, each[:, 0], of_class, each[:, 1:7], each[:, 7:], rejected, seen)
 
@@ -295,13 +311,16 @@ class TuningSearch:
     ) -> tuple[np.ndarray, np.ndarray]:
         """First and expected second derivatives (k,), (k, k) of the negative log-likelihood by the free settings."""
         moved = [self.evaluate(_settings(x + each, start, free), near=now) for each in np.diag(steps)]
-        of_class = np.isin(free, (GYRO_NOISE, ACCELEROMETER_NOISE)) / TRUST**2
-        information = now.information(moved, steps) + np.diag(VAGUE + of_class)
+        which, trust = _expected(self.recording)
+        expected = np.zeros(SETTINGS)
+        expected[which] = trust**-2
+        information = now.information(moved, steps) + np.diag(VAGUE + expected[free])
         slopes = np.array([now.excess(each) for each in moved]) / steps
         return slopes - 0.5 * steps * np.diag(information), information
 
-    def other_arm(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> list[str]:
-        """Remark on a lever arm that is clearly likelier than the one given, with the free settings tuned to it.
+    def shown(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> tuple[list[str], np.ndarray]:
+        """Remark on a lever arm that is clearly likelier than the one given, with the free settings tuned to it; and
+        the spread of the free settings, see `Tuning`.
 
         Innovations that are correlated with those before tell as much as fewer white ones.
         """
@@ -312,17 +331,21 @@ class TuningSearch:
         step = -covariance @ gradient
         lag1 = max(0.0, lag1_correlation(now.innovation / now.sigma))
         fewer = (1.0 + lag1) / (1.0 - lag1)
-        change, spread = step[-3:], np.sqrt(fewer) * np.sqrt(np.diag(covariance)[-3:])
-        if np.linalg.norm(change) < SHORTEST_ARM or np.all(np.abs(change) < SURE_ARM * spread):
-            return []
+        spread = np.full(SETTINGS, np.nan)
+        of_free = np.linalg.inv(information[: free.size, : free.size])  # the lever arm is known
+        spread[free] = np.where(TIMES[free], 0.1, 1.0) * np.sqrt(fewer * np.diag(of_free))
+        change, of_arm = step[-3:], np.sqrt(fewer) * np.sqrt(np.diag(covariance)[-3:])
+        if np.linalg.norm(change) < SHORTEST_ARM or np.all(np.abs(change) < SURE_ARM * of_arm):
+            return [], spread
         if now.excess(self.evaluate(_settings(x + step, best, which), near=now)) > -LIKELIER * fewer:
-            return []
+            return [], spread
         arm, given = (", ".join(f"{value:.1f}" for value in arm) for arm in (best[LEVER_ARM] + change, best[LEVER_ARM]))
-        sigma = ", ".join(f"{value:.1f}" for value in spread)
-        return [
+        sigma = ", ".join(f"{value:.1f}" for value in of_arm)
+        remark = (
             f"the lever arm [{arm}] m (1 sigma {sigma}) explains the fixes clearly better than [{given}] m: forward, "
             "right, down from the IMU to the antenna. Measure it, and write gnss.lever_arm_m"
-        ]
+        )
+        return [remark], spread
 
     def lags(self, values: np.ndarray) -> list[np.ndarray]:
         """Settings with velocities that are older or newer than the positions, either of which keeps its latency."""

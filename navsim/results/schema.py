@@ -960,7 +960,7 @@ _REPLAY = Chapter(
         ),
         *(
             _a(f"/tuning/{name}", "", units, f"{meaning} of the positions that the filter follows", REPLAY,
-               attributes=("origin",), when=_LOOSE_REPLAY + ", where the fixes show such an error")
+               attributes=("origin",), when=_LOOSE_REPLAY + ", where the fixes show or claim such an error")
             for name, units, meaning in (
                 ("position_error_horizontal", "m", "1 sigma, horizontal per axis, of the time-correlated error"),
                 ("position_error_vertical", "m", "1 sigma, vertical, of the time-correlated error"),

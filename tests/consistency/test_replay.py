@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,12 @@ from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.replays.findings import _inconsistent
+from navsim.replays.result_groups import write_filter
 from navsim.replays.tuning import TuningSearch
 from navsim.results import findings
+from navsim.results.builder import ResultBuilder
 from navsim.results.result import Result
+from navsim.results.schema import REPLAY
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
@@ -150,6 +154,44 @@ def test_positions_that_wander_are_followed(noise: float, followed: bool, tmp_pa
         assert result.variables["/tuning/position_error_time"].attributes["origin"] == "tuned to the innovations"
         assert nees[0] > 9.0
         assert 0.15 < nees[1] < 2.0
+
+
+def test_lasting_errors_are_as_large_as_the_receiver_claims(tmp_path: Path) -> None:
+    """Positions 3 m off during the whole flight: accuracies of the fixes tell the filter so, and innovations alone do
+    not, of which the table warns."""
+    samples, fixes = record(circuit(), 1, position_noise=0.1, velocity_noise=0.03)
+    off = ned_matrix(fixes.llh[0]).T @ np.array([3.0, -2.0, 4.0])
+    fixes = replace(fixes, llh=llh_from_ecef(ecef_from_llh(fixes.llh) + off))
+    given = ("imu.gyro.arw_deg_sqrt_h=1", "imu.accelerometer.vrw_m_s_sqrt_h=0.5")
+    sigma = []
+    claims = np.tile([3.0, 4.5, 0.03], (fixes.time.size, 1))
+    for accuracy, tuning in ((None, "tuning=none"), (claims, "tuning=likelihood")):
+        result = flown(write_recording(tmp_path, samples, replace(fixes, accuracy=accuracy)), tuning, *given)
+        told = "errors of the positions that last for minutes" in str(result.attributes["not_judged"])
+        assert told == (accuracy is None)
+        sigma.append(result["/filter/sigma"][-1, :3])
+    assert np.all(sigma[0] < 0.6)
+    assert np.all((sigma[1] > 2.0) & (sigma[1] < [4.0, 4.0, 6.0]))
+    assert float(result["/tuning/position_sigma_horizontal"]) < 0.4
+    latency = result.variables["/tuning/latency"].attributes["origin"]
+    shown = re.fullmatch(r"tuned to the innovations, 1 sigma ([0-9.]+) s", str(latency))
+    assert shown is not None
+    assert abs(float(result["/tuning/latency"]) - 0.1) < 4.0 * float(shown[1])
+
+
+def test_an_uncertain_latency_is_in_the_sigma_of_position(tmp_path: Path) -> None:
+    write_flight(tmp_path, duration=60.0)
+    recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", *GIVEN)))
+    flight, sigma = recording.flight(recording.settings), recording.fix_sigma(recording.settings)
+    seen = simulated.fly(flight, recording.design(recording.settings, TFG), sigma, np.arange(40.0, 50.0))
+    surely, perhaps = (ResultBuilder(REPLAY, {"mixed": "m"}) for _ in range(2))
+    names = [f"state {i}" for i in range(seen.sigma.shape[1])]
+    for draft, latency_sigma in ((surely, 0.0), (perhaps, 0.1)):
+        write_filter(draft, seen, np.ones(seen.time.size, bool), names, names, latency_sigma)
+    more = perhaps["/filter/sigma"] ** 2 - surely["/filter/sigma"] ** 2
+    np.testing.assert_allclose(more[:, :3], (0.1 * surely["/filter/velocity_ned"]) ** 2, atol=1e-9)
+    assert not more[:, 3:].any()
+    assert np.median(more[:, :2].sum(axis=1)) > 1.0
 
 
 def test_velocities_older_than_positions_are_found(tmp_path: Path) -> None:
