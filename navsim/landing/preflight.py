@@ -310,7 +310,7 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
         from navsim.landing.beacons import beacon_geometry, beacon_warnings
         from navsim.landing.sources import on_glide
 
-        time = np.linspace(0.0, scenario.duration_s, max(2, math.ceil(scenario.duration_s)))
+        time = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
         geometry = beacon_geometry(scenario.beacons.model(scenario), trajectory, time)
         out += beacon_warnings(geometry, on_glide(scenario, trajectory, time))
     return out + on_pavement(scenario, trajectory) + through_ridges(scenario, trajectory)

@@ -7,7 +7,7 @@ Results are kept whenever the work is stopped. Evaluation of placements: `optimi
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.geodesy.earth import llh_from_ecef
+from navsim.landing.beacons import FLAT_VDOP
 from navsim.landing.confirmation import Candidate, Confirmation, confirm, put_requirements
 from navsim.landing.requirements import statements
 from navsim.optimization.best_placement import Found, NoPlacement
@@ -469,6 +470,8 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     out = draft.result(attributes)
     flown = [each for c, one in sorted(outcome.confirmed.items()) for each in one.findings(problem.study.named(c), _at)]
     told = judging.notes([*problem.warnings, *_on_pavement(problem, outcome)])
+    if problem.beacons is not None:
+        told += judging.notes(_given_away(problem, counts, others))
     out.variables.update(kept(told + _findings(problem, outcome) + flown + unmet))
     return out
 
@@ -480,6 +483,20 @@ def _on_pavement(problem: PlacementProblem, outcome: SearchOutcome) -> list[str]
         named = ((f"number {k}", -l1, s) for k, (s, l1, *_) in enumerate(best.places.tolist(), 1))
         out += [f"{study.named(count)}: {text}, or keep off it by `constraints.runway_strip`"
                 for text in runway.on_pavement(study.placed, named)]  # fmt: skip
+    return out
+
+
+def _given_away(problem: PlacementProblem, counts: Sequence[int], dops: Sequence[dict[str, np.ndarray]]) -> list[str]:
+    """Warnings about best placements of beacons that show badly what the objective leaves out."""
+    asked, out = problem.study.objective, []
+    for count, its in zip(counts, dops, strict=True):
+        for axis, other in (("hdop", "vdop"), ("vdop", "hdop")):
+            dop = float(its[f"beacons_{axis}"][0])
+            if asked.startswith(f"beacons_{other}") and dop > FLAT_VDOP:
+                out.append(
+                    f"{problem.study.named(count)}: {axis.upper()} is {digits(dop)} there, since {asked} does not ask "
+                    "for it; minimise beacons_pdop"
+                )
     return out
 
 

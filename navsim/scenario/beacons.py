@@ -88,9 +88,14 @@ class BeaconsSection(AidingSection):
     @classmethod
     def _fill_from_preset(cls, data: Any) -> Any:
         """Write the preset's values where the scenario gives none, so that the resolved scenario shows them."""
-        if isinstance(data, dict):
-            return {**BEACON_PRESETS.get(str(data.get("preset")), {}), **data}
-        return data
+        if not isinstance(data, dict):
+            return data
+        name = str(data.get("preset"))
+        filled = {**BEACON_PRESETS.get(name, {}), **data}
+        if name in BEACON_PRESETS and "sigma_m" not in filled:
+            text = f"the preset {name} is a bias alone: give the noise of single ranges, 1 sigma"
+            raise reject(text, "sigma_m")
+        return filled
 
     @model_validator(mode="after")
     def _check_consistent(self) -> Self:

@@ -22,6 +22,7 @@ from navsim.optimization.report import tables
 from navsim.optimization.scenario import Optimize
 from navsim.optimization.study import optimize_result, solve
 from navsim.report.table import Table
+from navsim.results.findings import of
 from navsim.results.result import read
 from navsim.scenario.load import read_study
 from navsim.scenario.source import InputError
@@ -203,6 +204,9 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     assert found.tolist() == [list(map(float, places[k])) for k in best]
     names = [row.cells[1] for table in tables(result) if isinstance(table, Table) for row in table.rows]
     assert {"B1", "B2", "B3"} <= set(map(str, names))
+    hdop = float(result["/optimum/beacons_hdop"][0])
+    said = [text for text in map(str, of(result)) if "since beacons_vdop does not ask for it" in text]
+    assert len(said) == (hdop > 5.0)
     (text,) = write_kml(result, tmp_path / "best").values()
     assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))
 
@@ -282,7 +286,7 @@ def test_keys_beside_a_preset_replace_its_values() -> None:
     assert not scenario(uwb % ", growth_m: 0.5").unused()
     sx1280 = uwb.replace("uwb", "sx1280")
     assert not scenario(sx1280 % ", sigma_m: 2").unused()
-    with pytest.raises(InputError, match=r"beacons\.sigma_m"):  # which its source does not have
+    with pytest.raises(InputError, match=r"beacons\.sigma_m: the preset sx1280 is a bias alone"):
         scenario(sx1280 % "")
     every = ", sigma_m: 1, bias_sigma_m: 0, growth_m: 0, growth_sigma_m: 0, growth_distance_m: 1"
     (said,) = scenario(uwb % every).unused()
@@ -320,6 +324,9 @@ def test_a_flat_layout_is_warned_of_and_shown(tmp_path: Any) -> None:
     assert re.search(r"mirror solution \d+ m below the aircraft where the glide begins", done.stderr)
     assert "VDOP, beacons" in done.stdout
     result = read(path)
+    most = re.search(r"VDOP up to ([\d.]+),", done.stderr)
+    assert most
+    assert float(most[1]) == pytest.approx(result["/summary/beacons/vdop"][2], rel=5e-3)  # of one sampling
     assert list(result["/beacons/name"]) == ["B1", "B2", "B3", "B4"]
     assert np.all(result["/beacons/vdop_with_sources"] < result["/beacons/vdop"])
     height = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2]
