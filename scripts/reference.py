@@ -46,7 +46,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "beacons={sites: [{name: north, s_m: 120, l1_m: 300, height_m: 2}, {name: south, lat_deg: 56.02, lon_deg: "
             "37.01}], rate_hz: 20, sigma_m: 0.1, weak_sigma_m: 0.3, bias_sigma_m: 0.1, growth_m: 0.3, growth_sigma_m: "
             "0.1, survey_sigma_m: 0.05, eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868, long_share: 0.02, "
-            "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5}",
+            "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5, bandwidth_mhz: 0.5, noise_figure_db: 5}",
             "runway.geoid_undulation_m=15.5",
             f"sky={{source: almanac, almanac: MCCJ_180913.agl, almanac_sha256: {_SUM}}}",
             "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "

@@ -213,6 +213,8 @@ class BeaconTable(NamedTuple):
     """See `FixTable`."""
     outliers: np.ndarray = np.empty(0)
     """(4,) of the mixture that the filter assumes (`outliers.excess`); (0,) for none."""
+    weakened: np.ndarray = np.empty(0)
+    """(m,) factor on the noise that grows with distance, by jammers; (0,) without."""
 
     @classmethod
     def none(cls, *lanes: int) -> BeaconTable:
@@ -724,6 +726,8 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
             h[0, c] *= have[0]
         # by the distance that the filter expects, which is not off by the noise
         further = beacons.rise * distance
+        if beacons.weakened.shape[0] > 0:
+            further *= beacons.weakened[row]
         r[0, 0] = where(there, beacons.sigma * beacons.sigma + further * further, 1.0)
         return 1
     raise ValueError("no measurement model is of this kind")

@@ -17,6 +17,7 @@ from navsim.scenario.terrain import tops_of
 
 if TYPE_CHECKING:
     from navsim.gnss.events import Event
+    from navsim.gnss.interference.jamming import LinkJamming
     from navsim.scenario.landing import Landing
     from navsim.sensors.beacons import BeaconErrors, Beacons, Outliers
 
@@ -45,7 +46,11 @@ class BeaconsSection(AidingSection):
     rate_hz: Annotated[float, Field(ge=0.1, le=1000.0)]
     """questions a second, to all beacons together: each is asked at this rate over their number"""
     carrier_mhz: Annotated[float, Field(ge=100.0, le=1e4)] | None = None
-    """carrier, for the link budget"""
+    """carrier, for the link budget and for jamming"""
+    bandwidth_mhz: Annotated[float, Field(ge=1e-3, le=1e4)] | None = None
+    """noise bandwidth of the signals, for jamming; with carrier_mhz jammers reach questions and answers"""
+    noise_figure_db: NonNegative = 6.0
+    """noise figure of the receivers at both ends, for jamming"""
     eirp_dbm: Annotated[float, Field(ge=-150.0, le=100.0)] | None = None
     """equivalent isotropically radiated power of the weaker side of the link; with sensitivity_dbm and carrier_mhz it
     gives the largest range"""
@@ -184,12 +189,15 @@ class BeaconsSection(AidingSection):
                 raise reject(text + "survey or silence for them", "events", i, "what")
 
     def _check_jammers(self, landing: Landing) -> None:
-        """Raise for jammers on the carrier of beacons, which navsim does not simulate."""
-        for jammer in () if landing.interference is None else landing.interference.jammers:
+        """Raise for jammers on the carrier of beacons whose bandwidth is unknown."""
+        if self.bandwidth_mhz is not None and self.carrier_mhz is None:
+            raise reject("jamming needs the carrier, too: give carrier_mhz", "beacons", "bandwidth_mhz")
+        known = landing.interference is None or self.bandwidth_mhz is not None
+        for jammer in () if known or landing.interference is None else landing.interference.jammers:
             half = 0.0 if jammer.bandwidth_mhz is None else 0.5 * jammer.bandwidth_mhz
             if self.carrier_mhz is not None and abs(self.carrier_mhz - jammer.centre_mhz) <= max(half, _MATCHED):
-                text = f"{self.carrier_mhz:g} MHz is in the band of {jammer.name}, and navsim does not jam beacons; "
-                text += "write silence of beacons as an event, or beacons.loss, in its place"
+                text = f"{self.carrier_mhz:g} MHz is in the band of {jammer.name}, and jamming needs the bandwidth: "
+                text += "give beacons.bandwidth_mhz"
                 raise reject(text, "beacons", "carrier_mhz")
 
     def unwatched(self, landing: Landing) -> list[str]:
@@ -197,8 +205,8 @@ class BeaconsSection(AidingSection):
         out = []
         if landing.interference is not None and landing.interference.jammers and self.carrier_mhz is None:
             out.append(
-                "interference.jammers: none jams beacons, whose band is unknown (beacons.carrier_mhz); write silence "
-                "of beacons as an event"
+                "interference.jammers: none jams beacons, whose band is unknown; give beacons.carrier_mhz and "
+                "beacons.bandwidth_mhz"
             )
         if landing.integrity is not None and landing.integrity.method != "filter":
             out.append(
@@ -256,7 +264,21 @@ class BeaconsSection(AidingSection):
             self.names(), plane, llh, runway.aim_point_m, runway.ellipsoidal_m, runway.heading_deg * DEG, self.rate_hz,
             self.latency_s, self.sigma_m, self.weak_sigma_m, self.reach,
             functools.partial(tops_of, landing.terrain), np.array(self.lever_arm_m), self.errors(),
-            self.outliers(), assumed, self.happenings(landing),
+            self.outliers(), assumed, self.happenings(landing), self.jamming(landing),
+        )  # fmt: skip
+
+    def jamming(self, landing: Landing) -> LinkJamming | None:
+        """Jammers that reach questions and answers, None without."""
+        from navsim.gnss.interference.jamming import LinkJamming
+
+        its = landing.interference
+        if its is None or not its.jammers or self.carrier_mhz is None or self.bandwidth_mhz is None:
+            return None
+        ground = landing.runway.ellipsoidal_m
+        return LinkJamming(
+            its.models(ground, landing.signals.tracking), ground,
+            functools.partial(tops_of, (*landing.terrain, *its.horizon)), self.carrier_mhz * 1e6,
+            self.bandwidth_mhz * 1e6, self.noise_figure_db, self.gain_dbi,
         )  # fmt: skip
 
     def happenings(self, landing: Landing) -> tuple[Event, ...]:

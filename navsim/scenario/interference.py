@@ -24,6 +24,7 @@ Density = Annotated[float, Field(ge=0.0, le=80.0)]
 """Carrier to noise density ratio, dB-Hz."""
 Wait = Annotated[float, Field(ge=0.0, le=60.0)]
 Megahertz = Annotated[float, Field(ge=1000.0, le=2000.0)]
+AnyMegahertz = Annotated[float, Field(ge=100.0, le=1e4)]
 
 
 class LockSection(Section):
@@ -59,7 +60,7 @@ class JammerSection(Section):
     waveform: Literal["tone", "noise", "sweep", "matched"]
     """tone: one frequency; noise: white over bandwidth_mhz; sweep: a tone that sweeps it; matched: spread like the
     signals of GPS"""
-    centre_mhz: Megahertz = 1575.42
+    centre_mhz: AnyMegahertz = 1575.42
     """centre of its spectrum"""
     bandwidth_mhz: Annotated[float, Field(ge=1e-3, le=1000.0)] | None = None
     """width of its spectrum, for noise and sweeps"""
@@ -217,6 +218,11 @@ class InterferenceSection(Section):
             text = f"{count} pseudolites cannot take turns: their shares of the time must add up to less than 1"
             raise reject(text, "pseudolites", "pulses", "duty")
 
+    def models(self, ground: float, tracking: CodeTrackingSection) -> tuple[Jammer, ...]:
+        """The jammers over ground of this height above the ellipsoid, m."""
+        # the noise that a loop of the bandwidth B lets through is the mean over 1 / (2 B)
+        return tuple(jammer.model(ground, 0.5 / tracking.bandwidth_hz) for jammer in self.jammers)
+
     def model(
         self, threshold: np.ndarray, tracking: CodeTrackingSection, receiver: ReceiverSection, terrain: np.ndarray
     ) -> Jamming:
@@ -229,10 +235,8 @@ class InterferenceSection(Section):
         from navsim.gnss.interference.tracking_threshold import FrequencyLoop, LockRule
 
         lock, ground = self.lock, float(threshold[2])
-        # the noise that a loop of the bandwidth B lets through is the mean over 1 / (2 B)
-        memory = 0.5 / tracking.bandwidth_hz
         return Jamming(
-            jammers=tuple(jammer.model(ground, memory) for jammer in self.jammers),
+            jammers=self.models(ground, tracking),
             lock=LockRule(lock.lose_db_hz, lock.lose_s, lock.regain_db_hz, lock.regain_s),
             code=tracking.loop(),
             rate=FrequencyLoop(self.rate_bandwidth_hz, tracking.integration_s, 1.0),

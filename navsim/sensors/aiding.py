@@ -59,6 +59,10 @@ class AidingSensor(ABC):
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
         """Measurements (m, k) without errors that are drawn, at times (m,), s; nan where it measures nothing."""
 
+    def on_route(self, flight: Moving, time: np.ndarray) -> AidingSensor:
+        """The sensor with what it knows of the quality of its measurements along a flight, at times (m,), s."""
+        return self
+
     @abstractmethod
     def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
         """1 sigma (m, k) of the white noise of measurements (m, k)."""

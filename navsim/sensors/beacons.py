@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from navsim.filter.measurement_models import BEACON, BEACON_STATES, BeaconTable
 from navsim.filter.states import Block
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.events import BEACONS, Event, EventEffects, Scene, Silence, happened
+from navsim.gnss.interference.jamming import LinkJamming
 from navsim.gnss.pseudolite import runway_position
 from navsim.sensors.aiding import AidingSensor, SensorError
 from navsim.statistics.random_streams import branch
@@ -138,6 +139,10 @@ class Beacons(AidingSensor):
     """Filter model."""
     events: tuple[Event, ...] = ()
     """What happens to beacons: silence, and errors of ranges."""
+    jamming: LinkJamming | None = None
+    """Jammers that reach the links, None without."""
+    weakened: np.ndarray | None = None
+    """(m,) factor on the noise of weak signals by jammers along the route; None without."""
 
     @property
     def sources(self) -> int:  # type: ignore[override]  # a field of the base class, derived here
@@ -175,7 +180,29 @@ class Beacons(AidingSensor):
         """`away_from` the antenna at times (t,), s, of a flight, without beacons that are silent then."""
         antenna = self.antenna(flight, time)
         out, received = self.away_from(antenna, self.positions(flight.frame), self.threshold(flight.frame))
+        if self.jamming is not None:
+            # the signal is as strong, over noise and jammers, as without jammers from farther away
+            worse = np.sqrt(np.maximum(*self._noise_of_links(flight.frame, time, antenna)))
+            received &= worse * np.linalg.norm(out, axis=2) <= self.reach
         return out, received & ~self._happened(time, antenna, out).silent if self.events else received
+
+    def _noise_of_links(self, frame: Frame, time: np.ndarray, antenna: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Noise with jammers over that without, of answers (t, 1) and of questions (t, n), for an antenna (t, 3) at
+        times (t,), s."""
+        assert self.jamming is not None
+        threshold = self.threshold(frame)
+        return (
+            self.jamming.noise(time, antenna[:, None], threshold),
+            self.jamming.noise(time, ecef_from_llh(self.positions(frame)), threshold),
+        )
+
+    def on_route(self, flight: Moving, time: np.ndarray) -> Beacons:
+        """With the noise by jammers; half of the noise of a range is that of the question, half that of the answer."""
+        if self.jamming is None:
+            return self
+        answers, questions = self._noise_of_links(flight.frame, time, self.antenna(flight, time))
+        both = 0.5 * (answers[:, 0] + questions[np.arange(time.size), self.asked(time)])
+        return replace(self, weakened=np.sqrt(both))
 
     def _happened(self, time: np.ndarray, antenna: np.ndarray, away: np.ndarray) -> EventEffects:
         """Effect of events on the ranges (t, n) at times (t,), s, from an antenna (t, 3) to beacons (t, n, 3) away."""
@@ -219,7 +246,8 @@ class Beacons(AidingSensor):
     def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
         """1 sigma (m, 1) of the white noise, m; that of a strong signal where it measures nothing."""
         range_ = np.where(np.isnan(exact), 0.0, exact)  # nan: no measurement follows, its range stays nan
-        return np.hypot(self.sigma, self.weak_sigma / self.reach * range_)
+        further = self.weak_sigma / self.reach * range_
+        return np.hypot(self.sigma, further if self.weakened is None else further * self.weakened[:, None])
 
     def spoiled(self, measured: np.ndarray, draw: np.random.Generator) -> np.ndarray:
         """Ranges (m, 1) of a run with lost answers and outliers."""
@@ -235,6 +263,7 @@ class Beacons(AidingSensor):
             ned_matrix(llh), its.sigma, its.weak_sigma / self.reach, its.errors.growth,
             its.errors.growth_distance, its.lever_arm,
             np.empty(0) if its.outliers is None else its.outliers.mixture(),
+            np.empty(0) if self.weakened is None else self.weakened,
         )  # fmt: skip
 
     @property

@@ -97,8 +97,9 @@ def aids_of(sensors: Sequence[AidingSensor], trajectory: Moving, duration: float
     if len(set(kinds)) < len(kinds):
         raise ValueError("a table of measurements belongs to one sensor: two of a kind cannot fly together")
     out = []
-    for sensor in sensors:
-        time = times_of(sensor, duration, imu_rate)
+    for each in sensors:
+        time = times_of(each, duration, imu_rate)
+        sensor = each.on_route(trajectory, time)
         exact = sensor.noise_free(trajectory, time)
         arrival = time + sensor.latency
         valid = np.maximum(arrival - sensor.design_latency, 0.0) if sensor.latency else time

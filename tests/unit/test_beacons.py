@@ -20,9 +20,8 @@ from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
 from navsim.optimization.scenario import Optimize
-from navsim.optimization.study import optimize_result, solve
+from navsim.optimization.study import given_away, optimize_result, solve
 from navsim.report.table import Table
-from navsim.results.findings import of
 from navsim.results.result import read
 from navsim.scenario.load import read_study
 from navsim.scenario.source import InputError
@@ -169,6 +168,38 @@ def test_what_beacons_do_not_have_is_refused(settings: list[str], text: str) -> 
         case(*BRIEF, *([] if any(each.startswith("beacons") for each in settings) else [section()]), *settings)
 
 
+def test_jammers_weaken_questions_and_answers() -> None:
+    """A tone on the carrier against the budget in dB, path loss in km and MHz: noise density 1 + J / (B k T F)."""
+    keys = section("weak_sigma_m: 0.5", "carrier_mhz: 868", "bandwidth_mhz: 0.5", "noise_figure_db: 5", "gain_dbi: 2")
+    jammer = (
+        "interference={jammers: [{name: J, place: {lat_deg: 56.006, lon_deg: 37}, eirp_dbw: -44, waveform: tone, "
+        "centre_mhz: 868, on_s: [[5, 20]]}]}"
+    )
+    plain, jammed = case(*BRIEF, keys), case(*BRIEF, keys, jammer)
+    (without,), (aid,) = plain.shared.aids, jammed.shared.aids
+    sensor, t = aid.sensor, aid.time
+    (source,) = sensor.jamming.jammers
+    away, _ = without.sensor.line_of_sight(plain.trajectory, t)
+    antenna, distance = sensor.antenna(jammed.trajectory, t), np.linalg.norm(away, axis=1)
+
+    def noise(at: np.ndarray) -> np.ndarray:
+        km = np.linalg.norm(source.place - at, axis=1) / 1e3
+        received = -44.0 + 2.0 - (32.4478 + 20.0 * np.log10(km) + 20.0 * np.log10(868.0))
+        density = received - 10.0 * np.log10(0.5e6)
+        return 1.0 + np.where((t >= 5.0) & (t < 20.0), 10.0 ** ((density + 203.975 - 5.0) / 10.0), 0.0)
+
+    answer, question = noise(antenna), noise(antenna + away)
+    np.testing.assert_allclose(sensor.weakened**2, 0.5 * (answer + question), rtol=1e-4)
+    lost = np.sqrt(np.maximum(answer, question)) * distance > sensor.reach
+    np.testing.assert_array_equal(np.isnan(aid.exact[:, 0]), lost | np.isnan(without.exact[:, 0]))
+    assert 0.1 < lost.mean() < 0.5
+    further = 0.5 / sensor.reach * aid.exact[:, 0] * sensor.weakened
+    np.testing.assert_allclose(aid.sigma[~lost, 0], np.hypot(sensor.sigma, further)[~lost], rtol=1e-12)
+    analysis = covariance_analysis(jammed)  # whose filter knows the noise
+    ratio = np.einsum("tii->ti", analysis.covariance) / np.einsum("tii->ti", analysis.assumed)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.03)
+
+
 def test_monitors_leave_beacons_out() -> None:
     said = scenario(section(), "integrity={method: mhss}").unused()
     assert any(
@@ -204,9 +235,10 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     assert found.tolist() == [list(map(float, places[k])) for k in best]
     names = [row.cells[1] for table in tables(result) if isinstance(table, Table) for row in table.rows]
     assert {"B1", "B2", "B3"} <= set(map(str, names))
-    hdop = float(result["/optimum/beacons_hdop"][0])
-    said = [text for text in map(str, of(result)) if "since beacons_vdop does not ask for it" in text]
-    assert len(said) == (hdop > 5.0)
+    left_out = {"beacons_hdop": np.array([25.0]), "beacons_vdop": np.array([9.0])}
+    assert given_away(posed, [3], [{name: result[f"/optimum/{name}"] for name in left_out}]) == []
+    (warned,) = given_away(posed, [3], [left_out])
+    assert warned == "3 beacons: HDOP is 25 there, since beacons_vdop does not ask for it; minimise beacons_pdop"
     (text,) = write_kml(result, tmp_path / "best").values()
     assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))
 

@@ -6,6 +6,7 @@ Source: `docs/theory/interference.md`, section 7; the physics are those of `gnss
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +93,60 @@ class Jammer:
     def sent(self, time: np.ndarray) -> Waveform:
         """Waveform at times (e,), s, over the memory of a receiver."""
         return self.waveform.at(time) if isinstance(self.waveform, SweptTone) else self.waveform
+
+
+def losses(
+    jammers: Sequence[Jammer], antenna: np.ndarray, ground: float, tops: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vectors (j, e, 3) from antennas (e, 3) to jammers, ECEF, m, distances (j, e), m, and losses on the way, dB.
+
+    ground: its height above the ellipsoid, m. tops: (w, 2, 3) of ridges, see `horizon.ridge_loss`.
+    """
+    away = np.stack([jammer.place - antenna for jammer in jammers])
+    distance = np.linalg.norm(away, axis=2)
+    above = np.maximum(llh_from_ecef(antenna)[:, 2] - ground, LOWEST)
+    frequency, height, shadow = (
+        np.array([getattr(jammer, name) for jammer in jammers])[:, None] for name in ("frequency", "height", "shadow")
+    )
+    loss = path_loss(distance, frequency) + horizon_loss(distance, np.maximum(height, LOWEST), above) + shadow
+    if len(tops):
+        hidden = (ridge_loss(tops, j.place, antenna, SPEED_OF_LIGHT / j.frequency) for j in jammers)
+        loss = loss + np.stack([*hidden])
+    return away, distance, loss
+
+
+@dataclass(frozen=True)
+class LinkJamming:
+    """Jammers of links on one carrier between receivers that are not those of satellites."""
+
+    jammers: tuple[Jammer, ...]
+    ground: float
+    """Height of the ground above the ellipsoid, m."""
+    tops: Callable[[np.ndarray], np.ndarray]
+    """See `sensors.beacons.Beacons`."""
+    carrier: float
+    """Hz."""
+    bandwidth: float
+    """Noise bandwidth of the signals, Hz."""
+    noise_figure: float
+    """Of the receivers, dB."""
+    gain: float
+    """Of their antennas towards jammers, dBi."""
+
+    def noise(self, time: np.ndarray, antenna: np.ndarray, threshold: np.ndarray) -> np.ndarray:
+        """Noise density with jammers over that without (t, m), at times (t,), s, at each of some antennas.
+
+        antenna: (m, 3) at rest, or (t, 1, 3) on the way, ECEF, m. threshold: of the runway (3,), rad, rad, m.
+        """
+        moving = antenna.ndim == 3
+        _, _, loss = losses(self.jammers, antenna.reshape(-1, 3), self.ground, self.tops(threshold))
+        out = np.ones((time.size, 1 if moving else len(antenna)))
+        floor = noise_density(TEMPERATURE) + self.noise_figure
+        for jammer, lost in zip(self.jammers, loss, strict=True):
+            kappa = jammer.sent(time).kappa(bpsk(self.bandwidth), np.array([self.carrier]), None)
+            power = jammer.power(time)[:, None] + self.gain - (lost[:, None] if moving else lost)
+            out += 10.0 ** ((power - floor) / 10.0) * kappa
+        return out
 
 
 @dataclass(frozen=True)
@@ -192,18 +247,8 @@ class Jamming:
         antenna, cn0 = received.antenna, received.cn0
         if not self.jammers:
             return np.empty((0, *cn0.shape))
-        away = np.stack([jammer.place - antenna for jammer in self.jammers])
-        distance = np.linalg.norm(away, axis=2)
+        away, distance, loss = losses(self.jammers, antenna, self.ground, self.tops)
         up = np.einsum("ei,jei->je", enu_matrix(received.llh)[:, 2], away) / distance
-        above = np.maximum(llh_from_ecef(antenna)[:, 2] - self.ground, LOWEST)
-        frequency, height, shadow = (
-            np.array([getattr(jammer, name) for jammer in self.jammers])[:, None]
-            for name in ("frequency", "height", "shadow")
-        )
-        loss = path_loss(distance, frequency) + horizon_loss(distance, np.maximum(height, LOWEST), above) + shadow
-        if len(self.tops):
-            hidden = (ridge_loss(self.tops, j.place, antenna, SPEED_OF_LIGHT / j.frequency) for j in self.jammers)
-            loss = loss + np.stack([*hidden])
         power = np.stack([jammer.power(received.time) for jammer in self.jammers])
         if self.antenna is None:
             gain = antenna_gain(np.arcsin(up), self.horizon_db)
