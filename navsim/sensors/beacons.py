@@ -201,7 +201,7 @@ class Beacons(AidingSensor):
         if self.jamming is None:
             return self
         answers, questions = self._noise_of_links(flight.frame, time, self.antenna(flight, time))
-        both = 0.5 * (answers[:, 0] + questions[np.arange(time.size), self.asked(time)])
+        both = 0.5 * (answers[:, 0] + questions[np.arange(time.size), self.beacon_at(time)])
         return replace(self, weakened=np.sqrt(both))
 
     def _happened(self, time: np.ndarray, antenna: np.ndarray, away: np.ndarray) -> EventEffects:
