@@ -45,10 +45,12 @@ def _fixes(result: Result) -> Cell:
 
 
 _DELAYING = ("ephemeris", "ionosphere", "troposphere")
-
-
-_OF_PSEUDOLITES = ("multipath", "air", "survey_error_m", "survey_sigma_m", "clock_sigma_ns", "clock_noise")
-"""Keys of `signals`, and of `pseudolites`, with time-correlated ranging errors, if present and not zero."""
+_OF_PSEUDOLITES = {
+    "survey_error_m": "survey", "survey_sigma_m": "survey", "clock_sigma_ns": "clock", "clock_noise": "clock",
+    "range_bias_sigma_m": "range bias", "multipath": "reflections", "air": "air",
+}  # fmt: skip
+"""Keys of `signals`, and of `pseudolites` with their names in tables, with time-correlated ranging errors, if present
+and not zero."""
 
 
 def ranging_errors(result: Result) -> str:
@@ -71,6 +73,18 @@ def ranging_errors(result: Result) -> str:
     if not correlated and receiver["smoothing_s"] == 0.0:
         return "white"
     return "some time-correlated" + ("" if signals["preset"] == "white" else f" ({signals['preset']})")
+
+
+def _errors_of_pseudolites(result: Result) -> str:
+    """Which errors pseudolites have besides white noise."""
+    pseudolites = setting(result, "pseudolites")
+    if not pseudolites["count"] and not pseudolites["sites"]:
+        return ABSENT
+    given = {key: pseudolites.get(key) for key in _OF_PSEUDOLITES}
+    names = [_OF_PSEUDOLITES[key] for key, value in given.items() if (any(value) if isinstance(value, list) else value)]
+    if not names:
+        return "white noise alone, so their gain is optimistic"
+    return f"white noise, {', '.join(dict.fromkeys(names))}"
 
 
 def _sensors(result: Result) -> list[str]:
@@ -219,6 +233,8 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
 
     row("runs", runs_of)
     row("ranging errors", ranging_errors)
+    if any(_errors_of_pseudolites(r) != ABSENT for _, r in results):
+        row("errors of pseudolites", _errors_of_pseudolites)
     row("fixes", _fixes)
     row("fix epochs without a fix", lambda r: count_cell(r, "/summary/count/epochs_without_fix"))
     sensors = list(dict.fromkeys(name for _, r in results for name in _sensors(r)))

@@ -12,6 +12,7 @@ from navsim.gnss import dll
 from navsim.landing.case import Case
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.report import summary_tables
+from navsim.report.table import ABSENT
 from navsim.results.result import Result
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import InputError
@@ -149,6 +150,19 @@ def test_whether_ranging_errors_are_white(settings: tuple[str, ...], said: str) 
     given = scenario(*settings)
     result = Result({"scenario": resolved_yaml(given)}, {})
     assert summary_tables.ranging_errors(result) == said
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ((), "white noise alone, so their gain is optimistic"),
+        (("pseudolites.count=0",), ABSENT),
+        (("pseudolites.survey_sigma_m=0.1", "pseudolites.range_bias_sigma_m=0.3"), "white noise, survey, range bias"),
+    ],
+)
+def test_which_errors_pseudolites_have(settings: tuple[str, ...], said: str) -> None:
+    result = Result({"scenario": resolved_yaml(scenario(*settings))}, {})
+    assert summary_tables._errors_of_pseudolites(result) == said
 
 
 def test_signals_fade_by_the_ground() -> None:
