@@ -42,25 +42,25 @@ class Section:
 
 SECTIONS = (
     Section("One landing", ("navsim run scenarios/landing.yaml",), "landing", {
-        "track": "Plan and side view of the approach, with the pseudolites",
-        "sky": "Satellites and pseudolites seen from the aircraft",
-        "dop": "Dilutions of precision over time",
-        "fixes": "Errors of the position fixes",
-        "errors": "Errors of all states, with ±3σ of the filter",
-        "nees": "NEES and NIS, with the bands of a consistent filter",
+        "track": "The approach from above and from the side; the pseudolites stand 5 km from the runway",
+        "sky": "Sky at the antenna: the pseudolites lie at the horizon",
+        "dop": "DOPs over time hardly change on this short approach",
+        "fixes": "Fixes about the antenna: 95 % should lie in the ellipse",
+        "errors": "Errors of all states should stay within ±3σ of the filter",
+        "nees": "NEES and NIS of a consistent filter stay within their bands",
     }),
     Section("Many landings", ("navsim run scenarios/landing.yaml --runs 20 -q -o results/many.h5",), "many", {
-        "touchdown": "Position errors of all runs at touchdown, with ellipses",
-        "spread_time": "Spread of the errors over time: half of the runs, 95 % of them, RMS, σ of the filter",
-        "histogram": "Distribution of the errors",
-        "consistency": "Error over sigma (z) of every state over time",
+        "touchdown": "Touchdown: each dot is a run; the ellipses hold 50 and 95 % of a Gaussian",
+        "spread_time": "Spread over time: bands with 50 and 95 % of runs, RMS, σ of the filter",
+        "histogram": "Histograms: 20 runs are too few to judge their shape",
+        "consistency": "Error over sigma (z) of each state: red is a sigma that is too small",
     }),
     Section("Error budget", ("navsim run scenarios/landing.yaml --method covariance",), "landing_covariance", {
-        "budget": "Share of each source of error",
+        "budget": "Error budget: RMS and σ coincide, since the filter models the simulated errors",
     }),
     Section("Placement maps", ("navsim sweep scenarios/placement_sweep.yaml",), "placement_sweep", {
-        "pdop": "PDOP by the position of the pseudolites; the star is the best position",
-        "fix_vertical": "Vertical error of a fix on the same plan",
+        "pdop": "PDOP by the position of pseudolites: small is good, the star is best",
+        "fix_vertical": "Vertical error of a fix: its best position is another one",
     }),
     Section("Best placements", ("navsim optimize scenarios/placement_optimum.yaml",), "placement_optimum", {
         "plan": "Best positions for each number of pseudolites",
@@ -70,19 +70,19 @@ SECTIONS = (
         "navsim run scenarios/landing.yaml --runs 100 --set "
         "'integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}'",
     ), "landing_runs100", {
-        "integrity": "Protection levels, errors and alert limits",
-        "stanford": "Stanford diagram: errors against protection levels",
+        "integrity": "Protection levels should lie above errors and below alert limits",
+        "stanford": "Stanford diagram: epochs below the diagonal are misleading",
     }),
     Section("Rare events", (
         "navsim run scenarios/landing.yaml --method rare --set 'box={lateral_m: 0.8, vertical_m: 1.2}'",
     ), "landing_rare", {"exceedance": "Probability of each size of error, down to 1e-7"}),
     Section("A recorded flight", ("navsim init recorded_flight -o log.yaml", "navsim replay log.yaml"), "log", {
-        "innovations": "Innovations with 3σ",
+        "innovations": "Innovations should stay within 3σ",
         "attitude": "Attitude with its uncertainty, and biases",
-        "outages": "Drift in simulated outages",
+        "outages": "Share of simulated outages with less drift",
     }),
     Section("A companion system", ("navsim run scenarios/azimuth_tracking.yaml",), "azimuth_tracking", {
-        "map": "Map of where load factors help a tracking radar",
+        "map": "Load factors help a tracking radar where the ratio exceeds 1",
     }),
 )  # fmt: skip
 
@@ -121,7 +121,7 @@ def photograph_pages(folder: Path) -> None:
         words = [sys.executable, "-m", *PLANNER.split(), "--port", "0", "--no-browser"]
         with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True) as planner:
             assert planner.stdout is not None
-            photograph(page, planner.stdout.readline().split()[0], 885, "planner.png", folder)
+            photograph(page, planner.stdout.readline().split()[0], 870, "planner.png", folder)
             planner.send_signal(signal.SIGINT)
         browser.close()
 
@@ -132,7 +132,7 @@ def text() -> str:
     for section in SECTIONS:
         lines += [f"## {section.title}", "", *(f"    {command}" for command in section.commands), ""]
         for name, caption in section.figures.items():
-            lines += [f"![{caption}](images/{section.result}_{name}.png)", "", f"{caption}.", ""]
+            lines += [f"![Figure {name}](images/{section.result}_{name}.png)", "", f"{caption}.", ""]
     for title, commands, picture, caption in (
         ("The report", (REPORT,), "report", "[The report](report.md): one page for any browser, figures with numbers"),
         ("The planner", (START, PLANNER), "planner", "[The planner](planner.md): the effect of moving a pseudolite"),

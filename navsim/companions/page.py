@@ -190,7 +190,8 @@ def _where(result: Result, anchor: str, called: str) -> Drawing:
         panels.append(on)
     low, high = azimuth.CLAIM
     caption = (
-        f"Singer's error over that of L4, each at its best, in the manoeuvre; the paper claims {low:g} to {high:g}."
+        f"RMSE of Singer over that of L4, each with its best tuning, in the manoeuvre; above 1 load factors (L4) help. "
+        f"The paper claims {low:g} to {high:g}."
     )
     return Drawing(f"map{anchor}", f"Where it pays{called}", panels, caption)
 

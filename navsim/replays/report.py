@@ -290,7 +290,7 @@ def _outages(result: Result) -> Figure:
     ax.xaxis.set_major_formatter(ScalarFormatter())
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel("horizontal drift, m")
-    ax.set_ylabel("share of outages")
+    ax.set_ylabel("cumulative share of outages")
     ax.set_ylim(0.0, 1.0)
     legend_above(fig, ax, 2)
     return fig

@@ -165,7 +165,7 @@ def _bands(result: Result, of: RunSpread, across: np.ndarray, label: str) -> Fig
         # bars at touchdown are at the end of the axis
         axes[-1].set_xlim(high, low - 0.025 * (high - low) if of.sigma is None else low)
     fig.align_ylabels(axes)
-    title = f"truth minus estimate, {runs_of(result)}"
+    title = f"Truth minus estimate, {runs_of(result)}"
     if of.sigma is None and not against_height:
         title += "; the filter's σ is known along the axes of the map only"
     legend_above(fig, axes[0], 3, title)
@@ -243,7 +243,7 @@ def _histogram(result: Result) -> Figure:
         _bars(ax, at_touchdown(result, name), float(result[f"/summary/at/{name}_sigma"][0]))
         ax.set_xlabel(f"{name} error at touchdown, m")
     panels[0].set_ylabel("density, 1/m")
-    legend_above(fig, panels[0], 4, f"truth minus estimate, {runs_of(result)}")
+    legend_above(fig, panels[0], 4, f"Truth minus estimate, {runs_of(result)}")
     return fig
 
 

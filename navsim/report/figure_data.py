@@ -373,7 +373,7 @@ def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
     for error, status, one in zip(errors, codes, of_runs, strict=False):
         shown = np.isfinite(error) & np.isfinite(one) & (status != ALARM) & flying
         of_shown = np.broadcast_to(one, error.shape)[shown]
-        # points beyond the frame are counted at its edge
+        # points outside the axes are counted at the border
         counts += np.histogram2d(np.minimum(error[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
     return Stanford(edges, counts, most, top)
 
@@ -382,7 +382,7 @@ def stanford_text(result: Result) -> str:
     """Epochs that a Stanford diagram counts."""
     return (
         f"{runs_of(result)}; epochs {_span(result)} by error and level, without those with an alarm; values outside "
-        "the frame are at its edge"
+        "the axes are drawn at the border"
     )
 
 

@@ -459,8 +459,8 @@ def nees(result: Result) -> Figure:
     axes[-1].set_xlabel("time, s")
     fig.align_ylabels(axes)
     flown = result.attributes["method"] != "covariance"
-    what = f"{'mean of ' if several else ''}{runs_of(result)};\nshaded: 95 % band" if flown else "expected, linear"
-    fig.suptitle(f"per degree of freedom, {what}")
+    what = f"{'mean of ' if several else ''}{runs_of(result)}; shaded: 95 % band" if flown else "expected, linear"
+    fig.suptitle(f"NEES and NIS per degree of freedom\n{what}")
     return fig
 
 

@@ -59,7 +59,7 @@ def errors(result: Result) -> Figure:
         for j, axis in enumerate(row):
             ax = fig.add_subplot(grid[i, j * width : (j + 1) * width])
             (_over_time if i < of_time else _at_heights)(ax, result, axis)
-    fig.suptitle(f"truth minus estimate, {runs_of(result)};" + ("\n" if alone else " ") + "black: required limits")
+    fig.suptitle(f"Truth minus estimate, {runs_of(result)};" + ("\n" if alone else " ") + "black: required limits")
     return fig
 
 

@@ -411,8 +411,8 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
             for axis, i in (*zip(others, point, strict=True), *zip(plane, here, strict=True)):
                 index[axis] = int(i)
             ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane and tied.sum() == 1]
-            borders = ", ".join(key_label(key_path(result, key)) for key in ends)
-            where = f", on the border of the map ({borders}): better may lie beyond" if ends else ""
+            borders = ", ".join(point_of(result, key, index[dims.index(key)]) for key in ends)
+            where = f"\non the border of the map ({borders}): try a wider range" if ends else ""
             found_there = "any place" if everywhere else "best"
             title = f"{text + ': ' if text else ''}{found_there} {digits(values[here], 4)}{where}"
         out.append(Panel(values, sites, corners, star, title))

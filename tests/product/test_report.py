@@ -586,7 +586,7 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     figure.draw_without_rendering()
     check_page("map", figure)
     ax = figure.axes[0]
-    assert "on the border of the map (distance before the threshold)" in ax.get_title()
+    assert "on the border of the map (distance before the threshold = 500 m): try a wider range" in ax.get_title()
     # the mesh reaches from edge to edge of the panel, half a cell beyond the first and the last combination
     assert ax.get_xlim() == pytest.approx((-525.0, 525.0), abs=0.5)
     assert ax.get_ylim() == pytest.approx((105.0, -105.0), abs=0.5)

@@ -214,7 +214,8 @@ def _map(result: Result) -> Figure:
         ax.set_yticks(range(period.size), [f"{x:g}" for x in period])
     axes[0].set_ylabel("scan period, s")
     if image is not None:
-        fig.colorbar(image, ax=axes, label=f"Singer / L4, each at its best; framed: {CLAIM[0]:g}-{CLAIM[1]:g}")
+        fig.colorbar(image, ax=axes, label="RMSE of Singer / RMSE of L4")
+    fig.suptitle(f"Above 1 load factors (L4) help; framed: the paper's claim, {CLAIM[0]:g} to {CLAIM[1]:g}")
     return fig
 
 

@@ -108,6 +108,10 @@ def _colours(results: Sequence[Named]) -> list[str]:
     return [colour(order.index(i)) for i in range(len(results))]
 
 
+_LONGEST_NUMBER = 24
+"""Most characters in the large letters of a tile; a longer text is a sentence, in small letters."""
+
+
 def _glance(here: View, results: Sequence[Named], colours: Sequence[str]) -> list[dict[str, Any]]:
     """The first figures of each result, split into the number and its interval."""
     out = []
@@ -115,6 +119,8 @@ def _glance(here: View, results: Sequence[Named], colours: Sequence[str]) -> lis
         shown = []
         for label, text in here.glance(result):
             number, _, more = str(text).partition("  ")
+            if len(number) > _LONGEST_NUMBER:
+                number, more = "", str(text)
             shown.append({"label": label, "number": number, "more": more})
         out.append({"name": name, "colour": colours[i], "shown": shown})
     return out if any(each["shown"] for each in out) else []

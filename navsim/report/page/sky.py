@@ -67,7 +67,8 @@ def sky_paper(title: str, edge: float, masked: Sequence[Sector]) -> figure:
             )  # fmt: skip
     for ring in RINGS:
         on.circle(0.0, 0.0, radius=ring, fill_color=None, line_color=GREY, line_alpha=0.5)
-        names(on, 0.0, ring, [f"{90.0 - ring:g}°"], x_offset=2, y_offset=2, text_font_size="10px")
+        if ring < 90.0:  # the bearings are written at the horizon
+            names(on, 0.0, ring, [f"{90.0 - ring:g}°"], x_offset=2, y_offset=2, text_font_size="10px")
     for text, s, c in bearings():
         on.segment(0.0, 0.0, edge * s, edge * c, line_color=GREY, line_alpha=0.3)
         names(on, WRITTEN * edge * s, WRITTEN * edge * c, [text], text_align="center", text_baseline="middle",
