@@ -121,7 +121,7 @@ def photograph_pages(folder: Path) -> None:
         words = [sys.executable, "-m", *PLANNER.split(), "--port", "0", "--no-browser"]
         with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True) as planner:
             assert planner.stdout is not None
-            photograph(page, planner.stdout.readline().split()[0], 870, "planner.png", folder)
+            photograph(page, planner.stdout.readline().split()[0], 880, "planner.png", folder)
             planner.send_signal(signal.SIGINT)
         browser.close()
 
