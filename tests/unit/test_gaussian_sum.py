@@ -9,8 +9,10 @@ from scipy.stats import multivariate_normal
 
 from navsim.compiler.elementary import exp_of_negative
 from navsim.filter import estimate, gaussian_sum, states, tfg
+from navsim.filter import mixture as components_of
 from navsim.filter.eskf import inject
 from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.mixture import MixtureBuffers, merge, split, split_and_merge
 from navsim.filter.records import ImuData, Mixture, schedule, start
 from navsim.filter.states import GYRO, N_BASE, NAV_BIAS_FRAME, NAV_N, NAV_QUAT, NAV_SENSORS, PHI_D, PHI_E, PHI_N
 from navsim.simulation.landing import exact_start
@@ -47,16 +49,16 @@ def sum_of(*parts: tuple[np.ndarray, np.ndarray, float], room: int = ROOM) -> Mi
     return mixture
 
 
-def bench() -> gaussian_sum.MixtureBuffers:
+def bench() -> MixtureBuffers:
     vectors = (np.empty(size) for size in (N_BASE, N_BASE, N_BASE, NAV_N, NAV_N))
-    return gaussian_sum.MixtureBuffers(
+    return MixtureBuffers(
         *vectors, np.empty((N_BASE, N_BASE)), np.empty((N_BASE, N_BASE)), np.empty(6), sum_of(room=2), np.empty(ROOM)
     )
 
 
 def moments(mixture: Mixture, flat: bool = False) -> tuple[np.ndarray, np.ndarray]:
     nav, p = np.empty(NAV_N), np.empty((N_BASE, N_BASE))
-    gaussian_sum.moments(mixture, nav, p, flat, workshop(), bench())
+    components_of.moments(mixture, nav, p, flat, workshop(), bench())
     return nav, p
 
 
@@ -77,7 +79,7 @@ def own(nav: np.ndarray, centre: np.ndarray) -> np.ndarray:
 
 def divided(heading: float) -> Mixture:
     mixture = sum_of((centre(), covariance(heading), 1.0))
-    gaussian_sum.split(mixture, True, 0.0, workshop(), bench())
+    split(mixture, True, 0.0, workshop(), bench())
     return mixture
 
 
@@ -97,10 +99,10 @@ def test_a_divided_component_has_the_moments_of_the_whole(heading: float) -> Non
 def test_two_that_are_merged_have_the_moments_of_both() -> None:
     mixture = divided(0.1)
     whole = moments(mixture)
-    gaussian_sum.merge(mixture, True, 1.0, 2.0, workshop(), bench())
+    merge(mixture, True, 1.0, 2.0, workshop(), bench())
     np.testing.assert_allclose(mixture.weight[:3], [4 / 6, 2 / 6, 0.0])
     same(moments(mixture), whole, 1e-6)
-    gaussian_sum.merge(mixture, True, 0.0, 1.0, workshop(), bench())
+    merge(mixture, True, 0.0, 1.0, workshop(), bench())
     np.testing.assert_allclose(mixture.weight[:2], [1.0, 0.0])
     same((mixture.navigation[0], mixture.covariance[0]), (centre(), covariance(0.1)), 1e-6)
 
@@ -169,7 +171,7 @@ def test_measurements_weigh_by_their_likelihood() -> None:
 
 
 def arranged(mixture: Mixture, turn: float) -> Mixture:
-    gaussian_sum.split_and_merge(mixture, turn, WIDEST, workshop(), bench())
+    split_and_merge(mixture, turn, WIDEST, workshop(), bench())
     return mixture
 
 
