@@ -62,7 +62,7 @@ def _inconsistent(result: Result) -> list[Finding]:
     `of_flight` reports larger ones for their size alone.
     """
     degrees = result["/innovations/degrees"]
-    names, freedom = result["/summary/fixes"], result["/summary/degrees_of_freedom"].tolist()
+    names, freedom = result["/summary/motion"], result["/summary/degrees_of_freedom"].tolist()
     nis = dict(zip(names, result["/summary/nis"].tolist(), strict=True))
     excess = {name: nis[name] / (LARGEST_NIS * limit(own) / DOUBTED)
               for name, own in zip(names, freedom, strict=True) if own}  # fmt: skip

@@ -432,7 +432,7 @@ class Session:
         squares = left["error"][late, :3] ** 2
         draft["/summary/rms_position_ned"] = np.sqrt(squares.mean(axis=0)) if late.any() else np.full(3, np.nan)
         degrees = int(left["degrees"].sum())
-        draft["/summary/fixes"] = np.array(["all"])
+        draft["/summary/motion"] = np.array(["all"])
         draft["/summary/nis"] = np.array([np.nansum(left["innovation_squared"]) / degrees if degrees else np.nan])
         base = "not settled" if self.clock is None else self.clock.base
         out = draft.result(root_attributes("live", self.seed, case.scenario, replaced_block=self.block, clock=base))

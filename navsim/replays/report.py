@@ -25,7 +25,7 @@ def tables(result: Result) -> list[Table | str]:
     """Innovations, what was tuned, drift without fixes."""
     seen = Table("Innovations, rms", ("fixes", "position N E D, m", "velocity N E D, m/s", "NIS per degree"))
     away = rejected(result)
-    for i, name in enumerate(result["/summary/fixes"][:2]):
+    for i, name in enumerate(result["/summary/motion"][:2]):
         position, velocity = (result[f"/summary/innovation_{part}"][i] for part in ("position", "velocity"))
         without = str(name) if not away.any() else f"accepted{'' if name == 'all' else f', {name}'}"
         seen.add(without, *_innovation_cells(position, velocity, float(result["/summary/nis"][i])))
@@ -78,7 +78,7 @@ def _evidence(result: Result) -> list[Table]:
     if "/summary/nis_position" not in result:  # results of earlier versions lack it
         return []
     out = Table("NIS by motion", ("fixes", "all", "position", "velocity"))
-    for i, name in enumerate(result["/summary/fixes"]):
+    for i, name in enumerate(result["/summary/motion"]):
         if np.isfinite(result["/summary/nis"][i]):
             out.add(str(name), *(number(result[f"/summary/nis{of}"][i], 2) for of in ("", "_position", "_velocity")))
     lags = (number(float(result[f"/summary/lag1_{of}"]), 2) for of in ("position", "velocity"))

@@ -181,7 +181,7 @@ def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: re
         "all": used, "moving": used & fast, "parked": used & ~fast, "straight": used & fast & ~turning,
         "turning": used & fast & turning,
     }  # fmt: skip
-    draft.put("/summary/fixes", np.array(list(groups)), moving=f"{digits(moving, 2)} m/s")
+    draft.put("/summary/motion", np.array(list(groups)), moving=f"{digits(moving, 2)} m/s")
     rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
     draft["/summary/innovation_position"] = rms[:, :3]
     draft["/summary/innovation_velocity"] = rms[:, 3:]

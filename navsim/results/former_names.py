@@ -28,6 +28,7 @@ _FORMER = {
 _PATHS = {
     "/front": "/pareto", "/useful/subsets": "/subsets/number", "/useful/subsets_of_all": "/subsets/number_of_all",
     "/useful": "/subsets", "/audit": "/published", "/fit/letter": "/fit/id",
+    "/summary/fixes": "/summary/motion",
 }  # fmt: skip
 """Former paths of variables and groups of results."""
 _VALUES = {"integrity.error_model": {"heavier": "heavy_tailed"}}

@@ -264,7 +264,7 @@ def test_evidence_of_a_good_flight(tmp_path: Path) -> None:
     write_flight(tmp_path, duration=200.0)
     result = flown(tmp_path / "log.yaml", *GIVEN, "gnss.position_sigma_m=[0.3, 0.3]",
                    "outages=[{start_s: [40, 60, 80, 100, 120, 140, 160], duration_s: [5, 10]}]")  # fmt: skip
-    assert result["/summary/fixes"].tolist() == ["all", "moving", "parked", "straight", "turning"]
+    assert result["/summary/motion"].tolist() == ["all", "moving", "parked", "straight", "turning"]
     for name in ("nis", "nis_position", "nis_velocity"):
         values = result[f"/summary/{name}"]
         assert np.all((values[[0, 1, 4]] > 0.6) & (values[[0, 1, 4]] < 1.5))
@@ -675,7 +675,7 @@ def test_a_rejected_fix_counts_by_its_own_noise(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("degrees", "told"), [(3, False), (300, True)])
 def test_a_few_large_innovations_are_no_finding(degrees: int, told: bool) -> None:
     result = {
-        "/innovations/degrees": np.full(200, 3), "/summary/fixes": np.array(["all", "straight"], dtype=object),
+        "/innovations/degrees": np.full(200, 3), "/summary/motion": np.array(["all", "straight"], dtype=object),
         "/summary/nis": np.array([1.05, 3.17]), "/summary/degrees_of_freedom": np.array([600, degrees]),
     }  # fmt: skip
     assert bool(_inconsistent(result)) is told

@@ -150,3 +150,15 @@ def test_a_case_may_be_named_twice() -> None:
 
 def test_findings_come_last() -> None:
     assert set(kept([])) == {path for path in declared(REPLAY) if path.startswith("/findings/")}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_no_scalar_has_the_name_of_a_dimension_above(layout: str) -> None:
+    """netCDF takes a dimension from the group, or one above: a scalar with its name cannot be opened."""
+    entries = [entry for section in SECTIONS for entry in section.entries if layout in entry.layouts]
+    dims = {(entry.path.rsplit("/", 1)[0], dim) for entry in entries for dim in entry.dims
+            if entry.path.rsplit("/", 1)[-1] == dim}  # fmt: skip
+    for entry in entries:
+        group, name = entry.path.rsplit("/", 1)
+        above = [part for part, dim in dims if dim == name and group.startswith(part) and group != part]
+        assert entry.dims or not above, (entry.path, above)
