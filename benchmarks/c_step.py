@@ -21,7 +21,7 @@ from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, gain, joseph, prop
 from navsim.filter.estimate import in_all_lanes
 from navsim.filter.interval import add_step, add_white, allocate_sums, reset_sums, transition
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, N_BASE, SENSORS, VEL
-from navsim.simulation.landing import exact_start
+from navsim.simulation.flight import exact_start
 
 SOURCE = Path(__file__).resolve().parent / "filter_step.c"
 OPTIONS = ("-O3", "-march=native")
@@ -89,7 +89,7 @@ def _pointer(array: np.ndarray) -> Any:
 
 
 def lines_of_c(plan: Plan, flight: Any) -> list[Line]:
-    """navsim's covariance step against C's. flight: of a landing (`simulation.landing`)."""
+    """navsim's covariance step against C's. flight: of a landing (`simulation.flight`)."""
     world, declared, noise = flight.shared, flight.model.declared, flight.model.noise[0]
     dt = float(world.imu_time[1])
     phi = np.zeros((SENSORS, N_BASE))

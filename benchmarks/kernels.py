@@ -18,7 +18,7 @@ from navsim.filter.measurement_models import FIX, Measurements
 from navsim.filter.records import ESKF, TFG, ImuData, Truth, empty_error_history, start
 from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
-from navsim.simulation.landing import exact_start
+from navsim.simulation.flight import exact_start
 from navsim.simulation.measurement_tables import table_of_fixes
 
 RIVAL_SECONDS = (12.0, 2.0)

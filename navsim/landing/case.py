@@ -33,9 +33,10 @@ from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import followed_errors as followed_errors_of_aids
 from navsim.simulation.correlated_errors import IGNORED, STATES, as_noise, fix_blocks, followed_errors
 from navsim.simulation.first_order import FirstOrder, position_covariance
+from navsim.simulation.flight import Flight, InitialErrors
+from navsim.simulation.flight import prepare as prepare_flight
 from navsim.simulation.inertial_states import followed, gains_that_matter
-from navsim.simulation.landing import Flight, InitialErrors, fly_runs
-from navsim.simulation.landing import prepare as prepare_flight
+from navsim.simulation.landing import fly_runs
 from navsim.simulation.run import Run
 from navsim.simulation.shared_truth import SharedTruth, build_shared_truth
 from navsim.simulation.transmitter_errors import TransmitterBelief
@@ -303,7 +304,7 @@ def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign
     if kinds := scenario.signals.errors.models():
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
         correlated = followed_errors(scenario.about_correlated_errors(), kinds, scenario.duration_s, interval)
-        # those of ranges go by the sources that are received: `simulation.landing.prepare` adds them
+        # those of ranges go by the sources that are received: `simulation.flight.prepare` adds them
         blocks = () if section.tight else fix_blocks(correlated, kinds, step)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
     of_aids = followed_errors_of_aids(scenario.aiding(), 1.0 / scenario.imu.rate_hz)

@@ -25,7 +25,7 @@ from navsim.results.result import Result
 from navsim.results.schema import INTEGRITY_TABLE, MOST_LEVELS
 from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import notes
-from navsim.simulation.landing import Flight
+from navsim.simulation.flight import Flight
 from navsim.statistics.random_streams import generator
 
 SATELLITES = (2, 3, 4, 5, 6, 7)

@@ -36,7 +36,7 @@ from navsim.results.schema import COUNTS, LIVE, RMS_WINDOW
 from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import notes, of_flight
 from navsim.sensors import imu
-from navsim.simulation.landing import initial_errors, initial_estimate
+from navsim.simulation.flight import initial_errors, initial_estimate
 from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator
 from navsim.statistics.rounding import digits

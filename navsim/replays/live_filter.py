@@ -17,7 +17,7 @@ from navsim.filter.evaluation import evaluate
 from navsim.filter.measurement_models import FIX, Measurements
 from navsim.filter.records import TIME_TOLERANCE, History, ImuData, OutputErrors, State, Truth, schedule, start
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
-from navsim.simulation.landing import Flight
+from navsim.simulation.flight import Flight
 from navsim.simulation.measurement_tables import table_of_all_fixes
 from navsim.trajectory.kinematics import Moving
 

@@ -14,8 +14,8 @@ from navsim.filter.records import ImuData
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.integrity.fix_slopes import slopes
 from navsim.sensors.beacons import Beacons
+from navsim.simulation.flight import Flight, exact_clock, exact_start, initial_state, with_clock
 from navsim.simulation.inertial_states import TrueState, true_states
-from navsim.simulation.landing import Flight, exact_clock, exact_start, initial_state, with_clock
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
 from navsim.simulation.measurements import filter_fixes
 from navsim.simulation.shared_truth import assumed_measurements, without_noise

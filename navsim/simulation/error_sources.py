@@ -27,7 +27,7 @@ from navsim.simulation.correlated_sources import (
     SourceErrors,
     WanderingClockErrors,
 )
-from navsim.simulation.landing import Flight
+from navsim.simulation.flight import Flight
 
 SOURCES = (
     "initial_position",

@@ -30,7 +30,7 @@ from navsim.integrity.monitoring import faults_of, fix_of
 from navsim.integrity.solution import turned
 from navsim.sensors.beacons import Beacons
 from navsim.simulation.along_truth import AlongTruth, along_design
-from navsim.simulation.landing import Flight
+from navsim.simulation.flight import Flight
 from navsim.simulation.landing_covariance import excess, responses, route_of_filter
 
 _ROUNDING = 1e-5

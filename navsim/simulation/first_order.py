@@ -19,7 +19,8 @@ from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.simulation.aiding import Aid
 from navsim.simulation.along_truth import AlongTruth, along_truth
-from navsim.simulation.landing import Flight, Inputs, exact_clock
+from navsim.simulation.flight import Flight, exact_clock
+from navsim.simulation.landing import Inputs
 from navsim.simulation.landing_covariance import analyse, systematic
 from navsim.simulation.shared_truth import SharedTruth, without_noise
 

@@ -26,7 +26,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.simulation.landing import Flight, Inputs
+from navsim.simulation.flight import Flight
+from navsim.simulation.landing import Inputs
 from navsim.simulation.sensitivity import Slopes, carried, deviations
 from navsim.statistics.random_streams import generator
 

@@ -70,8 +70,8 @@ from navsim.simulation.error_sources import (
     transmitter_error_states,
     weighed_events,
 )
+from navsim.simulation.flight import Flight, InitialErrors
 from navsim.simulation.inertial_states import TrueState, followed
-from navsim.simulation.landing import Flight, InitialErrors
 from navsim.simulation.range_curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
 
 _EXPECTED_NIS = 0.01

@@ -19,7 +19,7 @@ from navsim.simulation.range_curvature import (
 )
 
 if TYPE_CHECKING:
-    from navsim.simulation.landing import Flight
+    from navsim.simulation.flight import Flight
 
 
 def table_of_fixes(design: FilterDesign, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:

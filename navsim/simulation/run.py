@@ -18,7 +18,7 @@ from navsim.integrity.fix_exclusion import FixesAfterExclusion
 from navsim.integrity.fixes import ReceiverFixes, range_residuals
 
 if TYPE_CHECKING:
-    from navsim.simulation.landing import Flight
+    from navsim.simulation.flight import Flight
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ from navsim.gnss.pseudorange import Signals
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import Aid
 from navsim.simulation.along_truth import AlongTruth
-from navsim.simulation.landing import Flight, Inputs
+from navsim.simulation.flight import Flight
+from navsim.simulation.landing import Inputs
 from navsim.simulation.shared_truth import CARRIER_SIGMA, expected_measurements
 
 

@@ -16,7 +16,7 @@ from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation.aiding import aids_of
-from navsim.simulation.landing import exact_start
+from navsim.simulation.flight import exact_start
 from tests.conftest import SCENARIOS
 from tests.helpers import case, in_brief
 from tests.layout import as_declared

@@ -28,7 +28,8 @@ from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.landing.case import Case
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads
-from navsim.simulation import landing
+from navsim.simulation.flight import initial_estimate, initial_state, with_clock
+from navsim.simulation.landing import draw
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
 from navsim.simulation.measurements import receiver_fixes
 from tests.helpers import case, in_brief
@@ -42,7 +43,7 @@ class Batch:
 
     def __init__(self, flown: Case, first: int = 0) -> None:
         self.flight = flight = flown.flight
-        self.inputs = landing.draw(flight, SEED, range(first, first + WIDTH))
+        self.inputs = draw(flight, SEED, range(first, first + WIDTH))
 
     @property
     def tables(self) -> Measurements:
@@ -55,8 +56,8 @@ class Batch:
     @property
     def state(self) -> State:
         flight, inputs = self.flight, self.inputs
-        nav = landing.with_clock(flight, landing.initial_estimate(flight, inputs.initial), inputs.clock)
-        return landing.initial_state(flight, nav, estimate.in_all_lanes(flight.covariance))
+        nav = with_clock(flight, initial_estimate(flight, inputs.initial), inputs.clock)
+        return initial_state(flight, nav, estimate.in_all_lanes(flight.covariance))
 
     @property
     def imu(self) -> ImuData:

@@ -17,7 +17,8 @@ from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
-from navsim.simulation.landing import exact_start, fly
+from navsim.simulation.flight import exact_start
+from navsim.simulation.landing import fly
 from navsim.statistics.random_streams import generator
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case, cross, in_brief

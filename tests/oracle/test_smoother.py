@@ -11,7 +11,7 @@ from navsim.filter import eskf, records, states
 from navsim.filter.estimate import estimate
 from navsim.filter.measurement_models import FIX, FixTable, Measurements
 from navsim.filter.strapdown import navigate
-from navsim.simulation.landing import exact_start
+from navsim.simulation.flight import exact_start
 from tests.conftest import Within
 from tests.helpers import case
 

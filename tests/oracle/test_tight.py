@@ -23,7 +23,8 @@ from navsim.gnss.clock_noise import densities, step_covariance
 from navsim.gnss.receiver import wander
 from navsim.gnss.sky import unit_vector
 from navsim.landing.study import Case, covariance_analysis
-from navsim.simulation.landing import draw, exact_clock
+from navsim.simulation.flight import exact_clock
+from navsim.simulation.landing import draw
 from navsim.simulation.measurement_tables import table_of_fixes, table_of_ranges
 from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.shared_truth import without_noise

@@ -15,7 +15,7 @@ from navsim.filter.measurement_models import FIX, FixTable, Measurements
 from navsim.filter.mixture import MixtureBuffers, merge, split, split_and_merge
 from navsim.filter.records import ImuData, Mixture, schedule, start
 from navsim.filter.states import GYRO, N_BASE, NAV_BIAS_FRAME, NAV_N, NAV_QUAT, NAV_SENSORS, PHI_D, PHI_E, PHI_N
-from navsim.simulation.landing import exact_start
+from navsim.simulation.flight import exact_start
 from tests.helpers import case
 from tests.unit.test_covariance import error, some_covariance
 from tests.unit.test_group_filters import retract, workshop

@@ -37,7 +37,7 @@ from navsim.filter.records import (
 from navsim.geodesy.attitude_kernels import difference, half_sinc, left_jacobian
 from navsim.geodesy.earth_kernels import ecef_to_llh
 from navsim.landing.ensemble import LandingStudy
-from navsim.simulation.landing import exact_start
+from navsim.simulation.flight import exact_start
 from tests.helpers import case
 
 WIDTHS = lanes.WIDTHS

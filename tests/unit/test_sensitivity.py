@@ -13,7 +13,8 @@ from navsim.compiler.lanes import WIDTH
 from navsim.gnss.dll import smooth, smoothed_variance, smoothing_slopes
 from navsim.landing.study import Case
 from navsim.simulation.along_truth import AlongTruth, along_truth
-from navsim.simulation.landing import Flight, Inputs, draw, fly_inputs
+from navsim.simulation.flight import Flight
+from navsim.simulation.landing import Inputs, draw, fly_inputs
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.sensitivity import Slopes, carried, deviations, sensitivity
 from navsim.simulation.shared_truth import expected_measurements
