@@ -173,12 +173,12 @@ def section() -> list[str]:
         "",
         "## Twelve simulated flights",
         "",
-        f"`scripts/replay_bench.py`: circuits of 170 s, the last three a small quadrotor of 150 s, {DRAWS} times each. "
-        "Drawn are biases, white noise (twice to three times as large in motion), latency, jitter of the stamps (2 ms) "
-        "and noise of velocities. Errors of positions last for 60 s (differential, 0.4 m) or 120 s (single point, "
-        "1.2 m). The receivers claim their accuracy, wrong by 15 %.",
+        f"`scripts/replay_bench.py`: circuits of 170 s, the last three a small quadrotor of 150 s, {DRAWS} times "
+        "each. Drawn are biases, white noise (two to three times as large in motion), latency, jitter of stamps "
+        "(2 ms) and velocity noise. Position errors last 60 s (differential, 0.4 m) or 120 s (single point, 1.2 "
+        "m). Receivers claim their accuracy, wrong by 15 %.",
         "",
-        "The first three columns are squared errors over their variances, per axis, from 20 s after the alignment on: 1 "
+        "The first three columns are squared errors over variances, per axis, from 20 s after the alignment on: 1 "
         "is due. Then come the least and largest tuned noise over that in motion, and the largest error of the "
         "latency.",
         "",
