@@ -128,6 +128,7 @@ def write_fas(result: Result, target: Path) -> dict[Path, str]:
         float(result[f"{scales}{name}"]) for name in ("origin", "aim", "width", "angle", "foot")
     )
     heading, threshold = float(scenario_of(result)["runway"]["heading_deg"]), result["/truth/threshold_llh"]
+    rise = result["/summary/indicator/touchdown_llh"][2] - threshold[2]
     along = (origin - GARP) * earth.heading_axes(threshold, np.radians(heading))[:, 0]
     alignment = earth.llh_from_ecef(earth.ecef_from_llh(threshold) + along)
     arcsec = 3600.0 * np.degrees(threshold[:2])
@@ -137,7 +138,7 @@ def write_fas(result: Result, target: Path) -> dict[Path, str]:
         "runway": round(heading / 10.0) % 36 or 36, "runway letter": 0, "performance": 0, "route": 0,
         "path selector": 0, "threshold latitude": arcsec[0], "threshold longitude": arcsec[1],
         "threshold height": threshold[2], "alignment latitude": apart[0], "alignment longitude": apart[1],
-        "crossing height": (aim + foot) * np.tan(angle) / 0.05, "crossing height in m": 1,
+        "crossing height": ((aim + foot) * np.tan(angle) + rise) / 0.05, "crossing height in m": 1,
         "glide path angle": np.degrees(angle), "course width": width, "length offset": 0.0,
         "horizontal alert limit": float(result[f"{limits}hal"]), "vertical alert limit": float(result[f"{limits}val"]),
     }  # fmt: skip

@@ -76,7 +76,8 @@ def test_what_a_block_cannot_hold(name: str, value: float | str) -> None:
 
 def test_the_block_of_a_landing(tmp_path: Path) -> None:
     """Its numbers are those of the scenario, to half of their resolution."""
-    given = ("integrity={limits: {hal_m: 40, val_m: 35, tta_s: 6}}", "runway.aim_point_m=300", "duration_s=2",
+    given = ("integrity={limits: {hal_m: 40, val_m: 35, tta_s: 6}}", "runway.aim_point_m=300", "runway.slope_percent=1",
+             "duration_s=2",
              "approach.indicator={system: gls, course_width_m: 105, course_origin_m: 2305}",
              "approach.flight_technical_error.lateral={sigma_m: 1}")  # fmt: skip
     one = case(*given)
@@ -92,7 +93,8 @@ def test_the_block_of_a_landing(tmp_path: Path) -> None:
     lat, lon = np.radians(np.add(arcsec, more) / 3600.0)
     ahead, right, _ = earth.in_heading_axes(earth.ecef_from_llh(np.array([lat, lon, threshold[2]])), threshold, heading)
     assert (ahead, right) == pytest.approx((2000.0, 0.0), abs=0.05)
-    assert float(values["crossing height"]) * 0.05 == pytest.approx(300.0 * np.tan(np.radians(5.0)), abs=0.026)
+    due = 300.0 * np.tan(np.radians(5.0)) + 3.0  # the touchdown point is above the threshold
+    assert float(values["crossing height"]) * 0.05 == pytest.approx(due, abs=0.026)
     numbers = {"glide path angle": 5.0, "course width": 105.0, "horizontal alert limit": 40.0,
                "vertical alert limit": 35.0, "runway": round(np.degrees(heading) / 10.0) % 36 or 36}  # fmt: skip
     for name, due in numbers.items():
