@@ -212,6 +212,8 @@ class Landing(Section):
         if getattr(self.approach, "indicator", None) is not None and self.air() is None:
             text = "all runs fly the route: give approach.guidance: estimate, approach.flight_technical_error"
             raise reject(f"{text}, wind.turbulence or wind.gusts", "approach", "indicator")
+        if isinstance(self.approach, STurn) and self.approach.indicator is not None:
+            raise reject("turns have no glide path to be off: leave it out", "approach", "indicator")
         if self.breaks_off and self.integrity is None:
             text = "there is no monitor that raises alarms: give `integrity`, or height_m"
             raise reject(text, "approach", "go_around", "on_alarm")

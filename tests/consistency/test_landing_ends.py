@@ -198,6 +198,8 @@ def test_deviations_along_the_approach(broken_off: Result, system: str) -> None:
     ((STEERED, "box={error: touchdown, vertical_m: 3}"), "vertical_m"),
     (("box={error: touchdown, lateral_m: 3}",), "error"),
     (("approach.indicator={}",), "indicator"),
+    (("approach={profile: s-turn, start: {lat_deg: 56, lon_deg: 37}, indicator: {}, guidance: estimate}",),
+     "no glide path"),
     (("requirements=[{what: go_around, at_most: 0.1}]",), "what"),
     (("requirements=[{what: localizer}]",), "what"),
 ])  # fmt: skip
