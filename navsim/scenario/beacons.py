@@ -55,7 +55,7 @@ class BeaconsSection(AidingSection):
     """equivalent isotropically radiated power of the weaker side of the link; with sensitivity_dbm and carrier_mhz it
     gives the largest range"""
     gain_dbi: Gain = 0.0
-    """gain of the receiving antenna, for the link budget"""
+    """gain of the receiving antenna, for the link budget and for jamming"""
     sensitivity_dbm: Annotated[float, Field(ge=-200.0, le=50.0)] | None = None
     """received power below which there is no answer"""
     range_limit_m: Annotated[float, Field(ge=1.0, le=1e6)] | None = None
@@ -176,13 +176,15 @@ class BeaconsSection(AidingSection):
         return self.model_copy(update=given)
 
     def _check_events(self, landing: Landing) -> None:
-        """Raise for names that events cannot tell apart, and for events that two-way ranges do not have."""
+        """Raise for names that events or monitors cannot tell apart, and for events that two-way ranges do not have."""
         from navsim.gnss.events import BEACONS, EVERY, PSEUDOLITES
 
         names = self.names()
         for i, name in enumerate(names):
-            if landing.events and name in (BEACONS, PSEUDOLITES, EVERY, *landing.pseudolites.names()):
-                raise reject(f"'{name}' names other sources, too: events need a name for each", "beacons", "sites", i)
+            told = landing.events or landing.integrity is not None
+            if told and name in (BEACONS, PSEUDOLITES, EVERY, *landing.pseudolites.names()):
+                text = f"'{name}' names other sources, too: events and integrity need a name for each"
+                raise reject(text, "beacons", "sites", i)
         for i, event in enumerate(landing.events):
             if event.what in ("spoof", "meacon") and set(event.sources) & {BEACONS, *names}:
                 text = f"{event.what} is of satellites and pseudolites; beacons answer the vehicle: use step, ramp, "
@@ -192,10 +194,11 @@ class BeaconsSection(AidingSection):
         """Raise for jammers on the carrier of beacons whose bandwidth is unknown."""
         if self.bandwidth_mhz is not None and self.carrier_mhz is None:
             raise reject("jamming needs the carrier, too: give carrier_mhz", "beacons", "bandwidth_mhz")
-        known = landing.interference is None or self.bandwidth_mhz is not None
-        for jammer in () if known or landing.interference is None else landing.interference.jammers:
+        if landing.interference is None or self.carrier_mhz is None or self.bandwidth_mhz is not None:
+            return
+        for jammer in landing.interference.jammers:
             half = 0.0 if jammer.bandwidth_mhz is None else 0.5 * jammer.bandwidth_mhz
-            if self.carrier_mhz is not None and abs(self.carrier_mhz - jammer.centre_mhz) <= max(half, _MATCHED):
+            if abs(self.carrier_mhz - jammer.centre_mhz) <= max(half, _MATCHED):
                 text = f"{self.carrier_mhz:g} MHz is in the band of {jammer.name}, and jamming needs the bandwidth: "
                 text += "give beacons.bandwidth_mhz"
                 raise reject(text, "beacons", "carrier_mhz")

@@ -154,6 +154,7 @@ def test_events_of_beacons() -> None:
         (["events=[{what: silence, sources: [B9]}]"], "'B9' is not a source"),
         (["events=[{what: silence, sources: [PL1]}]", section(sites="{name: PL1, s_m: 300, l1_m: 9}")],
          "names other sources, too"),
+        (["integrity={method: filter}", section(sites="{name: PL1, s_m: 300, l1_m: 9}")], "names other sources, too"),
         ([section("carrier_mhz: 1580"), "interference={jammers: [{name: J, place: {lat_deg: 56, lon_deg: 37}, "
           "eirp_dbw: 5, waveform: noise, bandwidth_mhz: 20}]}"], "1580 MHz is in the band of J"),
         (["filter.beacons={outliers: mixture}"], "no outliers: give long_share"),
