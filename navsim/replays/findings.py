@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 LARGEST_NIS = 2.0
 """Mean normalised innovation squared of a recorded flight, whose noise is tuned to 1, that is no accident."""
+VELOCITY_SIGMA = "times the velocity sigma"
+"""End of the origin of a position sigma that is not tuned by itself."""
+LARGEST_POSITION_NIS = 1.5
+"""The same of positions whose sigma follows from that of velocities."""
 MANY_REJECTED = 0.05
 """Fraction of rejected fixes, or ranges, beyond which a finding is reported."""
 PAUSE = 3.0
@@ -52,7 +56,28 @@ def findings(
     out += _pauses(flight) + [_of_lost(one) for one in flown.lost] + find_outliers(flight, flown)
     if recording.scenario.checks != "off":
         out += find_off_course(flight, flown)
-    return out + of_flight(result, None, withheld | ~flown.flown) + _inconsistent(result)
+    return out + of_flight(result, None, withheld | ~flown.flown) + _inconsistent(result) + _tied(result)
+
+
+def _tied(result: Result) -> list[Finding]:
+    """Finding of positions that scatter more than the sigma that follows from that of velocities.
+
+    Their sigma may be too large: receivers' positions wander, which innovations do not show.
+    """
+    if "/tuning/position_sigma_horizontal" not in result:
+        return []
+    origin = str(result.variables["/tuning/position_sigma_horizontal"].attributes["origin"])
+    group = list(result["/summary/motion"]).index("moving")
+    nis = [float(result[f"/summary/nis_{name}"][group]) for name in ("position", "velocity")]
+    if not origin.endswith(VELOCITY_SIGMA) or not nis[0] > LARGEST_POSITION_NIS:
+        return []
+    text = (
+        f"positions have a NIS of {nis[0]:.2f} in motion, velocities of {nis[1]:.2f}, where 1 is due: the position "
+        f"sigma is {origin}, and positions scatter more. Give gnss.position_sigma_m, or columns with the receiver's "
+        "accuracies"
+    )
+    degrees = result["/innovations/degrees"]
+    return [Finding("position_noise", text, (), int(degrees.astype(bool).sum()), degrees.size)]
 
 
 def _inconsistent(result: Result) -> list[Finding]:

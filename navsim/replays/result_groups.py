@@ -13,7 +13,7 @@ from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS, is_smoother
 from navsim.filter.records import REJECTED, TFG
 from navsim.replays import flight as replay
-from navsim.replays.findings import outage_spans
+from navsim.replays.findings import VELOCITY_SIGMA, outage_spans
 from navsim.replays.motion import in_motion, lag1_correlation, turn_rate
 from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
 from navsim.results.builder import ResultBuilder
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 DILUTION = 3.0
 """1 sigma of a fix in that of a range, for the start of a tight filter and the innovations of fixes."""
-
-
 TURNING = np.radians(5.0)
 """Rate of rotation, rad/s, above which an aircraft turns."""
 
@@ -105,7 +103,7 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
         elif any(name.startswith(key) and there for key, there in given.items()):
             origin = "given"
         elif name.startswith("position_sigma") and not free[POSITION_RATIO]:
-            origin = f"{settings[POSITION_RATIO]:g} s times the velocity sigma"
+            origin = f"{settings[POSITION_RATIO]:g} s {VELOCITY_SIGMA}"
         elif name == "velocity_latency" and not free[VELOCITY_LAG]:
             origin = "as latency"
         draft.put(f"/tuning/{name}", value, {"origin": origin})

@@ -17,12 +17,12 @@ from navsim.formats.logs.tables import log_files
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
-from navsim.replays.findings import _inconsistent
+from navsim.replays.findings import _inconsistent, _tied
 from navsim.replays.result_groups import write_filter
 from navsim.replays.tuning import TuningSearch
 from navsim.results import findings
 from navsim.results.builder import ResultBuilder
-from navsim.results.result import Result
+from navsim.results.result import Result, Variable
 from navsim.results.schema import REPLAY
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.load import read_replay
@@ -679,3 +679,16 @@ def test_a_few_large_innovations_are_no_finding(degrees: int, told: bool) -> Non
         "/summary/nis": np.array([1.05, 3.17]), "/summary/degrees_of_freedom": np.array([600, degrees]),
     }  # fmt: skip
     assert bool(_inconsistent(result)) is told
+
+
+@pytest.mark.parametrize(("position", "origin", "told"), [
+    (1.68, "2.5 s times the velocity sigma", True), (0.5, "2.5 s times the velocity sigma", False), (1.68, "given", False),
+])  # fmt: skip
+def test_positions_that_scatter_more_than_their_tied_sigma_are_told(position: float, origin: str, told: bool) -> None:
+    values = {
+        "/tuning/position_sigma_horizontal": 0.24, "/summary/motion": np.array(["all", "moving"]),
+        "/summary/nis_position": np.array([1.0, position]), "/summary/nis_velocity": np.array([1.0, 0.27]),
+        "/innovations/degrees": np.full(100, 6),
+    }  # fmt: skip
+    result = Result({}, {path: Variable((), data, "", "", {"origin": origin}) for path, data in values.items()})
+    assert bool(_tied(result)) is told
