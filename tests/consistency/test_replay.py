@@ -682,7 +682,8 @@ def test_a_few_large_innovations_are_no_finding(degrees: int, told: bool) -> Non
 
 
 @pytest.mark.parametrize(("position", "origin", "told"), [
-    (1.68, "2.5 s times the velocity sigma", True), (0.5, "2.5 s times the velocity sigma", False), (1.68, "given", False),
+    (1.68, "2.5 s times the velocity sigma", True), (0.5, "2.5 s times the velocity sigma", False),
+    (1.68, "given", False),
 ])  # fmt: skip
 def test_positions_that_scatter_more_than_their_tied_sigma_are_told(position: float, origin: str, told: bool) -> None:
     values = {
