@@ -65,10 +65,14 @@ class Message:
 
 def assumptions(result: Result) -> list[str]:
     """Values of the messages that the result does not contain, and what they have instead."""
+    out, scenario = [], scenario_of(result)
     if undulation_of(result) is None:
         text = "altitudes of HIL_GPS and GPS_INPUT (MSL) are heights above the ellipsoid: the scenario has no "
-        return [text + "runway.geoid_undulation_m"]
-    return []
+        out.append(text + "runway.geoid_undulation_m")
+    interference, its = scenario.get("interference"), scenario.get("beacons")
+    if its and its.get("bandwidth_mhz") is not None and interference and interference["jammers"]:
+        out.append("range_accuracy of RANGING_BEACON is that without jammers")
+    return out
 
 
 def messages(result: Result) -> Iterator[Message]:
