@@ -123,6 +123,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     jamming = sources.jamming
     correlated = scenario.correlated_states(names // 2)  # about half of a sky is received
     sensors = scenario.aiding()
+    watched = 0 if scenario.beacons is None else len(scenario.beacons.sites) + 1
     of_aids = [block.size for block, _ in followed_errors(sensors, 1.0 / scenario.imu.rate_hz)]
     return Extent(
         size.samples, fixes, names, scales,
@@ -134,7 +135,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         names if scenario.filter.tight else 0,
         0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes,
         # one for each source that is received, about half of a sky, for each system, and some for two at once
-        0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4,
+        0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4 + watched,
         scenario.trajectory_draws(),
         2 if scenario.imu.limited() else 0,
         any(triad.further.there for triad in scenario.imu.triads()),
