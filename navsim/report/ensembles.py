@@ -11,6 +11,7 @@ from navsim.report.box_rows import box_limits, of_total
 from navsim.report.figure_data import (
     PERCENTS,
     IndicatedDeviations,
+    affordable_instants,
     blocks,
     come_down,
     ellipse,
@@ -30,9 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 AXES = ("lateral", "along", "vertical")
-_INSTANTS = 150
-"""Largest number of evenly spaced filter times; all runs' errors at these times are in memory at once."""
-_MOST_NUMBERS = 60_000_000
 _MOST_POINTS = 2000
 _LEAST_RUNS = 10
 """Least number of runs for percentiles."""
@@ -57,8 +55,8 @@ class RunSpread:
 
 def spread(result: Result) -> RunSpread:
     """Spread of a landing's ensemble with history, truth minus estimate in runway axes (right, forward, up)."""
-    time, runs = result["/filter/time"], result["/run"].size
-    count = min(_INSTANTS, time.size, max(20, _MOST_NUMBERS // (3 * runs)))
+    time = result["/filter/time"]
+    count = min(time.size, affordable_instants(result))
     at = np.unique(np.linspace(0, time.size - 1, count).astype(int))
     turn = turned(result)
     errors = np.concatenate([block[:, at, :3] @ turn.T for block in blocks(result, "/filter/error")])
@@ -89,7 +87,7 @@ def figures(result: Result) -> dict[str, Figure]:
         down = _descent(result, of)
         if down.size > 2:
             out["spread_height"] = _bands(result, _at(of, down), of.height[down], "height above the runway, m")
-    if (seen := indicated_deviations(result, _INSTANTS)) is not None and seen.height.size > 2:
+    if (seen := indicated_deviations(result)) is not None and seen.height.size > 2:
         out["deviations"] = _deviations(result, seen)
     if all(np.isfinite(at_touchdown(result, axis)).any() for axis in AXES):
         out["touchdown"] = _scatter(result)

@@ -25,6 +25,10 @@ from navsim.statistics import chi_square
 
 START = 0.1
 """Fraction of a time axis at its start that sets no limits: the initial transient would dwarf the rest."""
+INSTANTS = 150
+"""Most instants at which figures show all runs."""
+MOST_NUMBERS = 60_000_000
+"""Most numbers of all runs in memory at once."""
 MOST_RUNS = 50
 """Largest number of runs of an ensemble that are drawn individually."""
 NO_FIX, ALARM = 0, 3
@@ -141,6 +145,11 @@ def first_runs(result: Result, path: str, most: int = MOST_RUNS) -> np.ndarray:
     return np.concatenate(found)
 
 
+def affordable_instants(result: Result, most: int = INSTANTS) -> int:
+    """`most` instants, or as many as three numbers of each run have room for in memory."""
+    return min(most, max(20, MOST_NUMBERS // (3 * result["/run"].size)))
+
+
 def come_down(result: Result) -> float:
     """When the aircraft touches down, or goes around, s; nan where it does neither."""
     landed = touchdown(result)
@@ -217,14 +226,14 @@ class IndicatedDeviations:
         return 1.15 * max(0.5, largest, *(self.required[INDICATED[i]] or [0.0]))
 
 
-def indicated_deviations(result: Result, most: int) -> IndicatedDeviations | None:
+def indicated_deviations(result: Result, most: int = INSTANTS) -> IndicatedDeviations | None:
     """At so many outputs of the descent at most, down to `until_height_m`; None for a result without them."""
     if "/summary/indicator/touchdown_llh" not in result or "/filter/deviation_lateral" not in result:
         return None
     height, lowest = heights(result), setting(result, "approach", "indicator", "until_height_m")
     at = descent(result)
     at = at[height[at] >= lowest]
-    at = at[:: max(1, -(-at.size // most))]
+    at = at[:: max(1, -(-at.size // affordable_instants(result, most)))]
     scales = (
         float(result[f"/summary/indicator/scale_{name}"])
         for name in ("origin", "aim", "width", "angle", "share", "foot")
@@ -235,8 +244,8 @@ def indicated_deviations(result: Result, most: int) -> IndicatedDeviations | Non
     ecef = ecef_from_llh(result["/truth/position_llh"])
     route = np.stack([np.interp(time, result["/truth/time"], column) for column in ecef.T], axis=1)
     ahead, right, down = in_heading_axes(route, touchdown_llh, heading).T
-    off = np.stack([first_runs(result, f"/filter/deviation_{axis}", result["/run"].size)[:, at]
-                    for axis in ("lateral", "along", "vertical")], axis=-1)  # fmt: skip
+    parts = (blocks(result, f"/filter/deviation_{axis}") for axis in ("lateral", "along", "vertical"))
+    off = np.stack([np.concatenate([block[:, at] for block in part]) for part in parts], axis=-1)
     if "/summary/go_around/time_run" in result:
         off[time >= result["/summary/go_around/time_run"][:, None]] = np.nan
     error = runway_errors(result, at, result["/run"].size).runs
@@ -246,10 +255,17 @@ def indicated_deviations(result: Result, most: int) -> IndicatedDeviations | Non
         shown.deviations(ahead + own[..., 1], right + own[..., 0], own[..., 2] - down)
         for own in ((off, off - error) if steered else (off + error, off))
     )
-    aircraft, estimate = (np.nanpercentile(each, PERCENTS, axis=0) for each in both)
+    aircraft, estimate = map(_percentiles, both)
     asked = setting(result, "requirements") or []
     required = {name: [float(one["within"]) for one in asked if one["what"] == name] for name in INDICATED}
     return IndicatedDeviations(height[at], aircraft, estimate, required)
+
+
+def _percentiles(runs: np.ndarray) -> np.ndarray:
+    """`PERCENTS` (5, w, n) over runs (r, w, n) that have a value; nan where none has."""
+    out, known = np.full((len(PERCENTS), *runs.shape[1:]), np.nan), np.isfinite(runs).any(axis=0)
+    out[:, known] = np.nanpercentile(runs[:, known], PERCENTS, axis=0)
+    return out
 
 
 @dataclass(frozen=True)

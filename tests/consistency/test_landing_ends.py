@@ -13,6 +13,7 @@ from navsim.integrity.monitoring import ALARM
 from navsim.landing.result import result as summarised
 from navsim.landing.study import fly_all
 from navsim.landing.total_errors import scales_of
+from navsim.report import figure_data
 from navsim.report.box_rows import outside_box
 from navsim.report.figure_data import PERCENTS, indicated_deviations
 from navsim.report.summary_tables import summary_table
@@ -166,7 +167,7 @@ def test_a_level_above_its_limit_breaks_nothing_off(broken_off: Result) -> None:
 
 
 @pytest.mark.parametrize("system", ["ils", "gls"])
-def test_deviations_along_the_approach(broken_off: Result, system: str) -> None:
+def test_deviations_along_the_approach(broken_off: Result, system: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Percentiles of the aircraft are those of its path, until it goes around; those of the estimate differ by the
     error. At the heights of the table both are those of the table."""
     one = case(f"approach.indicator={{system: {system}, until_height_m: 5}}", "duration_s=61",
@@ -188,6 +189,10 @@ def test_deviations_along_the_approach(broken_off: Result, system: str) -> None:
     assert np.isfinite(gone.aircraft[:, 0]).all()
     assert gone.required == {"localizer": [], "glide_path": [0.5]}
     assert gone.reach(1) > 0.5
+    nowhere = figure_data._percentiles(np.array([[[np.nan, 1.0]], [[np.nan, 3.0]]]))  # no run has a glide path there
+    np.testing.assert_array_equal(nowhere[2, 0], [np.nan, 2.0])
+    monkeypatch.setattr(figure_data, "MOST_NUMBERS", 1)
+    assert indicated_deviations(flown).height.size <= 20
 
 
 @pytest.mark.parametrize(("settings", "key"), [

@@ -39,8 +39,6 @@ from navsim.report.result_cells import runs_of, single
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS, INDICATED
 
-_INSTANTS = 150
-"""Most instants of deviations from localizer and glide path."""
 _FEW = 3
 """Fewer runs than this have no distribution."""
 _BINS = (8, 40)
@@ -189,7 +187,7 @@ def distribution(results: Sequence[Named]) -> Drawing | None:
 def deviations(results: Sequence[Named]) -> Drawing | None:
     """Deviations from localizer and glide path against height, with half and full scale and required sizes."""
     shown = [(i, name, result, seen) for i, name, result in having(results, "/summary/indicator/touchdown_llh")
-             if result["/run"].size >= 10 and (seen := indicated_deviations(result, _INSTANTS)) is not None
+             if result["/run"].size >= 10 and (seen := indicated_deviations(result)) is not None
              and seen.height.size > 2]  # fmt: skip
     if not shown:
         return None
