@@ -72,7 +72,7 @@ class Allocation:
     p_emt: float = 1e-5
     """Smallest prior of a fault that counts for the effective monitor threshold."""
     samples: float = 1.0
-    """Effective independent samples of an exposure; they divide the budgets."""
+    """Effective independent samples of an exposure; they divide the budgets of what each sample risks."""
 
     @property
     def p_hmi(self) -> np.ndarray:
@@ -81,8 +81,8 @@ class Allocation:
 
     @property
     def total(self) -> float:
-        """Probability of any misleading information at a sample."""
-        return (self.p_hmi_horizontal + self.p_hmi_vertical) / self.samples
+        """Probability of any misleading information in an exposure, which unmonitored faults take from but once."""
+        return self.p_hmi_horizontal + self.p_hmi_vertical
 
 
 @dataclass(frozen=True)

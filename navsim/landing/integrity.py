@@ -460,7 +460,7 @@ def level_warnings(case: Case) -> list[str]:
     there = monitor.found.monitored[:, np.flatnonzero(lacking)[worst]]
     unseen = _named(case, ~there)
     if unmonitored[worst] <= section.p_unmonitored_max:
-        budget = (section.p_hmi_v + section.p_hmi_h) / section.effective_samples
+        budget = section.p_hmi_v + section.p_hmi_h
         if unmonitored[worst] >= budget:
             text = f"is {digits(unmonitored[worst], 2)}, and p_hmi_v and p_hmi_h allow {digits(budget, 2)} in all"
             return [f"{many}: the probability of unmonitored faults {text}"]

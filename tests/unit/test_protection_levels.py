@@ -146,3 +146,9 @@ def test_levels_bound_errors_at_budgets_that_can_be_counted(seed: int) -> None:
         silent = (np.abs(apart) <= found.threshold[:, 0]).all(axis=(1, 2))
         worst = max(worst, float(np.mean((off > level) & silent)))
     assert 1e-3 < worst + 3.1 * np.sqrt(worst / samples) <= 1e-3 / 1e-2
+
+
+def test_samples_divide_what_each_of_them_risks_but_not_the_budget_of_unmonitored_faults() -> None:
+    once, often = Allocation(), Allocation(samples=25.0)
+    np.testing.assert_allclose(often.p_hmi, once.p_hmi / 25.0)
+    assert often.total == once.total == once.p_hmi.sum()
