@@ -157,6 +157,7 @@ COUNT = {
     "README.md": 3,
     "commands.md": 13,
     "how-to/beacons.md": 7,
+    "how-to/compare.md": 4,
     "how-to/figure.md": 4,
     "how-to/jammer.md": 2,
     "how-to/log.md": 3,
