@@ -66,7 +66,10 @@ def verify(
     else:
         _print(found, quiet)
     if found.differs:
-        leave(CHECK_FAILED, f"{file}: the result was changed, or its scenario gives another one; see above")
+        only_inputs = {check.subject for check in found.checks if check.verdict == verification.DIFFERS} == {"inputs"}
+        what = "an input is not the one of the result" if only_inputs else (
+            "the result was changed, or its scenario gives another one")  # fmt: skip
+        leave(CHECK_FAILED, f"{file}: {what}; see above")
     if found.incomplete:
         leave(BAD_INPUT, f"{file}: could not be verified completely")
     if not quiet and not json_:

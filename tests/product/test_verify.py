@@ -218,6 +218,7 @@ def test_changed_and_lacking_inputs_are_named(original: Path, tmp_path: Path) ->
     shutil.copy(original / "orbits.agl", folder)
     (folder / "case.yaml").write_text((folder / "case.yaml").read_text() + "# later\n")
     assert "case.yaml" in wrong(verified(folder / "r.h5", folder=folder))
+    assert "an input is not the one of the result" in navsim("verify", "r.h5", cwd=folder, code=1).stderr
 
 
 def test_damaged_files_are_found(original: Path, tmp_path: Path) -> None:
