@@ -26,6 +26,7 @@ def idle_keys(scenario: Landing) -> list[str]:
     signals, sources, components = scenario.signals, scenario.pseudolites, scenario.filter.gaussian_sum
     jammed, linked = scenario.interference is not None, sources.eirp_dbm is not None
     tracked = jammed or sources.multipath is not None or "cn0" in (signals.range_law, sources.range_law)
+    beacons, of_jamming = scenario.beacons, "interference and beacons.bandwidth_mhz"
     of_tracking = "`range_law: cn0`, pseudolites.multipath or interference"
     sections: tuple[tuple[bool, str, Section, Iterable[str], str], ...] = (
         (tracked, "signals.tracking", signals.tracking, type(signals.tracking).model_fields, of_tracking),
@@ -35,6 +36,8 @@ def idle_keys(scenario: Landing) -> list[str]:
          f"`filter.kind: {SUM}`"),
         (scenario.sky.source in SOURCES_FROM_FILES, "sky", scenario.sky, ("use_unhealthy",),
          "satellites of a file, which says whether they are healthy"),
+        *(() if beacons is None else ((jammed and beacons.bandwidth_mhz is not None, "beacons", beacons,
+                                       ("bandwidth_mhz", "noise_figure_db"), of_jamming),)),
     )  # fmt: skip
     lone = lone_correlation_times(
         "filter.imu",

@@ -177,6 +177,9 @@ def test_jammers_weaken_questions_and_answers() -> None:
         "centre_mhz: 868, on_s: [[5, 20]]}]}"
     )
     plain, jammed = case(*BRIEF, keys), case(*BRIEF, keys, jammer)
+    for key in ("bandwidth_mhz", "noise_figure_db"):
+        told = [any(f"beacons.{key} is not used" in text for text in one.warnings) for one in (plain, jammed)]
+        assert told == [True, False]
     (without,), (aid,) = plain.shared.aids, jammed.shared.aids
     sensor, t = aid.sensor, aid.time
     (source,) = sensor.jamming.jammers
