@@ -21,6 +21,7 @@ from navsim.scenario.base import DEG
 from navsim.scenario.guidance import IndicatorSection
 from navsim.scenario.landing import Landing
 from navsim.simulation.run import Run
+from navsim.trajectory.approach import TOUCHDOWN
 
 FULL, HALF = 1.0, 0.5
 """Full scale of an indicator, and half of it."""
@@ -38,7 +39,9 @@ def scales_of(case: Case) -> Indicator | None:
         return None
     assert not isinstance(approach, FileApproach)
     runway, angle = case.scenario.runway, approach.glide_slope_deg * DEG
-    jet = case.trajectory.path.jet(case.shared.filter_time)
+    path, time = case.trajectory.path, case.shared.filter_time
+    # the glide may begin after the end of the flight
+    jet = path.jet(np.append(time, np.arange(time[-1], path.events.get(TOUCHDOWN, 0.0), 0.5)))
     foot = foot_of(jet[:, 0], jet[:, 1], angle)
     return Indicator(section.origin_m(runway), runway.aim_point_m, section.course_width_m, angle, section.share, foot)
 

@@ -79,10 +79,10 @@ def test_what_a_pilot_sees() -> None:
 
 def test_the_glide_path_of_a_flare() -> None:
     """Its foot is before the touchdown point, and who flies the route has no deviation until the flare."""
-    flared = case(
-        "approach.indicator={}", "approach.flight_technical_error.lateral={sigma_m: 1}", name="landing_smooth"
-    )
+    keys = ("approach.indicator={}", "approach.flight_technical_error.lateral={sigma_m: 1}")
+    flared, brief = case(*keys, name="landing_smooth"), case(*keys, "duration_s=20", name="landing_smooth")
     shown, path = scales_of(flared), flared.trajectory.path
+    assert scales_of(brief).foot == pytest.approx(shown.foot, abs=2e-6)
     assert shown is not None
     assert shown.foot < -10.0
     at = np.linspace(path.events["glide_start"] + 6.01, path.events["flare"] - 0.5, 50)
