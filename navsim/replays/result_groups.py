@@ -16,6 +16,7 @@ from navsim.replays import flight as replay
 from navsim.replays.findings import VELOCITY_SIGMA, outage_spans
 from navsim.replays.motion import in_motion, lag1_correlation, turn_rate
 from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
+from navsim.replays.white_noise import standstills, white_noise
 from navsim.results.builder import ResultBuilder
 from navsim.statistics.rounding import digits
 
@@ -107,6 +108,19 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
         elif name == "velocity_latency" and not free[VELOCITY_LAG]:
             origin = "as latency"
         draft.put(f"/tuning/{name}", value, {"origin": origin})
+
+
+def write_white_noise(draft: ResultBuilder, recording: Recording) -> None:
+    """White noise of the sensors, of a standstill, or of the log or the class where none shows it."""
+    rests = standstills(recording.samples, recording.valid_fixes.with_velocity()[0], recording.search)
+    imu = recording.scenario.imu
+    for name, of, triad, given in (
+        ("gyro", "rate", recording.gyro, imu.gyro.arw_deg_sqrt_h),
+        ("accelerometer", "force", recording.accel, imu.accelerometer.vrw_m_s_sqrt_h),
+    ):
+        sheet = triad.noise_density, f"imu.sensor_class: {imu.sensor_class}" if given is None else "given"
+        density, origin = white_noise(recording.samples, rests, of) or sheet
+        draft.put(f"/tuning/{name}_white_noise", density, {"origin": origin})
 
 
 def write_lost_spans(draft: ResultBuilder, flown: replay.Replayed) -> None:

@@ -45,6 +45,7 @@ from navsim.replays.result_groups import (
     write_reference,
     write_summary,
     write_tuning,
+    write_white_noise,
 )
 from navsim.replays.scenario import FixError, KnownSection, Replay
 from navsim.replays.tuning import (
@@ -249,7 +250,7 @@ class Recording:
     def _realigned(self, time: float) -> aligning.Alignment | None:
         """The next alignment at or after `time`, s, under way or at a standstill; no setting changes it."""
         if time not in self._alignments:
-            self._alignments[time] = aligning.find(self.samples, self._valid_fixes, time, self.search)
+            self._alignments[time] = aligning.find(self.samples, self.valid_fixes, time, self.search)
         return self._alignments[time]
 
     @cached_property
@@ -257,7 +258,8 @@ class Recording:
         return {}
 
     @cached_property
-    def _valid_fixes(self) -> Fixes:
+    def valid_fixes(self) -> Fixes:
+        """The fixes at their times of validity, untuned."""
         return self.fixes.earlier(self.settings[LATENCY] + self.velocity_lag(self.settings))
 
     @cached_property
@@ -520,6 +522,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
         write_reference(draft, flown, *recording.reference)
     write_fixes(draft, flight)
     write_tuning(draft, recording, tuning)
+    write_white_noise(draft, recording)
     write_summary(draft, flight, flown, recording.moving_speed)
     alignment = recording.alignment
     out = draft.result(

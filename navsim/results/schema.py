@@ -949,6 +949,11 @@ _REPLAY = Chapter(
             )
         ),
         *(
+            _a(f"/tuning/{name}_white_noise", "", units, f"white noise of the {name}s at rest, else by log or class",
+               REPLAY, attributes=("origin",))
+            for name, units in (("gyro", "rad/sqrt(s)"), ("accelerometer", "m/s/sqrt(s)"))
+        ),
+        *(
             _a(f"/tuning/{name}", "", "m/s", name.replace("_", " "), REPLAY, attributes=("origin",), when=_LOOSE_REPLAY)
             for name in ("velocity_sigma_horizontal", "velocity_sigma_vertical")
         ),

@@ -240,7 +240,7 @@ def _check_inputs(out: Verification, result: Result, file: Path, folder: Path | 
             if (checksum := files.checksum(path)) != each.sha256:
                 text = f"{path} has SHA-256 {checksum[:16]}, the file that was read had {each.sha256[:16]}"
                 wrong.append(f"{each}: {text}")
-        elif each.key:
+        elif each.key and not each.key.endswith(".from"):
             lacking = True
             text = f"{each}: no such file; --folder says where the files lie that the scenario names"
             out.checks.append(VerificationCheck("inputs", UNCHECKED, text))

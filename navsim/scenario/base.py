@@ -208,6 +208,11 @@ class Section(BaseModel):
         defer_build=True,
     )
 
+    @classmethod
+    def completed(cls, document: Document) -> Any:
+        """The data of a document, with what a section takes from files of results. Raises InputError."""
+        return document.data
+
 
 S = typing.TypeVar("S", bound=Section)
 
@@ -215,7 +220,7 @@ S = typing.TypeVar("S", bound=Section)
 def validated(model: type[S], document: Document) -> S:
     """The document as `model`. Raises InputError with every problem found, each at its line."""
     try:
-        return model.model_validate(document.data)
+        return model.model_validate(model.completed(document))
     except ValidationError as error:
         found = _without_repeats(document, [dict(e) for e in error.errors(include_url=False)])
         problems = [_problem(model, document, e) for e in found]

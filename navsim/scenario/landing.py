@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signal_errors import Effects
     from navsim.gnss.signals import Pseudolites
+    from navsim.scenario.source import Document
     from navsim.sensors.aiding import AidingSensor
     from navsim.trajectory.air import Air
     from navsim.trajectory.kinematics import Frame, Moving, Trajectory
@@ -92,7 +93,7 @@ class Landing(Section):
     epoch: Utc
     """UTC of time 0"""
     duration_s: EndTime = 120.0
-    """length of the simulation"""
+    """length of the simulation; left out with `profile: recorded`: to the end of the recording"""
     method: Literal["monte-carlo", "covariance", "rare"] = "monte-carlo"
     """monte-carlo: fly the runs; covariance: the same accuracy to first order from matrices, with an error budget;
     rare: the probability that a landing ends outside `box`, however small"""
@@ -141,6 +142,13 @@ class Landing(Section):
     """monitor of the fixes; null: none"""
     requirements: Annotated[ListOf[AnyRequirement], Field(max_length=100)] = ()
     """requirements on the landing: a verdict on each"""
+
+    @classmethod
+    def completed(cls, document: Document) -> Any:
+        """The data with what it takes from results of replays. Raises InputError."""
+        from navsim.scenario.from_replay import completed
+
+        return completed(document)
 
     @model_validator(mode="before")
     @classmethod

@@ -83,7 +83,8 @@ class Runway(Section):
     tch_m: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
     """height above the threshold of the straight line down the glide slope to the touchdown point; null: aim_point_m"""
     threshold: Point | None = None
-    """where the runway begins; leave out to derive it from approach.start"""
+    """where the runway begins; leave out to derive it from approach.start, or from the recording of `profile:
+    recorded`"""
     end: Point | None = None
     """threshold of the other direction; heading_deg becomes the direction to it and replaces the published one; null:
     none"""

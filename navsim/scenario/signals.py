@@ -219,6 +219,12 @@ class SignalsSection(Section):
     preset: Literal["white", "open-sky", "sbas", "differential"] = "white"
     """defaults of range_sigma_m, range_law and errors. In order: the paper's white noise; a receiver alone; one with
     satellite-based augmentation; one with corrections of a station at the aerodrome"""
+    from_: str | None = Field(default=None, alias="from")
+    """result of `navsim replay` with white noise and lasting errors of the receiver, where no key gives them. The
+    stored scenario has the numbers"""
+    hdop: Annotated[float, Field(ge=0.1, le=100.0)] | None = None
+    """horizontal dilution of precision (HDOP) during that recording, for results of `coupling: loose`: a range has
+    sqrt(2) / HDOP of the error of a position along north or east"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of pseudoranges at the zenith (the paper's variance of 5 m2)"""
     range_law: Literal["constant", "inverse-sine", "exponential", "cn0"] = "inverse-sine"

@@ -250,6 +250,7 @@ ALIKE = {
     "wind.turbulence.": "the same", "wind.gusts": "the same", "wind.response.": "the same",
     "wind.roughness_m": "of wind.profile", "wind.exponent": "the same", "wind.levels": "the same",
     "approach.profile": "by the shipped scenarios", "approach.points": "a circuit is of them",
+    "imu.from": "the numbers of imu", "signals.from": "those of signals", "signals.hdop": "the same",
     "approach.file": "studies take no recorded flight", "approach.file_sha256": "the same",
     "approach.sigma_m": "the same", "approach.sigma_vertical_m": "the same",
     "approach.go_around.at_s": "approach.go_around.height_m", "approach.go_around.ease_s": "a pull-up's shape",
@@ -282,8 +283,8 @@ def sections(annotation: Any) -> list[type[Section]]:
 
 def keys(model: type[Section], before: str = "") -> Iterator[str]:
     """The dotted names of all keys."""
-    for name, field in model.model_fields.items():
-        inner = sections(field.annotation)
+    for attribute, field in model.model_fields.items():
+        name, inner = field.alias or attribute, sections(field.annotation)
         for section in inner:
             yield from keys(section, f"{before}{name}.")
         if not inner:

@@ -20,6 +20,8 @@ NAMING = [
     ("landing", ["sky.source=navigation", "sky.navigation=[none.rnx]"], "sky.navigation"),
     ("landing", ["sky.source=orbits", "sky.orbits=none.sp3"], "sky.orbits"),
     ("landing", ["sky.horizon=none.csv"], "sky.horizon"),
+    ("landing", ["imu={from: none.h5}"], "imu.from"),
+    ("landing", ["signals.from=none.h5"], "signals.from"),
     ("track", ["approach.file=none.csv"], "approach.file"),
     ("recorded_flight", ["imu.file=none.csv"], "imu.file"),
     ("recorded_flight", ["gnss.file=none.csv"], "gnss.file"),
@@ -43,11 +45,11 @@ def test_files_that_are_not_there(name: str, given: list[str], key: str) -> None
 
 
 def test_every_key_that_names_a_file_is_tried() -> None:
-    """Those that have a checksum beside them, and the bases of studies."""
+    """Those that have a checksum beside them, results of replays, and the bases of studies."""
     named = set()
     for kind in OF_FILES:
         keys = {row.key for row in rows(section(kind).model_json_schema())}
-        named |= {key for key in keys if f"{key}_sha256" in keys or key == "base"}
+        named |= {key for key in keys if f"{key}_sha256" in keys or key == "base" or key.endswith(".from")}
     assert named == {key.partition("[")[0] for _, _, key in NAMING}
 
 

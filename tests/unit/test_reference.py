@@ -103,6 +103,7 @@ WITHOUT_UNIT = {
     "exponent", "damping", "glide_full_scale", "within",  # parts of a scale
     "fixed", "float", "differential", "single", "wrong",  # shares of the states of a fix
     "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail", "sigma_tolerance",  # ratios
+    "hdop",
     "max_rejected", "components", "samples", "receivers", "effective_samples",
     "runs", "study_runs", "steps", "experiments",  # counts
     "lift_slope", "side_force_slope", "drag",  # coefficients
