@@ -949,7 +949,7 @@ _REPLAY = Chapter(
             )
         ),
         *(
-            _a(f"/tuning/{name}_white_noise", "", units, f"white noise of the {name}s at rest, else by log or class",
+            _a(f"/tuning/{name}_white_noise", "", units, f"white noise of the {name}s at rest",
                REPLAY, attributes=("origin",))
             for name, units in (("gyro", "rad/sqrt(s)"), ("accelerometer", "m/s/sqrt(s)"))
         ),
