@@ -33,7 +33,7 @@ _AGAIN = "write `navsim replay LOG.yaml -o FILE` to make it anew by this version
 
 
 @dataclass(frozen=True)
-class _Source:
+class _ReplayFile:
     """The result of a replay, as a key names it."""
 
     document: Document
@@ -42,7 +42,7 @@ class _Source:
     result: Result
 
     @classmethod
-    def at(cls, document: Document, path: KeyPath, name: str) -> _Source:
+    def at(cls, document: Document, path: KeyPath, name: str) -> _ReplayFile:
         """Raises InputError for anything but a result of a replay."""
         from navsim.results.result import ResultError, read
 
@@ -124,16 +124,16 @@ def completed(document: Document) -> Any:
     for key, taken in (("imu", _sensors), ("signals", _signals)):
         section = data.get(key)
         if isinstance(section, dict) and isinstance(section.get("from"), str):
-            out[key] = taken(_Source.at(document, (key, "from"), section["from"]), section)
+            out[key] = taken(_ReplayFile.at(document, (key, "from"), section["from"]), section)
     approach, runway = data.get("approach"), data.get("runway", {})
     if isinstance(approach, dict) and approach.get("profile") == "recorded" and isinstance(approach.get("file"), str):
         placed = not isinstance(runway, dict) or "threshold" in runway
         if not ("duration_s" in data and placed):
-            _flight(_Source.at(document, ("approach", "file"), approach["file"]), out, placed)
+            _flight(_ReplayFile.at(document, ("approach", "file"), approach["file"]), out, placed)
     return out
 
 
-def _sensors(source: _Source, section: dict[str, Any]) -> dict[str, Any]:
+def _sensors(source: _ReplayFile, section: dict[str, Any]) -> dict[str, Any]:
     """Section `imu` with white noise, constant errors and in-run wander; given keys stay.
 
     The 1 sigma of the constant error is the root mean square over the axes of the last estimate and its 1 sigma.
@@ -159,7 +159,7 @@ def _sensors(source: _Source, section: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _signals(source: _Source, section: dict[str, Any]) -> dict[str, Any]:
+def _signals(source: _ReplayFile, section: dict[str, Any]) -> dict[str, Any]:
     """Section `signals` with white noise and, of a loose filter with accuracies, the lasting error; given keys stay."""
     out = {key: value for key, value in section.items() if key not in ("from", "hdop")}
     told = "errors" in section or "preset" in section
@@ -197,7 +197,7 @@ def _signals(source: _Source, section: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _flight(source: _Source, data: dict[str, Any], placed: bool) -> None:
+def _flight(source: _ReplayFile, data: dict[str, Any], placed: bool) -> None:
     """Write the length of a recorded flight, and the runway where it touches down or ends, where none is given."""
     import numpy as np
 
