@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -369,6 +370,8 @@ def _destination(formats: ExportFormats, file: Path) -> tuple[str, int] | None:
             leave(BAD_INPUT, f"--mavlink: {error}")
     if speed is not None:
         leave(BAD_INPUT, "--speed is for --mavlink udp:127.0.0.1:PORT")
+    if mavlink is not None and re.match(r"[a-z]{3,}:", mavlink):
+        leave(BAD_INPUT, f"--mavlink {mavlink}: allowed are a file, and udp:127.0.0.1:PORT")
     if mavlink is not None and (not mavlink or Path(mavlink).resolve() == file.resolve()):
         leave(BAD_INPUT, f"--mavlink {mavlink}: give the log another name than the result, as flight.tlog")
     return None

@@ -104,7 +104,7 @@ class PreflightChecks:
             out += [
                 f"interference.jammers[{j}]: {jammer.name} is never received: it is off, or beyond the radio horizon"
                 for j, jammer in enumerate(jamming.jammers)
-                if not heard[j]
+                if not heard[j] and self.scenario.beacons is None  # which it may jam when no satellite is received
             ]
             stopped = [*itertools.compress(self.environment.names, ~jamming.passed(self.environment.carriers))]
             if stopped:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.integrity.monitoring import LandingMonitor, Monitoring, tested_levels, threshold_by_faults, vertical_sigma
-from navsim.landing.case import Case, touches_down
+from navsim.landing.case import Case, crossing_times, touches_down
 from navsim.landing.integrity import (
     approach_limits,
     excludes,
@@ -214,7 +214,7 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
     if draft.layout == COVARIANCE and is_kept_from_faults(case):
         return nothing
     if isinstance(one, ErrorRequirement):
-        return _of_error(one, nothing, draft, runs, moments)
+        return _of_error(one, nothing, draft, crossing_times(case), moments)
     if isinstance(one, RmsRequirement):
         return _of_rms(one, nothing, draft, runs) if touches_down(case) else nothing
     if draft.layout == COVARIANCE:
@@ -309,9 +309,10 @@ def _of_error(
     one: ErrorRequirement,
     nothing: Fulfilment,
     draft: ResultBuilder,
-    runs: int,
+    when: Sequence[float],
     moments: Moments | None,
 ) -> Fulfilment:
+    """when: times (h,), s, at which the route passes the heights."""
     height, axis = list(HEIGHTS).index(one.at), _AXES.index(one.of)
     if draft.layout == COVARIANCE:
         mean, sigma = (math.nan, math.nan) if moments is None else (float(moment[height, axis]) for moment in moments)
@@ -322,9 +323,11 @@ def _of_error(
             nothing, value=_exactly(share), utilisation=folded_quantile(one.share, mean, sigma) / one.below_m
         )
     error = draft[f"/summary/at/{one.of}_run"][:, height]
+    if "/summary/go_around/time_run" in draft:  # of the runs that still land
+        error = error[~(draft["/summary/go_around/time_run"] < when[height])]
     if np.isnan(error).all():  # the height is not passed
         return nothing
-    return _counted(nothing, int((np.abs(error) < one.below_m).sum()), runs)
+    return _counted(nothing, int((np.abs(error) < one.below_m).sum()), error.size)
 
 
 def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:

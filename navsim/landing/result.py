@@ -18,7 +18,7 @@ from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, fi
 from navsim.landing.error_box import box_of, counted
 from navsim.landing.fix_states import put_fix_states
 from navsim.landing.result_groups import accuracy, attributes, base, belief
-from navsim.landing.total_errors import put_total_errors, went_around
+from navsim.landing.total_errors import gone_at_heights, put_total_errors, went_around
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result, Stream
@@ -185,7 +185,9 @@ def _watched(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
 
 
 def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
-    squares, at = ensemble.per_run("position_square"), ensemble.per_run("at_height")
+    squares, gone = ensemble.per_run("position_square"), gone_at_heights(case, ensemble)
+    at = np.where(gone[..., None], np.nan, ensemble.per_run("at_height"))
+    landing = [at[~gone[:, h], h] if not gone[:, h].all() else at[:, h] for h in range(at.shape[1])]  # nan if none is
 
     def each(mean_squares: np.ndarray) -> np.ndarray:
         return np.stack([rms_interval_of_means(square, ensemble.runs) for square in mean_squares[:, None]])
@@ -196,13 +198,15 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         each(ensemble.mean("rpy_square")),
         rms_interval(squares[:, :2]),
         rms_interval(squares[:, 2:3]),
-        np.stack([[rms_interval(at[:, h, [i]] ** 2) for h in range(at.shape[1])] for i in range(3)]),
+        np.stack([[rms_interval(each[:, [i]] ** 2) for each in landing] for i in range(3)]),
     )
     belief(draft, *(ensemble.mean(name) for name in ("variance", "rpy_variance", "at_variance")))
     draft["/summary/percentile"] = np.array(PERCENTILES)
     for i, name in enumerate(RUNWAY_AXES):
         draft[f"/summary/at/{name}_run"] = at[:, :, i]
-        draft[f"/summary/at/{name}_percentile"] = np.percentile(np.abs(at[:, :, i]), PERCENTILES, axis=0).T
+        draft[f"/summary/at/{name}_percentile"] = np.stack(
+            [np.percentile(np.abs(each[:, i]), PERCENTILES) for each in landing]
+        )
     for name, first, last in (("horizontal", 0, 2), ("vertical", 2, 3)):
         size = np.sqrt(squares[:, first:last].sum(axis=1))
         draft[f"/summary/rms/{name}_percentile"] = np.percentile(size, PERCENTILES)
@@ -211,8 +215,8 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     put_fix_states(draft, case, ensemble)
     if (box := box_of(case)) is not None:
         errors = ensemble.per_run("at_box")[:, 0]
-        gone = went_around(ensemble, box.time)
-        counted(draft, box, np.where(gone[:, None], np.nan, errors), gone)
+        left = went_around(ensemble, box.time)
+        counted(draft, box, np.where(left[:, None], np.nan, errors), left)
     inside = ensemble.per_run("inside")
     draft["/summary/coverage/level"] = LEVELS
     draft["/summary/coverage/position"] = np.clip([mean_interval(inside[:, k]) for k in range(LEVELS.size)], 0.0, 1.0)

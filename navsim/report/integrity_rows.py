@@ -85,11 +85,14 @@ def _priors(result: Result) -> Cell | str:
     known = [section.get(f"p_{what}") for what in ("satellite", "constellation", "pseudolite")]
     if None in known:  # of an earlier version
         return ABSENT
-    own = section.get("p_constellations") or {}
-    each = "".join(f", {name} {{:.3g}}" for name in own)
-    pattern = ", ".join("{}" if isinstance(one, str) else "{:.3g}" for one in known)  # type of monitoring: a word
-    return Cell(pattern + each, (*known, *map(float, own.values())),
-                names=("satellite", "system", "pseudolite", *own))  # fmt: skip
+    own = dict(section.get("p_constellations") or {})
+    if section["method"] == "filter" and setting(result).get("beacons") is not None and "p_beacon" in section:
+        own["beacon"] = section["p_beacon"]
+    values = [one if isinstance(one, str) else float(one) for one in (*known, *own.values())]  # monitoring: a word
+    named = ["", "", "", *(f"{name} " for name in own)]
+    pattern = ", ".join(name + ("{}" if isinstance(one, str) else "{:.3g}")
+                        for name, one in zip(named, values, strict=True))  # fmt: skip
+    return Cell(pattern, tuple(values), names=("satellite", "system", "pseudolite", *own))
 
 
 def integrity_rows(table: Table, results: list[tuple[str, Result]]) -> None:

@@ -61,11 +61,12 @@ def _verdict(result: Result, statement: str) -> Cell | str:
 def verdict_cell(word: str, interval: np.ndarray, more: float, one_run: bool = False, method: str = "") -> Cell:
     """A verdict on a requirement with the value and its interval (3,), and the number of runs that would decide it.
 
-    method: of the result. Runs evaluate every requirement, unless no epoch of theirs counts for it.
+    method: of the result. Runs evaluate every requirement, unless no run or epoch of theirs counts for it.
     """
     value, low, high = map(float, interval)
     if np.isnan(value):
-        return cell(f"{{}}: {'no epoch counts' if method == 'monte-carlo' else 'not evaluated by this method'}", word)
+        why = "no run or epoch counts" if method == "monte-carlo" else "not evaluated by this method"
+        return cell(f"{{}}: {why}", word)
     number = digits(more, 2) if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
     if low == high or np.isnan(low) or one_run:

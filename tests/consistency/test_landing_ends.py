@@ -121,6 +121,8 @@ def test_go_around_after_an_alarm(broken_off: Result) -> None:
 
 def test_runs_that_go_around_end_nowhere(broken_off: Result) -> None:
     assert int(broken_off["/summary/go_around/count"]) == WIDTH
+    assert np.isnan(broken_off["/summary/at/vertical_run"][:, 0]).all()
+    assert np.isnan(broken_off["/summary/at/vertical"][0]).all()
     assert int(broken_off["/summary/touchdown/landed"]) == 0
     assert int(broken_off["/summary/box/outside"]) == 0
     assert not outside_box(broken_off).any()

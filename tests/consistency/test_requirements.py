@@ -373,4 +373,4 @@ def test_without_a_level_nothing_misleads_and_nothing_is_shown(tmp_path: Path) -
     (line,) = (each for each in said.splitlines() if each.strip().startswith("hazardously misleading information  "))
     assert line.split()[-1] == "-"
     assert "levels, alarms and risks are those of" in said
-    assert "undecided: no epoch counts" in said
+    assert "undecided: no run or epoch counts" in said
