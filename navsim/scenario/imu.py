@@ -514,7 +514,7 @@ range."""
 class Imu(_Sensors):
     """The inertial sensors as they really are."""
 
-    from_: str | None = Field(default=None, alias="from")
+    from_: str | None = Field(default=None, alias="from", exclude=True)
     """result of `navsim replay` with the sensors, instead of a preset: white noise of its standstill, else of its
     sensor class; bias as estimated; in-run errors of the class. The stored scenario has the numbers"""
     rate_hz: Annotated[float, Field(ge=10.0, le=2000.0)] = 100.0

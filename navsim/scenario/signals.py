@@ -219,7 +219,7 @@ class SignalsSection(Section):
     preset: Literal["white", "open-sky", "sbas", "differential"] = "white"
     """defaults of range_sigma_m, range_law and errors. In order: the paper's white noise; a receiver alone; one with
     satellite-based augmentation; one with corrections of a station at the aerodrome"""
-    from_: str | None = Field(default=None, alias="from")
+    from_: str | None = Field(default=None, alias="from", exclude=True)
     """result of `navsim replay` with white noise and lasting errors of the receiver, where no key gives them. The
     stored scenario has the numbers"""
     hdop: Annotated[float, Field(ge=0.1, le=100.0)] | None = None
