@@ -336,7 +336,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
 def _section_needed(model: type[Section], location: tuple[str | int, ...], given: Any) -> str:
     """Error about a value where a section is needed, with the key that takes such a value."""
     message = f"expected a section, a mapping of keys to values, not {_shown(given)}"
-    fields = [(one, *each) for one in _sections_at(model, location) for each in one.model_fields.items()]
+    sections = _sections_at(model, location)
+    fields = [(one, field.alias or name, field) for one in sections for name, field in one.model_fields.items()]
     if given is None and isinstance(location[-1], str):
         parents = [one.model_fields.get(location[-1]) for one in _sections_at(model, location[:-1])]
         required = any(field is not None and field.is_required() for field in parents)
@@ -499,7 +500,8 @@ def _value_at(data: Any, path: KeyPath) -> Any:
 
 def _keys_at(model: Any, location: tuple[str | int, ...]) -> list[str]:
     """The keys allowed in the section that pydantic's location leads to."""
-    return [name for one in _sections_at(model, location) for name in one.model_fields]
+    fields = (each for one in _sections_at(model, location) for each in one.model_fields.items())
+    return [field.alias or name for name, field in fields]
 
 
 def _sections_at(model: Any, location: tuple[str | int, ...]) -> list[type[Section]]:

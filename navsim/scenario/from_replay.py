@@ -167,6 +167,8 @@ def _signals(source: _ReplayFile, section: dict[str, Any]) -> dict[str, Any]:
         noise = {"range_sigma_m": ("range_sigma", "range_sigma_m"),
                  "range_rate_sigma_m_s": ("range_rate_sigma", "range_rate_sigma_m_s")}  # fmt: skip
         lasting, factor, law = None, 1.0, "inverse-sine"
+        if "hdop" in section:
+            raise source.wrong("has the noise of ranges: leave signals.hdop out", "signals", "hdop")
     else:
         noise = {"range_sigma_m": ("position_sigma_horizontal", "position_sigma_m"),
                  "range_rate_sigma_m_s": ("velocity_sigma_horizontal", "velocity_sigma_m_s")}  # fmt: skip

@@ -258,6 +258,8 @@ class SignalsSection(Section):
 
     @model_validator(mode="after")
     def _others(self) -> Self:
+        if self.hdop is not None:
+            raise reject("is for signals.from", "hdop")
         for system, why in ((GLONASS, "the others are counted from it"), (GPS, "that of GPS is signals.gps_offset_ns")):
             if system.name in self.system_offsets_ns:
                 raise reject(why, "system_offsets_ns", system.name)

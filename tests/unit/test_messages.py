@@ -36,7 +36,7 @@ LANDING = SCENARIOS / "landing.yaml"
         ("filter.gate=0.001", "filter.gate: expected a section, a mapping of keys to values, not 0.001; did you mean "
          "{probability: 0.001}? allowed: probability, max_rejected"),
         ("imu=hg1700", "imu: expected a section, a mapping of keys to values, not 'hg1700'; did you mean "
-         "{preset: hg1700}? allowed: preset, gyro, accelerometer, rate_hz, vibration, temperature"),
+         "{preset: hg1700}? allowed: preset, gyro, accelerometer, from, rate_hz, vibration, temperature"),
         ("runway.threshold=[{lat_deg: 56}]",
          "runway.threshold: expected a section, a mapping of keys to values, not a list: without the dash before its "
          "keys"),
