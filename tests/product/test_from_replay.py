@@ -37,7 +37,7 @@ TUNED = "tuned to the innovations"
     [("consumer", "single point", False), ("tactical", "RTK", False), ("industrial", "differential", True)],
 )
 def test_white_noise_is_that_of_the_standstill(grade: str, receiver: str, slow: bool) -> None:
-    """In motion it is twice to three times as large; over twelve such flights the ratio was 0.8 to 1.1."""
+    """In motion it is twice to three times as large; over five such flights the ratio was 0.8 to 1.1."""
     bench = replay_bench.RECEIVERS[receiver]
     trajectory, rng = quadrotor() if slow else circuit(), np.random.default_rng(8)
     samples, fixes, drawn = replay_bench.record(trajectory, grade, bench, rng, 3.0 if slow else 2.0)
