@@ -203,7 +203,10 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.run(LANDING, first_run=2**63 - 1), "--first-run 9223372036854775807: the last of 1 run(s)"),
         (lambda: navsim.run(LANDING, method="covariance", runs=5), "--runs: only for method monte-carlo"),
         (lambda: navsim.run(LANDING, output="nowhere/below/a.h5"), "create it first or choose another -o/--output"),
-        (lambda: navsim.run(LANDING, output=ROOT / "README.md"), "not a readable HDF5 file; it is not overwritten"),
+        (
+            lambda: navsim.run(LANDING, output=ROOT / "README.md"),
+            "not a readable HDF5 file; a result of navsim (.h5) is needed; it is not overwritten",
+        ),
         (lambda: navsim.sweep(LANDING), f"use navsim run {LANDING} or navsim validate "),
         (lambda: navsim.run("absent.yaml"), "absent.yaml: there is no such file; 'navsim init' writes a"),
         (lambda: navsim.run(3), "expected the path of a file, or a mapping with its contents"),
