@@ -212,7 +212,7 @@ def _fixes(result: Result, scenario: Any) -> dict[str, np.ndarray]:
     east, north, up = np.diagonal(result["/receiver/covariance_enu"], axis1=1, axis2=2).T
     own = set(result["/pseudolites/name"].tolist())
     satellite = np.array([name not in own for name in result["/measurements/source"]])
-    altitude = llh[:, 2] - (undulation_of(result) or 0.0)
+    altitude = llh[:, 2] - (undulation_of(result) or 0.0)  # without one above the ellipsoid, as `assumptions` says
     return {
         "time": result["/geometry/time"], "degrees": np.degrees(llh[:, :2]), "altitude": altitude,
         "velocity": velocity, "hdop": result["/geometry/hdop"], "vdop": result["/geometry/vdop"],

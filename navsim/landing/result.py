@@ -18,7 +18,7 @@ from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, fi
 from navsim.landing.error_box import box_of, counted
 from navsim.landing.fix_states import put_fix_states
 from navsim.landing.result_groups import accuracy, attributes, base, belief
-from navsim.landing.total_errors import gone_at_heights, put_total_errors, went_around
+from navsim.landing.total_errors import put_total_errors, went_around, went_around_at_heights
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
 from navsim.results.result import Result, Stream
@@ -185,7 +185,7 @@ def _watched(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
 
 
 def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
-    squares, gone = ensemble.per_run("position_square"), gone_at_heights(case, ensemble)
+    squares, gone = ensemble.per_run("position_square"), went_around_at_heights(case, ensemble)
     at = np.where(gone[..., None], np.nan, ensemble.per_run("at_height"))
     landing = [at[~gone[:, h], h] if not gone[:, h].all() else at[:, h] for h in range(at.shape[1])]  # nan if none is
 

@@ -79,7 +79,7 @@ def went_around(ensemble: Ensemble, until: float = np.inf) -> np.ndarray:
     return np.asarray(ensemble.per_run("go_around")[:, 0] < until)
 
 
-def gone_at_heights(case: Case, ensemble: Ensemble) -> np.ndarray:
+def went_around_at_heights(case: Case, ensemble: Ensemble) -> np.ndarray:
     """Which runs have begun a go-around before they pass the heights, (r, h) bool."""
     return np.stack([went_around(ensemble, when) for when in crossing_times(case)], axis=1)
 
@@ -90,7 +90,7 @@ def put_total_errors(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> No
         return
     at, technical = ensemble.per_run("at_height"), ensemble.per_run("at_deviation")
     times = np.array(crossing_times(case))
-    gone = gone_at_heights(case, ensemble)
+    gone = went_around_at_heights(case, ensemble)
     technical = np.where(gone[..., None], np.nan, technical)
     for i, name in enumerate(RUNWAY_AXES):
         for kind, values in (("fte", technical[..., i]), ("tse", technical[..., i] + at[..., i])):

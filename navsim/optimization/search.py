@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from navsim.landing.confirmation import APART, CANDIDATES
+from navsim.optimization.best_placement import Found, NoPlacement
 from navsim.optimization.placement import ObjectiveFunction
 from navsim.optimization.problem import (
     PENALTY_CONSTRAINT,
@@ -46,11 +47,10 @@ from navsim.optimization.problem import (
 )
 from navsim.optimization.progress import SearchMonitor, Step
 from navsim.optimization.scenario import BEACON_OBJECTIVES, LEVEL_OBJECTIVES
+from navsim.optimization.surrogate import SurrogateFit, largest_shift
 
 if TYPE_CHECKING:
     from scipy.optimize import Bounds
-from navsim.optimization.best_placement import Found, NoPlacement
-from navsim.optimization.surrogate import SurrogateFit, largest_shift
 
 ALL_CHOICES = 2_000_000
 """Choices of sites up to which every one is tried for an objective of geometry; of a filter: ALL_ANALYSED, of levels:

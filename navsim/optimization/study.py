@@ -471,7 +471,7 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     flown = [each for c, one in sorted(outcome.confirmed.items()) for each in one.findings(problem.study.named(c), _at)]
     told = judging.notes([*problem.warnings, *_on_pavement(problem, outcome)])
     if problem.beacons is not None:
-        told += judging.notes(given_away(problem, counts, others))
+        told += judging.notes(other_dop_warnings(problem, counts, others))
     out.variables.update(kept(told + _findings(problem, outcome) + flown + unmet))
     return out
 
@@ -486,7 +486,9 @@ def _on_pavement(problem: PlacementProblem, outcome: SearchOutcome) -> list[str]
     return out
 
 
-def given_away(problem: PlacementProblem, counts: Sequence[int], dops: Sequence[dict[str, np.ndarray]]) -> list[str]:
+def other_dop_warnings(
+    problem: PlacementProblem, counts: Sequence[int], dops: Sequence[dict[str, np.ndarray]]
+) -> list[str]:
     """Warnings about best placements of beacons that show badly what the objective leaves out."""
     asked, out = problem.study.objective, []
     for count, its in zip(counts, dops, strict=True):

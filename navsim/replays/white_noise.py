@@ -21,7 +21,7 @@ def standstills(samples: Samples, fixes: Fixes, wanted: Search) -> list[Standsti
 
 def white_noise(samples: Samples, rests: list[Standstill], of: str) -> tuple[float, str] | None:
     """Density of the white noise in the quietest standstill, rad/sqrt(s) or m/s/sqrt(s), mean of three axes, and where
-    it is from: an engine that idles adds to it. of: rate or force. None where no standstill shows it."""
+    it is from. None where no standstill shows it. An engine that idles adds to it. of: rate or force."""
     found = []
     for rest in rests:
         piece = samples.between(rest.begin, rest.end)

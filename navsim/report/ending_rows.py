@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -28,20 +27,11 @@ def total_error(result: Result, axis: str, height: int) -> Cell | str:
     path = f"/summary/at/{axis}"
     if f"{path}_tse" not in result:
         return ABSENT
-    kinds = ("", "_fte", "_tse")
-    one = [float(result[f"{path}{kind}_run"][0, height]) for kind in kinds]
-    if single(result):
-        found = one
-    elif count_cell(result, "/summary/go_around/count") != ABSENT:
-        # the errors of runs that have not gone around before
-        every = np.stack([result[f"{path}{kind}_run"][:, height] for kind in kinds])
-        landing = every[:, np.isfinite(every).all(axis=0)]
-        found = [float(np.sqrt(np.mean(each**2))) if each.size else math.nan for each in landing]
-    else:
-        found = [float(result[f"{path}{kind}"][height, 0]) for kind in kinds]
+    suffix, place = ("_run", (0, height)) if single(result) else ("", (height, 0))
+    found = [float(result[f"{path}{kind}{suffix}"][place]) for kind in ("", "_fte", "_tse")]
     if not np.isfinite(found).all():
         return ABSENT
-    if single(result) or "/summary/guidance/loop_gap" not in result:
+    if single(result) or "/summary/guidance/loop_gap" not in result or 0.0 in found[:2]:  # no correlation with nothing
         return Cell("{:.3f}  {:.3f}  {:.3f}", tuple(found), names=("nse", "fte", "tse"))
     navigation, technical, total = found
     both = (total**2 - navigation**2 - technical**2) / (2.0 * navigation * technical)

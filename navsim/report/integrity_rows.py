@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -108,13 +109,13 @@ def integrity_rows(table: Table, results: list[tuple[str, Result]]) -> None:
     title = f"Integrity of the {' or the '.join(sorted(whose))} on the glide"
     table.head(title, *("mean (min - max), m" for _ in results))
     for name in ("hpl", "vpl"):
-        row(name.upper(), lambda r, n=name: _protection(r, n))  # type: ignore[misc]
+        row(name.upper(), partial(_protection, name=name))
     for name in ("lateral", "along"):
-        row(f"{name} level, runway axes", lambda r, n=name: _protection(r, f"level_{n}"))  # type: ignore[misc]
+        row(f"{name} level, runway axes", partial(_protection, name=f"level_{name}"))
     for form, names in (("sbas", ("hpl", "vpl")), ("gbas", ("lpl", "vpl"))):
         if any(f"/summary/integrity/{form}_vpl" in result for _, result in results):
             for name in names:
-                row(f"{name.upper()} by the form of {form.upper()}", lambda r, n=f"{form}_{name}": _compared(r, n))  # type: ignore[misc]
+                row(f"{name.upper()} by the form of {form.upper()}", partial(_compared, name=f"{form}_{name}"))
     row("share of epochs with levels", _level_share)
     if any(_priors(result) != ABSENT for _, result in results):
         row("prior: satellite, system, pseudolite", _priors)
@@ -123,7 +124,7 @@ def integrity_rows(table: Table, results: list[tuple[str, Result]]) -> None:
         if any(int(r["/summary/integrity/lost"]) for _, r in results if "/summary/integrity/lost" in r):
             row("alerts without a fix or source", lambda r: count_cell(r, "/summary/integrity/lost"))
         for name in ("horizontal", "vertical"):
-            row(f"{name} error beyond its level", lambda r, n=name: share_cell(r, f"/summary/integrity/exceeded_{n}"))  # type: ignore[misc]
+            row(f"{name} error beyond its level", partial(share_cell, path=f"/summary/integrity/exceeded_{name}"))
     if any(_range_noise(result) != ABSENT for _, result in results):
         row("noise of ranges", _range_noise)
     if any("/summary/integrity/innovation_share" in result for _, result in results):
@@ -134,7 +135,7 @@ def integrity_rows(table: Table, results: list[tuple[str, Result]]) -> None:
         row("exclusions available", lambda r: share_cell(r, "/summary/integrity/exclusions_available"))
     if asked:
         for label, name in _INTEGRITY.items():
-            row(label, lambda r, n=name: share_cell(r, f"/summary/integrity/{n}"))  # type: ignore[misc]
+            row(label, partial(share_cell, path=f"/summary/integrity/{name}"))
 
 
 _LEVEL, _WHOLE, _NO_FAULT, _WORST = "level, m", "in all", "no fault", "worst fault"

@@ -41,11 +41,11 @@ def rows_of(layout: str) -> Iterator[tuple[str, VariableRow]]:
 
 def row_of(entry: Entry, layout: str) -> VariableRow:
     """The row of an entry of the schema in a layout."""
-    meaning = in_words(entry, entry.meaning)
+    meaning = with_members(entry, entry.meaning)
     if entry.labels:
         meaning += ": " + ", ".join(entry.labels)
     dimensions = tuple(_in_angle_brackets(dim) for dim in entry.dims)
-    return VariableRow(tuple(paths_of(entry)), dimensions, in_words(entry, entry.units), entry.of, meaning,
+    return VariableRow(tuple(paths_of(entry)), dimensions, with_members(entry, entry.units), entry.of, meaning,
                        entry.layouts[layout], entry.attributes)  # fmt: skip
 
 
@@ -66,7 +66,7 @@ def _in_angle_brackets(text: str) -> str:
     return text.replace("{", "<").replace("}", ">")
 
 
-def in_words(entry: Entry, text: str) -> str:
+def with_members(entry: Entry, text: str) -> str:
     """A unit or a meaning, with the word for its member or, in italics, for what comes with the data."""
     for name in fields(text):
         members = entry.each.get(name.lower(), ())

@@ -24,6 +24,8 @@ from navsim.scenario.base import (
     Stretch,
     reject,
 )
+from navsim.scenario.guidance import AutopilotSection, FlightTechnicalErrorSection, IndicatorSection
+from navsim.scenario.runway import Point, Reach
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,8 +34,6 @@ if TYPE_CHECKING:
     from navsim.trajectory.go_around import AlarmGoAround, PullUp
     from navsim.trajectory.path import Path
     from navsim.trajectory.waypoints import Waypoint
-from navsim.scenario.guidance import AutopilotSection, FlightTechnicalErrorSection, IndicatorSection
-from navsim.scenario.runway import Point, Reach
 
 SLOWEST = 2.0
 """Least speed over ground at which a path has a course, m/s."""

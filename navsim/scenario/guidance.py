@@ -12,12 +12,11 @@ from navsim.scenario.base import (
     Section,
     reject,
 )
+from navsim.scenario.runway import Runway
 
 if TYPE_CHECKING:
-
     from navsim.trajectory.air import Deviation
     from navsim.trajectory.autopilot import Autopilot
-from navsim.scenario.runway import Runway
 
 MOST_ACCELERATION = 3.0
 """1 sigma of the acceleration of a flight-technical error, m/s2, beyond which it is none."""

@@ -26,6 +26,7 @@ from navsim.scenario.base import (
     reject,
     whole,
 )
+from navsim.scenario.signals import Gain, GroundMultipath, check_rising
 from navsim.scenario.sky import Clock
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from navsim.gnss.antenna import GroundPattern
     from navsim.gnss.pseudolite_clock import TransmitterErrors
     from navsim.gnss.signals import Pseudolites
-from navsim.scenario.signals import Gain, GroundMultipath, check_rising
 
 
 class Site(Section):

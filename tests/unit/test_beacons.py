@@ -20,7 +20,7 @@ from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
 from navsim.optimization.scenario import Optimize
-from navsim.optimization.study import given_away, optimize_result, solve
+from navsim.optimization.study import optimize_result, other_dop_warnings, solve
 from navsim.report.table import Table
 from navsim.results.result import read
 from navsim.scenario.load import read_study
@@ -240,8 +240,8 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     names = [row.cells[1] for table in tables(result) if isinstance(table, Table) for row in table.rows]
     assert {"B1", "B2", "B3"} <= set(map(str, names))
     left_out = {"beacons_hdop": np.array([25.0]), "beacons_vdop": np.array([9.0])}
-    assert given_away(posed, [3], [{name: result[f"/optimum/{name}"] for name in left_out}]) == []
-    (warned,) = given_away(posed, [3], [left_out])
+    assert other_dop_warnings(posed, [3], [{name: result[f"/optimum/{name}"] for name in left_out}]) == []
+    (warned,) = other_dop_warnings(posed, [3], [left_out])
     assert warned == "3 beacons: HDOP is 25 there, since beacons_vdop does not ask for it; minimise beacons_pdop"
     (text,) = write_kml(result, tmp_path / "best").values()
     assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))
