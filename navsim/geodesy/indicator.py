@@ -9,6 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+ON_COURSE = 0.01
+"""Largest deviation of a route that holds course and glide path, parts of full scale."""
+
 
 def foot_of(positions: np.ndarray, velocities: np.ndarray, angle: float) -> float:
     """Where the straight glide of a path meets the height of the touchdown point, m beyond that point.
@@ -19,6 +22,15 @@ def foot_of(positions: np.ndarray, velocities: np.ndarray, angle: float) -> floa
     on_glide = int(np.argmin(np.abs(slope - np.tan(angle))))
     ahead, _, down = positions[on_glide]
     return float(np.round(ahead - down / np.tan(angle), 6)) + 0.0
+
+
+def aircraft_and_estimate(off: np.ndarray, error: np.ndarray, steered: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations (..., 3) of aircraft and of their estimates from the route, m.
+
+    off: stored deviations: of the aircraft where its estimate steers it, else of the estimate; error: truth minus
+    estimate.
+    """
+    return (off, off - error) if steered else (off + error, off)
 
 
 @dataclass(frozen=True)
@@ -47,3 +59,19 @@ class Indicator:
         before = np.where(along < self.foot, np.hypot(along - self.foot, right), np.nan)
         glide = (np.arctan2(up, before) - self.angle) / (self.share * self.angle)
         return np.stack([course, glide], axis=-1)
+
+    def along_route(self, route: np.ndarray, off: np.ndarray) -> np.ndarray:
+        """Deviations (..., o, 2) from localizer and glide path, of positions `off` (..., o, 3) a route (o, 3), z down.
+
+        off: to the right, along, and up, m.
+        """
+        right, along, up = np.moveaxis(off, -1, 0)
+        return self.deviations(route[:, 0] + along, route[:, 1] + right, up - route[:, 2])
+
+    def established(self, route: np.ndarray) -> np.ndarray:
+        """Outputs (o,) bool of a route (o, 3) from which it holds course and glide path longest: the capture of the
+        glide path is no deviation of the aircraft. All where it holds them nowhere."""
+        on = np.abs(self.along_route(route, np.zeros_like(route))).max(axis=1) <= ON_COURSE
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int))).reshape(-1, 2)
+        first = int(edges[np.argmax(edges[:, 1] - edges[:, 0]), 0]) if edges.size else 0
+        return np.arange(on.size) >= first

@@ -17,6 +17,7 @@ from navsim.filter.design import FilterDesign
 from navsim.filter.records import NOT_USED, REJECTED
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import rpy_error, rpy_jacobian
+from navsim.geodesy.indicator import aircraft_and_estimate
 from navsim.gnss.dop import MAX_CLOCKS
 from navsim.integrity.monitoring import ALARM
 from navsim.landing import fix_states, integrity, total_errors
@@ -508,13 +509,9 @@ def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.nda
     ways = case.shared.ways
     if ways is None:
         return {}
-    total = seen = runs.deviation
     error = runs.error[..., states.SLICES["position"]] @ to_runway(case).T
-    if ways.steered:
-        seen = seen - error
-    else:
-        total = seen + error
-    return {"at_deviation": _technical(case, crossings, runs), **total_errors.of_runs(case, runs, total, seen)}
+    both = aircraft_and_estimate(runs.deviation, error, ways.steered)
+    return {"at_deviation": _technical(case, crossings, runs), **total_errors.of_runs(case, runs, *both)}
 
 
 def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:

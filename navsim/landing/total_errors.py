@@ -46,24 +46,31 @@ def scales_of(case: Case) -> Indicator | None:
     return Indicator(section.origin_m(runway), runway.aim_point_m, section.course_width_m, angle, section.share, foot)
 
 
+def judged_outputs(case: Case, shown: Indicator) -> np.ndarray:
+    """Outputs (o,) bool at which deviations count: from where the route is established on course and glide path down
+    to `until_height_m`."""
+    section, time = indicator_of(case.scenario), case.shared.filter_time
+    assert section is not None
+    route = case.trajectory.path.jet(time)[:, 0]
+    judged = np.isin(time, case.shared.signals.time[glide_of(case)] + case.scenario.receiver.latency_s)
+    judged &= -route[:, 2] >= section.until_height_m
+    judged[judged] = shown.established(route[judged])
+    return judged
+
+
 def of_runs(case: Case, runs: Run, total: np.ndarray, of_estimate: np.ndarray) -> Arrays:
     """Numbers of each of several runs; total, of_estimate: deviations (run, o, 3) of aircraft and of their estimates
     from the route."""
     out: Arrays = {"touchdown": runs.touchdown}
     if case.shared.ways is not None and case.shared.ways.breaks_off:
         out["go_around"] = runs.go_around
-    section, shown = indicator_of(case.scenario), scales_of(case)
-    if section is None or shown is None:
+    shown = scales_of(case)
+    if shown is None:
         return out
-    path, time = case.trajectory.path, case.shared.filter_time
-    route = path.jet(time)[:, 0]
-    judged = np.isin(time, case.shared.signals.time[glide_of(case)] + case.scenario.receiver.latency_s)
-    judged &= -route[:, 2] >= section.until_height_m
-    both = []
+    time, both = case.shared.filter_time, []
+    route, judged = case.trajectory.path.jet(time)[:, 0], judged_outputs(case, shown)
     for off in (total, of_estimate):
-        right, along, up = np.moveaxis(off, -1, 0)
-        seen = shown.deviations(route[:, 0] + along, route[:, 1] + right, up - route[:, 2])
-        here = judged
+        seen, here = shown.along_route(route, off), judged
         if "go_around" in out:
             here = judged & ~(time >= out["go_around"][:, :1])
         both.append(np.where(np.broadcast_to(here, seen.shape[:2])[..., None], np.abs(seen), -np.inf).max(axis=1))
@@ -128,13 +135,15 @@ def _put_indicated(
     for name in ("origin", "aim", "width", "angle", "share", "foot"):
         draft[f"/summary/indicator/scale_{name}"] = getattr(shown, name)
     draft["/summary/indicator/touchdown_llh"] = earth.llh_from_ecef(case.trajectory.frame.origin)
+    judged = case.shared.filter_time[judged_outputs(case, shown)]
+    ends = (judged[0], judged[-1]) if judged.size else (np.nan, np.nan)
+    draft["/summary/indicator/from_time"], draft["/summary/indicator/until_time"] = ends
     route = np.full((times.size, 3), np.nan)
     passed = np.isfinite(times)
     route[passed] = case.trajectory.path.jet(times[passed])[:, 0]
     total = technical + ensemble.per_run("at_height")
     for kind, off in (("", total), ("_indicated", technical)):
-        right, along, up = np.moveaxis(off, -1, 0)
-        seen = shown.deviations(route[:, 0] + along, route[:, 1] + right, up - route[:, 2])
+        seen = shown.along_route(route, off)
         for i, name in enumerate(INDICATED):
             draft[f"/summary/at/{name}{kind}_run"] = seen[..., i]
             draft[f"/summary/at/{name}{kind}"] = np.stack([_rms(column) for column in seen[..., i].T])

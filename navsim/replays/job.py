@@ -25,7 +25,7 @@ _REPLAYED_MEMORY = 3000
 class ReplayJob:
     """Job of a recorded flight: read, align, tune, filter. It keeps no partial work."""
 
-    suffix, unit, work, pieces, even = "", "tuning flights", "", 0, False  # it ends where it has converged
+    suffix, unit, work, pieces, even = "", "", "", 0, False
     recording: replay.Recording
 
     def __init__(self, section: Replay, document: Document, options: Options) -> None:
@@ -37,7 +37,7 @@ class ReplayJob:
 
     @property
     def extent(self) -> int:
-        return replay.extent(self.recording)
+        return 0 if self.recording.free.size else 1  # the tuning ends where it has converged
 
     @property
     def warnings(self) -> list[str]:
@@ -76,7 +76,7 @@ class ReplayJob:
         return {}
 
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
-        return Outcome(replay.compute(self.recording, tell))
+        return Outcome(replay.compute(self.recording, lambda flown: tell(flown, f"{flown} tuning flights")))
 
 
 def check(section: Replay, document: Document) -> list[str]:

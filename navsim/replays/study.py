@@ -51,7 +51,6 @@ from navsim.replays.scenario import FixError, KnownSection, Replay
 from navsim.replays.tuning import (
     ERROR_SIZE,
     ERROR_TIME,
-    EVALUATIONS,
     LATENCY,
     LEVER_ARM,
     POSITION_RATIO,
@@ -535,8 +534,3 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     )  # fmt: skip
     out.variables.update(kept([*tuning.findings, *findings(recording, out, withheld, flight, flown)]))
     return out
-
-
-def extent(recording: Recording) -> int:
-    """Steps of progress: flights of the tuning."""
-    return EVALUATIONS if recording.free.size else 1

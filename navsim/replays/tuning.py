@@ -213,7 +213,7 @@ class TuningSearch:
         """Fly some settings; near: an evaluation of almost the same ones, whose parts and rejected fixes are kept."""
         recording = self.recording
         self.flown += 1
-        self.done(min(self.flown, EVALUATIONS))
+        self.done(self.flown)
         flight, design = recording.flight(values, coarse=True), recording.design(values, TFG)
         if not judged:
             design = replace(design, gate=gate_limits(0.0))

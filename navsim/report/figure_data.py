@@ -17,7 +17,7 @@ from navsim.formats.export import choose_run, state_units
 from navsim.formats.export_maps import true_antenna
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes, ned_matrix, unwrap_longitude
-from navsim.geodesy.indicator import Indicator
+from navsim.geodesy.indicator import Indicator, aircraft_and_estimate
 from navsim.report.result_cells import runs_of, setting
 from navsim.results.result import Result, ResultError, Stream
 from navsim.results.schema import INDICATED
@@ -227,12 +227,12 @@ class IndicatedDeviations:
 
 
 def indicated_deviations(result: Result, most: int = INSTANTS) -> IndicatedDeviations | None:
-    """At so many outputs of the descent at most, down to `until_height_m`; None for a result without them."""
-    if "/summary/indicator/touchdown_llh" not in result or "/filter/deviation_lateral" not in result:
+    """At so many at most of the outputs at which deviations count; None for a result without them."""
+    if "/summary/indicator/from_time" not in result or "/filter/deviation_lateral" not in result:
         return None
-    height, lowest = heights(result), setting(result, "approach", "indicator", "until_height_m")
-    at = descent(result)
-    at = at[height[at] >= lowest]
+    time = result["/filter/time"]
+    first, last = (float(result[f"/summary/indicator/{end}_time"]) for end in ("from", "until"))
+    at = np.flatnonzero((time >= first) & (time <= last))
     at = at[:: max(1, -(-at.size // affordable_instants(result, most)))]
     scales = (
         float(result[f"/summary/indicator/scale_{name}"])
@@ -240,25 +240,20 @@ def indicated_deviations(result: Result, most: int = INSTANTS) -> IndicatedDevia
     )
     shown, touchdown_llh = Indicator(*scales), result["/summary/indicator/touchdown_llh"]
     heading = math.radians(setting(result, "runway", "heading_deg"))
-    time = result["/filter/time"][at]
+    time = time[at]
     ecef = ecef_from_llh(result["/truth/position_llh"])
     route = np.stack([np.interp(time, result["/truth/time"], column) for column in ecef.T], axis=1)
-    ahead, right, down = in_heading_axes(route, touchdown_llh, heading).T
+    route = in_heading_axes(route, touchdown_llh, heading)
     parts = (blocks(result, f"/filter/deviation_{axis}") for axis in ("lateral", "along", "vertical"))
     off = np.stack([np.concatenate([block[:, at] for block in part]) for part in parts], axis=-1)
     if "/summary/go_around/time_run" in result:
         off[time >= result["/summary/go_around/time_run"][:, None]] = np.nan
     error = runway_errors(result, at, result["/run"].size).runs
-    # without guidance by the estimate the drawn deviation is that of the estimate
-    steered = setting(result, "approach", "guidance") == "estimate"
-    both = (
-        shown.deviations(ahead + own[..., 1], right + own[..., 0], own[..., 2] - down)
-        for own in ((off, off - error) if steered else (off + error, off))
-    )
-    aircraft, estimate = map(_percentiles, both)
+    both = aircraft_and_estimate(off, error, setting(result, "approach", "guidance") == "estimate")
+    aircraft, estimate = (_percentiles(shown.along_route(route, own)) for own in both)
     asked = setting(result, "requirements") or []
     required = {name: [float(one["within"]) for one in asked if one["what"] == name] for name in INDICATED}
-    return IndicatedDeviations(height[at], aircraft, estimate, required)
+    return IndicatedDeviations(heights(result)[at], aircraft, estimate, required)
 
 
 def _percentiles(runs: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from navsim.report.figure_data import MOST_RUNS, blocks, settled, touchdown
 from navsim.report.figures import legend_below, view_from_above
 from navsim.report.limits import REQUIRED, glide, rectangle, required_limits, rms_lines, spoken, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
-from navsim.report.result_cells import runs_of, single
+from navsim.report.result_cells import known_percentiles, runs_of, single
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS
 
@@ -140,7 +140,8 @@ def _found_at(ax: Axes, result: Result, axis: str, i: int, named: bool) -> float
         label = ("runs" if several else "run") if named else None
         ax.plot(across, found, ".", color=_ERROR, ms=1.5 if found.size > MOST_RUNS else 3.0, alpha=0.5, label=label)
         reach = float(np.max(np.abs(found), where=np.isfinite(found), initial=0.0))
-    most = math.nan if single(result) else float(result[f"/summary/at/{axis}_percentile"][i, 1])
+    known = not single(result) and bool(known_percentiles(result)[1])
+    most = float(result[f"/summary/at/{axis}_percentile"][i, 1]) if known else math.nan
     if math.isfinite(most):
         for side in (-most, most):
             label = "95 % of runs" if named and side > 0.0 else None

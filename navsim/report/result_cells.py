@@ -74,15 +74,19 @@ def heights_of(results: Sequence[Result]) -> dict[int, str]:
             if any(np.isfinite(each[i]).any() for each in found)}  # fmt: skip
 
 
+def known_percentiles(result: Result) -> np.ndarray:
+    """Which percentiles (p,) bool the result has runs for: at least one run in the mean exceeds them."""
+    runs = math.inf if result.attributes["method"] == "covariance" else result["/run"].size
+    return np.asarray(runs * (100 - result["/summary/percentile"]) >= 100)
+
+
 def percentile_cell(result: Result, path: str, i: int | None = None) -> Cell | str:
-    """Percentiles over runs, those that at least one run in the mean exceeds; a result of one run has none, a
-    covariance analysis only those at heights."""
+    """Percentiles over runs, see `known_percentiles`; a result of one run has none, a covariance analysis only those
+    at heights."""
     if single(result) or path not in result:
         return ABSENT
     values = result[path] if i is None else result[path][i]
-    levels = result["/summary/percentile"]
-    runs = math.inf if result.attributes["method"] == "covariance" else result["/run"].size
-    shown = runs * (100 - levels) >= 100
+    levels, shown = result["/summary/percentile"], known_percentiles(result)
     if not shown.any() or not np.isfinite(values).all():
         return ABSENT
     pattern = "  ".join("{:.3f}" if each else ABSENT for each in shown)

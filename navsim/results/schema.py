@@ -479,7 +479,7 @@ _SUMMARY = Chapter(
                 _a(f"/summary/at/{{seen}}{kind}_run", "run height", "1", "likewise of each run, right and up positive; "
                    "nan at touchdown for the glide path", LANDING, when=_INDICATED, seen=INDICATED),
                 _a(f"/summary/indicator/{{seen}}{kind}_largest_run", "run", "1", "largest {seen} deviation of the "
-                   f"{whose} on the glide down to `until_height_m`, in parts of full scale", LANDING, when=_INDICATED,
+                   f"{whose} from `from_time` to `until_time`, in parts of full scale", LANDING, when=_INDICATED,
                    seen=INDICATED),
                 _a(f"/summary/indicator/{{seen}}{kind}_percentile", "percentile", "1", "percentiles over runs of it",
                    LANDING, when=_INDICATED, seen=INDICATED),
@@ -487,6 +487,10 @@ _SUMMARY = Chapter(
                    "than {part} scale", LANDING, when=_INDICATED, seen=INDICATED, part=("half", "full")),
             )
         ),
+        _a("/summary/indicator/from_time", "", "s", "when the route is established on course and glide path", LANDING,
+           when=_INDICATED),
+        _a("/summary/indicator/until_time", "", "s", "when the route is `until_height_m` above the runway", LANDING,
+           when=_INDICATED),
         *(
             _a(f"/summary/indicator/scale_{name}", "", unit, f"scales of these deviations: {meaning}", LANDING,
                when=_INDICATED)

@@ -83,11 +83,16 @@ def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section,
 
 
 def target_of(output: Path | None, default: str) -> Path:
-    """The result's path: as given, else results/<default>.h5. Raises BadInput as `require_folder`."""
+    """The result's path: as given, else results/<default>.h5. Raises BadInput as `require_folder`, and for a name that
+    ends like another format."""
+    from navsim.runner.errors import BadInput, as_problems
     from navsim.runner.target import require_folder
 
     if output is not None:
         require_folder(output)
+        if output.suffix[1:].isalpha() and output.suffix != ".nc":
+            name, made = output.with_suffix(".h5"), "a result is an HDF5 file (NetCDF-4)"
+            raise BadInput(as_problems(f"-o/--output {output}: {made}; write {name}"))
     return output or Path("results") / f"{default}.h5"
 
 

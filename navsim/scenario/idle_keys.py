@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from navsim.scenario.approach import PadApproach
 from navsim.scenario.base import Section
 from navsim.scenario.filter import SUM
 from navsim.scenario.imu import assumed_sensor, lone_correlation_times
@@ -36,6 +37,8 @@ def idle_keys(scenario: Landing) -> list[str]:
          f"`filter.kind: {SUM}`"),
         (scenario.sky.source in SOURCES_FROM_FILES, "sky", scenario.sky, ("use_unhealthy",),
          "satellites of a file, which says whether they are healthy"),
+        (not isinstance(scenario.approach, PadApproach) or scenario.wind.turbulence is not None, "wind", scenario.wind,
+         ("speed_m_s", "levels"), "another `approach.profile` than pad, which keeps course and attitude in any wind"),
         *(() if beacons is None else ((jammed and beacons.bandwidth_mhz is not None, "beacons", beacons,
                                        ("bandwidth_mhz", "noise_figure_db"), of_jamming),)),
     )  # fmt: skip

@@ -40,6 +40,11 @@ OPERATIONS: dict[Operation, tuple[float, float | None]] = {
 smaller of 10 to 15 m); doi:10.1186/s43020-020-00010-2, table 1 (LPV-200); RTCA DO-245A table 2-1 as in Pullen 2014
 (GBAS D)."""
 
+TIMES_TO_ALERT: dict[Operation, float] = {
+    "NPA": 10.0, "APV-I": 10.0, "APV-II": 6.0, "LPV-200": 6.2, "CAT-I": 6.0, "GBAS-D": 2.0,
+}  # fmt: skip
+"""Times to alert of these operations, s, from the same sources."""
+
 
 class LimitsSection(Section):
     """Limits of position errors and protection levels, and time to alert."""
@@ -273,6 +278,10 @@ class IntegritySection(Section):
         if self.method != "chi2" and systems is not None:
             absent = [name for name in self.p_constellations if name not in systems]
             out += [f"integrity.p_constellations.{name} is not used: the sky has none of them" for name in absent]
+        if self.limits is not None and (operation := self.limits.operation) is not None:
+            asked, most = self.limits.tta_s, TIMES_TO_ALERT[operation]
+            longer = f"integrity.limits.tta_s: {asked:g} s is longer than the time to alert of {operation}, {most:g} s"
+            out += [longer] if asked > most else []
         return out
 
     def check_names(self, pseudolites: Sequence[str], beacons: Sequence[str]) -> None:

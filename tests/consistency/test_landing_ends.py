@@ -226,3 +226,13 @@ def test_sweeps_have_total_errors_and_ends(broken_off: Result) -> None:
     for name, lacking in (("outside_box", "box"), ("go_around", "approach.go_around.on_alarm"), ("hmi", ""),
                           ("along_total_50ft", "approach.guidance: estimate")):  # fmt: skip
         assert lacking_of_ends(name, plain) == lacking
+
+
+def test_deviations_count_from_where_the_route_is_established() -> None:
+    """The capture of the glide path is no deviation of the aircraft; the figure shows what the table counts."""
+    one = case("approach.indicator={}", "approach.flight_technical_error.lateral={sigma_m: 1}", "duration_s=80",
+               "imu.rate_hz=50", name="landing_smooth")  # fmt: skip
+    flown = summarised(one, fly_all(one, 1, 0, WIDTH, threads(1), keep="errors"), 1, keep="errors")
+    assert 38.0 < float(flown["/summary/indicator/from_time"]) <= 41.0
+    assert float(flown["/summary/indicator/glide_path_largest_run"].max()) < 0.03
+    assert np.abs(indicated_deviations(flown, 10_000).aircraft[:, :, 1]).max() < 0.03

@@ -252,6 +252,7 @@ def test_output_refused(open_executor: Path) -> None:
     (open_executor / "link.h5").symlink_to("nowhere/x.h5")
     for target, fragments in (
         ("no/such/folder/x.h5", ["no/such/folder", "no such folder"]),
+        ("x.txt", ["x.txt", "a result is an HDF5 file", "write x.h5"]),
         ("file/x.h5", ["file"]),
         ("results", ["results", "this is a folder"]),
         ("/proc/x.h5", ["/proc", "cannot be written"]),

@@ -36,6 +36,7 @@ from navsim.optimization import report as optimize_report
 from navsim.replays import live_report
 from navsim.report import figure_data, figures, limits, printing, summary_tables
 from navsim.report.landing import VIEW
+from navsim.report.page import touchdown
 from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import Table, console
 from navsim.results.result import Result, ResultError, Variable, read, write
@@ -138,6 +139,9 @@ def test_several_runs_have_intervals_percentiles_and_verdicts(many: Result) -> N
     first, second = rows(text, "touchdown, lateral")
     assert f"{value:.3f}  [{low:.3f}, {high:.3f}]  σ {many['/summary/at/lateral_sigma'][0]:.3f}" in first
     assert f"{half:.3f}  -  -" in second, "six runs have no 95th percentile"
+    drawn = touchdown.percentiles([("many", many)])
+    assert drawn is not None
+    assert "errors that 50 % of runs stay below" in drawn.caption
     words = str(many["/summary/consistency/verdict"])
     assert words.startswith("sigma ")
     assert words in rows(text, "all states")[0]

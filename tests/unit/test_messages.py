@@ -20,6 +20,7 @@ from navsim.results.findings import several
 from navsim.results.result import Result, Variable
 from navsim.results.schema import SCHEMA_VERSION
 from navsim.scenario.base import _models_in
+from navsim.scenario.integrity import TIMES_TO_ALERT, IntegritySection
 from navsim.scenario.load import read, resolved_yaml, section
 from navsim.scenario.source import InputError
 from navsim.simulation.aiding import followed_errors
@@ -158,6 +159,25 @@ def test_one_is_singular() -> None:
 def test_what_changes_nothing(section: str, said: list[str]) -> None:
     case = prepare(*read(LANDING, ["duration_s=2", f"integrity={{{section}}}"]))
     assert [text for text in case.warnings if "not used" in text] == [f"integrity.{text}" for text in said]
+
+
+@pytest.mark.parametrize(("operation", "longest"), TIMES_TO_ALERT.items())
+def test_a_time_to_alert_that_the_operation_does_not_allow(operation: str, longest: float) -> None:
+    for seconds, told in ((longest, 0), (longest + 1.0, 1)):
+        limits = {"limits": {"operation": operation, "tta_s": seconds}, "method": "chi2"}
+        warnings = IntegritySection.model_validate(limits).unused()
+        assert sum(f"the time to alert of {operation}, {longest:g} s" in text for text in warnings) == told
+
+
+@pytest.mark.parametrize("wind", ["speed_m_s: 8", "{profile}, levels: [{at}, {above}]"])
+def test_no_wind_turns_an_aircraft_onto_a_pad(wind: str) -> None:
+    level = "height_m: {}, speed_m_s: 8, from_deg: 90"
+    above = [f"{{{level.format(height)}}}" for height in (0, 100)]
+    wind = wind.format(profile="profile: table", at=above[0], above=above[1])
+    key = f"wind.{'levels' if 'levels' in wind else 'speed_m_s'} is not used: "
+    for name, told in (("beacons_pad", 1), ("landing_smooth", 0)):
+        scenario, _ = read(LANDING.with_name(f"{name}.yaml"), [f"wind={{{wind}}}"])
+        assert sum(text.startswith(key) for text in scenario.unused_of_flight()) == told
 
 
 def test_pushed_runs_tell_of_the_box_alone() -> None:

@@ -35,7 +35,7 @@ from navsim.report.page.plots import (
     upright,
     width,
 )
-from navsim.report.result_cells import runs_of, single
+from navsim.report.result_cells import known_percentiles, runs_of, single
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS, INDICATED
 
@@ -225,19 +225,20 @@ def deviations(results: Sequence[Named]) -> Drawing | None:
 
 def percentiles(results: Sequence[Named]) -> Drawing | None:
     """Percentiles of the size of errors against the height."""
-    kept = [each for each in having(results, "/summary/at/lateral_percentile") if not single(each[2])]
+    kept = [each for each in having(results, "/summary/at/lateral_percentile")
+            if not single(each[2]) and known_percentiles(each[2]).any()]  # fmt: skip
     if not kept:
         return None
     panels, dashes = [], ("solid", "dashed", "dotted", "dotdash")
-    text = [str(p) for p in kept[0][2]["/summary/percentile"]]
+    shown = np.any([known_percentiles(result) for _, _, result in kept], axis=0)
+    text = [str(p) for p in kept[0][2]["/summary/percentile"][shown]]
     for axis in AXES:
         on = plot(axis.capitalize(), "height above the runway, m", "size of the error, m", 260)
         marks, values = [], []
         for i, name, result in kept:
-            of = source(x=result["/summary/at/height"], **{
-                f"p{k}": column for k, column in enumerate(result[f"/summary/at/{axis}_percentile"].T)
-            })  # fmt: skip
-            values.append(result[f"/summary/at/{axis}_percentile"])
+            found = np.where(known_percentiles(result), result[f"/summary/at/{axis}_percentile"], np.nan)
+            of = source(x=result["/summary/at/height"], **{f"p{k}": row for k, row in enumerate(found.T[shown])})
+            values.append(found)
             for k in range(len(text)):
                 line(on, of, f"p{k}", colour(i), line_dash=dashes[k % len(dashes)])
                 marks.append(on.scatter("x", f"p{k}", source=of, size=6, color=colour(i), name=name))
@@ -248,7 +249,7 @@ def percentiles(results: Sequence[Named]) -> Drawing | None:
         downwards(on, -0.03 * top, 1.05 * top)
         panels.append(on)
     caption = (
-        f"Navigation errors that {', '.join(text[:-1])} and {text[-1]} % of runs stay below (lowest first), at the "
+        f"Navigation errors that {' and '.join(text)} % of runs stay below (lowest first), at the "
         "heights of the table. A covariance analysis assumes Gaussian errors."
     )  # fmt: skip
     return Drawing("percentiles", "Percentiles of the error", panels, caption, keys_of(results, of=kept), 3)
