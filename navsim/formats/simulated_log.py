@@ -64,6 +64,8 @@ def differences(result: Result) -> list[str]:
     if aids:
         out.append(f"uses the {' and the '.join(aid.replace('_', ' ') for aid in aids)}")
     scenario = scenario_of(result)
+    if not _is_tight(result) and (missing := int(np.sum(np.isnan(_fixes(result)[:, 1])))):
+        out.append(f"has {several(missing, 'epoch')} without a fix, of which a replay knows nothing")
     early = int(np.sum(_arrival(result) - _assumed(scenario, "latency_s") <= 0.0))
     if early:
         out.append(
@@ -78,15 +80,15 @@ def files(result: Result, imu: Path, fixes: Path, title: str) -> tuple[list[list
     time = result["/imu/time"]
     step = np.diff(time, prepend=0.0)[:, None]
     samples = [time[:, None], *(result[f"/imu/delta_{name}"][0] / step for name in ("angle", "velocity"))]
-    fixes_given, columns = _fixes(result), [*GNSS_COLUMNS]
-    errors = _correlated_errors(result)
+    every, columns = _fixes(result), [*GNSS_COLUMNS]
+    fixed = np.isfinite(every[:, 1])
+    table, errors = every[fixed], _correlated_errors(result)
     if not _is_tight(result):
-        spread = _spread(result["/filter/fix_covariance"][0])
-        effect = result["/filter/fix_effect"] if errors.size else np.empty((*spread.shape[:1], 6, 0))
+        spread = _spread(result["/filter/fix_covariance"][0][fixed])
+        effect = result["/filter/fix_effect"][fixed] if errors.size else np.empty((*spread.shape[:1], 6, 0))
         effects = [name for k in range(errors.size) for name in effects_of(k + 1)]
         columns += [*FIX_SIGMAS, *FIX_CORRELATIONS, *effects]
-        fixes_given = np.hstack([fixes_given, spread, np.swapaxes(effect, 1, 2).reshape(spread.shape[0], -1)])
-    table = fixes_given[np.isfinite(fixes_given[:, 1])]
+        table = np.hstack([table, spread, np.swapaxes(effect, 1, 2).reshape(spread.shape[0], -1)])
     remarks = [f"# The run's filter {text}: its estimates differ from the replay's." for text in differences(result)]
     log = yaml.safe_dump(_log(result, imu, fixes, title), sort_keys=False, allow_unicode=True)
     return (

@@ -150,6 +150,8 @@ def test_the_noise_of_the_log_is_what_the_filter_believes(tmp_path: Path) -> Non
         ("s_turn", ("filter.scale_factors=true", "imu.gyro.scale_ppm=300"), "follows 3 scale factors"),
         ("landing", ("radio_altimeter={sigma_floor_m: 0.3}",), "uses the radio altimeter"),
         ("s_turn", ("receiver.latency_s=0.1", "filter.latency_s=1.5"), "takes 1 fix, by filter.latency_s"),
+        ("landing", ("events=[{what: silence, sources: [all], at_s: 5, until_s: 9}]",), "has 4 epochs without a fix"),
+        ("beacons_pad", ("events=[{what: silence, sources: [all], at_s: 25}]",), "uses the beacons"),
     ],
 )
 def test_what_a_recorded_flight_cannot_have_is_named(
