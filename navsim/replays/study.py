@@ -26,6 +26,7 @@ from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_models import FIX
+from navsim.formats.conventions import FIX_ACCURACIES
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
 from navsim.replays import alignment as aligning
@@ -73,11 +74,8 @@ POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
 LASTING_TIME = 100.0
 """Correlation time at which the tuning of an error that the receiver claims starts, s."""
-UNTOLD = (
-    "errors of the positions that last for minutes: the fixes have no accuracies, and no innovation shows them. The "
-    "position's sigma is without them"
-)
-"""What a recording without accuracies of its fixes does not show."""
+UNTOLD = "errors of the positions that last for minutes: {}. The position's sigma is without them"
+"""What a recording does not show, and why."""
 LEAST_LASTING = 0.05
 """Least part of a claimed accuracy that lasts."""
 TUNING_INTERVAL = 0.02
@@ -208,8 +206,12 @@ class Recording:
     @property
     def unknown_errors(self) -> tuple[str, ...]:
         """Errors of the fixes that neither the recording nor the log tells."""
-        told = self.tight or self.claimed or self.scenario.gnss.errors or self.fixes.has_own_noise
-        return () if told else (UNTOLD,)
+        if self.tight or self.claimed or self.scenario.gnss.errors or self.fixes.has_own_noise:
+            return ()
+        claims = zip(FIX_ACCURACIES[:2], self.fixes.usual_accuracy, strict=False)
+        if missing := [name for name, usual in claims if np.isnan(usual)]:
+            return (UNTOLD.format(f"the fixes have no {' and no '.join(missing)}, and no innovation shows them"),)
+        return (UNTOLD.format("the accuracies of the fixes count as white noise, since nothing tunes the rest"),)
 
     def velocity_lag(self, settings: np.ndarray) -> float:
         """How much older velocities are than positions, s, for values of `tuned`."""

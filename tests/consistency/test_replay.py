@@ -179,6 +179,23 @@ def test_lasting_errors_are_as_large_as_the_receiver_claims(tmp_path: Path) -> N
     assert abs(float(result["/tuning/latency"]) - 0.1) < 4.0 * float(shown[1])
 
 
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        (0, "no sigma_horizontal_m and no sigma_vertical_m, and no innovation shows them"),
+        (1, "no sigma_vertical_m, and"),
+        (2, "the accuracies of the fixes count as white noise"),
+    ],
+)
+def test_why_the_size_of_lasting_errors_is_unknown(columns: int, words: str, tmp_path: Path) -> None:
+    """Not for want of accuracies that the table has."""
+    samples, fixes = record(circuit(), 1)
+    claims = np.tile([3.0, 4.5], (fixes.time.size, 1))[:, :columns]
+    log = write_recording(tmp_path, samples, replace(fixes, accuracy=claims if columns else None))
+    (text,) = replay.prepare(*read_replay(log, ("tuning=none",))).unknown_errors
+    assert words in text
+
+
 def test_an_uncertain_latency_is_in_the_sigma_of_position(tmp_path: Path) -> None:
     write_flight(tmp_path, duration=60.0)
     recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", *GIVEN)))
