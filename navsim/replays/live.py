@@ -78,6 +78,11 @@ MOST_OFF = 10.0
 DOUBTED_ASIDE, MOST_ASIDE = 3.0, 5.0
 """Mean of the fixes across the track, or in height, in sigmas of one fix, beyond which the user is warned, and beyond
 which they are not of this landing."""
+_SIDES = {
+    "across": ("left of", "right of"), "north": ("south of", "north of"), "east": ("west of", "east of"),
+    "up": ("below", "above"),
+}  # fmt: skip
+"""Directions in which the mean of the fixes is judged, and words for deviations to either side."""
 _UNDULATIONS = (-107.0, 86.0)
 """Least and largest height of the geoid of EGM96 above the ellipsoid, m."""
 _AS_GEOID = 0.2
@@ -350,18 +355,22 @@ class Session:
         return used
 
     def _aside(self, time: np.ndarray, off: np.ndarray, shift: float) -> np.ndarray:
-        """Means (2,) of fixes (n, 3) right of and above the flight, m, where it moves. shift: along the track, s."""
+        """Means (4,) of fixes (n, 3) right of the flight where it moves, north and east of it, and above it, m.
+
+        shift: along the track, s; where it is unknown, those to the north and east are too, unless nothing moves.
+        """
         velocity = self.case.trajectory.motion(time).velocity_ned
         if np.isfinite(shift):
             off = off - shift * velocity
         right, moves = _right(velocity)
-        use = moves & np.isfinite(off).all(axis=1)
-        if not use.any():
-            return np.full(2, np.nan)
-        return np.array([np.sum(off[use] * right[use], axis=1).mean(), -off[use, 2].mean()])
+        finite = np.isfinite(off).all(axis=1)
+        beside = np.sum(off * right, axis=1)[moves & finite]
+        level = off[finite, :2] if np.isfinite(shift) or not moves.any() else off[:0, :2]
+        means = (beside, *level.T, -off[finite, 2])
+        return np.array([each.mean() if each.size else np.nan for each in means])
 
     def _aside_sigma(self, time: np.ndarray) -> np.ndarray:
-        """1 sigma (2,) of the same for a healthy receiver whose errors last the whole flight, so that fixes do not
+        """1 sigma (4,) of the same for a healthy receiver whose errors last the whole flight, so that fixes do not
         average them.
 
         From the covariances of the scenario's fixes at these times (n,), or from runs if the receiver has unmodelled
@@ -370,16 +379,17 @@ class Session:
         shared = self.case.shared
         right, _ = _right(self.case.trajectory.motion(time).velocity_ned)
         noise = self.noise[self._nearest(time), :3, :3]
-        claimed = np.sqrt([np.einsum("ni,nij,nj->n", right, noise, right).mean(), noise[:, 2, 2].mean()])
+        beside = np.einsum("ni,nij,nj->n", right, noise, right).mean()
+        claimed = np.sqrt([beside, *np.diagonal(noise.mean(axis=0))])
         means = []
         for run in range(_DRAWN):
             llh = receiver_fixes(shared, *measured(shared, self.seed, run)).llh
             fixed = np.isfinite(llh[:, 0])
             at = shared.signals.time[fixed]
             if at.size:
-                means.append(self._aside(at, self._off(at, llh[fixed]), np.nan))
-        drawn = np.sqrt(np.mean(np.square(means), axis=0)) if means else np.zeros(2)
-        return np.maximum(np.maximum(claimed, drawn), _BEST_FIX)
+                means.append(self._aside(at, self._off(at, llh[fixed]), 0.0))
+        drawn = np.sqrt(np.mean(np.square(means), axis=0)) if means else np.zeros(len(_SIDES))
+        return np.fmax(np.fmax(claimed, drawn), _BEST_FIX)
 
     def _undulation(self) -> float:
         """Height of the geoid above the ellipsoid at the start of the flight, m: the scenario's, else that of EGM96,
@@ -419,10 +429,10 @@ class Session:
         shift, sigma = np.nan, np.nan
         if self.block == "receiver":
             shift, sigma = _shift(time, off, case.trajectory.motion(time).velocity_ned)
-        aside, sure = np.full(2, np.nan), np.full(2, np.nan)
+        aside, sure = np.full(len(_SIDES), np.nan), np.full(len(_SIDES), np.nan)
         if self.block == "receiver" and time.size:
             aside, sure = self._aside(time, off, shift), self._aside_sigma(time)
-        for k, name in enumerate(("across", "up")):
+        for k, name in enumerate(_SIDES):
             draft[f"/off_flight/{name}"], draft[f"/off_flight/{name}_sigma"] = aside[k], sure[k]
         draft["/off_flight/undulation"] = self._undulation()
         draft["/clock/offset"] = np.nan if self.clock is None else self.clock.offset
@@ -473,7 +483,7 @@ def failures(result: Result) -> list[str]:
             f"half of the fixes lie more than {digits(metres)} m ({digits(sigmas)} sigmas) from where the flight is "
             "at their times: another flight, or another time of it?"
         )
-    out += _aside(result, MOST_ASIDE, np.inf)
+    out += _aside(result, True)
     rejected = int(np.sum(result["/innovations/status"] == REJECTED))
     if rejected > MOST_REJECTED * used:
         out.append(f"the gate rejected {rejected} of {several(used, 'fix')}")
@@ -488,16 +498,20 @@ def failures(result: Result) -> list[str]:
     return out
 
 
-def _aside(result: Result, least: float, most: float) -> list[str]:
-    """Messages about fixes beside, above or below the flight by `least` to `most` sigmas of one fix."""
+def _aside(result: Result, wrong: bool) -> list[str]:
+    """Messages about fixes so far beside, above or below the flight that they are not of it, or only doubted.
+
+    Fixes aside of a flight that turns are not on one side of it: they lie to the north or east.
+    """
     out = []
     count = result["/innovations/time"].size
-    for name, sides in (("across", ("left of", "right of")), ("up", ("below", "above"))):
+    for name, sides in _SIDES.items():
         off, sigma = float(result[f"/off_flight/{name}"]), float(result[f"/off_flight/{name}_sigma"])
-        if least * sigma < abs(off) <= most * sigma:
+        sigmas = abs(off) / sigma if sigma else math.inf
+        if (MOST_ASIDE < sigmas if wrong else DOUBTED_ASIDE < sigmas <= MOST_ASIDE) and (name == "up" or not out):
             out.append(
-                f"the fixes lie on average {abs(off):.1f} m {sides[off > 0.0]} the flight, {abs(off) / sigma:.1f} "
-                f"sigmas of one fix ({sigma:.1f} m) and {abs(off) / sigma * np.sqrt(count):.0f} of the mean of {count} "
+                f"the fixes lie on average {abs(off):.1f} m {sides[off > 0.0]} the flight, {sigmas:.1f} "
+                f"sigmas of one fix ({sigma:.1f} m) and {sigmas * np.sqrt(count):.0f} of the mean of {count} "
                 f"whose errors are independent: {_why_above(off, result) if name == 'up' else _WHY_ACROSS}"
             )
     return out
@@ -528,7 +542,7 @@ def _why_above(off: float, result: Result) -> str:
 
 def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
     """Findings of a run, besides `failures`."""
-    text = _aside(result, DOUBTED_ASIDE, MOST_ASIDE)
+    text = _aside(result, False)
     if lines.strangers:
         others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
         text.append(f"datagrams of other senders than the first were left out: {others}")

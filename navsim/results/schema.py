@@ -1140,6 +1140,10 @@ _LIVE = Chapter(
             for name, meaning in (
                 ("across", "mean deviation of the fixes to the right of the flight, without a shift along the track"),
                 ("across_sigma", "its 1 sigma if errors of the scenario's size last the whole flight"),
+                ("north", "mean deviation of the fixes to the north of the flight, without a shift along the track"),
+                ("north_sigma", "its 1 sigma if errors of the scenario's size last the whole flight"),
+                ("east", "mean deviation of the fixes to the east of the flight, without a shift along the track"),
+                ("east_sigma", "its 1 sigma if errors of the scenario's size last the whole flight"),
                 ("up", "mean deviation of the fixes above the flight, without a shift along the track"),
                 ("up_sigma", "its 1 sigma if errors of the scenario's size last the whole flight"),
                 ("undulation", "height of the geoid above the ellipsoid at the start of the flight, nan where unknown"),

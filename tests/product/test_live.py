@@ -53,8 +53,16 @@ SCENARIO = ("live", str(SCENARIOS / "landing.yaml"), *(x for a in SHORT for x in
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A landing, its result, and its fixes as lines of CSV and NMEA."""
-    folder = tmp_path_factory.mktemp("live")
-    c = case(*SHORT)
+    return written(case(*SHORT), tmp_path_factory.mktemp("live"))
+
+
+@pytest.fixture(scope="module")
+def circled(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The same of a circuit."""
+    return written(case(*SHORT[:2], name="circuit"), tmp_path_factory.mktemp("circuit"))
+
+
+def written(c: Any, folder: Path) -> Any:
     result = landing.result(c, landing.fly_all(c, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     export(result, folder / "r.h5", ["csv", "nmea"])
     return c, result, folder / "r_gnss.csv", folder / "r.nmea"
@@ -388,6 +396,17 @@ def test_a_receiver_beside_the_flight_is_told(
     _, result, warned = flew(c, [header, *moved])
     wrong = "; ".join(flying.failures(result))
     assert (re.search(said, wrong) is not None) if said else (wrong, warned) == ("", [])
+
+
+@pytest.mark.parametrize(("east", "said"), [(0.0, ""), (40.0, r"[34]\d\.\d m east of the flight"), (-40.0, "m west of")])
+def test_a_receiver_beside_a_flight_that_turns_is_told(circled: Any, east: float, said: str) -> None:
+    """It is now on one side of the course, now on the other, so that the mean across does not show it."""
+    c, _, table, _ = circled
+    header, *rows = table.read_text().splitlines()
+    _, result, _ = flew(c, [header, *aside(rows, east)])
+    wrong = "; ".join(flying.failures(result))
+    assert abs(result["/off_flight/across"]) < 3.0 * result["/off_flight/across_sigma"]
+    assert re.search(said, wrong) if said else not wrong
 
 
 def test_a_mean_of_four_sigmas_is_doubted(flown: Any) -> None:
