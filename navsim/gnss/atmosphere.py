@@ -54,12 +54,17 @@ def klobuchar(
     return SPEED_OF_LIGHT * slant * (5e-9 + day)
 
 
+_HIGHEST = 30e3
+"""Height, m, from which on the standard atmosphere is constant: its temperature would fall below zero, and the delay is
+6 mm."""
+
+
 def standard_atmosphere(height: np.ndarray, humidity: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pressure (hPa), temperature (K), water vapour pressure (hPa) at a height (m) over the sea [3].
 
     humidity: relative, 0 to 1; 15 degrees Celsius and 1013.25 hPa at the sea.
     """
-    h = np.maximum(height, 0.0)
+    h = np.clip(height, 0.0, _HIGHEST)
     pressure = 1013.25 * (1.0 - 2.2557e-5 * h) ** 5.2568
     temperature = 15.0 - 6.5e-3 * h + 273.16
     vapour = 6.108 * humidity * np.exp((17.15 * temperature - 4684.0) / (temperature - 38.45))

@@ -171,12 +171,13 @@ def evaluate(
     - `most_pdop`: largest PDOP of an accepted fix.
     """
     excluded = np.zeros(fixes.used.shape, dtype=bool)
-    # a wrong fix may also put ranges below the mask
-    begun = fixes.fixed
-    failed = np.where(begun, (fixes.redundancy > 0) & ~fixes.passes, possible.sum(axis=1) > fixes.unknowns)
+    begun, several = fixes.fixed, possible.sum(axis=1) > fixes.unknowns
+    # a wrong fix may put so many ranges below the mask that the others do not test it
+    bare = begun & several & (fixes.redundancy <= 0)
+    failed = bare | np.where(begun, (fixes.redundancy > 0) & ~fixes.passes, several)
     for some in np.array_split(np.flatnonzero(failed), failed.sum() // _EPOCHS_AT_ONCE + 1):
         _exclude(some, fixes, possible, excluded, again)
-    given_up = failed & ~fixes.passes
+    given_up = failed & ~fixes.passes & ~bare
     excluded[given_up] = False
     fixes.refuse(given_up)
     contradictory = given_up & begun

@@ -44,6 +44,13 @@ def test_saastamoinen_has_no_delay_below_the_horizon() -> None:
     assert np.isnan(atmosphere.saastamoinen(SITE, np.array([-0.1, 0.0]))).all()
 
 
+def test_little_air_is_left_above_30_km() -> None:
+    """Also where the temperature of the standard atmosphere would be that at which its vapour is infinite, or none."""
+    delays = [sum(atmosphere.saastamoinen_zenith(np.array([0.9, 0.1, h]))) for h in (29e3, 38.4e3, 39e3, 44.4e3, 1e5)]
+    assert np.all(np.diff(delays) <= 1e-4)
+    assert 0.0 < delays[-1] < delays[0] < 0.01
+
+
 def test_climatology_beside_the_standard_atmosphere() -> None:
     """Two sources for one thing: hydrostatic zenith delays within 3 cm, wet ones within 20 cm, all seasons."""
     for latitude in np.radians([-70.0, -20.0, 0.0, 35.0, 56.0, 80.0]):
