@@ -45,6 +45,8 @@ _SCATTER = 500.0
 _MOST_NAMES = 12
 RATE_SIGMA = 0.1
 """1 sigma of range rates, m/s, unless those of a recording scatter by more."""
+_WORST_APART = 3.0
+"""Largest ratio of the scatter of good rates to that without the worst of each epoch."""
 _UNKNOWN_RATES = 4
 """Unknowns of a velocity: three components and the drift of the receiver's clock."""
 
@@ -255,6 +257,19 @@ def _velocities(los: np.ndarray, rates: np.ndarray, used: np.ndarray) -> _Veloci
     return _Velocities(solution[:, :3], inverse, residual, share)
 
 
+def _gains(found: _Velocities, used: np.ndarray) -> np.ndarray:
+    """By how much the sum of squared residuals falls without each rate (k, s), m2/s2."""
+    square, shown = found.residual**2, used & (found.share > 1e-6)
+    return np.divide(square, found.share, out=np.zeros_like(square), where=shown)
+
+
+def _scatter(found: _Velocities, used: np.ndarray) -> float:
+    """1 sigma of rates by the median of their residuals, m/s."""
+    shown = used & (found.share > 0.1)
+    scaled = np.abs(found.residual[shown]) / np.sqrt(found.share[shown])
+    return 1.4826 * float(np.median(scaled)) if scaled.size else 0.0
+
+
 def _test_rates(fixes: TestedFixes, los: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Test the range rates of fixes, whose velocity is put right in place: rates (e, s) that are excluded, fixes (e,)
     whose velocity is not given. los, rates: as of `evaluate`.
@@ -268,9 +283,14 @@ def _test_rates(fixes: TestedFixes, los: np.ndarray, rates: np.ndarray) -> tuple
     if not rows.size:
         return excluded, refused
     first = _velocities(los[rows], rates[rows], used[rows])
-    shown = used[rows] & (first.share > 0.1)
-    scaled = np.abs(first.residual[shown]) / np.sqrt(first.share[shown])
-    sigma = max(RATE_SIGMA, 1.4826 * float(np.median(scaled)) if scaled.size else 0.0)
+    rest = used[rows].copy()
+    rest[np.arange(rows.size), np.argmax(_gains(first, rest), axis=1)] = False
+    many = rest.sum(axis=1) > _UNKNOWN_RATES + 1
+    without = _velocities(los[rows[many]], rates[rows[many]], rest[many])
+    sigma = _scatter(first, used[rows])
+    if many.any():  # where one rate of most epochs is wrong, it shows in all residuals
+        sigma = min(sigma, _WORST_APART * _scatter(without, rest[many]))
+    sigma = max(RATE_SIGMA, sigma)
     limits = chdtri(np.maximum(used.sum(axis=1) - _UNKNOWN_RATES, 1), FALSE_ALARM)
     bad = rows[np.sum(first.residual**2, axis=1) / sigma**2 > limits[rows]]
     for row in bad.tolist():
@@ -285,7 +305,7 @@ def _test_rates(fixes: TestedFixes, los: np.ndarray, rates: np.ndarray) -> tuple
                 fixes.velocity[row] = axes @ found.velocity[0]
                 fixes.covariance[row, 3:, 3:] = RATE_SIGMA**2 * axes @ found.covariance[0, :3, :3] @ axes.T
                 break
-            gain = np.where(kept & (found.share[0] > 1e-6), found.residual[0] ** 2 / found.share[0] / sigma**2, 0.0)
+            gain = _gains(found, kept[None])[0] / sigma**2
             best = np.argsort(gain)[::-1]
             passes = chi2 - gain[best[0]] <= chdtri(max(spare - 1, 1), FALSE_ALARM)
             if spare < out + 2 or out == _MOST_EXCLUDED or (passes and gain[best[0]] - gain[best[1]] < _DISTINCT):

@@ -284,6 +284,18 @@ def test_wrong_dopplers_are_excluded(wrong: int, size: float, written: Written) 
     assert said.startswith(f"{70 * wrong} range rates excluded at 70 epochs, since they contradict the others: R01")
 
 
+def test_a_rate_that_is_wrong_at_every_epoch_is_excluded(written: Written) -> None:
+    """It spreads over the residuals of all others, which are no measure of their noise then."""
+    constellations = read_nav(written.folder / "flight.nav", systems=SYSTEMS).constellations()
+    observations, options = read_obs(written.folder / "flight.obs"), PositioningOptions(mask=np.radians(5.0))
+    good = solve(observations, constellations, options)
+    doppler = observations.values["D1C"].copy()
+    doppler[:, observations.satellites.index(good.ranges.names[3])] += 60.0
+    found = solve(replace(observations, values={**observations.values, "D1C": doppler}), constellations, options)
+    assert found.verdicts.excluded_rates.all(axis=0).nonzero()[0].tolist() == [3]
+    np.testing.assert_allclose(found.velocity, good.velocity, atol=0.3)
+
+
 def test_rates_of_a_real_station_agree(shared: Path) -> None:
     """Six hours of ESBC: none of its range rates is excluded."""
     folder = shared / "data/esbc_2020177"
