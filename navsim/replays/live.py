@@ -508,7 +508,7 @@ def _aside(result: Result, wrong: bool) -> list[str]:
     for name, sides in _SIDES.items():
         off, sigma = float(result[f"/off_flight/{name}"]), float(result[f"/off_flight/{name}_sigma"])
         sigmas = abs(off) / sigma if sigma else math.inf
-        if (MOST_ASIDE < sigmas if wrong else DOUBTED_ASIDE < sigmas <= MOST_ASIDE) and (name == "up" or not out):
+        if (sigmas > MOST_ASIDE if wrong else DOUBTED_ASIDE < sigmas <= MOST_ASIDE) and (name == "up" or not out):
             out.append(
                 f"the fixes lie on average {abs(off):.1f} m {sides[off > 0.0]} the flight, {sigmas:.1f} "
                 f"sigmas of one fix ({sigma:.1f} m) and {sigmas * np.sqrt(count):.0f} of the mean of {count} "
