@@ -503,7 +503,7 @@ def _aside(result: Result, wrong: bool) -> list[str]:
 
     Fixes aside of a flight that turns are not on one side of it: they lie to the north or east.
     """
-    out = []
+    out: list[str] = []
     count = result["/innovations/time"].size
     for name, sides in _SIDES.items():
         off, sigma = float(result[f"/off_flight/{name}"]), float(result[f"/off_flight/{name}_sigma"])
