@@ -22,8 +22,8 @@ PAGE = ROOT / "docs" / "gallery.md"
 COLOURS = 200
 HEAD = """# Gallery
 
-Each section has a command and pictures of its result; `navsim plot RESULT.h5` draws all figures of a result.
-[Figures for print](figures.md) lists them.
+Each section shows figures of the result of its command. `navsim plot RESULT.h5` draws all
+[figures of a result](figures.md).
 """
 START = "navsim init -o my.yaml"
 PLANNER = "navsim plan my.yaml"
@@ -42,25 +42,25 @@ class Section:
 
 SECTIONS = (
     Section("One landing", ("navsim run scenarios/landing.yaml",), "landing", {
-        "track": "The approach from above and from the side; the pseudolites stand 5 km from the runway",
-        "sky": "Sky at the antenna: the pseudolites lie at the horizon",
-        "dop": "DOPs over time hardly change on this short approach",
-        "fixes": "Fixes about the antenna: 95 % should lie in the ellipse",
-        "errors": "Errors of all states should stay within ±3σ of the filter",
-        "nees": "NEES and NIS of a consistent filter stay within their bands",
+        "track": "The approach from above and from the side",
+        "sky": "The sky: the pseudolites are at the horizon",
+        "dop": "DOPs over time",
+        "fixes": "Fixes: 95 % should lie in the ellipse",
+        "errors": "Errors of all states should stay within ±3σ",
+        "nees": "NEES and NIS should stay within their bands",
     }),
     Section("Many landings", ("navsim run scenarios/landing.yaml --runs 20 -q -o results/many.h5",), "many", {
-        "touchdown": "Touchdown: each dot is a run; the ellipses hold 50 and 95 % of a Gaussian",
-        "spread_time": "Spread over time: bands with 50 and 95 % of runs, RMS, σ of the filter",
-        "histogram": "Histograms: 20 runs are too few to judge their shape",
-        "consistency": "Error over sigma (z) of each state: red is a sigma that is too small",
+        "touchdown": "Each dot is a run at touchdown; the ellipses hold 50 and 95 % of a Gaussian",
+        "spread_time": "Bands with 50 and 95 % of runs over time, RMS, σ of the filter",
+        "histogram": "Distribution of the errors of 20 runs",
+        "consistency": "Error over sigma (z) of each state: red if sigma is too small",
     }),
     Section("Error budget", ("navsim run scenarios/landing.yaml --method covariance",), "landing_covariance", {
-        "budget": "Error budget: RMS and σ coincide, since the filter models the simulated errors",
+        "budget": "Which source causes which part of the error",
     }),
     Section("Placement maps", ("navsim sweep scenarios/placement_sweep.yaml",), "placement_sweep", {
-        "pdop": "PDOP by the position of pseudolites: small is good, the star is best",
-        "fix_vertical": "Vertical error of a fix: its best position is another one",
+        "pdop": "PDOP by the position of pseudolites: the star is best",
+        "fix_vertical": "The vertical error of a fix has another best position",
     }),
     Section("Best placements", ("navsim optimize scenarios/placement_optimum.yaml",), "placement_optimum", {
         "plan": "Best positions for each number of pseudolites",

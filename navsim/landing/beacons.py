@@ -150,8 +150,12 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
             if plane.is_flat
             else "badly placed for it"
         )
-        text = f"beacons: they hardly show the height on the glide: VDOP up to {digits(largest)}, they are {flat}; "
-        out.append(text + "put one much higher, or one under the glide path, or keep another source of height")
+        text = f"beacons: they hardly show the height on the glide: VDOP up to {digits(largest)}, above {FLAT_VDOP:g}"
+        text += f" at {np.sum(vdop > FLAT_VDOP)} of {np.sum(np.isfinite(vdop))} fix epochs; they are {flat}; "
+        east, north, up = np.moveaxis(geometry.away[glide], -1, 0)
+        under = (-up > np.hypot(east, north)).any()  # seen below 45 degrees: one stands there already
+        text += "put one much higher, " + ("" if under else "or one under the glide path, ")
+        out.append(text + "or keep another source of height")
         height, residual = geometry.images(used[[0, -1]])
         sensor = geometry.sensor
         if (fits := residual < _SIGMAS * sensor.sigma).any():

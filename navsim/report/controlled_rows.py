@@ -59,8 +59,13 @@ def _estimate(result: Result, name: str, *at: int) -> Cell | str:
     names = ("probability" if name.startswith("box") else "rms", "", "", "as good as")
     value, low, high = map(float, values)
     shown = (value, low, high, as_good_as(result, gain))
-    number = "{:.5f}" if value < 1.0 else "{:.4f}"
+    number = f"{{:.{_decimals(max(high - value, value - low), 5 if name.startswith('box') else 4)}f}}"
     return Cell(f"{number}  [{number}, {number}]  {{}}", shown, ends=True, names=names, units=("", "", "", "1"))
+
+
+def _decimals(half: float, most: int) -> int:
+    """Digits after the point, so many at most, that show half an interval with two significant digits."""
+    return most if half <= 0.0 else min(most, max(2, 1 - math.floor(math.log10(half))))
 
 
 def as_good_as(result: Result, gain: float) -> str:

@@ -177,11 +177,14 @@ def _used(result: Result, kind: str) -> Cell | str:
     return Cell("{:.1f}  ({:.0f} - {:.0f})", (mean, low, high), whole=True, names=RANGE)
 
 
-def _dop(result: Result, path: str) -> Cell | str:
-    """Statistics of a DOP on the glide."""
+def _dop(result: Result, path: str, with_median: bool = False) -> Cell | str:
+    """Statistics of a DOP on the glide. with_median: the mean of a DOP that is nearly singular at times says little."""
     if path not in result:
         return ABSENT
-    mean, low, high = map(float, result[path][:3])
+    mean, low, high, median = map(float, result[path][:4])
+    if with_median:
+        return Cell("{:.2f}  ({:.2f} - {:.2f}), median {:.2f}", (mean, low, high, median), whole=True,
+                    names=(*RANGE, "median"))  # fmt: skip
     return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True, names=RANGE)
 
 
@@ -250,8 +253,27 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
         section("States of the fixes", lambda _: "share of time; stationary share; rms height error, m")
         for k, name in enumerate(next(r for _, r in results if "/summary/fix_states/share" in r)[_FIX_STATES]):
             row(f"  {name}", lambda r, k=k: _fix_state(r, k))
+    labels = heights_of([r for _, r in results])
+    if any("/summary/at/headwind" in r for _, r in results):
+        section("Mean wind and airspeed at height")
+        for i, label in labels.items():
+            for words, name, scale in _WIND:
+                row(f"  {label}, {words}", lambda r, i=i, n=name, s=scale: _wind(r, n, i, s))
+    if any("/summary/track/rms_smoothed" in r for _, r in results):
+        section("Trajectory of the table, smoothed")
+        for path, label, scale, digits in (
+            ("rms_smoothed", "rms distance from the table, m", 1.0, 2),
+            ("specific_force", "largest specific force, m/s2", 1.0, 2),
+            ("rate", "largest rate, deg/s", DEGREE, 1),
+        ):
+            row(f"  {label}", lambda r, p=path, s=scale, d=digits: _of_track(r, p, s, d))
     _losses(table, [r for _, r in results])
-    section("Geometry on the glide", lambda _: "mean (min - max)")
+
+    def epochs(result: Result) -> str:
+        lost = "/summary/count/epochs_without_fix"
+        return "mean (min - max)" + (", epochs with a fix only" if lost in result and result[lost] > 0 else "")
+
+    section("Geometry on the glide", epochs)
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
         row("  " + name.upper(), lambda r, n=name: _dop(r, f"/summary/dop/{n}"))
     for name in ("satellites", "pseudolites"):
@@ -261,7 +283,7 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
         for name in ("hdop", "vdop"):
             path = f"/summary/beacons/{name}{end}"
             if any(path in r and np.isfinite(r[path][0]) for _, r in results):
-                row(f"  {name.upper()}, {title}", lambda r, p=path: _dop(r, p))
+                row(f"  {name.upper()}, {title}", lambda r, p=path: _dop(r, p, with_median=True))
     if any(_FIX_STATES not in r for _, r in results):  # fixes with a state have its errors, not those of ranges
         section("Fix, RMS by its covariance, m", lambda _: "mean on the glide")
         for name in ("horizontal", "vertical", "3d"):
@@ -282,7 +304,6 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
     ):
         for i, axis in enumerate(axes):
             row(f"  {axis}, {unit}", lambda r, p=path, i=i, s=scale: late_rms(r, p, i, s))
-    labels = heights_of([r for _, r in results])
     section("Filter, position error at height, m", lambda r: columns(r, "truth - estimate" if single(r) else "RMS"))
     for i, label in labels.items():
         for name in ("lateral", "along", "vertical"):
@@ -317,19 +338,6 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
             for name in ("lateral", "along", "vertical"):
                 row(f"  {label}, {name}", lambda r, n=name, i=i: total_error(r, n, i))
         ending_rows(table, results)
-    if any("/summary/at/headwind" in r for _, r in results):
-        section("Mean wind and airspeed at height")
-        for i, label in labels.items():
-            for words, name, scale in _WIND:
-                row(f"  {label}, {words}", lambda r, i=i, n=name, s=scale: _wind(r, n, i, s))
-    if any("/summary/track/rms_smoothed" in r for _, r in results):
-        section("Trajectory of the table, smoothed")
-        for path, label, scale, digits in (
-            ("rms_smoothed", "rms distance from the table, m", 1.0, 2),
-            ("specific_force", "largest specific force, m/s2", 1.0, 2),
-            ("rate", "largest rate, deg/s", DEGREE, 1),
-        ):
-            row(f"  {label}", lambda r, p=path, s=scale, d=digits: _of_track(r, p, s, d))
     boxed = [r for _, r in results if "/summary/box/upper" in r]
     if boxed:
         section("Outside the box", lambda r: box_head(r, "/summary/box/probability" in r))

@@ -132,14 +132,14 @@ def test_a_newcomer_has_a_placement_map_in_ten_minutes(tmp_path: Path, pytestcon
     seconds = time.monotonic() - start
     print(f"{seconds:.0f} s")
     assert seconds < MOST_S
-    assert "threshold: {lat_deg: 48.21, lon_deg: 11.35}" in (work / "my.yaml").read_text()
+    assert "threshold: {lat_deg: 48.21, lon_deg: 11.35}" in (work / "runway.yaml").read_text()
     for name in (
-        "my.h5",
-        "my_errors.png",
+        "runway.h5",
+        "runway_errors.png",
         "placement.h5",
         "placement.csv",
         "placement_pdop.png",
-        "my.html",
+        "runway.html",
         "placement.html",
     ):
         assert (work / "results" / name).stat().st_size > 10_000, name
@@ -166,7 +166,7 @@ COUNT = {
     "how-to/requirement.md": 3,
     "how-to/runway.md": 2,
     "how-to/sensor.md": 2,
-    "tutorial.md": 10,
+    "tutorial.md": 8,
 }
 """Commands of each page."""
 
