@@ -129,8 +129,8 @@ def interval_of(errors: Errors, name: str) -> np.ndarray:
 
 
 def is_worse(analysed: float, interval: np.ndarray) -> bool:
-    """Whether the runs are significantly worse than the analysis, by more than `TOLERANCE`."""
-    return bool(interval[1] > (1.0 + TOLERANCE) * analysed)
+    """Whether the runs are significantly worse than the analysis, by more than `TOLERANCE`, or have no value."""
+    return bool(interval[1] > (1.0 + TOLERANCE) * analysed or math.isfinite(analysed) > math.isfinite(interval[0]))
 
 
 def is_better(analysed: float, interval: np.ndarray) -> bool:
@@ -142,7 +142,7 @@ def is_better(analysed: float, interval: np.ndarray) -> bool:
 class FlownChoice:
     """A choice, see `Candidate`. analysed: its objective by analysis, nan where that is no error of the filter. errors:
     by runs, rows objective, horizontal, vertical; columns value, low, high (3, 3). verdict, small, requirements: as of
-    `OfRuns`."""
+    `OfRuns`. missed: runs don't meet a requirement that the analysis meets."""
 
     choice: np.ndarray
     analysed: float
@@ -150,11 +150,17 @@ class FlownChoice:
     verdict: str
     small: bool
     requirements: FlownRequirements
+    missed: bool = False
 
     @property
     def is_worse(self) -> bool:
-        """Whether its runs contradict the analysis."""
+        """Whether its runs are worse than the analysis."""
         return is_worse(self.analysed, self.errors[0])
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether its runs contradict the analysis."""
+        return self.is_worse or self.missed
 
 
 @dataclass(frozen=True)
@@ -173,6 +179,7 @@ class Confirmation:
             "choice": np.array([one.choice for one in every]), "analysed": np.array([one.analysed for one in every]),
             "errors": np.array([one.errors for one in every]), "runs": np.array(self.runs),
             "verdict": np.array([one.verdict for one in every]), "small": np.array([one.small for one in every]),
+            "missed": np.array([one.missed for one in every]),
             "requirement_value": np.array([one.requirements.value for one in every]),
             "requirement_verdict": np.array([one.requirements.verdict.astype(str) for one in every]),
             "requirement_more_runs": np.array([one.requirements.more_runs for one in every]),
@@ -182,10 +189,10 @@ class Confirmation:
     def of(arrays: Arrays) -> Confirmation:
         """Restore the object from `arrays`."""
         of_requirements = (f"requirement_{name}" for name in FlownRequirements._fields)
-        columns = (arrays[name] for name in ("choice", "analysed", "errors", "verdict", "small", *of_requirements))
+        names = ("choice", "analysed", "errors", "verdict", "small", "missed", *of_requirements)
         best, *rejected = (
-            FlownChoice(choice, float(value), errors, str(verdict), bool(small), FlownRequirements(*requirements))
-            for choice, value, errors, verdict, small, *requirements in zip(*columns, strict=True)
+            FlownChoice(choice, float(value), errors, str(verdict), bool(small), FlownRequirements(*of), bool(missed))
+            for choice, value, errors, verdict, small, missed, *of in zip(*(arrays[n] for n in names), strict=True)
         )
         return Confirmation(best, tuple(rejected), int(arrays["runs"]))
 
@@ -194,7 +201,8 @@ class Confirmation:
         messages; label: makes the text of a choice."""
         out = []
         for one in self.rejected:
-            text = f"{whose}: {label(one.choice)} is rejected: {self._both(one)}"
+            why = self._both(one) if one.is_worse else f"{several(self.runs, 'run')} don't meet its requirements"
+            text = f"{whose}: {label(one.choice)} is rejected: {why}"
             out.append(Finding("rejected_choice", text))
         if self.best.is_worse:
             text = f"{whose}: covariance analysis and runs do not agree: {self._both(self.best)}; trust the runs"
@@ -214,12 +222,15 @@ class Confirmation:
         return f"{digits(one.analysed)} m by covariance analysis, {in_runs}"
 
 
-def confirm(candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int, runs: int) -> Confirmation:
+def confirm(
+    candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int, runs: int, met: np.ndarray | None = None
+) -> Confirmation:
     """Fly candidates, the best by analysis first, until runs agree with the analysis of one, or no remaining analysis
     is better than the runs so far.
 
     The function recommends the candidate whose runs agree, unless another one flies better. Each candidate has its own
-    runs. After several candidates, the recommended one is flown once more: the runs that chose it are biased.
+    runs. After several candidates, the recommended one is flown once more: the runs that chose it are biased. met:
+    requirements (q,) bool that each candidate meets by analysis; runs that don't meet one contradict it.
     """
     tried: list[FlownChoice] = []
     of_filter = objective in FILTER_QUANTITIES
@@ -229,20 +240,24 @@ def confirm(candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int
         first = interval_of(found.errors, objective) if of_filter else np.full(3, np.nan)
         rows = np.array([first, *(interval_of(found.errors, name) for name in _PARTS)])
         known = analysed if of_filter else math.nan
-        return FlownChoice(choice, known, rows, found.verdict, found.small, found.requirements)
+        missed = met is not None and bool((found.requirements.verdict[met] == NOT_MET).any())
+        return FlownChoice(choice, known, rows, found.verdict, found.small, found.requirements, missed)
+
+    def size(one: FlownChoice) -> float:
+        return float(one.errors[0, 0]) if np.isfinite(one.errors[0, 0]) else math.inf
 
     for candidate in candidates:
         if (found := candidate()) is None:
             continue
-        if any(found[1] >= one.errors[0, 0] for one in tried):
+        if any(found[1] >= one.errors[0, 0] for one in tried if not one.missed):
             break
         tried.append(flown(*found, len(tried)))
-        if not tried[-1].is_worse:
+        if not tried[-1].is_contradicted:
             break
-    best = min(tried, key=lambda one: float(one.errors[0, 0]))
-    if not tried[-1].is_worse and best.errors[0, 2] >= tried[-1].errors[0, 1]:
+    best = min([one for one in tried if not one.missed] or tried, key=size)
+    if not tried[-1].is_contradicted and best.errors[0, 2] >= tried[-1].errors[0, 1]:
         best = tried[-1]
-    rejected = tuple(one for one in tried if one is not best and one.is_worse)
+    rejected = tuple(one for one in tried if one is not best and one.is_contradicted)
     if len(tried) > 1:
         best = flown(best.choice, best.analysed, len(tried))
     return Confirmation(best, rejected, runs)

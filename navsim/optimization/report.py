@@ -86,7 +86,8 @@ def flown(result: Result) -> list[Table | str]:
     """Runs of the best placements compared with the covariance analysis, and placements that runs contradicted."""
     counts, runs = result["/pseudolites"], result["/flown/runs"]
     if not runs.any():
-        return ["The best placements were not flown (--runs 0); --runs 200 compares them with the errors of a filter."]
+        why = str(result.attributes["stopped"]) or "--runs 0"
+        return [f"The best placements were not flown ({why}); --runs 200 compares them with the errors of a filter."]
     name = str(result.attributes["objective"])
     of_filter = name in FILTER_QUANTITIES
     heads = (placed(result), *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",
@@ -106,7 +107,7 @@ def flown(result: Result) -> list[Table | str]:
     if "/rejected/rejected" not in result:
         return [out]
     against = Table(
-        "Rejected: runs are worse than the covariance analysis says",
+        "Rejected: runs contradict the covariance analysis",
         (placed(result), "covariance analysis", "runs [95 %]", "s, l1, m"),
     )
     for i in range(result["/rejected/rejected"].size):

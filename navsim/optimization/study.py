@@ -223,7 +223,8 @@ def _fly_best(
         assert problem.fly is not None
         others: list[Candidate] = [partial(_analysed, problem, one) for one in best.others]
         candidates: list[Candidate] = [lambda: (best.places, best.value), *others]
-        return confirm(candidates, problem.study.objective, problem.fly, seed, runs).arrays()
+        met = problem.requirements.decided if problem.requirements is not None and best.met else None
+        return confirm(candidates, problem.study.objective, problem.fly, seed, runs, met).arrays()
 
     # a continued search may reach another placement
     key = hashlib.sha256(best.places.tobytes()).hexdigest()[:16]
@@ -559,7 +560,9 @@ def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: Sear
     counts = sorted(outcome.found)
     places = [np.empty((0, 2)), *(outcome.found[c].places for c in counts)]
     judged = [asked.judge(each) for each in places]
-    met = np.array([asked.load(each) <= 1.0 for each in judged])
+    analysed = np.array([asked.load(each) <= 1.0 for each in judged])
+    missed = [count in outcome.confirmed and outcome.confirmed[count].best.missed for count in counts]
+    met = analysed & ~np.array([False, *missed])
     statements = np.array([one.text for one in judged[0]], dtype=object)
     value = np.array([[one.value[0] for one in each] for each in judged])
     verdict = np.array([[one.verdict() for one in each] for each in judged], dtype=object)
@@ -575,17 +578,17 @@ def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: Sear
     draft["/pareto/fewest"] = np.int64(fewest)
     out = []
     for i, count in enumerate(counts, start=1):
-        if met[i]:
+        if analysed[i]:
             continue
-        missed = [
+        unmet = [
             f"{text} ({_missed(one)})"
             for text, one, decided in zip(statements, judged[i], asked.decided, strict=True)
             if decided and one.verdict() != MET
         ]
         every = "every choice of sites was tried" if outcome.found[count].every else "of those tried"
-        text = f"no placement meets the requirements ({every}); the nearest misses {'; '.join(missed)}"
+        text = f"no placement meets the requirements ({every}); the nearest misses {'; '.join(unmet)}"
         text = f"{problem.study.named(count)}: {text}"
-        out.append(Finding("requirements", text, (), len(missed), int(asked.decided.sum())))
+        out.append(Finding("requirements", text, (), len(unmet), int(asked.decided.sum())))
     return out
 
 

@@ -145,7 +145,7 @@ def flown(result: Result) -> list[Table | str]:
         return [out]
     keyed = list(keys(result))
     against = Table(
-        "Rejected: runs are worse than the covariance analysis says",
+        "Rejected: runs contradict the covariance analysis",
         ("output", "covariance analysis", "runs [95 %]", *(key_path(result, key) for key in keyed)),
     )
     for i, name in enumerate(map(str, result["/rejected/output"])):

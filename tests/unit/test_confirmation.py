@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from navsim.landing.confirmation import Candidate, Confirmation, Errors, OfRuns, confirm
+from navsim.landing.confirmation import Candidate, Confirmation, Errors, FlownRequirements, OfRuns, confirm
 from navsim.results.findings import CONSISTENT
-from navsim.results.schema import FILTER_QUANTITIES
+from navsim.results.schema import FILTER_QUANTITIES, MET, NOT_MET
 from navsim.runner.errors import BadInput
 from navsim.runner.job import Options
 from navsim.runner.opening import open_job
@@ -24,20 +24,24 @@ def errors(value: float) -> Errors:
 
 
 def confirmed(
-    analysed: list[float], flown: list[float], small: bool = False
+    analysed: list[float], flown: list[float], small: bool = False, missing: int = 0, objective: str = "vertical"
 ) -> tuple[Confirmation, list[tuple[int, int]]]:
-    """What comes of candidates, and which of them was flown from which run on. small: whether runs object to sigma."""
-    calls = []
+    """What comes of candidates, and which of them was flown from which run on. small: whether runs object to sigma;
+    missing: how many of the candidates miss a requirement in runs."""
+    calls, met = [], np.array([True, False])
 
     def fly(choice: np.ndarray, seed: int, first: int, runs: int) -> OfRuns:
-        calls.append((int(choice[0]), first))
-        return OfRuns(errors(flown[int(choice[0])]), f"sigma of {int(choice[0])}", small)
+        number = int(choice[0])
+        calls.append((number, first))
+        verdicts = np.array([NOT_MET if number < missing else MET, NOT_MET], object)
+        found = FlownRequirements(np.zeros((2, 3)), verdicts, np.zeros(2))
+        return OfRuns(errors(flown[number]), f"sigma of {number}", small, found)
 
     def candidate(i: int) -> Callable[[], tuple[np.ndarray, float] | None]:
         return lambda: (np.array([i]), analysed[i])
 
     candidates: list[Candidate] = [candidate(i) for i in range(len(analysed))]
-    return confirm(candidates, "vertical", fly, 1, 200), calls
+    return confirm(candidates, objective, fly, 1, 200, met), calls
 
 
 def test_one_that_agrees_is_flown_once() -> None:
@@ -82,6 +86,21 @@ def test_runs_better_than_the_analysis_are_told_and_kept() -> None:
     found, _ = confirmed([1.0, 1.1], [0.7, 1.1])
     assert (found.best.choice[0], found.rejected) == (0, ())
     assert [one.name for one in found.findings("vertical", str)] == ["choice_better_than_analysed"]
+
+
+@pytest.mark.parametrize("objective", ["vertical", "pdop"])
+def test_one_whose_runs_miss_a_requirement_gives_way(objective: str) -> None:
+    """Though it flies better; a requirement that no analysis decides rejects nothing."""
+    found, calls = confirmed([1.0, 1.1, 1.2], [1.0, 1.1, 1.2], missing=1, objective=objective)
+    found = Confirmation.of(found.arrays())
+    assert (found.best.choice[0], [one.choice[0] for one in found.rejected]) == (1, [0])
+    assert calls == [(0, 0), (1, 200), (1, 400)]
+    assert found.findings("x", str)[0].text == "x: [0] is rejected: 200 runs don't meet its requirements"
+
+
+def test_one_without_an_error_in_runs_is_not_confirmed() -> None:
+    found, _ = confirmed([0.1, 0.2], [np.nan, 0.2])
+    assert (found.best.choice[0], [one.choice[0] for one in found.rejected]) == (1, [0])
 
 
 def test_arrays_hold_all() -> None:
