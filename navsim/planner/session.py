@@ -250,8 +250,7 @@ class PlannerSession:
             if order["kind"] == "beacon":  # on which no map depends
                 beacons[number, :2] = place
                 figures = outlook.at(places) | outlook.beacons_at(beacons)
-                news = {"of": order.get("n"), "problems": [], "figures": _figures(figures), "exact": False}
-                yield Update(news)
+                yield Update({"of": order.get("n"), "figures": _figures(figures), "exact": False})
                 return
             if order["kind"] == "jammer":
                 jammers = self._proposal.jammers()
@@ -280,7 +279,7 @@ class PlannerSession:
         size = DRAGGED if outlook.quick(self._quantity) else self._sizes(outlook, _SLOWEST)[0]
         update = self._mapped(self._judge(outlook, THINNED), places, size, lambda: False)
         figures = outlook.at(places)
-        update.news |= {"of": number, "problems": []}
+        update.news |= {"of": number}
         if figures:
             update.news |= {"figures": _figures(figures), "exact": False}
         return update

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from bokeh.document import Document as BokehDocument
 
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.study import prepare
@@ -32,6 +33,8 @@ from navsim.planner.outlook import QUANTITIES, Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.planner.requests import SourceCounts, UnknownRequest, read_order
 from navsim.planner.server import MOST_PAGES
+from navsim.planner.session import PlannerSession
+from navsim.planner.target import Target
 from navsim.results.result import read
 from navsim.scenario.source import InputError, load
 from tests.conftest import ROOT, SCENARIOS
@@ -228,6 +231,20 @@ def test_pavement_is_no_place_for_a_pseudolite(tmp_path: Path) -> None:
     said = navsim("validate", file, cwd=tmp_path).stderr
     assert "pseudolites on the pavement of the runway, 1000 m by 30 m (runway.length_m, runway.width_m): east" in said
     assert "500.0 m beyond the threshold, 12.0 m off the centre line" in said
+
+
+@pytest.mark.parametrize("kind", ["pseudolite", "jammer", "beacon"])
+def test_a_drag_that_is_still_computed_does_not_erase_a_refusal(kind: str, tmp_path: Path) -> None:
+    """Seen before: a pseudolite dropped on the pavement jumped back without a word, if its last map came later."""
+    beacons = "\nbeacons: {sites: [{s_m: 60, l1_m: 300}], rate_hz: 10, sigma_m: 0.1, range_limit_m: 3000}\n"
+    (tmp_path / "field.yaml").write_text(FIELD + beacons)
+    proposal = PlannedScenario(load(tmp_path / "field.yaml"), FIELD + beacons)
+    session = PlannerSession(BokehDocument(), proposal, Target(tmp_path / "out.yaml"), [])
+    order = {"do": "drag", "kind": kind, "number": 0, "x": 500.0, "y": 5.0, "n": 1}
+    news = [update.news for update in session._dragged(order)(lambda: False)]
+    session.close()
+    assert news
+    assert not any("problems" in each for each in news)
 
 
 def nobody_else_is_let_in(host: str) -> None:
