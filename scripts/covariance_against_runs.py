@@ -53,10 +53,9 @@ def main() -> None:
     lines = [
         "# Covariance analysis against runs, measured",
         "",
-        f"Made by `make validate`: RMS error of {RUNS} runs of seed {SEED} divided by that of `--method covariance`,",
-        "landing.yaml with fixes at 1 Hz. Sampling alone spreads a ratio by 1.6 % (1 sigma). The mistuned filter",
-        "assumes twice the error of the fixes, a drift of 20 °/h and three times the gyro noise.",
-        "[Covariance analysis](covariance.md#how-good) summarises the tables.",
+        f"Each ratio is the RMS error of {RUNS} runs divided by that of `--method covariance`, for `landing.yaml` with",
+        "fixes at 1 Hz ([summary](covariance.md#how-good)). Chance alone spreads a ratio by 1.6 % (1 sigma). The",
+        "mistuned filter assumes twice the error of the fixes, a drift of 20 °/h and three times the gyro noise.",
     ]
     for label, settings in CASES:
         one = case(settings)

@@ -443,21 +443,24 @@ def results(rows: Sequence[Row]) -> list[str]:
     own = [row for row in rows if row.kind == DEFAULT]
     straight = [row for row in own if row.study.name in STRAIGHT]
     shipped = [row for row in rows if row.study.label == row.study.name]
-    headings = []
+    kinds = [
+        "| kind | z of heading, shipped scenarios | z by noise of the accelerometers × 0.1, 1, 3 | RMS, ° | σ, ° |",
+        "|---|---|---|---|---|",
+    ]
+    landings = {row.kind: row for row in rows if row.study.label == "landing"}
     for kind in KINDS:
-        z = [row.heading[0] for row in shipped if row.kind == kind]
-        each = sorted({f"{value:.2f}" for value in z})
-        headings += [f"`{kind}` {' to '.join(dict.fromkeys((each[0], each[-1])))} ({len(z)} scenarios)"] if z else []
-    noises = [f"`{kind}` {', '.join(at_corner(rows, label, kind) for label in NOISY_LANDINGS)}" for kind in KINDS]
+        each = sorted({f"{row.heading[0]:.2f}" for row in shipped if row.kind == kind})
+        noises = ", ".join(at_corner(rows, label, kind) for label in NOISY_LANDINGS)
+        degrees = (f"{x:.1f}" for x in landings[kind].degrees[:2]) if kind in landings else ("-", "-")
+        kinds.append(measured.row(f"`{kind}`", " to ".join(dict.fromkeys(each[:1] + each[-1:])), noises, *degrees))
+    if landings:
+        kinds.append(measured.row("no fixes", "", "", f"{next(iter(landings.values())).degrees[2]:.1f}", ""))
     outside = [f"{row.study.label}: {', '.join(row.outside())}" for row in own if row.outside()]
     above = [
         f"{row.study.label}: {row.degrees[0]:.1f}° against {row.degrees[2]:.1f}°"
         for row in straight
         if row.degrees[0] > row.degrees[2] * (1.0 + 2.0 * row.heading[1])
     ]
-    landings = [row for row in rows if row.study.label == "landing"]
-    against = [f"`{row.kind}` {row.degrees[0]:.1f}° (σ {row.degrees[1]:.1f}°)" for row in landings]
-    against += [f"no fixes {landings[0].degrees[2]:.1f}°"] if landings else []
     over = [f"{row.study.label}: {row.share[0]:.2f} ± {row.share[1]:.2f} %" for row in own if row.share[0] > SHARE]
     far = [f"{row.study.label}: {row.far} of {row.found.runs}" for row in own if row.far]
     better = []
@@ -467,30 +470,22 @@ def results(rows: Sequence[Row]) -> list[str]:
         if best.departure < row.departure:
             better.append(f"{row.study.label} (`{best.kind}`: {best.departure:.2f} against {row.departure:.2f})")
     return [
-        f"**Heading.** z at {CORNER:g} s, least and largest of the shipped scenarios:",
+        f"**Heading** at {CORNER:g} s. z is from the least to the largest of the shipped scenarios; the other columns",
+        "are those of `landing`. Straight flight does not show heading, so errors should be those without fixes.",
         "",
-        *(f"- {line}" for line in headings),
+        *kinds,
         "",
-        f"**Noise of the accelerometers.** z of heading at {CORNER:g} s in `landing` with 0.1, 1, 3 times the noise:",
-        "",
-        *(f"- {line}" for line in noises),
-        "",
-        f"**Every state.** The limits for z of `{DEFAULT}` are {LOW} and {HIGH}. It keeps them, within 3 sigma of the",
-        f"sampling, in {len(own) - len(outside)} of {len(own)} cases. Cases outside, with the worst state:",
+        f"**Every state.** z of `{DEFAULT}` should be between {LOW} and {HIGH}. It is, within 3 sigma of the sampling,",
+        f"in {len(own) - len(outside)} of {len(own)} cases. Cases outside, with the worst state:",
         "",
         *(f"- {line}" for line in outside or ["none"]),
-        "",
-        f"**Against no fixes.** Straight flight does not show heading. RMS and σ of heading at {CORNER:g} s in",
-        "`landing`:",
-        "",
-        *(f"- {line}" for line in against),
         "",
         f"Cases of `{DEFAULT}` with errors larger than without fixes by more than 2 sigma:",
         "",
         *(f"- {line}" for line in above or ["none"]),
         "",
-        f"**Tails.** The limits are {SHARE} % of NEES beyond 99.9 %, and no heading error beyond {FAR:g} σ. Cases of",
-        f"`{DEFAULT}` with more than {SHARE} %:",
+        f"**Tails.** At most {SHARE} % of NEES should exceed the 99.9 % limit, and no heading error {FAR:g} σ. Cases",
+        f"of `{DEFAULT}` with more than {SHARE} %:",
         "",
         *(f"- {line}" for line in over or ["none"]),
         "",
@@ -508,25 +503,20 @@ def results(rows: Sequence[Row]) -> list[str]:
 def page() -> list[str]:
     """The page of all rows that are finished."""
     rows: list[Row] = []
-    missing: dict[str, list[str]] = {}
     for study in studies().values():
         for kind in study.kinds:
-            found = finished(study.label, kind)
-            if found is None:
-                missing.setdefault(study.label, []).append(f"`{kind}`")
-            else:
+            if (found := finished(study.label, kind)) is not None:
                 rows.append(Row(study, kind, found))
     figure([row for row in rows if row.study.label == "landing"], ROOT / "docs" / IMAGE)
     counts = sorted({row.found.runs for row in rows})
     lines = [
         "# Consistency of the filter kinds, measured",
         "",
-        "Does the sigma of a filter match its errors? This page compares navsim's default with published filters,",
-        "state by state. Theory: [the filters](theory/filter.md), [the test](theory/consistency.md).",
+        "This page compares the sigma of navsim's default filter, and of published filters, with their errors, state",
+        "by state ([conclusions](sigma.md)).",
         "",
-        f"Each row has {' or '.join(map(str, counts))} runs; the full size is {RUNS * len(SEEDS)}, hours of processor",
-        "time. The command at the end computes the missing rows. Two rows in a minute:",
-        "`python scripts/filter_consistency.py --runs 20 --cases landing --kinds eskf tfg`",
+        f"Each row has {' or '.join(map(str, counts))} runs of a planned {RUNS * len(SEEDS)}. This makes two rows in a",
+        "minute: `python scripts/filter_consistency.py --runs 20 --cases landing --kinds eskf tfg`",
         "",
         "## Results",
         "",
@@ -535,19 +525,18 @@ def page() -> list[str]:
         "",
         "## Method",
         "",
-        "Each run draws initial errors, sensor errors and ranging errors anew. All kinds fly the same runs. No setting",
-        "was chosen by these seeds. Errors are truth minus estimate in plain coordinates. The published kinds fly",
-        "without `filter.steady_force`, which is on in a scenario that doesn't say otherwise.",
+        "Each run draws initial errors, sensor errors and ranging errors; all kinds have the same runs. No setting was",
+        "chosen by these seeds. The published kinds run without `filter.steady_force`, which is on by default.",
         "",
         "| column | meaning |",
         "|---|---|",
         "| z | RMS over runs of error divided by σ; 1 is right, less is cautious |",
-        f"| least, largest z | of the first {N_BASE} states at 10, 20, ... s and at {CORNER:g} s, with state and time; "
-        "the largest of many is above 1 by chance, too |",
-        f"| RMS, σ | of heading at {CORNER:g} s: RMS error, RMS of σ |",
+        f"| least, largest z | least and largest of the first {N_BASE} states at 10, 20, ... s and at {CORNER:g} s, "
+        "with state and time. The largest of many is above 1 by chance, too |",
+        f"| RMS, σ | RMS error of heading at {CORNER:g} s; RMS of its σ |",
         "| no fixes | RMS heading error of the same runs without any fix, in straight flight |",
-        "| NEES/n | mean over runs and times, in the filter's own coordinates, by the number of states |",
-        "| > 99.9 % | share of NEES beyond the limit that a right filter exceeds in 0.1 % |",
+        "| NEES/n | mean NEES over runs and times in the filter's own coordinates, divided by the number of states |",
+        "| > 99.9 % | share of NEES above the limit that a consistent filter exceeds in 0.1 % |",
         f"| > 6 σ | runs with a heading error beyond {FAR:g} σ at any output; in brackets the largest, in σ |",
         "| ± | 1 sigma of the sampling, from the spread of the runs |",
         "",
@@ -558,21 +547,12 @@ def page() -> list[str]:
             for kind, (title, settings) in {**KINDS, **SMOOTHERS}.items()
         ),
         "",
-        "`first-estimates` and `observability-constrained` come from visual-inertial navigation. Beside fixes of",
-        "position and velocity they are overconfident ([theory](theory/first-estimates.md)).",
-        "",
     ]
     for section in dict.fromkeys(row.study.section for row in rows):
         lines += [f"## {f'`{section}.yaml`' if (SCENARIOS / f'{section}.yaml').exists() else section}", ""]
         if section == OF_FIXES:
             lines += ["A: positions at 1 Hz. B: positions and velocities at 1 Hz. C: positions at 10 Hz.", ""]
         lines += [*table([row for row in rows if row.study.section == section]), ""]
-    if missing:
-        lines += ["## Not measured yet", "", "| case | kinds |", "|---|---|"]
-        for label, kinds in missing.items():
-            every = len(kinds) == len(studies()[label].kinds)
-            lines.append(measured.row(label, "all" if every else ", ".join(kinds)))
-        lines.append("")
     return lines[:-1]
 
 

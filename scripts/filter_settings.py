@@ -115,7 +115,7 @@ def steady() -> list[str]:
     lines = [
         "## Heading in steady flight",
         "",
-        f"Heading just before the corner ({CORNER:g} s) of `landing.yaml`, 200 runs:",
+        f"Heading error and σ just before the corner ({CORNER:g} s) of `landing.yaml`, 200 runs:",
         "",
         "| `filter.steady_force` | RMS | σ |",
         "|---|---|---|",
@@ -131,10 +131,10 @@ def sensors() -> list[str]:
     lines = [
         "## Scale factors switched off",
         "",
-        "A phone's sensor (`icm-42688-p` with instabilities of 10 °/h and 0.05 mg, `landing.yaml`, fixes at 2 Hz, 60 "
-        "runs):",
+        "60 runs of `landing.yaml` with a phone's sensor (`icm-42688-p`, instabilities of 10 °/h and 0.05 mg) and "
+        "fixes at 2 Hz:",
         "",
-        "| `filter.scale_factors` | largest z of accelerometer biases | NEES by the number of states | NEES/6 |",
+        "| `filter.scale_factors` | largest z of accelerometer biases | NEES/n | NEES/6 |",
         "|---|---|---|---|",
     ]
     for label, settings in (("`false`", ("filter.scale_factors=false",)), ("default", ())):
@@ -145,10 +145,9 @@ def sensors() -> list[str]:
         "",
         "## Flicker noise",
         "",
-        "NEES by the number of states, 40 runs of `landing_smooth.yaml`, with the Gauss-Markov model that the filter "
-        "has of flicker noise:",
+        "40 runs of `landing_smooth.yaml`; the filter models flicker noise by one Gauss-Markov bias:",
         "",
-        "| sensor | mean over times | largest |",
+        "| sensor | NEES/n, mean over times | largest |",
         "|---|---|---|",
     ]
     for preset, more in FLICKER.items():
@@ -163,7 +162,7 @@ def seldom() -> list[str]:
         "",
         command("receiver.rate_hz=0.1", runs=40),
         "",
-        "| `receiver.rate_hz` | kind | rejected, of fixes | horizontal RMS before touchdown, m | largest NEES/15 |",
+        "| `receiver.rate_hz` | kind | rejected fixes | horizontal RMS before touchdown, m | largest NEES/n |",
         "|---|---|---|---|---|",
     ]
     for rate, kind in [*(("0.1", kind) for kind in KINDS), *((rate, KINDS[0]) for rate in ("0.2", "0.5"))]:
@@ -184,7 +183,7 @@ def coupling() -> list[str]:
     lines = [
         "## Tight coupling",
         "",
-        "| `landing.yaml`, 60 runs | kind | loose: NEES/15 | tight: NEES by the number of states |",
+        "| `landing.yaml`, 60 runs | kind | NEES/n, loose | NEES/n, tight |",
         "|---|---|---|---|",
     ]
     for kind in ("gaussian-sum", "eskf"):
@@ -199,7 +198,7 @@ def coupling() -> list[str]:
         "",
         "### A spoofed clock",
         "",
-        "GLONASS is moved by 300 m of clock from 50 to 70 s, with pseudolites on its scale:",
+        "A spoofer shifts the clock of GLONASS by 300 m from 50 to 70 s; the pseudolites share its time scale:",
         "",
         command(*SPOOFED, scenario="landing_smooth", runs=20),
         "",
@@ -208,7 +207,7 @@ def coupling() -> list[str]:
         "",
         "### A clock model that is too good",
         "",
-        "The receiver's clock has h₀ and h₋₂ of 1e-18, the filter assumes 0. navsim warns:",
+        "The receiver's clock has h₀ and h₋₂ of 1e-18, the filter assumes 0, and navsim warns:",
         "",
         command(TIGHT, *STABLE, runs=40),
         "",
@@ -221,8 +220,9 @@ def lasting() -> list[str]:
     lines = [
         "## Satellites that come and go",
         "",
-        "[Time-correlated errors](theory/lasting-errors.md) of satellites share six sums. Signals `open-sky`, fixes at "
-        f"1 Hz, antenna `{{{ANTENNA}}}` in `s_turn.yaml`, by the covariance analysis from 10 s on:",
+        "A loosely coupled filter has six states for the [time-correlated errors](theory/lasting-errors.md) of all "
+        "satellites. The covariance analysis from 10 s on has signals `open-sky`, fixes at 1 Hz, and in `s_turn.yaml` "
+        f"the antenna `{{{ANTENNA}}}`:",
         "",
         "| scenario | satellites used | largest NEES/6 |",
         "|---|---|---|",
@@ -234,7 +234,7 @@ def lasting() -> list[str]:
         "",
         "## Ground reflections",
         "",
-        "`pseudolites.multipath`; expected RMS of error/σ of position and velocity, from 10 s on:",
+        "Expected z of position and velocity from 10 s on, with `pseudolites.multipath`:",
         "",
         "| case | least | largest |",
         "|---|---|---|",
@@ -253,8 +253,8 @@ def odense() -> list[str]:
     return [
         "## A realistic landing",
         "",
-        "Runway 24 of Odense: a 4.5° glide in turbulence, an industrial sensor by its data sheet, a radio altimeter, "
-        "GPS and Galileo behind an invented horizon, one pseudolite:",
+        "Runway 24 of Odense: a 4.5° glide in turbulence with an industrial sensor, a radio altimeter, GPS and Galileo "
+        "behind an invented horizon, and one pseudolite:",
         "",
         f"    navsim run scenarios/odense.yaml --runs {runs} --seed {SEED}",
         "",
@@ -263,8 +263,8 @@ def odense() -> list[str]:
         row("error at touchdown, lateral and vertical, RMS, m", f"{touchdown[0]}, {touchdown[1]}"),
         row("total system error at touchdown, lateral and vertical, RMS, m", f"{touchdown[2]}, {touchdown[3]}"),
         row("runs outside the box", made["box"]["outside"]),
-        row("NEES/6 of position and velocity", span(found["nees6"][settled])),
-        row("NEES by the number of states", span(found["nees"][settled])),
+        row("NEES/6", span(found["nees6"][settled])),
+        row("NEES/n", span(found["nees"][settled])),
     ]
 
 
@@ -290,9 +290,9 @@ def main() -> None:
     lines = [
         "# The filter, measured",
         "",
-        "The filter at its limits. State by state: [consistency of the kinds](filter-consistency.md). More: "
-        "[sensor errors](sensor-errors-measured.md), [time-correlated errors](lasting-errors-measured.md), "
-        "[outages](outages-measured.md), [near passes](near-passes.md). Ranges of numbers are over times.",
+        "[The filter](filter.md) at its limits ([conclusions](sigma.md)). A range such as 0.84 to 1.08 is over the "
+        "times of a flight. NEES/6 is the NEES of position and velocity, divided by 6; NEES/n that of all n states, "
+        "divided by n. Above 1, σ is too small.",
     ]
     for section in (steady, sensors, seldom, coupling, lasting, odense):
         lines += ["", *section()]

@@ -73,9 +73,9 @@ def counted() -> list[str]:
     lines = [
         "## Against counting",
         "",
-        "Boxes of all three errors. Difference: in standard errors of both.",
+        "The boxes limit all three errors. The difference is in standard errors of both.",
         "",
-        "| case | Gaussian | counted, of runs | pushed runs | their number | difference |",
+        "| case | Gaussian | counted, of runs | by shifted runs | shifted runs | difference |",
         "|---|---|---|---|---|---|",
     ]
     for label, name, settings, chance, runs in COUNTED:
@@ -96,11 +96,11 @@ def closed() -> list[str]:
     lines = [
         "## Against the closed form of a linear case",
         "",
-        f"landing_gnss_only.yaml with `{' '.join(LINEAR)}`:",
-        "attitude and sensors are so good that the case is linear. The vertical error is then",
-        "Gaussian, with the sigma of the covariance analysis.",
+        f"The case is `landing_gnss_only.yaml` with `{' '.join(LINEAR)}`.",
+        "Attitude and sensors are so good that it is linear, and the vertical error Gaussian, with the sigma of the",
+        "covariance analysis.",
         "",
-        "| Gaussian | pushed runs | their number | off by |",
+        "| Gaussian | by shifted runs | shifted runs | off by |",
         "|---|---|---|---|",
     ]
     file = ROOT / "scenarios" / "landing_gnss_only.yaml"
@@ -121,8 +121,8 @@ def costs() -> list[str]:
     lines = [
         f"## Landings until the 95 % interval is ±20 %, at {COST_AT:g}",
         "",
-        "Boxes of the lateral and the vertical error, three seeds each. Nonlinear: nonlinear part of a limited error,",
-        "standard deviation over the pushed runs, in sigmas of it.",
+        "The boxes limit the lateral and the vertical error; each case has three seeds. The last column is the largest",
+        "standard deviation of a nonlinear part of an error over the shifted runs.",
         "",
         "| case | landings | probabilities | nonlinear |",
         "|---|---|---|---|",
@@ -142,9 +142,10 @@ def honesty() -> list[str]:
     lines = [
         "## The interval where errors are not linear",
         "",
-        f"{TRIALS} studies of each row. Two errors have a Gaussian part ν σ that is not linear in the random inputs,",
-        f"so that importance sampling does not shift it; boxes at {COST_AT:g} to first order, until ±20 %.",
-        f"At most {MOST} runs. Missed: share of the intervals that end below the truth; 2.5 % is right.",
+        f"In {TRIALS} studies of each row, two errors have a Gaussian part ν σ that is not linear in the random",
+        f"inputs, so that importance sampling does not shift it. The box has a probability of {COST_AT:g} to first",
+        f"order. A study ends when its interval is ±20 %, or after {MOST} runs. An interval misses the truth if it",
+        "ends below; 2.5 % is right.",
         "",
         "| ν | runs | found over truth, median | missed | effective samples, median |",
         "|---|---|---|---|---|",
@@ -190,9 +191,9 @@ def main() -> None:
     lines = [
         "# Rare events, measured",
         "",
-        f"Made by `make validate` (`scripts/rare_events.py`), seeds {SEED} to {SEED + 2}; errors at touchdown. Case A:",
-        'fixes of position alone at 1 Hz. Lever arm: 1, 0.5, -0.7 m at 5° and 700 °/h. Column "Gaussian": the',
-        "probability by the covariance analysis, for several axes their sum. [The method](rare-events.md).",
+        "[Importance sampling](rare-events.md) of errors at touchdown. Case A has fixes of position alone at 1 Hz. The",
+        'lever arm is 1, 0.5, -0.7 m, at 5° and 700 °/h. The column "Gaussian" has the probability by the covariance',
+        "analysis, for several axes their sum.",
         "",
         *counted(),
         "",

@@ -88,18 +88,20 @@ def main() -> int:
     lines = [
         "# A recorded approach",
         "",
-        "Made by `make validate` from `shared/data/modes_afr34zg`: an airliner to Toulouse, right turn to final",
-        "from 954 to 1056 s of the record. RMSE with 95 % intervals over plots.",
+        "The filters of [tracking from the ground](companions.md#azimuth-from-load-factors-kind-azimuth-tracking)",
+        "along a recorded flight: an airliner to Toulouse (`shared/data/modes_afr34zg`), which turns right to final from",
+        "954 to 1056 s of the record. The table has RMS errors with 95 % intervals over simulated plots.",
         "",
-        "| name | what |",
+        "| name | meaning |",
         "|---|---|",
         "| truth | the recorded positions and velocities, smoothed |",
-        f"| plots | simulated, 1 s, 0.08°, 30 m, {RUNS} ensembles of seed {SEED}, radar at the airport |",
-        "| `received` | L4 with the reports as they came: BDS 5,0 up to 5 s old where roll and track rate agree, else "
-        f"the slope of velocity squitters (in the turn {of[0]} scans by track rate, {of[1]} by roll, {of[2]} by "
-        "squitters); residual 0.8 m/s² with a report and 1.5 without |",
-        "| `simulated` | reports each second from the smoothed track with the scenario's noise, residual 0.2 m/s² |",
-        "| S1, S2 | Singer with 1.07 and 2.50 m/s² |",
+        f"| plots | simulated each second by a radar at the airport, 1σ 0.08° and 30 m, in {RUNS} ensembles |",
+        "| `received` | filter L4 with the reports as they came: BDS 5,0 up to 5 s old where roll and track rate "
+        f"agree, else the slope of velocity squitters (in the turn {of[0]} scans by track rate, {of[1]} by roll, "
+        f"{of[2]} by squitters). The residual acceleration is 0.8 m/s² with a report and 1.5 m/s² without |",
+        "| `simulated` | filter L4 with reports each second from the smoothed track, with the scenario's noise and a "
+        "residual acceleration of 0.2 m/s² |",
+        "| S1, S2 | Singer's filter with 1.07 and 2.50 m/s² |",
         "",
         "| filter | azimuth, turn, deg | azimuth, else, deg | NIS, turn / else | range, turn, m | range, else, m |",
         "|---|---|---|---|---|---|",
@@ -112,13 +114,13 @@ def main() -> int:
                 cells.append(f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]")
         nis = " / ".join(f"{np.nanmean(found.nis[name][:, mask]):.2f}" for mask in (turn, straight))
         lines.append(f"| {name} | {cells[0]} | {cells[1]} | {nis} | {cells[2]} | {cells[3]} |")
-    lines += ["", "Singer over onboard-driven in the turn, azimuth (95 %):", ""]
+    lines += ["", "Azimuth error of Singer's filter in the turn, divided by that of L4, with 95 % intervals:", ""]
     for name in ("received", "simulated"):
         for baseline in ("S1", "S2"):
             value, low, high = ratio(found.azimuth[baseline][:, turn], found.azimuth[name][:, turn])
             lines.append(f"- {baseline} / {name}: {value:.3f} [{low:.3f}, {high:.3f}]")
-    lines += ["", "`received` over Singer by 60 s (azimuth; range):", "", "| from, s | S1 | S2 | range S1 | range S2 |",
-              "|---|---|---|---|---|"]  # fmt: skip
+    lines += ["", "Error of `received` divided by that of Singer's filter, in spans of 60 s (azimuth; range):", "",
+              "| from, s | S1 | S2 | range S1 | range S2 |", "|---|---|---|---|---|"]  # fmt: skip
     for begin, inside in windows(found, counted):
         cells = [
             f"{ratio(errors['received'][:, inside], errors[s][:, inside])[0]:.3f}"

@@ -173,16 +173,16 @@ def section() -> list[str]:
         "",
         "## Twelve simulated flights",
         "",
-        f"`scripts/replay_bench.py`: circuits of 170 s, the last three a small quadrotor of 150 s, {DRAWS} times "
-        "each. Drawn are biases, white noise (two to three times as large in motion), latency, jitter of stamps "
-        "(2 ms) and velocity noise. Position errors last 60 s (differential, 0.4 m) or 120 s (single point, 1.2 "
-        "m). Receivers claim their accuracy, wrong by 15 %.",
+        f"Each row has {DRAWS} simulated flights: circuits of 170 s, in the last three rows of 150 s with a small "
+        "quadrotor. Each flight draws biases, white noise (two to three times as large in motion), latency, jitter of "
+        "stamps (2 ms) and velocity noise. Position errors have correlation times of 60 s (differential, 0.4 m) or "
+        "120 s (single point, 1.2 m). The accuracies that receivers claim are wrong by 15 %.",
         "",
-        "The first three columns are squared errors over variances, per axis, from 20 s after the alignment on: 1 "
-        "is due. Then come the least and largest tuned noise over that in motion, and the largest error of the "
-        "latency.",
+        "The first three columns are squared errors divided by variances, per axis, from 20 s after the alignment on. "
+        "Gyro, accelerometer and velocity have the least and largest tuned noise, divided by the true noise in motion; "
+        "latency has its largest error.",
         "",
         *table(),
         "",
-        "White noise of good sensors hides behind that of the fixes: then the class's value remains.",
+        "If the noise of the fixes hides that of the sensors, the tuned noise stays at the value of the class.",
     ]

@@ -159,36 +159,35 @@ def main() -> int:
         "",
         "## A small fixed-wing UAV",
         "",
-        "`fw_thor75` (2012; `start_s: 150`), and an untuned filter:",
+        "The flight `fw_thor75` (2012; `start_s: 150`), by navsim and by an untuned filter:",
         "",
         "| | navsim | untuned filter |",
         "|---|---|---|",
-        row("innovations N / E / D, 230-570 s, m", listed(small["position"], 2), "1.4 / 0.8 / 1.4"),
-        row("the same, m/s", listed(small["velocity"], 2), "0.56 / 0.53 / 0.31"),
-        row(f"attitude against onboard, rms about the median, yaw from {SETTLED:g} s on",
+        row("innovations of position N / E / D, 230-570 s, m", listed(small["position"], 2), "1.4 / 0.8 / 1.4"),
+        row("innovations of velocity N / E / D, m/s", listed(small["velocity"], 2), "0.56 / 0.53 / 0.31"),
+        row(f"attitude minus the onboard system's, RMS about the median, yaw from {SETTLED:g} s on",
             f"{listed(small['attitude'], 1)}°", "1.3 / 0.7 / 1.0°"),
         row("drift without fixes, 10 s, median / largest, m", drifts[0], "9.9 / 38"),
-        row("30 s", drifts[1], "108 / 264"),
-        row("normalised innovation squared, all / moving", listed(small["nis"], 2), ""),
+        row("drift without fixes, 30 s, median / largest, m", drifts[1], "108 / 264"),
+        row("NIS per degree of freedom, all / moving", listed(small["nis"], 2), ""),
         row("drift NEES, 10 s / 30 s", listed(small["nees"], 2), ""),
         "",
         f"- The tuning finds a latency of {small['latency'][0]:.3f} s.",
-        "- The onboard yaw is wrong by 110° while the aircraft stands and taxies; the GNSS course shows it. navsim "
-        "aligns its yaw from the taxi.",
-        "- In the first 20 s after launch the receiver has 0 to 4 satellites. The filter contradicts its fixes and is "
-        f"aligned again: {lost}.",
+        "- The onboard yaw is wrong by 110° on the ground, as the GNSS course shows.",
+        "- In the first 20 s after launch the receiver has 0 to 4 satellites, and navsim aligns the lost filter again: "
+        f"{lost}.",
         "",
         "## A car",
         "",
-        "`comma2k19_ex1`; `navsim import FOLDER -o OUT` makes its CSV, without vertical velocity. "
-        "Standard deviations against the pose reference after 10 s:",
+        "The drive `comma2k19_ex1`, as `navsim import` reads it, without vertical velocity. Standard deviation of the "
+        "difference from the pose reference, after 10 s:",
         "",
         "| | navsim | plain filter |",
         "|---|---|---|",
         row("position N / E, m", listed(motorway["position"], 2), "0.20 / 0.11"),
         row("velocity, horizontal, m/s", listed(motorway["velocity"], 2), "0.04"),
         row("roll / pitch / yaw", f"{listed(motorway['attitude'], 2)}°", "0.13 / 0.19 / 1.0°"),
-        row("normalised innovation squared, moving", listed(motorway["nis"], 2), ""),
+        row("NIS per degree of freedom, moving", listed(motorway["nis"], 2), ""),
     ]  # fmt: skip
     if "--bench" in sys.argv:
         lines += replay_bench.section()

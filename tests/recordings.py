@@ -1,4 +1,4 @@
-"""Recorded flights made from simulated ones, in the format of `docs/replay.md`, for tests of the replay."""
+"""Recorded flights made from simulated ones, in the format of `docs/replay-files.md`, for tests of the replay."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ class ImuConvention:
     """Units, axes and columns of recorded inertial samples.
 
     Axes: directions of the columns x, y, z. increments: a row holds the integral since the row before, in the units
-    times s. columns: name in the file of each column of `docs/replay.md`.
+    times s. columns: name in the file of each column of `docs/replay-files.md`.
     """
 
     time_unit: str = "s"
@@ -118,7 +118,7 @@ class GnssConvention:
     velocity_axes: str = "NED"
     """Directions of the columns vn, ve, vd."""
     columns: Mapping[str, str] = field(default_factory=dict)
-    """Name in the file of each column of `docs/replay.md`."""
+    """Name in the file of each column of `docs/replay-files.md`."""
     errors: int = 0
     """Number of time-correlated errors with columns of their effects on each fix (`effects_of`)."""
 
@@ -129,4 +129,4 @@ class GnssConvention:
 
 
 IMU_AS_DUE, GNSS_AS_DUE = ImuConvention(), GnssConvention()
-"""The tables as of `docs/replay.md`."""
+"""The tables as of `docs/replay-files.md`."""

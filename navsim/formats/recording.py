@@ -1,7 +1,7 @@
 """Recorded flights: tables of inertial samples and of fixes [1], or fixes from NMEA sentences.
 
 Empty rows are removed and counted: repetitions, power-up zeros, a receiver's placeholder before its first fix. Rows out
-of order are sorted. Source: [1] `docs/replay.md`.
+of order are sorted. Source: [1] `docs/replay-files.md`.
 """
 
 from __future__ import annotations

@@ -222,8 +222,8 @@ METHODS = (
         lambda scenario, root: of_landing(scenario, root) and bool(at(scenario, "interference")),
     ),
     Method("search for placements", "docs/placement.md", ("storn1997", "deb2000", "jones1998"), _kind("optimize")),
-    Method("alignment in flight", "docs/replay.md", ("wu2013", "groves2013"), _kind("replay")),
-    Method("tuning by likelihood", "docs/replay.md", ("mehra1970", "harvey1989"), _kind("replay")),
+    Method("alignment in flight", "docs/replay-method.md", ("wu2013", "groves2013"), _kind("replay")),
+    Method("tuning by likelihood", "docs/replay-method.md", ("mehra1970", "harvey1989"), _kind("replay")),
     Method(
         "elevation on an MLS approach",
         "docs/theory/elevation.md",

@@ -1,6 +1,6 @@
 """Findings of a study from its runs.
 
-Thresholds are such that a consistent filter, or one with the known deviations of docs/filter.md, never causes a
+Thresholds are such that a consistent filter, or one with the known deviations of docs/sigma.md, never causes a
 finding.
 """
 

@@ -112,7 +112,7 @@ def page(seeds: list[int]) -> None:
     files = [file for part in PARTS for seed in seeds if (file := KEPT / f"{part}-{seed}.json").exists()]
     commits = dict.fromkeys(json.loads(file.read_text())["commit"] for file in files)
     lines = [
-        "# Reliability",
+        "# Robustness of the software",
         "",
         f"Made by `make torture` on {datetime.date.today()} with navsim {navsim.__version__} (commit "
         f"{', '.join(commits)}), seeds {seeds[0]} to {seeds[-1]}; the",
