@@ -335,7 +335,7 @@ class PseudolitesSection(Section):
         elif self.count:
             for key in ("s_m", "l1_m"):
                 if getattr(self, key) is None:
-                    raise reject(f"{self.count} pseudolites need both s_m and l1_m", key)
+                    raise reject(f"count {self.count} needs both s_m and l1_m", key)
         return self
 
     def with_clock(self, used: Collection[str]) -> Self:

@@ -330,6 +330,10 @@ def axis_label(result: Result, axis: str) -> str:
     return key_label(paths[0]) + (f", {unit}" if unit else "")
 
 
+_DIGITS = 7
+"""Of values that a legend names: a metre of latitude and longitude."""
+
+
 def point_of(result: Result, axis: str, i: int) -> str:
     """Point of an axis: values of its keys, in words with their units."""
     text = []
@@ -338,7 +342,9 @@ def point_of(result: Result, axis: str, i: int) -> str:
             path = key_path(result, key)
             unit = unit_of(path)
             gap = "" if unit in ("", "°") else " "
-            text.append(f"{key_label(path)} = {as_text(result[f'/sweep/axes/{key}'][i])}{gap}{unit}")
+            value = result[f"/sweep/axes/{key}"][i]
+            said = digits(value, _DIGITS) if isinstance(value, float) else str(value)
+            text.append(f"{key_label(path)} = {said}{gap}{unit}")
     return ", ".join(text)
 
 
@@ -559,7 +565,7 @@ class Curves:
     of: int
     """Number of combinations of the other axes; `rows` may have fewer."""
     scattered: bool
-    """The points of the axis have no order."""
+    """The points of the axis have no order: they are names, or of several keys."""
 
     @property
     def some(self) -> str:
@@ -580,7 +586,9 @@ def curves(result: Result, name: str, most: int) -> Curves:
     for row in chosen:
         index = np.unravel_index(int(row), shapes) if shapes else ()
         names.append(", ".join(point_of(result, d, int(i)) for d, i in zip(others, index, strict=True)))
-    return Curves(dims[axis], result[f"/{dims[axis]}"], rows[chosen], names, len(rows), len(members) > 1)
+    x = result[f"/{dims[axis]}"]
+    scattered = len(members) > 1 or x.dtype.kind not in "fiu"
+    return Curves(dims[axis], x, rows[chosen], names, len(rows), scattered)
 
 
 def _curves(result: Result, name: str) -> Figure:

@@ -263,6 +263,26 @@ def test_samples_of_a_turned_board(flight: Flight, tmp_path: Path) -> None:
     np.testing.assert_allclose(samples.force, flight.samples.force, atol=1e-5)
 
 
+def test_increments_of_px4(flight: Flight, tmp_path: Path) -> None:
+    """vehicle_imu has angles and velocities by interval, each with its duration, us; one without it has no sample."""
+    topics = logs.ulog_of(flight.samples, flight.fixes, dcm_from_rpy(flight.rpy))
+    stamp, micro = topics.pop("sensor_combined")["timestamp"], np.where(flight.samples.time < 5.0, 5000, 4000)
+    micro[-1] = 0
+    topics["vehicle_imu"] = {
+        "timestamp": stamp, "delta_angle": ("f", flight.samples.rate * 1e-6 * micro[:, None]),
+        "delta_velocity": ("f", flight.samples.force * 1e-6 * micro[:, None]),
+        "delta_angle_dt": ("I", micro), "delta_velocity_dt": ("I", micro),
+    }  # fmt: skip
+    logs.write_ulog(tmp_path / "log.ulg", topics, {})
+    (taken,) = read_logs([tmp_path / "log.ulg"]).imus
+    np.testing.assert_allclose(taken.rate[:-1], flight.samples.rate[:-1], rtol=1e-6)
+    np.testing.assert_allclose(taken.force[:-1], flight.samples.force[:-1], rtol=1e-6)
+    assert np.isnan(taken.rate[-1]).all()
+    del topics["vehicle_imu"]["delta_angle_dt"]
+    logs.write_ulog(tmp_path / "lacks.ulg", topics, {})
+    assert "vehicle_imu 0: it lacks increments or their intervals" in read_logs([tmp_path / "lacks.ulg"]).left_out
+
+
 def test_covariances_of_rtklib(flight: Flight, tmp_path: Path) -> None:
     """The roots of covariances, with their signs, become correlations in north, east, down."""
     imported(*in_rtklib(flight, tmp_path), "-o", tmp_path / "out")

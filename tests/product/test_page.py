@@ -596,7 +596,7 @@ def test_every_kind_is_drawn(names: tuple[str, ...], browser: Any, place: Path, 
 
 
 UNITS = ("m", "s", "rad", "deg", "m_s", "rad_s", "m_s2", "dbhz")
-PLAIN = re.compile(r"run|gate|name|pseudolites|count|normalized_squared|[phv]dop(_max|_published|_\d_pl)?")
+PLAIN = re.compile(r"run|gate|name|source|pseudolites|count|normalized_squared|[phv]dop(_max|_published|_\d_pl)?")
 """Heads of columns without a unit."""
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from navsim.formats.sweep_rows import outputs
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.report.figure_data import about_threshold
-from navsim.results.result import Result, Variable
+from navsim.report.figures import save_figures
+from navsim.report.printing import Print
+from navsim.results.result import Result, ResultError, Variable
 
 
 def test_a_level_flight_is_drawn_level() -> None:
@@ -28,3 +33,12 @@ def test_outputs_that_this_version_does_not_know_come_last() -> None:
     result = Result({}, {f"/sweep/{name}": Variable(("x",), np.ones(2), "1", name) for name in given})
     known = ["pdop", "requirement_2", "requirement_2_verdict", "requirement_10"]
     assert outputs(result) == [*known, "art_95", "count", "count_low", "zeal"]
+
+
+def test_a_figure_that_is_not_there(tmp_path: Path) -> None:
+    """The message names one that is nearly so called, and those that are there."""
+    for name, advice in (("eror", "did you mean errors? it has errors, track"), ("zz", "it has errors, track")):
+        with pytest.raises(ResultError, match=f"--only {name}: the result has no such figure; {advice}"):
+            save_figures(lambda: {"errors": Figure(), "track": Figure()}, tmp_path, "a", Print("png"), [name])
+    with pytest.raises(ResultError, match="it has none"):
+        save_figures(dict, tmp_path, "a", Print("png"), ["errors"])
