@@ -36,9 +36,9 @@ COMMANDS: dict[str, tuple[object, ...]] = {
              "box={lateral_m: 0.8, vertical_m: 1.2}"),
     "sweep": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set", "vary.1.grid.count=6", "--set",
               "vary.2.grid.count=6", "--set", "outputs=[pdop, vdop, fix_vertical]", *_QUIET),
-    "sweep-numbers": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set", "set={pseudolites.count: 1, pseudolites.s_m: 60, "
-                      "pseudolites.l1_m: 900, receiver.rate_hz: 0.5}", "--set",
-                      "vary=[{key: sky.mask_deg, range: {first: 0, last: 20, step: 5}}, "
+    "sweep-numbers": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set",
+                      "set={pseudolites.count: 1, pseudolites.s_m: 60, pseudolites.l1_m: 900, receiver.rate_hz: 0.5}",
+                      "--set", "vary=[{key: sky.mask_deg, range: {first: 0, last: 20, step: 5}}, "
                       "{key: pseudolites.range_sigma_m, range: {first: 1, last: 9, step: 2}}]", "--set",
                       "outputs=[fix_vertical]", *_QUIET),
     "sweep-names": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set", "vary=[{key: sky.source, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def test_outputs_that_this_version_does_not_know_come_last() -> None:
 def test_a_figure_that_is_not_there(tmp_path: Path) -> None:
     """The message names one that is nearly so called, and those that are there."""
     for name, advice in (("eror", "did you mean errors? it has errors, track"), ("zz", "it has errors, track")):
-        with pytest.raises(ResultError, match=f"--only {name}: the result has no such figure; {advice}"):
+        with pytest.raises(ResultError, match=re.escape(f"--only {name}: the result has no such figure; {advice}")):
             save_figures(lambda: {"errors": Figure(), "track": Figure()}, tmp_path, "a", Print("png"), [name])
     with pytest.raises(ResultError, match="it has none"):
         save_figures(dict, tmp_path, "a", Print("png"), ["errors"])
