@@ -262,7 +262,7 @@ def _statement(one: AnySingle) -> tuple[str, float, bool]:
     if isinstance(one, ThresholdRequirement):
         return f"EMT within {one.below_m:g} m at {100 * one.share:g} % of epochs of the glide", one.share, True
     if isinstance(one, AccuracyRequirement):
-        error = f"vertical error without a fault within {one.below_m:g} m but for {one.at_most:g}"
+        error = f"P(fault-free vertical error > {one.below_m:g} m) at most {one.at_most:g}"
         return f"{error} at {100 * one.share:g} % of epochs of the glide", one.share, True
     if isinstance(one, AvailabilityRequirement):
         what = "epochs of the glide" if one.what == "availability" else "approaches throughout"

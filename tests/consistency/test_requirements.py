@@ -111,7 +111,7 @@ def test_runs_are_judged(tmp_path: Path) -> None:
         for text in (
             "HPL within 40 m at 99 % of epochs of the glide",
             "VPL within 50 m at 99 % of epochs of the glide",
-            "vertical error without a fault within 20 m but for 0.05 at 99 % of epochs of the glide",
+            "P(fault-free vertical error > 20 m) at most 0.05 at 99 % of epochs of the glide",
             "continuity lost in 15 s with a risk of at most 8e-06",
             "hazardously misleading information with a risk of at most 2e-07",
         )
@@ -143,8 +143,8 @@ def test_lpv_200_has_accuracy_and_a_threshold(method: str, tmp_path: Path) -> No
     statements = [str(text) for text in result[f"{branch}/statement"]]
     assert statements[2:5] == [
         "LPV-200: EMT within 15 m at 99 % of epochs of the glide",
-        "LPV-200: vertical error without a fault within 4 m but for 0.05 at 99 % of epochs of the glide",
-        "LPV-200: vertical error without a fault within 10 m but for 1e-07 at 99 % of epochs of the glide",
+        "LPV-200: P(fault-free vertical error > 4 m) at most 0.05 at 99 % of epochs of the glide",
+        "LPV-200: P(fault-free vertical error > 10 m) at most 1e-07 at 99 % of epochs of the glide",
     ]
     sigma = result["/integrity/sigma_vertical"][glide]
     value, verdicts = result[f"{branch}/value"], [str(word) for word in result[f"{branch}/verdict"]]

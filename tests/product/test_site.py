@@ -93,6 +93,10 @@ QUESTIONS = {
     "pseudolite terrain": "how-to/pseudolite-reception",
     "reviewer": "how-to/review", "verify": "how-to/review",
     "tampered": "how-to/review", "RO-Crate": "how-to/review",
+    "where do I put pseudolites": "troubleshooting", "how accurate will my landing be": "troubleshooting",
+    "touchdown accuracy": "how-to/accuracy", "what does NEES mean": "troubleshooting", "replay my log": "how-to/log",
+    "which filter": "filter", "how many runs": "troubleshooting", "not modelled": "limits",
+    "add a sensor": "how-to/sensor", "exit codes": "commands", "survey error": "how-to/pseudolite-clock",
 }  # fmt: skip
 """What users look for, and the page that has the answer."""
 
