@@ -47,6 +47,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "37.01}], rate_hz: 20, sigma_m: 0.1, weak_sigma_m: 0.3, bias_sigma_m: 0.1, growth_m: 0.3, growth_sigma_m: "
             "0.1, survey_sigma_m: 0.05, eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868, long_share: 0.02, "
             "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5, bandwidth_mhz: 0.5, noise_figure_db: 5}",
+            "azimuth_station={preset: mls, beyond_m: 3000, half_width_m: 300, off_s: [[10, 20]]}",
+            "elevation_station={preset: mls}", "dme={preset: dme-p}",
             "runway.geoid_undulation_m=15.5",
             f"sky={{source: almanac, almanac: MCCJ_180913.agl, almanac_sha256: {_SUM}}}",
             "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "
@@ -64,6 +66,10 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "errors: states, sigma_m: 0.2, weak_sigma_m: 0.4, bias_sigma_m: 0.2, growth_m: 0.2, "
             "growth_sigma_m: 0.2, growth_distance_m: 30, survey_sigma_m: 0.1, latency_s: 0.02, "
             "lever_arm_m: [0, 0, 0.1]}, "
+            "azimuth_station: {bias_m: 3, bends_m: 2, noise_m: 2, bends_time_s: 3, latency_s: 0.1, "
+            "lever_arm_m: [1, 0, 0]}, elevation_station: {bias_deg: 0.1, bends_deg: 0.1, noise_deg: 0.1, "
+            "bends_time_s: 1, latency_s: 0.1, lever_arm_m: [1, 0, 0]}, "
+            "dme: {bias_m: 20, bends_m: 5, noise_m: 10, bends_time_s: 3, latency_s: 0.1, lever_arm_m: [1, 0, 0]}, "
             "scale_factors: true, misalignments: true, latency_s: 0.1, "
             "lever_arm_m: [0.5, 0, -0.3], initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
             "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300, "

@@ -24,7 +24,7 @@ import numpy as np
 from navsim.compiler.jit import in_kernels
 from navsim.compiler.linear import copy
 from navsim.filter import eskf, left_invariant, tfg
-from navsim.filter.measurement_models import BEACON, FIX, RANGE, SOURCE, hard_iron
+from navsim.filter.measurement_models import AZIMUTH, BEACON, DISTANCE, ELEVATION, FIX, RANGE, SOURCE, hard_iron
 from navsim.filter.records import CONSTRAINED, ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel
 
 
@@ -75,7 +75,8 @@ PLAIN = CHARTS[ESKF]
 def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
     """Chart of a filter."""
     plain = model.steady_force and model.kind in (TFG, GAUSSIAN_SUM)
-    straight = 2 if plain else int(np.isin(model.declared["triad"], (FIX, RANGE, SOURCE, BEACON)).any())
+    summed = (FIX, RANGE, SOURCE, BEACON, AZIMUTH, ELEVATION, DISTANCE)
+    straight = 2 if plain else int(np.isin(model.declared["triad"], summed).any())
     return CHARTS[model.kind]._replace(straight=straight, body=int(hard_iron(model.declared)))
 
 

@@ -14,6 +14,7 @@ Sources:
 - [4] `docs/theory/lasting-errors.md`, sections 3 and 4.
 - [5] `docs/theory/magnetometer.md`.
 - [6] `docs/theory/beacons.md`.
+- [7] `docs/theory/ground-stations.md`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from navsim.compiler.elementary import exp_of_negative, sincos_of_latitude
+from navsim.compiler.elementary import atan2, exp_of_negative, sincos_of_latitude
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import as_simd, no, small_matrix, small_vector, where
 from navsim.filter.states import (
@@ -62,7 +63,9 @@ BEACON = 10
 BEACON_STATES = 5
 """Errors of a beacon: bias, growth of the bias, position along north, east, down [6]. The state of the error k of the
 beacon i has the axis `BEACON_STATES` i + k."""
-KIND_COUNT = 1 + BEACON
+AZIMUTH, ELEVATION, DISTANCE = 11, 12, 13
+"""Kinds of the measurements of ground stations: two angles and a range [7]."""
+KIND_COUNT = 1 + DISTANCE
 """Slots of the other kinds, see `slot`. Slots of ranges follow, one for each beacon, then one for each source."""
 _NEAR = 0.1
 """A range is treated as curved if the position uncertainty across it lengthens it by more than this fraction of its
@@ -227,6 +230,30 @@ class BeaconTable(NamedTuple):
         return self._replace(range=change(self.range))
 
 
+class StationTable(NamedTuple):
+    """Angles or ranges of an antenna from a ground station, m of them [7]."""
+
+    value: np.ndarray
+    """(m,) rad or m, nan if missing."""
+    position: np.ndarray
+    """(3,) of the station, ECEF, m."""
+    axis: np.ndarray
+    """(3,) ECEF unit vector from which the complement of an angle is counted; unused for ranges."""
+    variance: float
+    """Of the white noise, rad2 or m2."""
+    lever_arm: np.ndarray
+    """See `FixTable`."""
+
+    @classmethod
+    def none(cls, *lanes: int) -> StationTable:
+        """The table without measurements, of one run or of lanes."""
+        return cls(np.empty((0, *lanes)), np.zeros(3), np.zeros(3), 1.0, np.zeros(3))
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> StationTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(value=change(self.value))
+
+
 class RangeTable(NamedTuple):
     """Pseudoranges and range rates of a receiver's antenna, m of them, each of a source and an epoch.
 
@@ -288,6 +315,9 @@ class Measurements(NamedTuple):
     pressures: PressureTable
     magnetic: MagneticTable
     beacons: BeaconTable
+    azimuths: StationTable
+    elevations: StationTable
+    distances: StationTable
 
     @classmethod
     def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
@@ -310,7 +340,8 @@ class Measurements(NamedTuple):
 
 _TABLES: dict[int, Any] = {
     FIX: FixTable, ALTITUDE: AltitudeTable, RANGE: RangeTable, ABOVE_GROUND: GroundTable, PRESSURE: PressureTable,
-    MAGNETIC: MagneticTable, BEACON: BeaconTable,
+    MAGNETIC: MagneticTable, BEACON: BeaconTable, AZIMUTH: StationTable, ELEVATION: StationTable,
+    DISTANCE: StationTable,
 }  # fmt: skip
 """Table of each kind, in the order of `Measurements`. Probes are in the table of fixes."""
 
@@ -585,6 +616,45 @@ def _beacon(nav, declared, c_nb, table, row, z, h):
 
 
 @kernel
+def _station(kind, nav, declared, c_nb, table, z, h):
+    """Angle from a plane through a ground station, or distance from it [7].
+
+    z (1,): of a zero measurement. h (1, n): zero at first.
+    """
+    arm, x, u, a = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3)
+    c_ne = small_matrix(nav, 3, 3)
+    lever, position, axis = table.lever_arm, table.position, table.axis
+    dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], c_nb)
+    llh_to_ecef(nav[NAV_LLH:NAV_VEL], x)
+    ned_axes(nav[NAV_LLH], nav[NAV_LLH + 1], c_ne)
+    for i in range(3):
+        x[i] -= position[i]
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
+        u[i] = c_ne[i, 0] * x[0] + c_ne[i, 1] * x[1] + c_ne[i, 2] * x[2] + arm[i]
+        a[i] = c_ne[i, 0] * axis[0] + c_ne[i, 1] * axis[1] + c_ne[i, 2] * axis[2]
+    distance = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    for i in range(3):
+        u[i] /= distance
+    z[0] = -distance
+    if kind != DISTANCE:
+        sine = a[0] * u[0] + a[1] * u[1] + a[2] * u[2]
+        cosine = math.sqrt(1.0 - sine * sine)
+        z[0] = -atan2(sine, cosine)
+        for i in range(3):
+            u[i] = (a[i] - sine * u[i]) / (cosine * distance)
+    for c in range(declared.shape[0]):
+        if declared[c].triad == kind:
+            h[0, SENSORS + c] = 1.0
+            z[0] -= nav[NAV_SENSORS + c]
+    for i in range(3):
+        h[0, POS + i] = u[i]
+        # r_antenna = r + C l, as of a beacon
+        j, k = (i + 1) % 3, (i + 2) % 3
+        h[0, ATT + i] = arm[j] * u[k] - arm[k] * u[j]
+
+
+@kernel
 def is_bent(ranges, row, h, p):
     """Whether one linearisation of a range is not enough: its source is near, and the position uncertain across it [2].
 
@@ -729,5 +799,20 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
         if beacons.weakened.shape[0] > 0:
             further *= beacons.weakened[row]
         r[0, 0] = where(there, beacons.sigma * beacons.sigma + further * further, 1.0)
+        return 1
+    if AZIMUTH <= kind <= DISTANCE:
+        stations = measurements.azimuths
+        if kind == ELEVATION:
+            stations = measurements.elevations
+        if kind == DISTANCE:
+            stations = measurements.distances
+        measured = as_simd(stations.value)
+        _station(kind, nav, declared, c_nb, stations, z, h)
+        there = no(math.isnan(measured[row]))
+        have[0] = where(there, 1.0, 0.0)
+        z[0] = where(there, z[0] + measured[row], 0.0)
+        for c in range(h.shape[1]):
+            h[0, c] *= have[0]
+        r[0, 0] = where(there, stations.variance, 1.0)
         return 1
     raise ValueError("no measurement model is of this kind")

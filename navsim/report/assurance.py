@@ -81,7 +81,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     ),
     "error model and update of the navigation filter": (
         "clock of a receiver without sources", "two sources and an unknown clock",
-        "update with a range that may be an outlier",
+        "update with a range that may be an outlier", "angles and ranges of ground stations, and their derivatives",
         "Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
     ),
     "batch smoother": ("The `map` smoother minimises the nonlinear least-squares cost of the whole flight",),
@@ -125,6 +125,7 @@ def _has_pseudolites(scenario: Mapping[str, Any]) -> bool:
     return bool(at(scenario, "pseudolites", "count") or at(scenario, "pseudolites", "sites"))
 
 
+_ON_GROUND = ("beacons", "azimuth_station", "elevation_station", "dme")
 _ALTIMETERS = ("radio_altimeter", "barometric_altimeter", "magnetometer")
 SECTIONS: Mapping[str, Applies] = {
     "Signals and atmosphere": of_landing,
@@ -138,7 +139,7 @@ SECTIONS: Mapping[str, Applies] = {
     "Altimeters": lambda scenario, root: any(at(scenario, name) is not None for name in _ALTIMETERS),
     "Aircraft, wind, trajectories of runs": of_landing,
     "Runway and Earth": of_landing,
-    "Beacons": lambda scenario, _: at(scenario, "beacons") is not None,
+    "Beacons, ground stations": lambda scenario, _: any(at(scenario, name) is not None for name in _ON_GROUND),
     "Replay, live, exports": lambda _, root: root["kind"] in ("replay", "live"),
 }
 """Sections of `docs/limits.md`, and the results that they are about."""

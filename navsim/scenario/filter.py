@@ -14,6 +14,7 @@ from navsim.scenario.base import (
     Triple,
 )
 from navsim.scenario.beacons import FilterBeacons
+from navsim.scenario.ground_stations import FilterAzimuthStation, FilterDme, FilterElevationStation
 from navsim.scenario.imu import Accelerometer, Gyro
 from navsim.scenario.pseudolites import FilterPseudolites
 from navsim.scenario.signals import ClockNoise
@@ -115,6 +116,12 @@ class FilterSection(Section):
     """magnetometer that the filter assumes; omitted keys: those of `magnetometer`"""
     beacons: FilterBeacons = FilterBeacons()
     """beacons that the filter assumes; omitted keys: those of `beacons`"""
+    azimuth_station: FilterAzimuthStation = FilterAzimuthStation()
+    """azimuth station that the filter assumes; omitted keys: those of `azimuth_station`"""
+    elevation_station: FilterElevationStation = FilterElevationStation()
+    """elevation station that the filter assumes; omitted keys: those of `elevation_station`"""
+    dme: FilterDme = FilterDme()
+    """DME that the filter assumes; omitted keys: those of `dme`"""
     scale_factors: bool | None = None
     """estimate the scale factors of gyros and accelerometers, three more states each if they have some; their initial 1
     sigma is that of imu. Omitted: of each sensor whose scale factors are large for this flight"""

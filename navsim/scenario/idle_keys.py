@@ -9,7 +9,7 @@ from navsim.scenario.approach import PadApproach
 from navsim.scenario.base import Section
 from navsim.scenario.filter import SUM
 from navsim.scenario.imu import assumed_sensor, lone_correlation_times
-from navsim.scenario.presets import BEACON_PRESETS, MAGNETOMETER_PRESETS
+from navsim.scenario.presets import BEACON_PRESETS, MAGNETOMETER_PRESETS, STATION_PRESETS
 from navsim.scenario.sky import SOURCES_FROM_FILES
 
 if TYPE_CHECKING:
@@ -57,11 +57,11 @@ def idle_keys(scenario: Landing) -> list[str]:
 
 def _idle_presets(scenario: Landing) -> list[str]:
     """Presets of which the keys beside them leave nothing, as messages."""
-    of_beacons, of_magnetometer = ("beacons", BEACON_PRESETS), ("magnetometer", MAGNETOMETER_PRESETS)
+    sections = {"beacons": BEACON_PRESETS, "magnetometer": MAGNETOMETER_PRESETS, **STATION_PRESETS}
     return [
         f"{name}.preset: {section.preset} changes nothing: {', '.join(its)} replace all of its values; leave these "
         "keys out, or the preset"
-        for name, presets in (of_beacons, of_magnetometer)
+        for name, presets in sections.items()
         if (section := getattr(scenario, name)) is not None and (its := presets.get(section.preset))
         and all(getattr(section, key) != value for key, value in its.items())
     ]  # fmt: skip

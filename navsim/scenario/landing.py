@@ -50,6 +50,7 @@ from navsim.scenario.beacons import BeaconsSection
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import AnyEvent
 from navsim.scenario.filter import SMOOTHERS, FilterSection
+from navsim.scenario.ground_stations import AzimuthStationSection, DmeSection, ElevationStationSection, StationSection
 from navsim.scenario.idle_keys import idle_keys
 from navsim.scenario.imu import Accelerometer, Gyro, Imu, assumed_sensor
 from navsim.scenario.initial_errors import InitialErrorsSection
@@ -118,6 +119,12 @@ class Landing(Section):
     """sensor of the magnetic field, which shows the heading; null: none"""
     beacons: BeaconsSection | None = None
     """ranging beacons on the ground; null: none"""
+    azimuth_station: AzimuthStationSection | None = None
+    """localizer, or azimuth of an MLS; null: none"""
+    elevation_station: ElevationStationSection | None = None
+    """glide path, or elevation of an MLS; null: none"""
+    dme: DmeSection | None = None
+    """distance measuring equipment; null: none"""
     initial_errors: InitialErrorsSection = InitialErrorsSection()
     """errors that the navigation starts with"""
     sky: Sky = Sky()
@@ -571,7 +578,7 @@ class Landing(Section):
         return sites
 
     def check_sites(self, trajectory: Moving) -> None:
-        """Raise where pseudolites or beacons are in the way of the aircraft."""
+        """Raise where transmitters are in the way of the aircraft."""
         from navsim.geodesy.earth import ecef_from_llh
 
         track = self.track(trajectory)
@@ -579,6 +586,10 @@ class Landing(Section):
         if self.beacons is not None:
             sites = ecef_from_llh(self.beacons.model(self).positions(trajectory.frame))
             _check_clear(track, sites, [f"beacon {name}" for name in self.beacons.names()], "beacons", "sites")
+        for section in self.aiding_sections().values():
+            if isinstance(section, StationSection):
+                sites = ecef_from_llh(section.model(self).llh(trajectory.frame))[None]
+                _check_clear(track, sites, ["the antenna"], section.name, "beyond_m")
 
     def track(self, trajectory: Moving) -> Track:
         """Trajectory during the simulation, of the IMU and the antenna."""

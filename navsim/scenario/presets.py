@@ -125,6 +125,47 @@ BEACON_SHEETS = {
 }
 """Where these numbers were seen."""
 
+_LIMIT = 1.959963985
+"""A limit that holds for 95 % in 1 sigma, of a Gaussian error."""
+
+STATION_PRESETS: dict[str, dict[str, dict[str, float]]] = {
+    "azimuth_station": {
+        # Alignment of the course at the threshold, 3.1.3.6; bends, attachment C, 2.1.4; linear up to 0.180 DDM at
+        # 0.00145 DDM/m, 3.1.3.7. Noise is not in them: the scenario gives it.
+        "ils-1": {"bias_m": 10.5 / _LIMIT, "bends_m": 10.0 / _LIMIT, "half_width_m": 0.180 / 0.00145},
+        "ils-2": {"bias_m": 7.5 / _LIMIT, "bends_m": 5.0 / _LIMIT, "half_width_m": 0.180 / 0.00145},
+        "ils-3": {"bias_m": 3.0 / _LIMIT, "bends_m": 5.0 / _LIMIT, "half_width_m": 0.180 / 0.00145},
+        # Path following error 20 ft, control motion noise 10.5 ft. How much of the first is constant was not seen: here
+        # all of it, which a filter cannot average.
+        "mls": {"bias_m": 20.0 * 0.3048 / _LIMIT, "noise_m": 10.5 * 0.3048 / _LIMIT},
+    },
+    "elevation_station": {
+        # The path's angle within 0.075 of it; full scale 0.24 of it. Bends and noise were not seen.
+        "ils": {"bias_deg": 0.075 * 3.0 / _LIMIT, "low_deg": 3.0 * 0.76, "high_deg": 3.0 * 1.24},
+        # Path following error 0.133 deg, its noise 0.087 deg below 1.5 rad/s, control motion noise 0.05 deg; guidance
+        # from 0.9 deg on.
+        "mls": {
+            "bias_deg": math.sqrt(0.133**2 - 0.087**2) / _LIMIT, "bends_deg": 0.087 / _LIMIT,
+            "bends_time_s": 1.0 / 1.5, "noise_deg": 0.05 / _LIMIT, "low_deg": 0.9,
+        },
+    },
+    "dme": {
+        # The whole error of the system, of which no part is said to vary.
+        "dme-n": {"bias_m": 370.0 / _LIMIT},
+        # Path following error 30 m, control motion noise 18 m, on a path of 3 deg.
+        "dme-p": {"bias_m": 30.0 / _LIMIT, "noise_m": 18.0 / _LIMIT},
+    },
+}  # fmt: skip
+"""Ground stations, keys of their sections: published limits, taken for 95 % of a Gaussian error."""
+STATION_SOURCES = {
+    "ils-1": "ICAO Annex 10, volume I, 3.1.3.6, 3.1.3.7 and attachment C, 2.1.4; so are ils-2 and ils-3",
+    "ils": "14 CFR 171.267 (a) (1); ICAO Annex 10, volume I, 3.1.5.6",
+    "mls": "14 CFR 171.313, table 10, and 171.317, table 13; ICAO Annex 10, volume I, attachment G, 13.6.4.2",
+    "dme-n": "ICAO Annex 10, volume I, 3.5.3.1.3.3",
+    "dme-p": "ICAO Annex 10, volume I, attachment C, 7.3.2.1.6",
+}
+"""Where these numbers were seen."""
+
 SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
     # The landing paper: white noise of pseudoranges (variance 5 m2 at the zenith), no time-correlated errors.
     "white": {},

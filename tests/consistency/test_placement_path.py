@@ -235,6 +235,7 @@ ALIKE = {
     "imu.": "inertial sensors",
     "altimeter.": "a sensor beside the receiver", "radio_altimeter.": "the same", "barometric_altimeter.": "the same",
     "magnetometer.": "the same", "beacons.": "the same",
+    "azimuth_station.": "the same", "elevation_station.": "the same", "dme.": "the same",
     "runway.bearing_deg": "runway.heading_deg", "runway.bearing_is": "the same", "runway.bearing_year": "the same",
     "runway.declination_deg": "the same", "runway.end.": "the same", "runway.tch_m": "runway.aim_point_m",
     "runway.height_above": "what runway.height_m is above", "runway.geoid_undulation_m": "the same",
