@@ -46,6 +46,7 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/sensor_errors.py
 	$(BIN)/python scripts/heights.py
 	$(BIN)/python scripts/wrong_fix.py
+	$(BIN)/python scripts/landing_aids.py
 	$(BIN)/python scripts/faults.py
 	$(BIN)/python scripts/integrity.py
 	$(BIN)/python scripts/interference.py

@@ -77,17 +77,17 @@ def main() -> None:
     lines = [
         "# What do two pseudolites replace?",
         "",
-        f"Made by `make validate` (`scripts/landing_aids.py`), landing_ils.yaml, {RUNS} runs of seed {SEED} a row: the",
-        "same runway, wind, turbulence and IMU. Errors of navigation, 95 %, m. Category I asks for",
-        f"{LATERAL:g} m laterally and {VERTICAL:g} m vertically at 200 ft.",
-        "[Models and limits](theory/ground-stations.md).",
+        f"Made by `make validate` (`scripts/landing_aids.py`), landing_ils.yaml, {RUNS} runs of seed {SEED} a row:",
+        "one runway, wind, turbulence, IMU. Errors of navigation, 95 %, m. Category I allows",
+        f"{LATERAL:g} m laterally, {VERTICAL:g} m vertically (200 ft). [Models](theory/ground-stations.md).",
         "",
         f"| system | {' | '.join(heads)} | category I | RMS of runs over analysis |",
         f"|---|{'---|' * (len(heads) + 2)}",
         *map(row, CASES),
         "",
-        "Stations have the largest errors that the standards allow; real ones are better. The pseudolites stand 1000 m",
-        "before the threshold, 200 m to each side, synchronised to 1 ns and surveyed to 0.05 m.",
+        "Stations have the largest errors that the standards allow. An error along the path shifts the height, too.",
+        "Pseudolites: 1000 m before the threshold, 200 m to each side, synchronised to 1 ns, surveyed to 0.05 m.",
+        "They replace the localizer and, down to 50 ft, the elevation station. At touchdown MLS is better in height.",
     ]
     PAGE.write(lines, begun)
 
