@@ -67,8 +67,10 @@ SMOOTHERS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 PUBLISHED = ("eskf", "left-invariant", "tfg", "first-estimates", "observability-constrained")
 MAIN = ("landing", "landing_smooth", "landing_gnss_only", "landing_open_sky", "s_turn", "circuit", "track")
-OTHERS = ("odense", "beacons_uav", "beacons_pad", "table2", "table2_almanac", "table2_row1", "table2_weighted")
-STRAIGHT = ("landing", "landing_gnss_only", "landing_open_sky", *OTHERS[3:])
+OTHERS = (
+    "odense", "beacons_uav", "beacons_pad", "landing_ils", "table2", "table2_almanac", "table2_row1", "table2_weighted",
+)  # fmt: skip
+STRAIGHT = ("landing", "landing_gnss_only", "landing_open_sky", *OTHERS[4:])
 """Scenarios that fly straight until `CORNER`."""
 NOISES = (0.1, 3.0)
 NOISY_LANDINGS = ("landing, noise × 0.1", "landing", "landing, noise × 3")
