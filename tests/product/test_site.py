@@ -85,7 +85,7 @@ QUESTIONS = {
     "sky.mask_deg": "reference/landing/sky", "heading large": "troubleshooting", "sigma small": "troubleshooting",
     "NEES 1110": "troubleshooting", "placement map flat": "troubleshooting", "exit code 3": "commands",
     "S and L1": "glossary", "how to cite": "citing", "lever arm": "glossary", "latency sign": "glossary",
-    "file formats": "how-to/files", "almanac": "how-to/files", "NMEA": "replay", "xarray": "python",
+    "file formats": "how-to/files", "almanac": "how-to/files", "NMEA": "replay-files", "xarray": "python",
     "gust": "reference/landing/wind", "Monte Carlo": "glossary",
     "recorded ranges": "how-to/ranges", "beacon positions": "how-to/ranges", "two-way ranging": "how-to/ranges",
     "magnetometer": "how-to/sensor", "hard iron": "glossary", "control variates": "theory/control-variates",
