@@ -223,7 +223,7 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
         return _counted(nothing, int(draft["/summary/go_around/count"]), runs)
     if isinstance(one, IndicatorRequirement):
         largest = draft[f"/summary/indicator/{one.what}_largest_run"]
-        return _counted(nothing, int((largest <= one.within).sum()), runs)
+        return nothing if np.isnan(largest).all() else _counted(nothing, int((largest <= one.within).sum()), runs)
     if isinstance(one, AlertRequirement):
         return replace(nothing, value=_exactly(float(draft["/summary/integrity/time_to_alert"])))
     return _of_shares(one, nothing, draft, runs)

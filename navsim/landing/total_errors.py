@@ -154,7 +154,8 @@ def _put_indicated(
             draft[f"{branch}/{name}{kind}_largest_run"] = values
             draft[f"{branch}/{name}{kind}_percentile"] = _percentiles(values)
             for limit, of in ((HALF, "half"), (FULL, "full")):
-                beyond = share_interval(int((values > limit).sum()), ensemble.runs)
+                judged = np.isfinite(values).any()
+                beyond = share_interval(int((values > limit).sum()), ensemble.runs) if judged else np.full(3, np.nan)
                 draft[f"{branch}/{name}{kind}_beyond_{of}"] = beyond
 
 

@@ -236,3 +236,13 @@ def test_deviations_count_from_where_the_route_is_established() -> None:
     assert 38.0 < float(flown["/summary/indicator/from_time"]) <= 41.0
     assert float(flown["/summary/indicator/glide_path_largest_run"].max()) < 0.03
     assert np.abs(indicated_deviations(flown, 10_000).aircraft[:, :, 1]).max() < 0.03
+
+
+def test_deviations_that_never_count_decide_nothing() -> None:
+    """Seen before: no run beyond half scale, and a requirement not met, of a flight that is never judged."""
+    one = case("approach.indicator={until_height_m: 1000}", "approach.flight_technical_error.lateral={sigma_m: 1}",
+               "duration_s=20", "imu.rate_hz=50", "requirements=[{what: localizer, within: 0.5}]")  # fmt: skip
+    flown = summarised(one, fly_all(one, 1, 0, WIDTH, threads(1), keep="errors"), 1, keep="errors")
+    assert np.isnan(flown["/summary/indicator/localizer_beyond_half"]).all()
+    assert flown["/summary/requirements/verdict"].tolist() == ["undecided"]
+    assert indicated_deviations(flown).height.size == 0
