@@ -270,7 +270,7 @@ def _statement(one: AnySingle) -> tuple[str, float, bool]:
     if isinstance(one, RiskRequirement):
         what = "continuity lost in 15 s" if one.what == "continuity" else "hazardously misleading information"
         return f"{what} with a risk of at most {one.at_most:g}", one.at_most, False
-    return f"an alarm within {one.within_s:g} s", one.within_s, False
+    return f"an alarm within {one.within_s:g} s in each of these runs", one.within_s, False
 
 
 def _exactly(value: float) -> np.ndarray:

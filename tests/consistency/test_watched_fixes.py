@@ -419,6 +419,7 @@ def test_a_spoofer_that_nobody_notices_has_no_time_to_alert(tmp_path: Path) -> N
     result = read(tmp_path / "a.h5")
     assert float(result["/summary/integrity/time_to_alert"]) == np.inf
     assert list(result["/summary/requirements/verdict"]) == ["not met"]
+    assert list(result["/summary/requirements/statement"]) == ["an alarm within 6 s in each of these runs"]
 
 
 def level_by_bisection(budget: float, bias: float, sigma: float, faults: list[tuple[float, float, float]]) -> float:
