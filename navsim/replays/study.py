@@ -425,7 +425,8 @@ def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float
         text += f", and the velocities of the fixes are {abs(lag):.1f} s {older} than their positions. Give "
         raise ReplayError(f"{text}gnss.velocity_latency_s, which is that much {'more' if lag > 0.0 else 'less'} than "
                           "gnss.latency_s, or leave out the columns of velocity")  # fmt: skip
-    raise ReplayError(f"{text}; allow more with alignment.heading_sigma_deg, or give alignment.heading_deg")
+    raise ReplayError(f"{text}; allow more with alignment.heading_sigma_deg, give alignment.heading_deg, or "
+                      "gnss.latency_s where fixes come seconds late")  # fmt: skip
 
 
 def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[Samples, Fixes, float]:

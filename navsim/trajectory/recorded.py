@@ -97,7 +97,7 @@ def recorded_trajectory(
     if span < 4.0 * _POSITION_KNOTS or np.max(np.diff(time)) > _ATTITUDE_STEP:
         raise ValueError(
             f"a recording of at least {4.0 * _POSITION_KNOTS:g} s with outputs each {_ATTITUDE_STEP:g} s or denser is "
-            f"needed, this has {time.size} in {span:.1f} s"
+            f"needed, this has {time.size} in {span:.1f} s; filter.output_rate_hz of the replay sets how many"
         )
     ecef = earth.ecef_from_llh(llh)
     inner = np.linspace(time[0], time[-1], max(2, round(span / _POSITION_KNOTS)) + 1)
