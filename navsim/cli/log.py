@@ -10,7 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import RLock
 from typing import IO, Any
@@ -35,11 +35,15 @@ def note(event: str, **members: Any) -> None:
     from datetime import UTC, datetime
 
     at = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    line = json.dumps({"time": at, "event": event, **members})
+    _write(json.dumps({"time": at, "event": event, **members}) + "\n")
+
+
+def _write(text: str) -> None:
+    """Write to the log; a failure is reported, and ends it."""
     with _lock:
         for file in _files:
             try:
-                file.write(f"{line}\n")
+                file.write(text)
             except OSError as error:
                 _files.clear()
                 print(f"warning: {file.name}: {error.strerror}; the log ends here", file=sys.stderr)
@@ -64,7 +68,7 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
         whole = _ends_with_newline(file)
     except OSError as error:
         raise NoLog(f"{path}: {error.strerror or error}") from None
-    with file:
+    with _closing(file):
         if whole is None:
             raise NoLog(f"{path}: is there already and no log; choose another file")
         begun = time.monotonic()
@@ -72,7 +76,7 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
         _files.append(file)
         try:
             if not whole:  # the last line was cut off
-                file.write("\n")
+                _write("\n")
             note("start", command=command, version=navsim.__version__, process=os.getpid(), folder=os.getcwd())
             yield
         except BaseException as error:
@@ -81,6 +85,16 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
         finally:
             note("end", code=code, seconds=round(time.monotonic() - begun, 3), text=text)
             _files.clear()
+
+
+@contextmanager
+def _closing(file: IO[str]) -> Iterator[None]:
+    """Close a file at the end, which tries again to write what the disk did not take: `_write` has reported it."""
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            file.close()
 
 
 def _ends_with_newline(file: IO[str]) -> bool | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import signal
 import subprocess
 import sys
@@ -102,6 +103,19 @@ def test_a_full_disk_ends_the_log_and_not_the_work(capsys: pytest.CaptureFixture
         print_message("two")
     assert capsys.readouterr().err == "one\nwarning: /dev/full: No space left on device; the log ends here\ntwo\n"
     assert not log.is_open()
+
+
+def test_a_log_that_cannot_grow_ends_without_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where it is closed, which tries to write once more."""
+    least, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (400, most))
+    try:
+        with log.logged(tmp_path / "a.log", ["run"]):
+            for _ in range(5):
+                log.note("said", text=80 * "a")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (least, most))
+    assert capsys.readouterr().err == f"warning: {tmp_path}/a.log: File too large; the log ends here\n"
 
 
 def test_progress_off_a_terminal_and_in_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
