@@ -47,7 +47,7 @@ def one_transition(nav, declared, dtheta, dv, dt, phi):
         nav, False, inverse, dtheta[0], dtheta[1], dtheta[2], dv[0], dv[1], dv[2], dt
     )
     strapdown.step(nav, tx, ty, tz, ux, uy, uz, increments, dt, c_nb, mid)
-    add_step(sums.total, sums.left, mid, dt, increments, declared)
+    add_step(sums.total, sums.decay, sums.row, mid, dt, increments, declared)
     transition(sums, mid, phi)
 
 

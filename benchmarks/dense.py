@@ -41,7 +41,7 @@ def dense_filter(nav, declared, dtheta, dv, dt, p, q, every):
         strapdown.step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid)
         reset_sums(sums)
         sums.length[0], sums.length[1] = dt, 1.0
-        add_step(sums.total, sums.left, mid, dt, previous, declared)
+        add_step(sums.total, sums.decay, sums.row, mid, dt, previous, declared)
         transition(sums, mid, flat)
         for i in range(N_BASE):
             for j in range(N_BASE):

@@ -397,6 +397,40 @@ def alloc(typing: Any, like: Any, shape: Any) -> Any:
     return kind(like, shape), gen
 
 
+def _uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        members: Any = kind
+        for i, member in enumerate(members):
+            part = _uncounted(context, builder, member, builder.extract_value(value, i))
+            value = builder.insert_value(value, part, i)
+    return value
+
+
+@_intrinsic
+def borrowed(typing: Any, record: Any) -> Any:
+    """The arrays of a record, and of records in it, without numba's count of references, which takes up to a quarter
+    of a kernel's time. They are valid while the caller has them, or up to `keep`."""
+
+    def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _uncounted(context, builder, sig.args[0], args[0])
+
+    return record(record), gen
+
+
+@_intrinsic
+def keep(typing: Any, record: Any) -> Any:
+    """Keep the arrays of a record, of which there is a `borrowed` copy, up to here."""
+
+    def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return context.get_dummy_value()
+
+    return types.none(record), gen
+
+
 def _on_stack(context: Any, builder: Any, kind: Any, extents: list[int]) -> Any:
     element = context.get_data_type(kind.dtype)
     data = cgutils.alloca_once(builder, ir.ArrayType(element, math.prod(extents)))

@@ -52,7 +52,7 @@ def cholesky(a, n):
             t -= a[j, k] * a[j, k]
         positive = (t > floor) & (t > 0.0)
         pivot = math.sqrt(where(positive, t, 1.0))
-        a[j, j] = pivot
+        a[j, j], reciprocal = pivot, 1.0 / pivot
         good = good & positive
         # four rows at once: none waits for the sums of another
         last = j + 1 + (n - j - 1) // 4 * 4
@@ -61,12 +61,13 @@ def cholesky(a, n):
             for k in range(j):
                 b = a[j, k]
                 t, u, v, w = t - a[i, k] * b, u - a[i + 1, k] * b, v - a[i + 2, k] * b, w - a[i + 3, k] * b
-            a[i, j], a[i + 1, j], a[i + 2, j], a[i + 3, j] = t / pivot, u / pivot, v / pivot, w / pivot
+            a[i, j], a[i + 1, j] = t * reciprocal, u * reciprocal
+            a[i + 2, j], a[i + 3, j] = v * reciprocal, w * reciprocal
         for i in range(last, n):
             t = a[i, j]
             for k in range(j):
                 t -= a[i, k] * a[j, k]
-            a[i, j] = t / pivot
+            a[i, j] = t * reciprocal
     return good
 
 

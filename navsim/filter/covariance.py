@@ -238,10 +238,28 @@ def propagate_error_columns(phi, coupled, decay, matrix, work):
 
 @kernel
 def gain(p, h, r, m, pht, s, k):
-    """Innovation covariance S = H P H' + R, its Cholesky factor and the gain K = P H' S^-1.
+    """`innovation_factor` and `gain_by_factor`."""
+    good = innovation_factor(p, h, r, m, pht, s)
+    gain_by_factor(s, m, pht, k)
+    return good
 
-    p: (n, n). h: (m, n). r: (m, m). m: number of measurements. Out: pht (n, m'), s (m', m') holds the lower
-    Cholesky factor of S, k (n, m'), with m' >= m. Returns whether S is positive definite.
+
+@kernel
+def gain_by_factor(s, m, pht, k):
+    """The gain K = P H' S^-1, k (n, m'), by what `innovation_factor` left."""
+    # of the most measurements the compiler knows how many they are, and keeps the factor in registers
+    if m == MAX_MEASUREMENT_SIZE:
+        _solve_rows(s, MAX_MEASUREMENT_SIZE, pht, k)
+    else:
+        _solve_rows(s, m, pht, k)
+
+
+@kernel
+def innovation_factor(p, h, r, m, pht, s):
+    """Cholesky factor of the innovation covariance S = H P H' + R; returns whether S is positive definite.
+
+    p: (n, n). h: (m, n). r: (m, m). m: number of measurements. Out: pht (n, m') holds P H', s (m', m') the lower
+    factor, with m' >= m.
     """
     n = h.shape[1]
     # H is mostly zero (a fix measures position and velocity, and the lever arm little else)
@@ -261,13 +279,7 @@ def gain(p, h, r, m, pht, s, k):
             if any_lane(c != 0.0):
                 for b in range(a + 1):
                     s[a, b] = fma(c, pht[j, b], s[a, b])
-    good = cholesky(s, m)
-    # of the most measurements the compiler knows how many they are, and keeps the factor in registers
-    if m == MAX_MEASUREMENT_SIZE:
-        _solve_rows(s, MAX_MEASUREMENT_SIZE, pht, k)
-    else:
-        _solve_rows(s, m, pht, k)
-    return good
+    return cholesky(s, m)
 
 
 @kernel_inline
@@ -323,14 +335,19 @@ def _joseph(p, h, r, m, pht, k, work):
         for j in range(n):
             c = h[a, j]
             if any_lane(c != 0.0):
-                for i in range(n):
+                for i in range(j):
                     work[i, a] = fma(-c, p[j, i], work[i, a])
+                for i in range(j, n):
+                    work[i, a] = fma(-c, p[i, j], work[i, a])
     _add_products(p, 1.0, work, k, m)
+    for i in range(n):
+        for j in range(i):
+            p[j, i] = p[i, j]
 
 
 @kernel_inline
 def _add_products(p, sign, a, b, m):
-    """p <- p + sign a b' (n, n) for a, b (n, m'), symmetric but for rounding: only its lower half is computed."""
+    """The lower half of p <- p + sign a b' (n, n) for a, b (n, m'), which is symmetric but for rounding."""
     n = p.shape[0]
     first, second = small_vector(p, MAX_MEASUREMENT_SIZE), small_vector(p, MAX_MEASUREMENT_SIZE)
     # two rows at once; of an odd number of rows the first is taken with itself
@@ -343,9 +360,6 @@ def _add_products(p, sign, a, b, m):
             for c in range(m):
                 s, t = fma(first[c], b[j, c], s), fma(second[c], b[j, c], t)
             p[one, j], p[two, j] = s, t
-    for i in range(n):
-        for j in range(i):
-            p[j, i] = p[i, j]
 
 
 @kernel
@@ -405,6 +419,13 @@ def _apply_blocks(diagonal, column, p, first, last, half, out):
         a0, a1, a2, a3, a4, a5 = own[0, 0], own[0, 1], own[0, 2], across[0, 0], across[0, 1], across[0, 2]
         b0, b1, b2, b3, b4, b5 = own[1, 0], own[1, 1], own[1, 2], across[1, 0], across[1, 1], across[1, 2]
         c0, c1, c2, c3, c4, c5 = own[2, 0], own[2, 1], own[2, 2], across[2, 0], across[2, 1], across[2, 2]
+        if o == ATT:
+            for j in range(half * o, last):
+                x0, x1, x2 = p[o, j], p[o + 1, j], p[o + 2, j]
+                out[j, o] = fma(a2, x2, fma(a1, x1, a0 * x0))
+                out[j, o + 1] = fma(b2, x2, fma(b1, x1, b0 * x0))
+                out[j, o + 2] = fma(c2, x2, fma(c1, x1, c0 * x0))
+            continue
         for j in range(half * o, last):
             x0, x1, x2, x3, x4, x5 = p[o, j], p[o + 1, j], p[o + 2, j], p[PHI_N, j], p[PHI_E, j], p[PHI_D, j]
             out[j, o] = fma(a5, x5, fma(a4, x4, fma(a3, x3, fma(a2, x2, fma(a1, x1, a0 * x0)))))

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import kernel, kernel_inline, kernel_internal
-from navsim.compiler.lanes import alloc, any_lane, as_simd, small_matrix, small_vector, where
+from navsim.compiler.lanes import alloc, any_lane, as_simd, borrowed, keep, small_matrix, small_vector, where
 from navsim.compiler.linear import copy, copy_matrix
-from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, gain, is_varying, predict
+from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, gain_by_factor, innovation_factor, is_varying, predict
 from navsim.filter.error_parametrisation import rotate_bias_frame
 from navsim.filter.first_estimates import note_shift, start_transition
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
@@ -51,7 +51,7 @@ from navsim.filter.steady_force import (
     velocity_of,
 )
 from navsim.filter.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
-from navsim.filter.update import apply_gate, count_valid, estimate_errors, update, update_buffers
+from navsim.filter.update import apply_gate, count_valid, estimate_by_factor, update, update_buffers
 
 _NO_NOISE = 1e-30
 """Density of noise of accelerometers that have none, m2/s3: no flight is steady by it."""
@@ -154,7 +154,7 @@ def mechanise(chart, until, imu, model, nav, p, cursor, increments, space):
     if mixed:
         unmixing(nav, model.declared, inverse)
     reset_sums(space.sums)
-    declared, total, record = space.sums.declared, space.sums.total, space.sums.decay
+    declared, total, record, row_of = space.sums.declared, space.sums.total, space.sums.decay, space.sums.row
     # on the stack a step finds its numbers in registers
     motion, previous = small_vector(nav, NAV_SENSORS), small_vector(nav, 6)
     c_nb, mid = small_matrix(nav, 3, 3), small_vector(nav, MID_N)
@@ -184,7 +184,7 @@ def mechanise(chart, until, imu, model, nav, p, cursor, increments, space):
             share * dv[k, 0], share * dv[k, 1], share * dv[k, 2], dt,
         )  # fmt: skip
         step(motion, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid)
-        add_step(total, record, mid, dt, previous, declared)
+        add_step(total, record, row_of, mid, dt, previous, declared)
         length, steps = length + dt, steps + 1
         if varying:
             accumulate_markov(space.sums, dt)
@@ -241,6 +241,9 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     chart: of `error_parametrisation.CHARTS`. state, stream: overwritten by those after the last event that was not
     ahead. history, errors: filled in where they have rows.
     """
+    imu, measurements, events, state, stream, model, history, errors = borrowed(
+        (imu, measurements, events, state, stream, model, history, errors)
+    )
     declared = model.declared
     state_nav, state_p, state_rejected = (
         as_simd(state.navigation),
@@ -265,7 +268,14 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     rejections = alloc(state_nav, (2, state_rejected.shape[0]))
     constrained, shift = chart.kind in CONSTRAINED, as_simd(state.shift)
     shifts, predicted = alloc(state_nav, (2, SHIFT_N)), alloc(state_nav, (state_nav.shape[0],))
-
+    allocated = (
+        account, buffers, space, epoch, navs, ps, increments_pair, cursors, v, variance, m_force, rejections, shifts,
+        predicted,
+    )  # fmt: skip
+    (
+        account, buffers, space, epoch, navs, ps, increments_pair, cursors, v, variance, m_force, rejections, shifts,
+        predicted,
+    ) = borrowed(allocated)  # fmt: skip
     copy(state_nav, navs[0])
     copy_matrix(state_p, ps[0])
     copy(state_rejected, rejections[0])
@@ -327,18 +337,19 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                     buffers.h, buffers.r,
                 )  # fmt: skip
             degrees = count_valid(buffers.have, m)
-            weighed = gain(p, buffers.h, buffers.r, m, buffers.pht, buffers.s, buffers.k) & (degrees > 0.0)
+            weighed = innovation_factor(p, buffers.h, buffers.r, m, buffers.pht, buffers.s) & (degrees > 0.0)
             used = weighed
             if expects_outliers(kind, measurements):
                 mean, buffers.spread[0], _, _ = excess(buffers.z[0], buffers.s[0, 0], measurements.beacons.outliers)
                 buffers.z[0] -= mean
             if any_lane(weighed):
-                estimate_errors(buffers.k, buffers.z, m, buffers.x)
+                estimate_by_factor(buffers.pht, buffers.s, buffers.z, m, buffers.x)
                 counter = slot(kind, row, measurements)
                 tested = not expects_outliers(kind, measurements)
                 used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, tested, model, rejected, record, i)
                 if any_lane(used):
                     if kind == RANGE:
+                        gain_by_factor(buffers.s, m, buffers.pht, buffers.k)
                         accumulate_range(used, m, p, epoch, 0, buffers)
                     else:
                         update(
@@ -363,3 +374,4 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     copy(shifts[0], shift)
     copy(increments_pair[0], stream_increments)
     copy(cursors[0], stream.cursor)
+    keep(allocated)

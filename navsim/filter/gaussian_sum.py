@@ -31,10 +31,10 @@ import numpy as np
 
 from navsim.compiler.elementary import exp_of_negative
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import alloc, any_lane, as_simd, no, small_vector, where
+from navsim.compiler.lanes import alloc, any_lane, as_simd, borrowed, keep, no, small_vector, where
 from navsim.compiler.linear import cholesky, copy
 from navsim.filter import tfg
-from navsim.filter.covariance import gain
+from navsim.filter.covariance import gain, innovation_factor
 from navsim.filter.filter_loop import (
     advance,
     force_noise,
@@ -92,7 +92,7 @@ from navsim.filter.steady_force import (
 from navsim.filter.update import (
     apply_gate,
     count_valid,
-    estimate_errors,
+    estimate_by_factor,
     update,
     update_buffers,
     whitened_square,
@@ -238,6 +238,9 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     The components of `state` continue. Its navigation and covariance become their moments after the last event that was
     not ahead. The increments of `stream` are unused: each component has its own.
     """
+    imu, measurements, events, state, stream, model, history, errors = borrowed(
+        (imu, measurements, events, state, stream, model, history, errors)
+    )
     declared = model.declared
     state_nav, state_p, state_rejected = (
         as_simd(state.navigation),
@@ -251,7 +254,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     )  # fmt: skip
     n, most, nav_size = state_p.shape[0], own.weight.shape[0], state_nav.shape[0]
     buffers = update_buffers(state_nav, n)
-    zs, ss, ks = (
+    zs, ss, phts = (
         alloc(state_nav, (most, MAX_MEASUREMENT_SIZE)),
         alloc(state_nav, (most, MAX_MEASUREMENT_SIZE, MAX_MEASUREMENT_SIZE)),
         alloc(state_nav, (most, n, MAX_MEASUREMENT_SIZE)),
@@ -272,6 +275,14 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     line, v, variance = as_simd(state.steady), alloc(state_nav, (3,)), alloc(state_nav, (3,))
     m_force, turns, attitude = alloc(state_nav, (3,)), alloc(state_nav, (most, 3)), alloc(state_nav, (4,))
     rejections, cursors, cursor = alloc(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
+    allocated = (
+        account, buffers, zs, ss, phts, squares, sizes, numbers, spreads, there, space, mixture_work, epoch, late, v,
+        variance, m_force, turns, attitude, rejections, cursors, cursor,
+    )  # fmt: skip
+    (
+        account, buffers, zs, ss, phts, squares, sizes, numbers, spreads, there, space, mixture_work, epoch, late, v,
+        variance, m_force, turns, attitude, rejections, cursors, cursor,
+    ) = borrowed(allocated)  # fmt: skip
     copy(state_rejected, rejections[0])
     copy(stream.cursor, cursors[0])
     if stream.cursor[0] < 0.0:
@@ -348,7 +359,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                     more = (weight[j] > 0.0) & (buffers.have[a] > there[a])
                     there[a] = where(more, buffers.have[a], there[a])
                     zs[j, a] = buffers.z[a]
-                good = gain(now.covariance[j], buffers.h, buffers.r, m, buffers.pht, ss[j], ks[j])
+                good = innovation_factor(now.covariance[j], buffers.h, buffers.r, m, phts[j], ss[j])
                 copy(zs[j], buffers.z)
                 square = whitened_square(ss[j], buffers.z, m)
                 squares[j] = where(good & (square < math.inf), square, math.inf)
@@ -383,16 +394,15 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                 if not any_lane(own_use):
                     continue
                 nav, p, increments = now.navigation[j], now.covariance[j], now.increments[j]
+                estimate_by_factor(phts[j], ss[j], zs[j], m, buffers.x)
                 if kind == RANGE:
                     # correction from another component is in the buffers
                     predict_range(
                         chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, buffers
                     )
                     gain(p, buffers.h, buffers.r, m, buffers.pht, buffers.s, buffers.k)
-                    estimate_errors(ks[j], zs[j], m, buffers.x)
                     accumulate_range(own_use, m, p, epoch, j, buffers)
                 else:
-                    estimate_errors(ks[j], zs[j], m, buffers.x)
                     buffers.spread[0] = spreads[j]
                     update(
                         chart, used, kind, row, measurements, declared, nav, p, increments, cursor[2], space, buffers
@@ -415,3 +425,4 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     moments(own, state_nav, state_p, True, space, mixture_work)
     copy(rejections[0], state_rejected)
     copy(cursors[0], stream.cursor)
+    keep(allocated)

@@ -92,6 +92,8 @@ class StepSums(NamedTuple):
     """(k,) process noise that each state has collected, added to its variance."""
     step_decay: np.ndarray
     """(k,) decay over the last step."""
+    row: np.ndarray
+    """(k,) int, whose row of `total` holds the sums of each state: an accelerometer's are also those of its gyro."""
 
 
 @kernel_internal
@@ -99,7 +101,21 @@ def allocate_sums(like, declared):
     """Allocate the sums for these sensor states, with the lanes of `like`."""
     k = declared.shape[0]
     total = alloc(like, (_COLUMNS + _COLUMN_N * k,))
-    return StepSums(declared, total, np.empty(2), np.empty(k), np.empty(k), np.empty(k))
+    return StepSums(declared, total, np.empty(2), np.empty(k), np.empty(k), np.empty(k), rows_of_sums(declared))
+
+
+@kernel
+def rows_of_sums(declared):
+    """See `StepSums.row`: declared biases of one axis and one decay act through the same column of C."""
+    row = np.empty(declared.shape[0], np.int64)
+    for c in range(declared.shape[0]):
+        row[c] = c
+        for b in range(c):
+            alike = declared[b].axis == declared[c].axis and declared[b].decay == declared[c].decay
+            both = declared[b].triad == GYROS and declared[c].triad == ACCELEROMETERS
+            if alike and both and declared[b].signal == CONSTANT and declared[c].signal == CONSTANT:
+                row[c] = b
+    return row
 
 
 @kernel_inline
@@ -131,11 +147,11 @@ def accumulate_markov(sums, dt):
 
 
 @kernel_inline
-def add_step(total, decay, mid, dt, increments, declared):
+def add_step(total, decay, row, mid, dt, increments, declared):
     """Add a step of dt, s, that `strapdown.step` has made, to the sums `total`.
 
-    decay (k,): decay so far of the declared sensor states (k,), of which measurement errors are skipped. mid: (MID_N,).
-    increments: (6,) compensated.
+    decay, row (k,): as of `StepSums`, of the declared sensor states (k,), of which measurement errors are skipped. mid:
+    (MID_N,). increments: (6,) compensated.
     """
     n, e, d = mid[MID_FELT], mid[MID_FELT + 1], mid[MID_FELT + 2]
     for i in range(3):
@@ -145,8 +161,8 @@ def add_step(total, decay, mid, dt, increments, declared):
         total[_FORCE + i] += felt
     for c in range(declared.shape[0]):
         triad, axis, signal = declared[c].triad, declared[c].axis, declared[c].signal
-        if triad > ACCELEROMETERS:
-            continue  # an error of measurements, whose `axis` is no axis of the body
+        if triad > ACCELEROMETERS or row[c] != c:
+            continue  # an error of measurements has no axis of the body
         # input of the state, over the step
         weight = decay[c] * (dt - 0.5 * dt * dt * declared[c].decay)
         x, y, z = weight * mid[axis], weight * mid[3 + axis], weight * mid[6 + axis]
@@ -311,7 +327,7 @@ def transition(sums, mid, phi):
 
     # sensor states: -C on theta and v, with the turning of n
     for c in range(declared.shape[0]):
-        k, j = _COLUMNS + _COLUMN_N * c, SENSORS + c
+        k, j = _COLUMNS + _COLUMN_N * sums.row[c], SENSORS + c
         x, y, z = total[k + _ONCE], total[k + _ONCE + 1], total[k + _ONCE + 2]
         tx, ty, tz = total[k + _TWICE], total[k + _TWICE + 1], total[k + _TWICE + 2]
         if declared[c].triad == ACCELEROMETERS:
@@ -384,9 +400,9 @@ def add_driven(sums, c, drive, place, p):
     state = sums.declared[c]
     whole, first, second, third, _, _ = _moments(sums.length)
     block = ATT if state.triad == GYROS else VEL
-    mean = small_vector(p, 3)
+    mean, k = small_vector(p, 3), _COLUMNS + _COLUMN_N * sums.row[c] + _ONCE
     for i in range(3):
-        mean[i] = sums.total[_COLUMNS + _COLUMN_N * c + _ONCE + i] / (whole - 0.5 * whole * whole * state.decay)
+        mean[i] = sums.total[k + i] / (whole - 0.5 * whole * whole * state.decay)
     for i in range(3):
         _add_both(p, block + i, place, -drive * (first - 1.5 * state.decay * second) * mean[i])
         for j in range(3):

@@ -41,11 +41,11 @@ def turned(jac, u, out):
 def blocks_of_motion(x, diagonal, column, straight):
     """Blocks of the reset matrix for position, velocity and attitude, common to both group filters.
 
-    x: (n,) the estimate. diagonal, column: (5, 3, 3) out. Blocks of sensor states are the identity; also those of
-    position and velocity as far as the chart is `straight` (`error_parametrisation`).
+    x: (n,) the estimate. diagonal, column: (5, 3, 3) out. Blocks of sensor states are the identity; those of
+    position and velocity are not written as far as the chart is `straight` (`error_parametrisation`).
     """
     a, b, c = x[PHI_N], x[PHI_E], x[PHI_D]
-    for block in range(diagonal.shape[0]):
+    for block in range(straight, diagonal.shape[0]):
         identity(diagonal[block])
         for i in range(3):
             for j in range(3):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import fma
+from navsim.compiler.lanes import borrowed, fma, keep
 from navsim.compiler.linear import copy, copy_matrix, identity
 from navsim.filter.covariance import gain, joseph, propagate_covariance, propagate_markov_states
 from navsim.filter.error_parametrisation import PLAIN
@@ -196,6 +196,9 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
     - `noises` (NOISES,) bool: simulated noises; nothing is added for the others.
     - `out`: filled in.
     """
+    imu, measurements, events, steps, state, model, both, out = borrowed(
+        (imu, measurements, events, steps, state, model, both, out)
+    )
     n = out.assumed.shape[1]
     declared = model.declared
     h, z, r, s = (
@@ -211,6 +214,8 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
     navs, ps, increments_pair, cursors = (
         np.empty((2, state.navigation.shape[0])), np.empty((2, n, n)), np.empty((2, 6)), np.zeros((2, 3)),
     )  # fmt: skip
+    allocated = h, z, r, s, pht, work, space, errors, tools, navs, ps, increments_pair, cursors
+    h, z, r, s, pht, work, space, errors, tools, navs, ps, increments_pair, cursors = borrowed(allocated)
     copy(state.navigation, navs[0])
     copy_matrix(state.covariance, ps[0])
     start_mechanisation(imu, navs[0], declared, cursors[0], increments_pair[0])
@@ -252,3 +257,4 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
                         u += h[a, c] * pht[c, b]
                     out.expected[w, a, b] = u
             joseph(p, h, r, m, pht, out.gain[w], work)
+    keep(allocated)

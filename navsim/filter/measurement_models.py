@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from navsim.compiler.elementary import atan2, exp_of_negative, sincos_of_latitude
-from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import as_simd, no, small_matrix, small_vector, where
+from navsim.compiler.jit import kernel, kernel_inline
+from navsim.compiler.lanes import any_lane, as_simd, no, small_matrix, small_vector, where
 from navsim.filter.states import (
     ATT,
     CONSTANT,
@@ -669,6 +669,149 @@ def is_bent(ranges, row, h, p):
 
 
 @kernel
+def _observe_fix(fixes, row, nav, increments, dt, declared, c_nb, have, z, h, r):
+    llh, velocity, covariance = as_simd(fixes.llh), as_simd(fixes.velocity), as_simd(fixes.covariance)
+    _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, llh[row], velocity[row], z, h)
+    for c in range(declared.shape[0]):
+        if declared[c].triad == FIX:
+            for a in range(MAX_MEASUREMENT_SIZE):
+                effect = fixes.correlated[row, a, declared[c].axis]
+                z[a] -= effect * nav[NAV_SENSORS + c]
+                h[a, SENSORS + c] = effect
+    _transmitters(nav, declared, fixes.transmitters, row, MAX_MEASUREMENT_SIZE, z, h)
+    for a in range(MAX_MEASUREMENT_SIZE):
+        there = no(math.isnan(z[a]))
+        have[a] = where(there, 1.0, 0.0)
+        z[a] = where(there, z[a], 0.0)
+        if any_lane(no(there)):
+            for c in range(h.shape[1]):
+                h[a, c] *= have[a]
+        for b in range(a):
+            both = have[a] * have[b] > 0.0
+            r[a, b] = where(both, covariance[row, a, b], 0.0)
+            r[b, a] = r[a, b]
+        r[a, a] = where(there, covariance[row, a, a], 1.0)
+    return MAX_MEASUREMENT_SIZE
+
+
+@kernel
+def _observe_range(ranges, row, nav, increments, dt, declared, c_nb, have, z, h, r):
+    pseudorange, range_rate = as_simd(ranges.pseudorange), as_simd(ranges.range_rate)
+    _range(nav, increments, dt, declared, c_nb, ranges, row, z, h)
+    groups = ranges.correlated.shape[1]
+    for c in range(declared.shape[0]):
+        if declared[c].triad == RANGE and declared[c].axis // groups == ranges.source[row]:
+            effect = ranges.correlated[row, declared[c].axis % groups]
+            z[0] -= effect * nav[NAV_SENSORS + c]
+            h[0, SENSORS + c] = effect
+    _transmitters(nav, declared, ranges.transmitters, row, 2, z, h)
+    ranged = no(math.isnan(pseudorange[row]))
+    for a in range(2):
+        measured = pseudorange[row] if a == 0 else range_rate[row]
+        sigma = ranges.sigma[row] if a == 0 else ranges.rate_sigma[row]
+        there = ranged & no(math.isnan(measured))
+        have[a] = where(there, 1.0, 0.0)
+        z[a] = where(there, z[a] + measured, 0.0)
+        for c in range(h.shape[1]):
+            h[a, c] *= have[a]
+        r[a, a] = where(there, sigma * sigma, 1.0)
+    r[0, 1], r[1, 0] = 0.0, 0.0
+    return 2
+
+
+@kernel
+def _observe_height_above_ground(grounds, row, nav, c_nb, have, z, h, r):
+    height = as_simd(grounds.height)
+    beyond = _above_ground(nav, c_nb, grounds, z, h)
+    there = no(math.isnan(height[row])) & (beyond >= grounds.start)
+    # by the height that the filter expects, which is not off by the noise
+    sigma = grounds.share * -z[0]
+    sigma = where(sigma > grounds.floor, sigma, grounds.floor)
+    have[0] = where(there, 1.0, 0.0)
+    z[0] = where(there, z[0] + height[row], 0.0)
+    for c in range(h.shape[1]):
+        h[0, c] *= have[0]
+    r[0, 0] = where(there, sigma * sigma, 1.0)
+    return 1
+
+
+@kernel
+def _observe_pressure(pressures, row, nav, declared, have, z, h, r):
+    measured, variance = as_simd(pressures.height), as_simd(pressures.variance)
+    there = no(math.isnan(measured[row]))
+    have[0] = where(there, 1.0, 0.0)
+    # late by the lag, it reads the earlier height: higher during the descent [3]
+    z[0] = measured[row] - (nav[NAV_LLH + 2] + pressures.lag * nav[NAV_VEL + 2])
+    h[0, R_D], h[0, V_D] = -1.0, pressures.lag
+    for c in range(declared.shape[0]):
+        if declared[c].triad == PRESSURE:
+            z[0] -= nav[NAV_SENSORS + c]
+            h[0, SENSORS + c] = 1.0
+    z[0] = where(there, z[0], 0.0)
+    for c in range(h.shape[1]):
+        h[0, c] *= have[0]
+    r[0, 0] = where(there, variance[row], 1.0)
+    return 1
+
+
+@kernel
+def _observe_altitude(altitudes, row, nav, have, z, h, r):
+    measured, variance = as_simd(altitudes.height), as_simd(altitudes.variance)
+    there = no(math.isnan(measured[row]))
+    have[0] = where(there, 1.0, 0.0)
+    z[0] = where(there, nav[NAV_LLH + 2] - measured[row], 0.0)  # down, as the error of position
+    h[0, R_D] = have[0]
+    r[0, 0] = where(there, variance[row], 1.0)
+    return 1
+
+
+@kernel
+def _observe_field(table, row, nav, declared, c_nb, have, z, h, r):
+    seen = as_simd(table.field)
+    _magnetic(nav, declared, c_nb, table, z, h)
+    for a in range(3):
+        there = no(math.isnan(seen[row, a]))
+        have[a] = where(there, 1.0, 0.0)
+        z[a] = where(there, z[a] + seen[row, a], 0.0)
+        for c in range(h.shape[1]):
+            h[a, c] *= have[a]
+        for b in range(3):
+            r[a, b] = 0.0
+        r[a, a] = where(there, table.variance, 1.0)
+    return 3
+
+
+@kernel
+def _observe_beacon(beacons, row, nav, declared, c_nb, have, z, h, r):
+    measured = as_simd(beacons.range)
+    distance = _beacon(nav, declared, c_nb, beacons, row, z, h)
+    there = no(math.isnan(measured[row]))
+    have[0] = where(there, 1.0, 0.0)
+    z[0] = where(there, z[0] + measured[row], 0.0)
+    for c in range(h.shape[1]):
+        h[0, c] *= have[0]
+    # by the distance that the filter expects, which is not off by the noise
+    further = beacons.rise * distance
+    if beacons.weakened.shape[0] > 0:
+        further *= beacons.weakened[row]
+    r[0, 0] = where(there, beacons.sigma * beacons.sigma + further * further, 1.0)
+    return 1
+
+
+@kernel
+def _observe_station(kind, stations, row, nav, declared, c_nb, have, z, h, r):
+    measured = as_simd(stations.value)
+    _station(kind, nav, declared, c_nb, stations, z, h)
+    there = no(math.isnan(measured[row]))
+    have[0] = where(there, 1.0, 0.0)
+    z[0] = where(there, z[0] + measured[row], 0.0)
+    for c in range(h.shape[1]):
+        h[0, c] *= have[0]
+    r[0, 0] = where(there, stations.variance, 1.0)
+    return 1
+
+
+@kernel_inline
 def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, z, h, r):
     """Innovation, matrix and noise of a measurement; returns the number of its components. Raises ValueError for an
     unknown kind.
@@ -686,133 +829,23 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
         for c in range(h.shape[1]):
             h[a, c] = 0.0
     if kind in (FIX, PROBE):
-        fixes = measurements.fixes
-        llh, velocity, covariance = as_simd(fixes.llh), as_simd(fixes.velocity), as_simd(fixes.covariance)
-        _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, llh[row], velocity[row], z, h)
-        for c in range(declared.shape[0]):
-            if declared[c].triad == FIX:
-                for a in range(MAX_MEASUREMENT_SIZE):
-                    effect = fixes.correlated[row, a, declared[c].axis]
-                    z[a] -= effect * nav[NAV_SENSORS + c]
-                    h[a, SENSORS + c] = effect
-        _transmitters(nav, declared, fixes.transmitters, row, MAX_MEASUREMENT_SIZE, z, h)
-        for a in range(MAX_MEASUREMENT_SIZE):
-            there = no(math.isnan(z[a]))
-            have[a] = where(there, 1.0, 0.0)
-            z[a] = where(there, z[a], 0.0)
-            for c in range(h.shape[1]):
-                h[a, c] *= have[a]
-            for b in range(a):
-                both = have[a] * have[b] > 0.0
-                r[a, b] = where(both, covariance[row, a, b], 0.0)
-                r[b, a] = r[a, b]
-            r[a, a] = where(there, covariance[row, a, a], 1.0)
-        return MAX_MEASUREMENT_SIZE
+        return _observe_fix(measurements.fixes, row, nav, increments, dt, declared, c_nb, have, z, h, r)
     if kind == RANGE:
-        ranges = measurements.ranges
-        pseudorange, range_rate = as_simd(ranges.pseudorange), as_simd(ranges.range_rate)
-        _range(nav, increments, dt, declared, c_nb, ranges, row, z, h)
-        groups = ranges.correlated.shape[1]
-        for c in range(declared.shape[0]):
-            if declared[c].triad == RANGE and declared[c].axis // groups == ranges.source[row]:
-                effect = ranges.correlated[row, declared[c].axis % groups]
-                z[0] -= effect * nav[NAV_SENSORS + c]
-                h[0, SENSORS + c] = effect
-        _transmitters(nav, declared, ranges.transmitters, row, 2, z, h)
-        ranged = no(math.isnan(pseudorange[row]))
-        for a in range(2):
-            measured = pseudorange[row] if a == 0 else range_rate[row]
-            sigma = ranges.sigma[row] if a == 0 else ranges.rate_sigma[row]
-            there = ranged & no(math.isnan(measured))
-            have[a] = where(there, 1.0, 0.0)
-            z[a] = where(there, z[a] + measured, 0.0)
-            for c in range(h.shape[1]):
-                h[a, c] *= have[a]
-            r[a, a] = where(there, sigma * sigma, 1.0)
-        r[0, 1], r[1, 0] = 0.0, 0.0
-        return 2
+        return _observe_range(measurements.ranges, row, nav, increments, dt, declared, c_nb, have, z, h, r)
     if kind == ABOVE_GROUND:
-        grounds = measurements.grounds
-        height = as_simd(grounds.height)
-        beyond = _above_ground(nav, c_nb, grounds, z, h)
-        there = no(math.isnan(height[row])) & (beyond >= grounds.start)
-        # by the height that the filter expects, which is not off by the noise
-        sigma = grounds.share * -z[0]
-        sigma = where(sigma > grounds.floor, sigma, grounds.floor)
-        have[0] = where(there, 1.0, 0.0)
-        z[0] = where(there, z[0] + height[row], 0.0)
-        for c in range(h.shape[1]):
-            h[0, c] *= have[0]
-        r[0, 0] = where(there, sigma * sigma, 1.0)
-        return 1
+        return _observe_height_above_ground(measurements.grounds, row, nav, c_nb, have, z, h, r)
     if kind == PRESSURE:
-        pressures = measurements.pressures
-        measured, variance = as_simd(pressures.height), as_simd(pressures.variance)
-        there = no(math.isnan(measured[row]))
-        have[0] = where(there, 1.0, 0.0)
-        # late by the lag, it reads the earlier height: higher during the descent [3]
-        z[0] = measured[row] - (nav[NAV_LLH + 2] + pressures.lag * nav[NAV_VEL + 2])
-        h[0, R_D], h[0, V_D] = -1.0, pressures.lag
-        for c in range(declared.shape[0]):
-            if declared[c].triad == PRESSURE:
-                z[0] -= nav[NAV_SENSORS + c]
-                h[0, SENSORS + c] = 1.0
-        z[0] = where(there, z[0], 0.0)
-        for c in range(h.shape[1]):
-            h[0, c] *= have[0]
-        r[0, 0] = where(there, variance[row], 1.0)
-        return 1
+        return _observe_pressure(measurements.pressures, row, nav, declared, have, z, h, r)
     if kind == ALTITUDE:
-        altitudes = measurements.altitudes
-        measured, variance = as_simd(altitudes.height), as_simd(altitudes.variance)
-        there = no(math.isnan(measured[row]))
-        have[0] = where(there, 1.0, 0.0)
-        z[0] = where(there, nav[NAV_LLH + 2] - measured[row], 0.0)  # down, as the error of position
-        h[0, R_D] = have[0]
-        r[0, 0] = where(there, variance[row], 1.0)
-        return 1
+        return _observe_altitude(measurements.altitudes, row, nav, have, z, h, r)
     if kind == MAGNETIC:
-        table = measurements.magnetic
-        seen = as_simd(table.field)
-        _magnetic(nav, declared, c_nb, table, z, h)
-        for a in range(3):
-            there = no(math.isnan(seen[row, a]))
-            have[a] = where(there, 1.0, 0.0)
-            z[a] = where(there, z[a] + seen[row, a], 0.0)
-            for c in range(h.shape[1]):
-                h[a, c] *= have[a]
-            for b in range(3):
-                r[a, b] = 0.0
-            r[a, a] = where(there, table.variance, 1.0)
-        return 3
+        return _observe_field(measurements.magnetic, row, nav, declared, c_nb, have, z, h, r)
     if kind == BEACON:
-        beacons = measurements.beacons
-        measured = as_simd(beacons.range)
-        distance = _beacon(nav, declared, c_nb, beacons, row, z, h)
-        there = no(math.isnan(measured[row]))
-        have[0] = where(there, 1.0, 0.0)
-        z[0] = where(there, z[0] + measured[row], 0.0)
-        for c in range(h.shape[1]):
-            h[0, c] *= have[0]
-        # by the distance that the filter expects, which is not off by the noise
-        further = beacons.rise * distance
-        if beacons.weakened.shape[0] > 0:
-            further *= beacons.weakened[row]
-        r[0, 0] = where(there, beacons.sigma * beacons.sigma + further * further, 1.0)
-        return 1
-    if AZIMUTH <= kind <= DISTANCE:
-        stations = measurements.azimuths
-        if kind == ELEVATION:
-            stations = measurements.elevations
-        if kind == DISTANCE:
-            stations = measurements.distances
-        measured = as_simd(stations.value)
-        _station(kind, nav, declared, c_nb, stations, z, h)
-        there = no(math.isnan(measured[row]))
-        have[0] = where(there, 1.0, 0.0)
-        z[0] = where(there, z[0] + measured[row], 0.0)
-        for c in range(h.shape[1]):
-            h[0, c] *= have[0]
-        r[0, 0] = where(there, stations.variance, 1.0)
-        return 1
+        return _observe_beacon(measurements.beacons, row, nav, declared, c_nb, have, z, h, r)
+    if kind == AZIMUTH:
+        return _observe_station(kind, measurements.azimuths, row, nav, declared, c_nb, have, z, h, r)
+    if kind == ELEVATION:
+        return _observe_station(kind, measurements.elevations, row, nav, declared, c_nb, have, z, h, r)
+    if kind == DISTANCE:
+        return _observe_station(kind, measurements.distances, row, nav, declared, c_nb, have, z, h, r)
     raise ValueError("no measurement model is of this kind")

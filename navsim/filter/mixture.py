@@ -330,8 +330,10 @@ def _largest_heading_sigma(nav, p, turn, widest, c_nb):
         row[(i + 1) % 3] = big[(i + 2) % 3]
         t = 0.0 * turn
         for j in range(6):
-            for k in range(6):
-                t += row[j] * p[ATT + j, ATT + k] * row[k]
+            u = 0.5 * row[j] * p[ATT + j, ATT + j]
+            for k in range(j):
+                u += row[k] * p[ATT + j, ATT + k]
+            t += 2.0 * row[j] * u
         variance[i] = t
     level = where(variance[0] < variance[1], variance[0], variance[1])
     known = math.sqrt(level / variance[2])

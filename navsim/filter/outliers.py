@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 from navsim.compiler.elementary import exp_of_negative
-from navsim.compiler.jit import kernel
+from navsim.compiler.jit import kernel, kernel_inline
 from navsim.compiler.lanes import fma, where
 from navsim.filter.measurement_models import BEACON
 
@@ -89,7 +89,7 @@ def excess(z, root, outliers):
     return expected, moment - expected * expected, q, 1.0 / total
 
 
-@kernel
+@kernel_inline
 def expects_outliers(kind, measurements):
     """Whether the filter has a mixture for measurements of this kind."""
     return kind == BEACON and measurements.beacons.outliers.shape[0] > 0

@@ -115,9 +115,9 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     cx = ty * uz - tz * uy
     cy = tz * ux - tx * uz
     cz = tx * uy - ty * ux
-    bx = ux + 0.5 * cx + (ty * cz - tz * cy) / 6.0
-    by = uy + 0.5 * cy + (tz * cx - tx * cz) / 6.0
-    bz = uz + 0.5 * cz + (tx * cy - ty * cx) / 6.0
+    bx = ux + 0.5 * cx + 2.0 * k * (ty * cz - tz * cy)
+    by = uy + 0.5 * cy + 2.0 * k * (tz * cx - tx * cz)
+    bz = uz + 0.5 * cz + 2.0 * k * (tx * cy - ty * cx)
     bx += k * (py * uz - pz * uy + sy * tz - sz * ty)
     by += k * (pz * ux - px * uz + sz * tx - sx * tz)
     bz += k * (px * uy - py * ux + sx * ty - sy * tx)
@@ -139,19 +139,21 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     vem = ve + 0.5 * se
     vdm = vd + 0.5 * (sd + g * dt)
     h = height - vdm * half
-    dlat = vnm / (meridian + h) * half
+    rm = meridian + h
+    rt = transverse + h
+    per_rm, per_rt = 1.0 / rm, 1.0 / rt
+    dlat = vnm * per_rm * half
     sin_m = sin_lat + cos_lat * dlat
     cos_m = cos_lat - sin_lat * dlat
     g = gravity(sin_m, h)
-    rm = meridian + h
-    rt = transverse + h
-    tan_m = sin_m / cos_m
+    per_cos = 1.0 / cos_m
+    tan_m = sin_m * per_cos
 
     # rotation of the local frame: Earth rate, transport rate
     en, ed = RATE * cos_m, -RATE * sin_m
-    wn = vem / rt
-    we = -vnm / rm
-    wd = -vem / rt * tan_m
+    wn = vem * per_rt
+    we = -vnm * per_rm
+    wd = -wn * tan_m
     zn = (en + wn) * dt
     ze = we * dt
     zd = (ed + wd) * dt
@@ -171,8 +173,8 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     vd1 = vd + dd - (on * ce - oe * cn) * dt
 
     nav[NAV_LLH + 2] = height - 0.5 * (vd + vd1) * dt
-    nav[NAV_LLH] = lat + 0.5 * (vn + vn1) * dt / rm
-    lon = nav[NAV_LLH + 1] + 0.5 * (ve + ve1) * dt / (rt * cos_m)
+    nav[NAV_LLH] = lat + 0.5 * (vn + vn1) * dt * per_rm
+    lon = nav[NAV_LLH + 1] + 0.5 * (ve + ve1) * dt * (per_rt * per_cos)
     beyond = abs(lon) > math.pi
     if any_lane(beyond):
         lon = where(beyond, wrap_angle(lon), lon)
@@ -180,7 +182,8 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     nav[NAV_VEL], nav[NAV_VEL + 1], nav[NAV_VEL + 2] = vn1, ve1, vd1
 
     rotate_in_body_axes(q, ax, ay, az)
-    rotate_in_nav_axes(q, -(en + ce / rt) * dt, cn / rm * dt, -(ed - ce / rt * tan_m) * dt)
+    wn = ce * per_rt
+    rotate_in_nav_axes(q, -(en + wn) * dt, cn * per_rm * dt, -(ed - wn * tan_m) * dt)
     normalise(q)
 
     # C_nb half-way: C (I + 1/2 [dtheta x]) in the frame of mid-interval, enough for the error model

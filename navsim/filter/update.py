@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.compiler.jit import kernel, kernel_internal
-from navsim.compiler.lanes import alloc, any_lane, no, where
-from navsim.compiler.linear import copy, copy_matrix
+from navsim.compiler.jit import kernel, kernel_inline, kernel_internal
+from navsim.compiler.lanes import alloc, any_lane, no, small_vector, where
+from navsim.compiler.linear import copy, copy_matrix, solve_cholesky
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct
 from navsim.filter.history import record_decision, record_innovation, record_use
@@ -91,6 +91,16 @@ def estimate_errors(k, z, m, x):
 
 
 @kernel
+def estimate_by_factor(pht, s, z, m, x):
+    """The same x (n,) = P H' S^-1 z without a gain, by what `innovation_factor` left."""
+    y = small_vector(x, MAX_MEASUREMENT_SIZE)
+    for a in range(m):
+        y[a] = z[a]
+    solve_cholesky(s, m, y)
+    estimate_errors(pht, y, m, x)
+
+
+@kernel
 def gate_limit(gate, degrees):
     """Gate limit (MOST + 1,) for so many components."""
     limit = degrees * 0.0 + gate[0]
@@ -134,7 +144,7 @@ def copy_where_not(source, mask, target):
         target[i] = where(mask, target[i], source[i])
 
 
-@kernel
+@kernel_inline
 def update(chart, used, kind, row, measurements, declared, nav, p, increments, interval, space, buffers):
     """Update nav (NAV,) and P (n, n) with a measurement and the errors buffers.x estimated from it, where it is used.
 

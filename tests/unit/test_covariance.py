@@ -105,14 +105,15 @@ def dense_transition(mid: np.ndarray, dt: float, increments: np.ndarray, blocks:
 
 def some_sums(declared: np.ndarray) -> interval.StepSums:
     """Sums of no step yet."""
-    sums = interval.StepSums(declared, *(np.empty(size) for size in (9 + 12 * declared.size, 2, *[declared.size] * 3)))
+    of_size = (np.empty(size) for size in (9 + 12 * declared.size, 2, *[declared.size] * 3))
+    sums = interval.StepSums(declared, *of_size, interval.rows_of_sums(declared))
     interval.reset_sums(sums)
     return sums
 
 
 def add(sums: interval.StepSums, mid: np.ndarray, dt: float, increments: np.ndarray) -> None:
     """A step, as `filter_loop.mechanise` adds it."""
-    interval.add_step(sums.total, sums.decay, mid, dt, increments, sums.declared)
+    interval.add_step(sums.total, sums.decay, sums.row, mid, dt, increments, sums.declared)
     interval.accumulate_markov(sums, dt)
     sums.length[...] += dt, 1.0
 
