@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from navsim.cli import common
 from navsim.optimization.job import progress_text
 from navsim.optimization.progress import SearchMonitor, SearchProgress, Step, TimeUp
+from navsim.replays.job import ReplayJob
 
 
 class Clock:
@@ -102,3 +105,11 @@ def test_a_live_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     err = capsys.readouterr().err
     assert "2 pseudolites, searching" in err
     assert "best 2.5 at s, l1" in err
+
+
+@pytest.mark.parametrize(("free", "extent"), [(0, 1), (2, 0)])
+def test_a_tuning_has_no_known_end(free: int, extent: int) -> None:
+    """It ends where it has converged: a remaining time by its most flights was "about 10 h" for half a minute."""
+    job = object.__new__(ReplayJob)
+    job.recording = cast("Any", SimpleNamespace(free=np.arange(free)))
+    assert job.extent == extent
