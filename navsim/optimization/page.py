@@ -57,6 +57,11 @@ def _front(results: Sequence[Named]) -> Drawing:
             of = source(x=counts, y=found, said=verdicts)
             line(on, of, "y", colour(i))
             marks.append(on.scatter("x", "y", source=of, size=9, color=colour(i), name=name))
+            flown, errors = report.flown_points(result)
+            values.append(errors)
+            runs = source(x=flown, y=errors[:, 0], low=errors[:, 1], high=errors[:, 2])
+            on.segment("x", "low", "x", "high", source=runs, line_color=colour(i), line_width=1.5)
+            on.scatter("x", "y", source=runs, marker="square", size=6, color=colour(i), fill_color="white")
             if met is not None:
                 unmet = source(x=counts[~met], y=found[~met])
                 on.scatter("x", "y", source=unmet, marker="x", size=15, line_color=ORANGE, line_width=2)
@@ -66,7 +71,10 @@ def _front(results: Sequence[Named]) -> Drawing:
         tell(on, marks, ("", "$name"), (what, "@x{0}"), text, ("", "@said"))
         panels.append(on)
     judged = any("/pareto/met" in r for _, r in results)
-    caption = "The best found for each number placed." + (" Crosses: requirements are not met." if judged else "")
+    checked = any(report.flown_points(r)[0].size for _, r in results)
+    caption = "The best found for each number placed."
+    caption += " Squares with 95 % intervals: found by runs." if checked else ""
+    caption += " Crosses: requirements are not met." if judged else ""
     return Drawing(
         "front", f"What {report.placed(results[0][1])} buy", panels, caption, keys_of(results), min(2, len(panels))
     )

@@ -287,6 +287,15 @@ def front_points(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray | N
     return counts, values, met
 
 
+def flown_points(result: Result) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of what is placed, and what the runs of the best placements found: RMS with its 95 % interval (n, 3).
+    Empty where the objective is no error of a filter, which runs cannot check."""
+    errors = result["/flown/objective"]
+    there = (result["/flown/runs"] > 0) & np.isfinite(errors).all(axis=1)
+    there &= str(result.attributes["objective"]) in FILTER_QUANTITIES
+    return result["/pseudolites"][there].astype(int), errors[there]
+
+
 def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
     """Numbers of pseudolites (n,), decided requirements, and utilisation of each (n, r), nan if it is not finite."""
     branch = "/requirements"
@@ -361,6 +370,11 @@ def front(result: Result) -> Figure:
     ax = fig.subplots()
     counts, values, met = front_points(result)
     ax.plot(counts, values, "o-", color=COLOURS[0], ms=4)
+    flown_with, errors = flown_points(result)
+    if flown_with.size:
+        reach = np.abs(errors[:, 1:] - errors[:, :1]).T
+        ax.errorbar(flown_with, errors[:, 0], reach, fmt="s", color=COLOURS[1], ms=3, capsize=3, lw=0.9,
+                    label="by runs, with 95 % interval")  # fmt: skip
     unfinished = np.isin(counts, result["/pseudolites"][result["/pareto/finished"] == 0])
     title = None
     if unfinished.any():

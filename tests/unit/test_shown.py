@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from navsim.formats.sweep_rows import outputs
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
+from navsim.optimization.report import flown_points
 from navsim.report.figure_data import about_threshold
 from navsim.report.figures import save_figures
 from navsim.report.printing import Print
@@ -43,3 +44,14 @@ def test_a_figure_that_is_not_there(tmp_path: Path) -> None:
             save_figures(lambda: {"errors": Figure(), "track": Figure()}, tmp_path, "a", Print("png"), [name])
     with pytest.raises(ResultError, match="it has none"):
         save_figures(dict, tmp_path, "a", Print("png"), ["errors"])
+
+
+def test_the_front_shows_what_runs_found() -> None:
+    """Points of those flown, with their intervals; none where runs do not measure the objective."""
+    errors = np.array([[0.2, 0.15, 0.3], [np.nan] * 3, [0.1, 0.08, 0.12]])
+    given = {"/pseudolites": np.array([1, 2, 3]), "/flown/objective": errors, "/flown/runs": np.array([200, 0, 200])}
+    made = {path: Variable(("x",) if each.ndim == 1 else ("x", "y"), each, "1", path) for path, each in given.items()}
+    counts, shown = flown_points(Result({"objective": "vertical_50ft"}, made))
+    np.testing.assert_array_equal(counts, [1, 3])
+    np.testing.assert_array_equal(shown, errors[[0, 2]])
+    assert flown_points(Result({"objective": "fix_vertical"}, made))[0].size == 0
