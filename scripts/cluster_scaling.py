@@ -158,15 +158,15 @@ def page(costs: dict[str, Costs], size: int) -> str:
         "# How far a cluster reaches",
         "",
         f"Made by `python scripts/cluster_scaling.py` with the code of commit {commit()}.",
-        "The first table was measured on one machine with a scheduler and two workers. The second is an event-by-event",
-        "simulation with these costs; no cluster of a hundred or a thousand workers was used.",
+        "One machine with a scheduler and two workers gave the first table. The second is an event-by-event simulation",
+        "with these costs, without start of workers, transfer of the study, slow networks and disks.",
         "",
-        f"Scenario `landing.yaml`, batches of {BATCH} runs. Each worker receives the study once, {size / 1e6:.1f} MB.",
+        f"`landing.yaml`, batches of {BATCH} runs. Each worker receives the study once, {size / 1e6:.1f} MB.",
         f"An empty task costs client and scheduler {1e3 * some.task_s:.1f} ms,",
         f"a megabyte {1e3 * some.megabyte_s:.1f} ms.",
         "",
-        "| `--keep` | a batch is flown, s | brings back, MB | is kept, ms | batches a task | a task lasts, s | "
-        "costs the client, ms |",
+        "| `--keep` | simulation of a batch, s | its result, MB | storing it, ms | batches a task | task, s | "
+        "client's time a task, ms |",
         "|---|---|---|---|---|---|---|",
     ]
     for keep, c in costs.items():
@@ -178,7 +178,7 @@ def page(costs: dict[str, Costs], size: int) -> str:
         "",
         "A million runs, by the number of workers of one thread each:",
         "",
-        "| `--keep` | workers | time, s | times as quick as one | of that many | client busy |",
+        "| `--keep` | workers | time, s | speed-up | efficiency | client busy |",
         "|---|---|---|---|---|---|",
     ]
     for keep, c in costs.items():
@@ -188,15 +188,11 @@ def page(costs: dict[str, Costs], size: int) -> str:
             gain = alone / seconds
             shares = f"{100 * gain / workers:.0f} % | {100 * busy:.0f} %"
             lines.append(f"| {keep} | {workers} | {seconds:.0f} | {gain:.0f} | {shares} |")
-    lines += ["", "The client is the bottleneck from about these numbers on:", ""]
-    for keep, c in costs.items():
-        most = c.batches * c.flown_s / c.client_s()
-        lines.append(f"- {most:.0f} workers with `--keep {keep}`")
+    most = (f"{c.batches * c.flown_s / c.client_s():.0f} (`{keep}`)" for keep, c in costs.items())
     lines += [
         "",
-        "Further workers are idle. A job array has no such limit: for more workers, or for `--keep all`, use",
-        "`--first-run` and `navsim merge` ([beyond one machine](cluster.md)).",
-        "The simulation leaves out the start of workers, the transfer of the study, slow networks and disks.",
+        f"The client keeps about this many workers busy: {', '.join(most)}. For more use a job array, `--first-run`",
+        "and `navsim merge` ([beyond one machine](cluster.md)).",
         "",
     ]
     return "\n".join(lines)

@@ -78,8 +78,8 @@ def gains() -> list[str]:
     lines = [
         "## Gain",
         "",
-        f"Gain of the RMS error from {RUNS} landings: the factor by which control replaces landings. In brackets: the",
-        f"landings for a 95 % interval of ±1 %, {LEAST_RUNS} at least. Without control these are 19 200 for one axis.",
+        f"Factor by which control saves landings, for the RMS error of {RUNS} landings. In brackets: landings for a",
+        f"95 % interval of ±1 %, {LEAST_RUNS} at least. Without control one axis needs 19 200.",
         "",
         f"| scenario, settings | {' | '.join(names)} |",
         f"|---|{'---|' * len(names)}",
@@ -121,9 +121,8 @@ def coverage() -> list[str]:
         "## Coverage",
         "",
         f"Share of {REPEATS} repeats of {LEAST_RUNS} landings whose 95 % interval covers the controlled estimate of",
-        f"all {measured.count(REPEATS * LEAST_RUNS)} landings, in %. Sampling alone spreads it by 1.1 % (1 sigma).",
-        "The flights last 9 s, the filter is `eskf`.",
-        "",
+        f"all {measured.count(REPEATS * LEAST_RUNS)} landings, in %; sampling error 1.1 % (1 sigma). Flights of 9 s,",
+        "filter `eskf`.",
         f"| scenario, settings | {' | '.join(names)} |",
         f"|---|{'---|' * len(names)}",
     ]
@@ -152,15 +151,14 @@ def main() -> None:
     lines = [
         "# Control variates, measured",
         "",
-        "How much narrower first-order errors make the intervals of an ensemble, and whether these cover.",
-        "Method: [control variates](theory/control-variates.md).",
+        "How much narrower [control variates](theory/control-variates.md) make intervals, and whether these cover.",
         "",
         *gains(),
         "",
         *coverage(),
         "",
-        "With longer gaps, or a gate that rejects good fixes, rare landings have errors many times as large as others.",
-        "Most ensembles of 64 have none of them, and the interval would be too narrow: navsim gives the plain one.",
+        "With longer gaps, or a gate that rejects good fixes, rare landings have errors many times as large as",
+        "others. Most ensembles of 64 contain none, and the interval would be too narrow: navsim prints the plain one.",
     ]
     PAGE.write(lines, begun)
 

@@ -79,8 +79,7 @@ def main() -> None:
     PAGE.write_text(
         "# Dry runs against what studies took\n\n"
         f"By `scripts/dry_runs.py` with the code of commit {begun}, on {platform.machine()} "
-        f"with {threads().workers} cores. "
-        "Seconds are of whole processes.\n\n"
+        f"with {threads().workers} cores; whole processes.\n\n"
         "| command | estimate | measured, s | estimate / measured | the dry run itself, s |\n|---|---|---|---|---|\n"
         + "\n".join(line for line, _ in rows)
         + f"\n\nThe estimates were {min(ratios):.2f} to {max(ratios):.2f} times the measured times.\n",

@@ -56,8 +56,8 @@ def faults() -> list[str]:
     return [
         *lines,
         "",
-        "Two pseudolites reveal a horizontal spoofer. They hardly measure height: spoofed upwards, the fix climbs by "
-        "100 m until touchdown.",
+        "Two pseudolites reveal a horizontal spoofer. Spoofed upwards, the fix climbs by 100 m until touchdown: the "
+        "pseudolites hardly measure height.",
     ]
 
 
@@ -107,10 +107,8 @@ def exclusions() -> list[str]:
     return [
         *lines,
         "",
-        "| case | effect |",
-        "|---|---|",
-        "| two simultaneous faults, not in the list of faults | their alarm stays |",
-        "| a spoofer that moves all sources | no alarm |",
+        "Two simultaneous faults that are not in the list of faults keep their alarm. A spoofer who moves all sources "
+        "raises none.",
     ]
 
 
@@ -123,7 +121,7 @@ def tails() -> list[str]:
         command(TAILS["`chi2`, `heavy_tailed`"]),
         "",
         f"| | alarms, of {tested} fixes | beyond HPL, VPL without an "
-        "alarm | epochs available | approaches available | horizontal RMS of the filter, m, beside its σ |",
+        "alarm | epochs available | approaches available | horizontal RMS and σ of the filter, m |",
         "|---|---|---|---|---|---|",
     ]
     for label, one in made.items():
@@ -136,8 +134,8 @@ def tails() -> list[str]:
     return [
         *lines,
         "",
-        "Levels allow for a missed fault, which is far more than these tails need. But the tests mistake every "
-        "large range error for a fault.",
+        "The levels bound these errors, since they allow for a missed fault. But the tests mistake every large range "
+        "error for a fault.",
     ]
 
 
@@ -166,8 +164,7 @@ def main() -> None:
     lines = [
         "# Faults and exclusions, measured",
         "",
-        f"Scenario `landing.yaml`, 100 runs of seed {SEED} unless stated otherwise; 95 % intervals in brackets. "
-        "More: [monitors](integrity-measured.md), [jammers](interference-measured.md).",
+        "`landing.yaml`, 100 runs; 95 % intervals in brackets.",
     ]
     for section in (faults, forms, exclusions, tails):
         lines += ["", *section()]

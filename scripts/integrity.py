@@ -126,8 +126,7 @@ def innovations() -> list[str]:
     return [
         *lines,
         "",
-        "The test remembers the sudden climb for the length of the window. Most innovations of the tight filter agree, "
-        "so each epoch tells less.",
+        "The tight filter has more innovations an epoch, and most of them agree: its sum grows less.",
     ]
 
 
@@ -135,8 +134,7 @@ def priors() -> list[str]:
     lines = [
         "## Levels after an exclusion",
         "",
-        "`mhss` has levels after an exclusion only if the unmonitored probability fits into 1e-7 divided by the number "
-        "of candidates. R01 is 150 m too long from 40 s on, `exclusion: residual`, 20 runs:",
+        "R01 is 150 m too long from 40 s on, `exclusion: residual`, 20 runs:",
         "",
         "| | exclusions | epochs before with levels | epochs after an exclusion with levels within 120 and 160 m |",
         "|---|---|---|---|",
@@ -152,7 +150,7 @@ def risks() -> list[str]:
     lines = [
         "## The risk behind a level",
         "",
-        f"| {AT} s, vertical | level, m | in all | allowed | no fault | worst fault |",
+        f"| {AT} s, vertical | level, m | total risk | allowed | without a fault | given the worst fault |",
         "|---|---|---|---|---|---|",
     ]
     for label, setting in TAILS.items():
@@ -214,9 +212,9 @@ def few() -> list[str]:
     return [
         *lines,
         "",
-        "The paper says that two pseudolites make integrity control possible. That is true by rank, and of little use "
-        "for single fixes: a fault may move the fix by more than a kilometre before it is detected. In a filter a "
-        "pseudolite makes five satellites useful.",
+        "The paper says that two pseudolites make integrity control possible. The rank allows it. But with three "
+        "satellites a fault may move a single fix by more than a kilometre undetected. In a filter one pseudolite "
+        "makes five satellites useful.",
     ]
 
 
@@ -258,8 +256,7 @@ def main() -> None:
     lines = [
         "# Integrity monitors, measured",
         "",
-        f"Scenario `landing.yaml`, 100 runs of seed {SEED} unless stated otherwise; 95 % intervals in brackets. "
-        "More: [faults and exclusions](faults-measured.md), [jammers](interference-measured.md).",
+        "`landing.yaml`, 100 runs unless stated otherwise; 95 % intervals in brackets.",
     ]
     for section in (monitoring, false_alarms, innovations, priors, risks, few):
         lines += ["", *section()]

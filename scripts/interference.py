@@ -86,7 +86,7 @@ def main() -> None:
         [
             "# Jammers, measured",
             "",
-            f"Scenario `landing.yaml`, {RUNS} runs of seed {SEED}, {total} epochs; 95 % intervals in brackets.",
+            f"`landing.yaml`, {RUNS} runs, {total} epochs; 95 % intervals in brackets.",
             "",
             "## Jammers",
             "",
@@ -98,8 +98,7 @@ def main() -> None:
             "",
             "## Pseudolites as jammers",
             "",
-            "Two pseudolites under a GPS approach, 50 dB-Hz at 1 km, 26 dB above the satellites where the aircraft "
-            "passes, limits 60 m:",
+            "Two pseudolites under a GPS approach, at their nearest 26 dB above the satellites; limits 60 m:",
             "",
             command(*jamming, runs=RUNS),
             "",

@@ -69,10 +69,9 @@ def consistency() -> list[str]:
     lines = [
         "## NEES/6 of position and velocity",
         "",
-        f"{RUNS} runs at each time, s; the 95 % band of a single moment is {low:.2f} to {high:.2f}.",
-        "RMS errors of the last 10 s, m, with the filter's σ. z: smallest and largest RMS of error/σ of all states at",
-        f"these times; sampling alone spreads one by {100 / np.sqrt(2 * RUNS):.1f} % (1 sigma). Tightly coupled: fixes "
-        "at 1 Hz.",
+        f"{RUNS} runs, times in s; the 95 % band at one time is {low:.2f} to {high:.2f}. RMS errors and the filter's",
+        "σ of the last 10 s, m. z: smallest and largest RMS of error/σ over all states and times; its sampling error",
+        f"is {100 / np.sqrt(2 * RUNS):.1f} % (1 sigma). Tight: fixes at 1 Hz.",
         "",
         f"| scenario | signals, filter | {columns} | horizontal, σ | vertical, σ | states | z |",
         f"|---|---|{'---|' * len(TIMES)}---|---|---|---|",
@@ -101,8 +100,8 @@ def against_runs() -> list[str]:
     lines = [
         "## Covariance analysis",
         "",
-        f"RMS error of {AGAINST} runs divided by that of `--method covariance`, landing.yaml, fixes at 1 Hz.",
-        "Sampling alone spreads a ratio by 1.6 % (1 sigma).",
+        f"RMS error of {AGAINST} runs divided by that of `--method covariance`; `landing.yaml`, fixes at 1 Hz. The",
+        "sampling error of a ratio is 1.6 % (1 sigma).",
     ]
     for label, settings in COMPARED:
         ready = case(*settings)
@@ -123,9 +122,9 @@ def of_transmitters() -> list[str]:
     lines = [
         "## Free clocks and biases of pseudolites and beacons",
         "",
-        f"Extremes over all states and outputs, {AGAINST} runs of `landing.yaml`: 20 s, two pseudolites, four beacons,",
-        "errors of survey, clock (offset, rate, TCXO) and bias. z: RMS of error/σ. Ratio: RMS error over that of",
-        "`--method covariance`. Sampling alone spreads each number by 1.6 % (1 sigma).",
+        f"Smallest and largest value over all states and outputs. {AGAINST} runs of `landing.yaml`, 20 s, two",
+        "pseudolites, four beacons; errors of survey, clock (offset, rate, TCXO) and bias. z: RMS of error/σ. Ratio:",
+        "RMS error over that of `--method covariance`. Sampling error: 1.6 % (1 sigma).",
         "",
         "| coupling | states | z | ratio |",
         "|---|---|---|---|",
@@ -159,8 +158,7 @@ def main() -> None:
     lines = [
         "# Time-correlated ranging errors, measured",
         "",
-        f"Made by `make validate` (`scripts/lasting_errors.py`), seed {SEED}, default filter (`gaussian-sum`).",
-        "Equations: [time-correlated ranging errors](theory/lasting-errors.md).",
+        "Default filter (`gaussian-sum`).",
         "",
         *consistency(),
         "",

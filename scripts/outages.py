@@ -85,10 +85,9 @@ def clear() -> list[str]:
     lines = [
         "## Under a clear sky",
         "",
-        f"{CLEAR_RUNS} runs with the same errors of satellites, pseudolites and sensors. RMS error over the second",
-        "half of the flight, tight filter divided by loose filter; 95 % intervals by 1000 resamples of the runs.",
-        "NEES/6 of position and velocity over the same time.",
-        "",
+        f"RMS error of the tight filter divided by that of the loose one, second half of the flight, {CLEAR_RUNS}",
+        "runs of each with the same errors; 95 % intervals by 1000 resamples of the runs. NEES/6 of position and",
+        "velocity.",
         f"| case | {' | '.join(name for name, _ in groups)} | NEES/6 loose | tight |",
         "|---|---|---|---|---|---|---|",
     ]
@@ -112,11 +111,10 @@ def outages() -> tuple[list[str], dict[str, list[Flown]]]:
     lines = [
         f"## Few sources from {BEGIN:g} to {END:g} s",
         "",
-        "landing.yaml; all sources but these are silent:",
-        f"`events: [{{what: silence, sources: [...], at_s: {BEGIN:g}, until_s: {END:g}}}]`.",
-        f"RMS errors at the last epoch before {END:g} s over {RUNS} runs, with the 95 % interval, and σ of the filter.",
-        "NEES/6 of position and velocity at the end, and its extremes in the outage (95 % band of a single moment",
-        f"{low:.2f} to {high:.2f}).",
+        "`landing.yaml`; all sources but these are silent:",
+        f"`events: [{{what: silence, sources: [...], at_s: {BEGIN:g}, until_s: {END:g}}}]`. RMS errors of {RUNS} runs",
+        f"with their 95 % interval, and the filter's σ, at the last epoch before {END:g} s. NEES/6 of position and",
+        f"velocity: 95 % band at one time {low:.2f} to {high:.2f}.",
         "",
         "| sources | coupling | horizontal, m | σ | vertical, m | σ | NEES/6 at the end | in the outage |",
         "|---|---|---|---|---|---|---|---|",
@@ -185,8 +183,7 @@ def main() -> None:
     head = [
         "# Tight and loose coupling, measured",
         "",
-        f"Made by `make validate` (`scripts/outages.py`), seed {SEED}, default filter (`gaussian-sum`).",
-        "[The filter](filter.md#tight-coupling) explains coupling.",
+        "Default filter (`gaussian-sum`); [coupling](filter.md#tight-coupling).",
         "",
     ]
     lines, kept = outages()

@@ -95,11 +95,9 @@ def one_by_one() -> list[str]:
     lines = [
         "## Errors that the filter ignores, one by one",
         "",
-        f"NEES/6 of position and velocity of {RUNS} runs at each time, s; the 95 % band of a single moment is "
-        f"{low:.2f} to {high:.2f}. Horizontal",
-        "error at the last, m, with the filter's σ. Kind `tfg`, 1° of attitude, a sensor of 70 °/h, 0.05 °/√h, 1 mg,",
+        f"NEES/6 of position and velocity of {RUNS} runs, times in s; 95 % band at one time {low:.2f} to {high:.2f}.",
+        "Horizontal error and the filter's σ at the end, m. Kind `tfg`, attitude 1°, sensor 70 °/h, 0.05 °/√h, 1 mg,",
         "0.1 m/s/√h.",
-        "",
         f"| error | {columns} | horizontal, σ |",
         f"|---|{'---|' * len(TIMES)}---|",
     ]
@@ -114,8 +112,7 @@ def by_kind() -> list[str]:
     lines = [
         "## Estimated misalignments, by kind of filter",
         "",
-        f"The largest NEES of all states over their number of {RUNS} runs at these times: 27 states, 15 without",
-        "misalignments.",
+        f"Largest NEES over the number of states (27; 15 without misalignments) at these times, {RUNS} runs.",
         "",
         f"| start | misalignments, mrad | {' | '.join(f'`{kind}`' for kind in KINDS)} |",
         f"|---|---|{'---|' * len(KINDS)}",
@@ -144,8 +141,7 @@ def main() -> None:
     lines = [
         "# Errors of inertial sensors, measured",
         "",
-        f"Made by `make validate` (`scripts/sensor_errors.py`), s_turn.yaml to 60 s with fixes at 1 Hz, seed {SEED}.",
-        "Theory: [equations](theory/sensors.md), [misalignments](filter.md#misalignments).",
+        "`s_turn.yaml` to 60 s with fixes at 1 Hz.",
         "",
         *one_by_one(),
         "",

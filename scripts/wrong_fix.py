@@ -89,18 +89,16 @@ def main() -> None:
     lines = [
         "# A wrong fix near the ground, measured",
         "",
-        f"Made by `make validate` (`scripts/wrong_fix.py`), landing_smooth.yaml, {RUNS} runs of seed {SEED} a row,",
-        f"steered by the estimate. At {HEIGHT:g} m the receiver's ambiguities become wrong: fixes are {SIZE:g} m too",
-        "high, flagged as fixed. The box is 5 m to each side and 30 m along the runway, at the touchdown of each run.",
-        "[Model](theory/signals.md#8-fixes-with-a-state).",
-        "",
+        f"`landing_smooth.yaml`, steered by the estimate, {RUNS} runs a row. From a height of {HEIGHT:g} m on, wrong",
+        f"ambiguities make fixes {SIZE:g} m too high, flagged as fixed. The box at touchdown is 5 m to each side and",
+        "30 m along. Touchdown: mean distance beyond the aim point. Alarms: of the innovations, with a pull-up 1 s",
+        "later.",
         "| measure | flag | outside the box | touchdown, m along | go-arounds | most height lost | hit ground |",
         "|---|---|---|---|---|---|---|",
         *(row(*each) for each in CASES),
         "",
-        "Touchdown is the mean, from the aim point. With the flag ignored, the filter assumes the RMS error of all",
-        "states. The gate takes a fix after ten rejections in a row, unless it never gives in. The alarm is that of",
-        "the innovations; the pull-up begins 1 s after it.",
+        "If the filter ignores the flag, it assumes the RMS error of all states. The gate accepts a fix after ten",
+        "rejections in a row, unless it never gives in.",
     ]
     PAGE.write(lines, begun)
 

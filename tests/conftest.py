@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -206,6 +207,18 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
             terminalreporter.write_line(f"{seconds:6.1f} s  {name}")
 
 
+SUBJECTS = {
+    "air": "Wind and turbulence", "atc": "Tracking with onboard data", "atmosphere": "Ionosphere and troposphere",
+    "azimuth": "The landing circuit", "cramer_rao": "Covariance of the filter", "dop": "Dilution of precision",
+    "earth": "Coordinates and gravity", "elevation": "MLS elevation", "error_state": "The filter",
+    "export": "Exported RINEX", "heights": "Air pressure and geoid", "ranging": "Recorded ranges",
+    "rinex": "Reading RINEX", "sensors": "Inertial sensors", "sky": "Galileo, BeiDou, QZSS",
+    "strapdown": "Strapdown navigation", "table2": "Table 2 of the landing paper", "tails": "Risk behind levels",
+    "tight": "Tight coupling, monitored filters", "track": "Recorded trajectories",
+}  # fmt: skip
+"""Headings of docs/validation.md by test file, if they are not its name."""
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Write docs/validation.md from the oracle tests that ran: claim, oracle, tolerance, result."""
     target = session.config.getoption("--validation")
@@ -214,18 +227,29 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     idle = {name: row.unused for name, row in _rows.items() if row.outcome == "passed" and row.unused}
     if idle:
         raise pytest.UsageError(f"tolerances that their tests do not use: {idle}")
+    from navsim.report.assurance import JUDGES
+    from navsim.report.citations import METHODS
+
+    in_order = sorted(_rows.items(), key=lambda row: (row[1].file, row[1].line))
     lines = [
         "# Validation",
         "",
-        "Each row compares navsim with other code, a publication or a closed form. The tests repeat all of it with",
-        "these tolerances. Comparisons of navsim with itself are not listed. `make docs` writes this page.",
+        "Each row compares navsim with other code, a publication or a closed form, within the tolerance.",
+        "An *independent script* computed published formulas without navsim's code; the test or `tests/data` has its",
+        "numbers and their source. Comparisons of navsim with itself are left out. `make docs` writes this page.",
         "",
-        "| claim | oracle | tolerance | result | test |",
-        "|---|---|---|---|---|",
-        *(
-            f"| {row.claim} | {row.oracle} | {row.tolerance} | {row.outcome} | `{name.split('::')[-1]}` |"
-            for name, row in sorted(_rows.items(), key=lambda item: (item[1].file, item[1].line))
-        ),
+        "These methods have no outside check:",
         "",
+        *(f"- {each.name}" for each in METHODS if each.name not in JUDGES),
+        "- the sum of several Gaussians; [runs](filter-consistency.md) show when its covariance is true",
     ]
+    for file, rows in groupby(in_order, lambda row: row[1].file):
+        stem = Path(file).stem.removeprefix("test_")
+        lines += ["", f"## {SUBJECTS.get(stem, stem.replace('_', ' ').capitalize())}", ""]
+        lines += ["| claim | checked against | tolerance | result | test |", "|---|---|---|---|---|"]
+        lines += [
+            f"| {row.claim} | {row.oracle} | {row.tolerance or 'exact'} | {row.outcome} | `{name.split('::')[-1]}` |"
+            for name, row in rows
+        ]
+    lines.append("")
     Path(target).write_text("\n".join(lines))

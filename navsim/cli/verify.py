@@ -66,9 +66,9 @@ def verify(
     else:
         _print(found, quiet)
     if found.differs:
-        only_inputs = {check.subject for check in found.checks if check.verdict == verification.DIFFERS} == {"inputs"}
-        what = "an input is not the one of the result" if only_inputs else (
-            "the result was changed, or its scenario gives another one")  # fmt: skip
+        wrong = list(dict.fromkeys(check.subject for check in found.checks if check.verdict == verification.DIFFERS))
+        only_inputs = "an input is not the one of the result"
+        what = only_inputs if wrong == ["inputs"] else f"differences in {', '.join(wrong)}"
         leave(CHECK_FAILED, f"{file}: {what}; see above")
     if found.incomplete:
         leave(BAD_INPUT, f"{file}: could not be verified completely")

@@ -265,11 +265,11 @@ def _statement(one: AnySingle) -> tuple[str, float, bool]:
         error = f"P(fault-free vertical error > {one.below_m:g} m) at most {one.at_most:g}"
         return f"{error} at {100 * one.share:g} % of epochs of the glide", one.share, True
     if isinstance(one, AvailabilityRequirement):
-        what = "epochs of the glide" if one.what == "availability" else "approaches throughout"
-        return f"{100 * one.at_least:g} % of {what} available", one.at_least, True
+        what = "epochs of the glide available" if one.what == "availability" else "approaches available throughout"
+        return f"{100 * one.at_least:g} % of {what}", one.at_least, True
     if isinstance(one, RiskRequirement):
-        what = "continuity lost in 15 s" if one.what == "continuity" else "hazardously misleading information"
-        return f"{what} with a risk of at most {one.at_most:g}", one.at_most, False
+        what = "continuity risk in 15 s" if one.what == "continuity" else "risk of hazardously misleading information"
+        return f"{what} at most {one.at_most:g}", one.at_most, False
     return f"an alarm within {one.within_s:g} s in each of these runs", one.within_s, False
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.report.flown_requirements import flown_requirements, plain_requirements
+from navsim.report.requirement_rows import SHARE
 from navsim.report.result_cells import setting
 from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.view import View, one_by_one
@@ -149,7 +150,7 @@ def requirements(result: Result) -> Table:
     """Every requirement with each number of pseudolites: verdict, value, and margin."""
     counts = [0, *(int(count) for count in result["/pseudolites"])]
     heads = ("requirement", "limit", *(several(count, placed(result)[:-1]) for count in counts))
-    out = Table("Requirements: verdict, value (margin to the required size)", heads)
+    out = Table("Requirements: verdict, value, margin to the required size", heads)
     branch = "/requirements"
     for k, statement in enumerate(result[f"{branch}/statement"]):
         cells = []
@@ -158,20 +159,23 @@ def requirements(result: Result) -> Table:
                 result[f"{branch}/{name}_without"][k] if i == 0 else result[f"{branch}/{name}"][i - 1, k]
                 for name in ("value", "verdict", "utilisation")
             )
-            cells.append(_fulfilled(str(verdict), float(value), float(used)))
+            cells.append(_fulfilled(str(statement), str(verdict), float(value), float(used)))
         out.add(str(statement), cell("{:g}", float(result[f"{branch}/limit"][k])), *cells)
     if not result[f"{branch}/decided"].all():
         out.notes = "undecided requirements were no constraint; navsim run can decide them"
     return out
 
 
-def _fulfilled(verdict: str, value: float, utilisation: float) -> Cell:
+def _fulfilled(statement: str, verdict: str, value: float, utilisation: float) -> Cell:
+    """A verdict with the value, in per cent if it is a share, and the margin."""
     if np.isnan(value):
         return cell("{}", verdict)
+    share = SHARE.search(statement) is not None
+    value, shown = (100.0 * value, "{}: {:g} %") if share else (value, "{}: {:.4g}")
     if not np.isfinite(utilisation):
-        return cell("{}: {:.4g}", verdict, value, names=("verdict", "found"))
-    room, names = 100.0 * (1.0 - utilisation), ("verdict", "found", "room")
-    return cell("{}: {:.4g} ({:.1f} %)", verdict, value, room, names=names)
+        return cell(shown, verdict, value, names=("verdict", "found"))
+    margin = 100.0 * (1.0 - utilisation)
+    return cell(shown + " (margin {:.1f} %)", verdict, value, margin, names=("verdict", "found", "margin"))
 
 
 def best_plain(result: Result) -> dict[str, Any]:

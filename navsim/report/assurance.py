@@ -17,27 +17,73 @@ from navsim.results.result import Result, scenario_of
 
 _PACKED = Path(__file__).resolve().parent / "pages"
 _IN_TREE = Path(__file__).resolve().parents[2] / "docs"
+Applies = Callable[[Mapping[str, Any], Mapping[str, Any]], bool]
+
+
+def _has_pseudolites(scenario: Mapping[str, Any], _: Mapping[str, Any]) -> bool:
+    return bool(at(scenario, "pseudolites", "count") or at(scenario, "pseudolites", "sites"))
+
+
+def _is_set(value: Any) -> bool:
+    """Whether a setting, or a section with any of its settings, differs from none, zero and false."""
+    return any(map(_is_set, value.values())) if isinstance(value, Mapping) else bool(value)
+
+
+def _has(*names: str) -> Applies:
+    return lambda scenario, _: any(_is_set(at(scenario, *name.split("."))) for name in names)
+
+
+_ALTIMETERS = ("radio_altimeter", "barometric_altimeter", "magnetometer")
 _LANDING, _FIXES = "the landing, its sensors and its signals", "fixes by weighted least squares, dilution of precision"
 _FROM_FILES = "satellites by almanacs or two-line elements"
 _EARTH = (
     "geodetic and ECEF coordinates", "normal gravity", "geodetic and ECEF coordinates, random points",
     "local axes, random points", "azimuth, elevation and distance, random points",
-    "places in the axes of a runway, random points", "radii of curvature at pole and equator",
+    "positions in runway axes, random points", "radii of curvature at pole and equator",
 )  # fmt: skip
 _RAIM = (
-    "square root of the chi-square threshold", "chi-square thresholds at 1e-3", "bias in the residuals that is missed",
+    "square root of the chi-square threshold", "chi-square thresholds at 1e-3",
+    "range bias that the residual test misses",
     "noncentrality of Baarda's reliability", "RAIM of 6 satellites and 2 pseudolites", "exclusion of a biased range",
     "RAIM and separation levels of two rings of sources", "risk of a biased range under the chi-square test",
-    "what residuals see of spoofed satellites", "risk of a biased range, sampled", "worst bias of a range",
+    "residuals under spoofed satellites", "risk of a biased range, sampled", "worst bias of a range",
 )  # fmt: skip
 _SEPARATION = (
     "solution separation (ARAIM), drawn skies", "solution separation (ARAIM)",
     "separation levels with pseudolites and their group", "separation where few satellites are left",
     "risk of a biased range under one separation test", "risk under one separation test, sampled",
 )  # fmt: skip
+_AIR = (
+    "Dryden turbulence: spectrum", "Dryden turbulence: the handbook's difference equation differs",
+    "Dryden turbulence: variance", "Dryden turbulence: scales and sigmas",
+    "Dryden turbulence: spectra of both specifications agree", "Dryden turbulence: autocorrelation",
+    "exact discretisation", "variance of a gust behind a first-order lag", "an aircraft in turbulence",
+    "flight-technical error", "mean wind by height", "the wind triangle",
+)  # fmt: skip
+_PATHS = (
+    "radius, rate, load factor of a level turn", "a fly-by turn begins R tan(Δψ/2) before its corner",
+    "velocities of a smoothed recorded flight", "aim points from threshold crossing heights",
+    "directions between thresholds",
+)  # fmt: skip
+_PSEUDOLITES = (
+    "free-space loss", "C/N0 near a pseudolite, and the tolerable J/S",
+    "distance within which a pseudolite costs satellites", "losses by pulses", "elevation seen by a banked antenna",
+    "Fresnel coefficients of the ground", "two rays over flat ground", "code error of a short reflection",
+    "air on the paths of pseudolites", "pulsed pseudolites",
+)  # fmt: skip
+_BEACONS = (
+    "DOPs of two-way ranges, alone and with satellites",
+    "predicted range, noise and gate of a beacon without bias",
+)  # fmt: skip
+_HEIGHTS = (
+    "static pressure up to 11 km", "heights shown over a cold aerodrome", "undulations of the geoid",
+    "magnetic fields", "magnetic declinations",
+)  # fmt: skip
 _CIRCUIT = ("The landing circuit: position, azimuth, range and their derivatives",)
+_ONE_GAUSSIAN = "Sigma and estimates of `gaussian-sum` where one Gaussian is enough, with `filter.steady_force`"
 JUDGES: Mapping[str, tuple[str, ...]] = {
-    _LANDING: (*_EARTH, "the ten coordinates of Table 1", "pulsed pseudolites", "noise of range rates"),
+    _LANDING: (*_EARTH, *_AIR, *_PATHS, *_PSEUDOLITES, *_BEACONS, *_HEIGHTS, "the ten coordinates of Table 1",
+               "noise of range rates"),
     _FIXES: (
         "GDOP, PDOP, HDOP, VDOP, TDOP", "DOPs and weighted covariance with one to three clocks",
         "nine satellites and their DOPs, 56N 37E, 2018-09-13 12:00 UTC",
@@ -51,11 +97,12 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "Exported RINEX of GPS and GLONASS through the leap second of 2016", "Leap seconds as GPS announces them",
     ),
     "GPS satellites": (
-        "Broadcast GPS orbits over a day", "DOPs of GPS's 24 slots and of a Walker 24/3/1 over a day",
+        "GPS's 24 slots", "Broadcast GPS orbits over a day", "DOPs of GPS's 24 slots and of a Walker 24/3/1 over a day",
         "Broadcast positions and clocks of GPS and of BeiDou's three kinds of orbits",
     ),
     "Galileo satellites": (
-        "A Galileo position by I/NAV", "Broadcast orbits and clocks of GPS and Galileo (I/NAV) over a day",
+        "Galileo's time against GPS's", "A Galileo position by I/NAV",
+        "Broadcast orbits and clocks of GPS and Galileo (I/NAV) over a day",
         "Clocks by I/NAV and by F/NAV, with group delays",
         "Design constellations of Galileo, BeiDou (MEO) and QZSS",
         "Exported RINEX of error-free Galileo, BeiDou and all systems",
@@ -74,7 +121,12 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "Klobuchar's ionosphere", "Saastamoinen's troposphere", "Niell's mapping functions",
         "Exported RINEX with ionosphere and troposphere",
     ),
-    "inertial sensors and their errors": ("specific force and angular rate belong to the path",),
+    "inertial sensors and their errors": (
+        "specific force and angular rate belong to the path", "gains of inertial sensors",
+        "bias by vibration and by temperature", "saturation", "bandwidth",
+        "Allan deviation of every noise of inertial sensors", "quantisation and the peak of a Markov bias",
+        "random vibration", "units of data sheets",
+    ),
     "strapdown mechanisation": (
         "velocity increment with rotation correction", "drift under coning, without and with the two-sample correction",
         "specific force and angular rate belong to the path",
@@ -84,8 +136,18 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "update with a range that may be an outlier", "angles and ranges of ground stations, and their derivatives",
         "Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
     ),
+    "filter on the two-frames group": (_ONE_GAUSSIAN,),
+    "error-state filter with reset of its covariance": (
+        "Sigma and estimates of `eskf`, from fixes and from ranges, with `filter.steady_force` and without it",
+    ),
+    "Gaussian sum": (_ONE_GAUSSIAN,),
+    "rare events by importance sampling": (
+        "probability of leaving a box by importance sampling, linear errors",
+    ),
     "batch smoother": ("The `map` smoother minimises the nonlinear least-squares cost of the whole flight",),
-    "consistency: each state's sigma, NEES, NIS and their bands": ("Chances of the bands and the runs they need",),
+    "consistency: each state's sigma, NEES, NIS and their bands": (
+        "Probabilities of accuracy bands, and the runs they need",
+    ),
     "fixes watched by their residuals": _RAIM,
     "fixes watched by solution separation": _SEPARATION,
     "filters watched by solution separation": (
@@ -93,12 +155,12 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     ),
     "protection levels of augmentation systems, alert limits": (
         "SBAS protection levels", "GBAS factors", "GBAS protection levels", "alert limits of operations",
-        "regions of a Stanford diagram", "what numbers of sources make possible",
+        "regions of a Stanford diagram", "numbers of sources for detection and exclusion",
     ),
     "interference": (
         "budgets of jammers, J/S and effective C/N0", "spectral separation and Q of jammers",
         "thresholds of phase and code loops", "loss behind a knife edge", "a jammed landing, from power to code noise",
-        "where lock is lost and found again", "spectral separation of carriers apart",
+        "C/N0 at which lock is lost and found", "spectral separation of different carriers",
         "spectral separation in the band of a front end", "loss behind a ridge",
     ),
     "alignment in flight": (
@@ -107,44 +169,58 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "RINEX 3.05 messages: a real day", "Single-point positioning, a day of GPS, GLONASS and both",
         "Single-point positions of a day by GPS, Galileo, GPS and Galileo, GPS and BeiDou, weighted by an error budget",
     ),
+    "tuning by likelihood": (
+        "two-way ranges of UWB anchors: position and biases",
+        "pseudoranges of five free clocks: residual and clock rates",
+    ),
     "elevation on an MLS approach": (
         "Covariance and gain of the elevation filter, step by step", "Steady state of the elevation filter",
         "Exact Singer discretisation", "beta, beta', beta'' on the four segments",
+        "First-order filters on the nominal approach", "Limits of the exact model of a correlated acceleration",
+        "The flare guided by range and radio altimeter",
     ),
     "tracking with onboard data": (
-        "Range rate and acceleration from onboard and line-of-sight data", "Steady state of the five pairs", *_CIRCUIT,
+        "Range rate and acceleration from onboard and line-of-sight data", "Steady state of the five pairs",
+        "Reports by data link: their age and steps", *_CIRCUIT,
     ),
     "azimuth from load factors": _CIRCUIT,
+    "axes of the landing circuit": _CIRCUIT,
 }  # fmt: skip
 """Claims of `docs/validation.md` for each method of `citations.METHODS` that an outside judge stands behind."""
 
-Applies = Callable[[Mapping[str, Any], Mapping[str, Any]], bool]
+PARTS: tuple[tuple[tuple[str, ...], Applies], ...] = (
+    (_AIR, _has("wind.speed_m_s", "wind.turbulence", "wind.gusts", "approach.flight_technical_error")),
+    (_PSEUDOLITES, _has_pseudolites),
+    (_BEACONS, _has("beacons")),
+    (_HEIGHTS, _has(*_ALTIMETERS)),
+)
+"""Claims about a part of a landing, and whether a scenario has it."""
 
 
-def _has_pseudolites(scenario: Mapping[str, Any]) -> bool:
-    return bool(at(scenario, "pseudolites", "count") or at(scenario, "pseudolites", "sites"))
+def _studied(_: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
+    return root["kind"] in ("sweep", "optimize")
 
 
-_ON_GROUND = ("beacons", "azimuth_station", "elevation_station", "dme")
-_ALTIMETERS = ("radio_altimeter", "barometric_altimeter", "magnetometer")
 SECTIONS: Mapping[str, Applies] = {
-    "Signals and atmosphere": of_landing,
-    "Pseudolites": lambda scenario, root: of_landing(scenario, root) and _has_pseudolites(scenario),
-    "Terrain and horizon": of_landing,
-    "Satellite systems and time": lambda scenario, root: of_landing(scenario, root) or root["kind"] == "replay",
-    "Receiver and interference": of_landing,
-    "Integrity": lambda scenario, root: of_landing(scenario, root) and at(scenario, "integrity") is not None,
+    "Every landing": of_landing,
+    "Integrity": _has("integrity"),
+    "Pseudolites": lambda scenario, root: of_landing(scenario, root) and _has_pseudolites(scenario, root),
     "Filter and covariance analysis": filtered,
-    "Inertial sensors": lambda scenario, root: of_landing(scenario, root) and filtered(scenario, root),
-    "Altimeters": lambda scenario, root: any(at(scenario, name) is not None for name in _ALTIMETERS),
-    "Aircraft, wind, trajectories of runs": of_landing,
+    "Aircraft and wind": of_landing,
     "Runway and Earth": of_landing,
-    "Beacons, ground stations": lambda scenario, _: any(at(scenario, name) is not None for name in _ON_GROUND),
-    "Replay, live, exports": lambda _, root: root["kind"] in ("replay", "live"),
+    "Terrain": _has("terrain", "sky.horizon"),
+    "Jammers": _has("interference"),
+    "Altimeters and magnetometer": _has(*_ALTIMETERS),
+    "Inertial sensors": lambda scenario, root: of_landing(scenario, root) and filtered(scenario, root),
+    "Beacons": _has("beacons"),
+    "Ground stations": _has("azimuth_station", "elevation_station", "dme"),
+    "Satellites and time": lambda scenario, root: of_landing(scenario, root) or root["kind"] == "replay",
+    "Sweeps and searches": _studied,
+    "Replay and live": lambda _, root: root["kind"] in ("replay", "live"),
 }
 """Sections of `docs/limits.md`, and the results that they are about."""
-_KEY = re.compile(r"`([a-z_]+(?:\.[a-z_0-9]+)+)(?:: ([\w-]+))?`")
-"""A key in a row, perhaps with a value."""
+CONDITION = re.compile(r"(without |)`(?:--method ([a-z-]+)|([a-z_]+(?:\.[a-z_0-9]+)*)(?:: ([\w.-]+))?)`")
+"""A method, or a key with or without a value, which a result has or lacks if the row is about it."""
 
 
 @dataclass(frozen=True)
@@ -160,11 +236,11 @@ class Judged:
 
 @dataclass(frozen=True)
 class UnmodelledEffect:
-    """An effect that is not modelled. instead: what takes its place. remedy: "" for none."""
+    """An effect that is not modelled, with its consequence and a remedy."""
 
     section: str
     effect: str
-    instead: str
+    consequence: str
     remedy: str
 
 
@@ -190,9 +266,12 @@ def _without_marks(text: str) -> str:
 def judged(result: Result) -> tuple[list[Judged], list[str]]:
     """Outside judges of the methods of a result, and its methods without any."""
     known = {cells[0]: cells for _, cells in rows_of("validation.md")}
+    scenario, root = scenario_of(result), result.attributes
+    absent = {claim for claims, has_part in PARTS if not has_part(scenario, root) for claim in claims}
     out, without = [], []
     for method in methods_of([result]):
-        claims = [[*map(_without_marks, known[claim])] for claim in JUDGES.get(method.name, ()) if claim in known]
+        claims = [[*map(_without_marks, known[claim])] for claim in JUDGES.get(method.name, ())
+                  if claim in known and claim not in absent]  # fmt: skip
         out += [Judged(method.name, claim, oracle, limit, end) for claim, oracle, limit, end, *_ in claims]
         without += [] if claims else [method.name]
     return out, without
@@ -201,16 +280,21 @@ def judged(result: Result) -> tuple[list[Judged], list[str]]:
 def unmodelled_effects(result: Result) -> list[UnmodelledEffect]:
     """Effects that concern this scenario and are not modelled.
 
-    A row about a key is left away where the scenario lacks the key, or has another value than the row names.
+    The first cell of a row names keys and methods. The row concerns scenarios that set these keys (to the value that
+    it names), or that lack them if it says "without".
     """
     scenario, root = scenario_of(result), result.attributes
 
     def concerns(effect: str) -> bool:
-        keys = [(at(scenario, *key.split(".")), value) for key, value in _KEY.findall(effect)]
-        return all(there is not None and value in ("", str(there)) for there, value in keys)
+        for without, method, key, value in CONDITION.findall(effect):
+            there = root.get("method") if method else at(scenario, *key.split("."))
+            meant = method or value
+            if (str(there) == meant if meant else _is_set(there)) == bool(without):
+                return False
+        return True
 
     return [
-        UnmodelledEffect(section, *map(_without_marks, (cells[0], cells[1], cells[2] if len(cells) > 2 else "")))
+        UnmodelledEffect(section, *map(_without_marks, cells))
         for section, cells in rows_of("limits.md")
         if SECTIONS.get(section, lambda *_: True)(scenario, root) and concerns(cells[0])
     ]

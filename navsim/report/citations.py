@@ -223,7 +223,7 @@ METHODS = (
     ),
     Method("search for placements", "docs/placement.md", ("storn1997", "deb2000", "jones1998"), _kind("optimize")),
     Method("alignment in flight", "docs/replay-method.md", ("wu2013", "groves2013"), _kind("replay")),
-    Method("tuning by likelihood", "docs/replay-method.md", ("mehra1970", "harvey1989"), _kind("replay")),
+    Method("tuning by likelihood", "docs/replay-method.md", ("mehra1970", "harvey1989"), _kind("replay", "ranges")),
     Method(
         "elevation on an MLS approach",
         "docs/theory/elevation.md",

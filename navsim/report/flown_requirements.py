@@ -23,7 +23,7 @@ def flown_requirements(result: Result, title: str, columns: Sequence[str]) -> li
     for k, statement in enumerate(result[f"{_BRANCH}/statement"]):
         found = (result[f"{_BRANCH}/{name}"][:, k] for name in ("verdict", "value", "more_runs"))
         cells = (
-            verdict_cell(str(word), value, float(more)) if word else ABSENT
+            verdict_cell(str(statement), str(word), value, float(more)) if word else ABSENT
             for word, value, more in zip(*found, strict=True)
         )
         out.add(str(statement), *cells)

@@ -138,7 +138,7 @@ def integrity_rows(table: Table, results: list[tuple[str, Result]]) -> None:
             row(label, partial(share_cell, path=f"/summary/integrity/{name}"))
 
 
-_LEVEL, _WHOLE, _NO_FAULT, _WORST = "level, m", "in all", "no fault", "worst fault"
+_LEVEL, _WHOLE, _NO_FAULT, _WORST = "level, m", "total risk", "risk without a fault", "risk given the worst fault"
 
 
 def tail_rows(table: Table, results: list[tuple[str, Result]]) -> None:
@@ -175,14 +175,14 @@ def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
     if part == _LEVEL:
         return number(level, 2)
     if part == _WHOLE:
-        return Cell("{:.2g}  [{:.2g}, {:.2g}], allowed {:g}", (*map(float, result[f"{branch}/total"][e, q]), allowed),
+        return Cell("{:.3g}  [{:.3g}, {:.3g}], allowed {:g}", (*map(float, result[f"{branch}/total"][e, q]), allowed),
                     ends=True, names=("risk", "", "", "allowed"))  # fmt: skip
     k = 1 + int(np.nanargmax(risk[1:, 0])) if part == _WORST else 0
     found = (*map(float, risk[k]), float(result[f"{branch}/effective"][e, q, k]))
     if part != _WORST:
-        return Cell("{:.2g}  [{:.2g}, {:.2g}]  ({:.0f})", found, ends=True,
+        return Cell("{:.3g}  [{:.3g}, {:.3g}]  ({:.0f})", found, ends=True,
                     names=("risk", "", "", "effective samples"))  # fmt: skip
     bias, name = float(result[f"{branch}/bias"][e, q, k]), str(result[f"{branch}/fault"][k])
     names = ("fault", "bias", "risk", "risk, low", "risk, high", "effective samples")
-    return Cell("{}, {:.1f} m: {:.2g}  [{:.2g}, {:.2g}]  ({:.0f})", (name, bias, *found), names=names,
+    return Cell("{}, {:.1f} m: {:.3g}  [{:.3g}, {:.3g}]  ({:.0f})", (name, bias, *found), names=names,
                 units=("", "m", "1", "1", "1", "1"))  # fmt: skip

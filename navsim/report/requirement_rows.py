@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,12 +11,13 @@ from navsim.report.consistency_rows import VERDICT, state_verdict
 from navsim.report.result_cells import setting, single
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.results.result import Result
-from navsim.statistics.rounding import digits
 
 _MONITORED = {
     "level", "emt", "accuracy", "availability", "approaches", "continuity", "misleading", "time_to_alert",
 }  # fmt: skip
 """Requirements on what the integrity monitor says."""
+SHARE = re.compile(r"% of (runs|epochs|approaches)")
+"""The noun of a requirement on a share."""
 
 
 def _monitored(result: Result) -> str:
@@ -55,21 +57,28 @@ def _verdict(result: Result, statement: str) -> Cell | str:
         return ABSENT
     i = text.index(statement)
     word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
-    return verdict_cell(word, result[f"{branch}/value"][i], more, single(result), str(result.attributes["method"]))
+    method = str(result.attributes["method"])
+    return verdict_cell(statement, word, result[f"{branch}/value"][i], more, single(result), method)
 
 
-def verdict_cell(word: str, interval: np.ndarray, more: float, one_run: bool = False, method: str = "") -> Cell:
+def verdict_cell(
+    statement: str, word: str, interval: np.ndarray, more: float, one_run: bool = False, method: str = ""
+) -> Cell:
     """A verdict on a requirement with the value and its interval (3,), and the number of runs that would decide it.
 
-    method: of the result. Runs evaluate every requirement, unless no run or epoch of theirs counts for it.
+    Shares are in per cent, as in the statement of the requirement. method: of the result. Runs evaluate every
+    requirement, unless no run or epoch of theirs counts for it.
     """
-    value, low, high = map(float, interval)
+    share = SHARE.search(statement)
+    value, low, high = (100.0 * float(x) if share else float(x) for x in interval)
     if np.isnan(value):
         why = "no run or epoch counts" if method == "monte-carlo" else "not evaluated by this method"
         return cell(f"{{}}: {why}", word)
-    number = digits(more, 2) if more >= 1e5 else f"{more:.0f}"
+    number = f"{more:.2g}".replace("e+0", "e") if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
+    shown = f"{{}}: {{:g}} % of {share[1]}" if share else "{}: {:.4g}"
     if low == high or np.isnan(low) or one_run:
-        return cell("{}: {:.4g}" + enough, word, value, names=("verdict", "found"))
-    return cell("{}: {:.4g}  [{:.4g}, {:.4g}]" + enough, word, value, low, high,
+        return cell(shown + enough, word, value, names=("verdict", "found"))
+    ends = "  [{:g}, {:g}]" if share else "  [{:.4g}, {:.4g}]"
+    return cell(shown + ends + enough, word, value, low, high,
                 names=("verdict", "found", "found, low", "found, high"))  # fmt: skip

@@ -142,17 +142,17 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     yield "".join(f"<p>{escape(each.text)}</p>" for each in found) or "<p>navsim found nothing to warn of.</p>"
     yield f"<h2>Results</h2>{html(here.tables([(name, result)]))}"
     rows, without = judged(result)
-    yield "<h2>Outside judges of the methods used</h2>"
+    yield "<h2>Outside checks of the methods used</h2>"
     yield "<p>Each row compares code of navsim with another program, a publication or a closed form.</p>"
     if rows:
         cells = [(each.method, each.claim, each.oracle, each.tolerance) for each in rows]
-        yield _table(("method", "claim", "judge", "tolerance"), _once(cells))
+        yield _table(("method", "claim", "checked against", "tolerance"), _once(cells))
     if without:
-        yield f"<p>Methods of this result without an outside judge: {escape('; '.join(without))}.</p>"
+        yield f"<p>Methods of this result without an outside check: {escape('; '.join(without))}.</p>"
     yield "<h2>Effects that are not modelled</h2>"
-    effects = [(each.section, each.effect, each.instead, each.remedy) for each in unmodelled_effects(result)]
+    effects = [(each.section, each.effect, each.consequence, each.remedy) for each in unmodelled_effects(result)]
     if effects:
-        yield _table(("subject", "not modelled", "instead", "remedy"), _once(effects))
+        yield _table(("subject", "left out", "consequence", "what to do"), _once(effects))
     else:
         yield "<p>The assumptions are those of the sources below; navsim keeps no list for this kind of result.</p>"
     yield f"<h2>Sources of the methods</h2><pre>{escape(cited(methods_of([result])))}</pre>"

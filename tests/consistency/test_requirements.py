@@ -112,8 +112,8 @@ def test_runs_are_judged(tmp_path: Path) -> None:
             "HPL within 40 m at 99 % of epochs of the glide",
             "VPL within 50 m at 99 % of epochs of the glide",
             "P(fault-free vertical error > 20 m) at most 0.05 at 99 % of epochs of the glide",
-            "continuity lost in 15 s with a risk of at most 8e-06",
-            "hazardously misleading information with a risk of at most 2e-07",
+            "continuity risk in 15 s at most 8e-06",
+            "risk of hazardously misleading information at most 2e-07",
         )
     ]
     np.testing.assert_array_equal(values[11], 1.0)

@@ -30,7 +30,7 @@ def test_levels_of_a_landing_keep_what_is_allowed(tmp_path: Path, method: str) -
         found.append(read(tmp_path / name))
     result = found[0]
     as_declared(result)
-    assert "7 s, up, worst fault" in said.stdout
+    assert "7 s, up, risk given the worst fault" in said.stdout
     np.testing.assert_array_equal(result[f"{BRANCH}/risk"], found[-1][f"{BRANCH}/risk"])
     np.testing.assert_allclose(result[f"{BRANCH}/at"], [0.5, 7.0])
     assert list(result[f"{BRANCH}/axis"]) == ["east", "north", "up"]

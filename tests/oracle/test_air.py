@@ -69,7 +69,7 @@ def test_spectrum_of_turbulence(transverse: bool, within: Within) -> None:
 
 
 @pytest.mark.validates(
-    "Dryden turbulence: the difference equation is not it", "spectrum of MIL-STD-1797A's", ratio="0.1 %"
+    "Dryden turbulence: the handbook's difference equation differs", "spectrum of MIL-STD-1797A's", ratio="0.1 %"
 )
 def test_difference_equation_fails(known: dict[str, Any], within: Within) -> None:
     """That of MIL-STD-1797A has a spectrum of first order: what the test above is there to find."""
@@ -110,7 +110,9 @@ def test_scales(known: dict[str, Any], within: Within) -> None:
         assert air.dryden_sigmas(h, 1.0) == pytest.approx([sigma, sigma, vertical], rel=within["scale"])
 
 
-@pytest.mark.validates("Dryden turbulence: both forms of the spectrum", "closed forms", value="1e-5 (relative)")
+@pytest.mark.validates(
+    "Dryden turbulence: spectra of both specifications agree", "closed forms", value="1e-5 (relative)"
+)
 def test_both_forms_are_one_model(known: dict[str, Any], within: Within) -> None:
     """With the lengths of the one in the form of the other they are not."""
     told = known["dryden_spectra"]
@@ -170,7 +172,7 @@ def test_exact_discretisation(known: dict[str, Any], within: Within) -> None:
     assert root @ root.T == pytest.approx(process.covariance, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.validates("a gust felt through a first-order lag", "closed forms", variance="1e-9")
+@pytest.mark.validates("variance of a gust behind a first-order lag", "closed forms", variance="1e-9")
 def test_gust_through_lag(known: dict[str, Any], within: Within) -> None:
     told = known["gust_through_first_order_lag"]
     lag = told["tau_s"]

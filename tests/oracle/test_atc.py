@@ -80,7 +80,7 @@ LIMITS = {
 
 
 @pytest.mark.validates(
-    "Steady state of the five pairs", "a second program's Riccati solver", **{"sigma and gain": "1e-7"}
+    "Steady state of the five pairs", "Riccati solver of an independent script", **{"sigma and gain": "1e-7"}
 )
 @pytest.mark.parametrize("period", LIMITS)
 def test_limits_of_the_pairs(period: float, within: Within) -> None:

@@ -34,7 +34,7 @@ def scenario(**keys: object) -> Azimuth:
     return Azimuth.model_validate({"kind": "azimuth-tracking", "version": 1, **keys})
 
 
-@pytest.mark.validates("The landing circuit: position, azimuth, range and their derivatives", "a second program",
+@pytest.mark.validates("The landing circuit: position, azimuth, range and their derivatives", "independent script",
                        place="1e-3 m", azimuth="1e-7 deg", rate="1e-8 deg/s", acceleration="1e-9 deg/s2",
                        **{"range rate": "1e-6 m/s", "range acceleration": "1e-6 m/s2"})  # fmt: skip
 @pytest.mark.parametrize("row", ORACLE)

@@ -161,7 +161,9 @@ def test_nominal_is_near_the_real_constellation(shared: Path, within: Within) ->
 ALMANAC = "sky.almanac={}/data/almanacs/MCCJ_180913.agl"
 
 
-@pytest.mark.validates("nine satellites and their DOPs, 56N 37E, 2018-09-13 12:00 UTC", "a second program", DOPs="0.02")
+@pytest.mark.validates(
+    "nine satellites and their DOPs, 56N 37E, 2018-09-13 12:00 UTC", "independent script", DOPs="0.02"
+)
 def test_published_figure_at_56n_37e(shared: Path, within: Within) -> None:
     """Figures of a second program, by the almanac of the day."""
     flown = case(

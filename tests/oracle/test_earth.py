@@ -91,7 +91,7 @@ def test_directions_agree_with_pymap3d(
     assert np.linalg.norm(away) == pytest.approx(distance, abs=within["distance"])
 
 
-@pytest.mark.validates("places in the axes of a runway, random points", "pymap3d", place="1e-6 m")
+@pytest.mark.validates("positions in runway axes, random points", "pymap3d", place="1e-6 m")
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     lat=st.floats(-85.0, 85.0), lon=st.floats(-179, 179), heading=st.floats(0.0, 360.0), s=st.floats(-5e3, 5e3),

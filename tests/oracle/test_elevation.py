@@ -39,7 +39,7 @@ SEQUENCE = {
 
 @pytest.mark.validates(
     "Covariance and gain of the elevation filter, step by step",
-    "a second program",
+    "independent script",
     "(relative)",
     covariance="1e-9",
     gain="5e-9",
@@ -98,9 +98,9 @@ def test_steady_state_closed_form(within: Within) -> None:
 
 @pytest.mark.validates(
     "Exact Singer discretisation",
-    "published MathWorks example; a second program",
+    "published MathWorks example; independent script",
     "(relative)",
-    **{"to its digits": "5e-5", "second program": "1e-9"},
+    **{"to its digits": "5e-5", "independent script": "1e-9"},
 )
 def test_singer(within: Within) -> None:
     _, q = singer(1.0, 1.0 / 20.0, 1.0)
@@ -109,10 +109,10 @@ def test_singer(within: Within) -> None:
     )
     phi, q = singer(PERIOD, 1.0, 1.0)
     np.testing.assert_allclose(
-        phi[:, 2], [3.02548895276e-4, 0.0243974511047, 0.975602548895], rtol=within["second program"]
+        phi[:, 2], [3.02548895276e-4, 0.0243974511047, 0.975602548895], rtol=within["independent script"]
     )
     expected = [9.06853110875e-10, 9.1535834033e-8, 4.9006736131e-6, 9.86217014549e-6, 5.95235620407e-4, 0.048199666589]
-    np.testing.assert_allclose(q[np.triu_indices(3)], expected, rtol=within["second program"])
+    np.testing.assert_allclose(q[np.triu_indices(3)], expected, rtol=within["independent script"])
 
 
 @pytest.mark.parametrize("ratio", [5.0, 24.7, 1e3, 6e4])
@@ -143,7 +143,7 @@ ANGLES = [
 
 @pytest.mark.validates(
     "beta, beta', beta'' on the four segments",
-    "a second program; finite differences",
+    "independent script; finite differences",
     angles="1e-9",
     differences="1e-6",
 )
@@ -158,7 +158,7 @@ def test_angles(leg: Any, t: float, expected: tuple[float, float, float], within
     assert (rate[2] - rate[0]) / (2 * step) == pytest.approx(second[1], rel=within["differences"], abs=1e-12)
 
 
-@pytest.mark.validates("Chances of the bands and the runs they need", "scipy.stats.chi2", chance="1e-12")
+@pytest.mark.validates("Probabilities of accuracy bands, and the runs they need", "scipy.stats.chi2", chance="1e-12")
 def test_bands(within: Within) -> None:
     table = {"std_theory": (0.955238645, 0.953041804, 48), "std_sample": (0.943881932, 0.941563968, 53),
              "variance": (0.685985351, 0.681086281, 191)}  # fmt: skip

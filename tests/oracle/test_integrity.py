@@ -106,7 +106,7 @@ def test_table_of_rtklib(cases: dict[str, Any], within: Within) -> None:
     np.testing.assert_allclose(ours, entry["published"], rtol=0, atol=within["printed"])
 
 
-@pytest.mark.validates("bias in the residuals that is missed", "SciPy ncx2 (kshana), quadrature", bias="1e-6")
+@pytest.mark.validates("range bias that the residual test misses", "SciPy ncx2 (kshana), quadrature", bias="1e-6")
 def test_missed_bias(cases: dict[str, Any], within: Within) -> None:
     entry = cases["pbias"]
     for spot in entry["spot"]:
@@ -137,7 +137,10 @@ def left_of(monitor: Monitor, errors: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.validates(
-    "RAIM of 6 satellites and 2 pseudolites", "sidereon 3.0.4 (reliability); own numbers", "(relative)", numbers="1e-8"
+    "RAIM of 6 satellites and 2 pseudolites",
+    "sidereon 3.0.4 (reliability); independent script",
+    "(relative)",
+    numbers="1e-8",
 )
 def test_weighted_raim(cases: dict[str, Any], within: Within) -> None:
     entry = cases[CASE]
@@ -167,7 +170,7 @@ def test_weighted_raim(cases: dict[str, Any], within: Within) -> None:
     assert np.abs(monitor.each(both)[0, :, 1]).argmax() == entry["expected_biased"]["largest"]
 
 
-@pytest.mark.validates("exclusion of a biased range", "own numbers (w tests)", "(relative)", numbers="1e-8")
+@pytest.mark.validates("exclusion of a biased range", "independent script (w tests)", "(relative)", numbers="1e-8")
 def test_exclusion(cases: dict[str, Any], within: Within) -> None:
     """Without a range the square of the residuals is smaller by that of its w. 25 m on one of them: the largest is its
     own, but the rest passes without another one, too, so nothing is excluded; by the RMS it is. From 60 m on it is."""
@@ -281,7 +284,7 @@ def separated(cases: dict[str, Any], satellites: int, pseudolites: int, ground: 
 
 
 @pytest.mark.validates(
-    "separation levels with pseudolites and their group", "own numbers, general matrices", levels="1e-6 m"
+    "separation levels with pseudolites and their group", "independent script, dense matrices", levels="1e-6 m"
 )
 def test_pseudolites_in_separation(cases: dict[str, Any], within: Within) -> None:
     entry = cases["mhss_6_satellites_2_pseudolites"]
@@ -298,7 +301,9 @@ def test_pseudolites_in_separation(cases: dict[str, Any], within: Within) -> Non
         np.testing.assert_allclose(ours, expected, rtol=0, atol=within["levels"], err_msg=name)
 
 
-@pytest.mark.validates("separation where few satellites are left", "own numbers, general matrices", levels="1e-5 m")
+@pytest.mark.validates(
+    "separation where few satellites are left", "independent script, dense matrices", levels="1e-5 m"
+)
 def test_few_satellites(cases: dict[str, Any], within: Within) -> None:
     for name, wanted in cases["mhss_few_satellites"]["expected"].items():
         satellites, ground = int(name.split()[0]), float(name.split()[-1])
@@ -355,7 +360,7 @@ def test_risk_under_a_separation_test(cases: dict[str, Any], within: Within) -> 
             assert ours == pytest.approx(row[name], rel=within["risk"]), name
 
 
-@pytest.mark.validates("what residuals see of spoofed satellites", "closed form", "(relative)", numbers="1e-6")
+@pytest.mark.validates("residuals under spoofed satellites", "closed form", "(relative)", numbers="1e-6")
 def test_spoofed_satellites(cases: dict[str, Any], within: Within) -> None:
     entry, monitor = cases["spoofing_snapshot"], raim(cases)
     rows = rows_towards(cases[CASE]["inputs"]["azimuth_elevation_deg"])[0]
@@ -390,7 +395,7 @@ def test_gbas_factors(cases: dict[str, Any], within: Within) -> None:
         assert sbas_gbas.gbas_factors(case["m"]) == pytest.approx((case["k_ffmd"], case["k_md"]), abs=1e-9)
 
 
-@pytest.mark.validates("GBAS protection levels", "own numbers, formula of Annex 10", levels="1e-6 m")
+@pytest.mark.validates("GBAS protection levels", "ICAO Annex 10, independent script", levels="1e-6 m")
 def test_gbas(cases: dict[str, Any], within: Within) -> None:
     entry = cases["gbas_protection_level"]
     given, expected = entry["inputs"], entry["expected"]
@@ -409,7 +414,7 @@ def test_gbas(cases: dict[str, Any], within: Within) -> None:
     assert found[1] == pytest.approx([expected["vpl_h0"], expected["vpl_h1"]], abs=within["levels"])
 
 
-@pytest.mark.validates("what numbers of sources make possible", "ranks", cells="0")
+@pytest.mark.validates("numbers of sources for detection and exclusion", "ranks", cells="0")
 def test_table_of_sources(cases: dict[str, Any], within: Within) -> None:
     wrong = 0
     for system, cells in cases["sources_table"]["rows"].items():

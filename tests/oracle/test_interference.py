@@ -46,7 +46,9 @@ def quality(waveform: spectral_separation.Waveform) -> float:
     return 1.0 / (RATE * float(waveform.kappa(bpsk(RATE), np.array(GPS.carrier), None)))
 
 
-@pytest.mark.validates("budgets of jammers, J/S and effective C/N0", "Kaplan & Hegarty, own numbers", level="1e-9 dB")
+@pytest.mark.validates(
+    "budgets of jammers, J/S and effective C/N0", "Kaplan & Hegarty, independent script", level="1e-9 dB"
+)
 def test_link_budgets(cases: dict[str, Any], within: Within) -> None:
     rows = cases["js_to_cn0"]["cases"]
     assert len(rows) == 8
@@ -65,7 +67,7 @@ def test_link_budgets(cases: dict[str, Any], within: Within) -> None:
 
 
 @pytest.mark.validates(
-    "spectral separation and Q of jammers", "Betz 2001; own numbers", computed="1e-6 dB", printed="0.1 dB"
+    "spectral separation and Q of jammers", "Betz 2001; independent script", computed="1e-6 dB", printed="0.1 dB"
 )
 def test_spectral_separation(cases: dict[str, Any], within: Within) -> None:
     entry = cases["spectral_separation"]
@@ -85,7 +87,9 @@ def test_spectral_separation(cases: dict[str, Any], within: Within) -> None:
     np.testing.assert_allclose(ours, decibels(published["q"]), rtol=0, atol=within["printed"])
 
 
-@pytest.mark.validates("thresholds of phase and code loops", "Kaplan & Hegarty 8.9, own numbers", level="1e-6 dB")
+@pytest.mark.validates(
+    "thresholds of phase and code loops", "Kaplan & Hegarty 8.9, independent script", level="1e-6 dB"
+)
 def test_thresholds(cases: dict[str, Any], within: Within) -> None:
     entry = cases["tracking_thresholds"]
     for row in entry["dll_one_sixth_of_spacing"]:
@@ -132,7 +136,7 @@ def test_knife_edge(cases: dict[str, Any], within: Within) -> None:
     assert nu == pytest.approx(row["nu"], abs=within["nu"])
 
 
-@pytest.mark.validates("noise of range rates", "Kaplan & Hegarty 8.9, own numbers", "(relative)", sigma="1e-9")
+@pytest.mark.validates("noise of range rates", "Kaplan & Hegarty 8.9, independent script", "(relative)", sigma="1e-9")
 def test_range_rate_noise(cases: dict[str, Any], within: Within) -> None:
     for row in cases["range_rate_noise"]["cases"]:
         loop = tracking_threshold.FrequencyLoop(row["bandwidth_hz"], row["integration_s"], row["f"])
@@ -140,7 +144,9 @@ def test_range_rate_noise(cases: dict[str, Any], within: Within) -> None:
         assert ours == pytest.approx(row["sigma_m_s"], rel=within["sigma"])
 
 
-@pytest.mark.validates("a jammed landing, from power to code noise", "own numbers", level="1e-6 dB", code="1e-6 m")
+@pytest.mark.validates(
+    "a jammed landing, from power to code noise", "independent script", level="1e-6 dB", code="1e-6 m"
+)
 def test_jam_chain(cases: dict[str, Any], within: Within) -> None:
     entry = cases["jam_chain"]
     row, expected = entry["inputs"], entry["expected"]
@@ -161,7 +167,7 @@ def test_jam_chain(cases: dict[str, Any], within: Within) -> None:
 
 
 @pytest.mark.validates(
-    "where lock is lost and found again",
+    "C/N0 at which lock is lost and found",
     "JammerTest 2024, scenario 1.6.4 (plausibility)",
     "(between two samples, 30 s)",
 )
@@ -189,7 +195,10 @@ def correlation(spectrum: Spectrum, lag: float) -> float:
 
 @pytest.mark.parametrize("offset", [0.0, 1e3, 0.08 * MEGA, 0.7 * MEGA, 3.3 * MEGA])
 @pytest.mark.validates(
-    "spectral separation of carriers apart", "SciPy quadrature over the lag (Parseval)", "(of that at 0)", kappa="1e-9"
+    "spectral separation of different carriers",
+    "SciPy quadrature over the lag (Parseval)",
+    "(of that at 0)",
+    kappa="1e-9",
 )
 def test_separation_by_lag(offset: float, within: Within) -> None:
     for one, other in PAIRS:

@@ -39,7 +39,7 @@ def standing(llh: np.ndarray, c_nb: np.ndarray) -> Motion:
     return Motion(np.arange(float(len(llh))), ecef_from_llh(llh), still, llh, c_eb, still, still)
 
 
-@pytest.mark.validates("loss in free space and the power that makes up for it", "Friis, own numbers", level="6e-3 dB")
+@pytest.mark.validates("free-space loss", "Friis, independent script", level="6e-3 dB")
 def test_free_space(within: Within) -> None:
     for distance, loss, eirp in oracle("free_space_and_eirp")["rows"]:
         found = float(propagation.path_loss(np.array(float(distance)), L1))
@@ -47,7 +47,7 @@ def test_free_space(within: Within) -> None:
         assert found - 130.0 == pytest.approx(eirp, abs=within["level"])
 
 
-@pytest.mark.validates("C/N0 beside a pseudolite, and the J/S that it bears", "matched spectra, own numbers",
+@pytest.mark.validates("C/N0 near a pseudolite, and the tolerable J/S", "matched spectra, independent script",
                        level="2e-3 dB")  # fmt: skip
 def test_near_far(within: Within) -> None:
     given = oracle("near_far")
@@ -63,7 +63,9 @@ def test_near_far(within: Within) -> None:
         assert found == pytest.approx(given[f"js_limit_45_to_{least}"], abs=within["level"])
 
 
-@pytest.mark.validates("how near a pseudolite takes satellites", "closed form, own numbers", radius="0.5 m")
+@pytest.mark.validates(
+    "distance within which a pseudolite costs satellites", "closed form, independent script", radius="0.5 m"
+)
 def test_radius_of_loss(within: Within) -> None:
     """Over a pseudolite that is received with -130 dBm in 10 km, a satellite with -128.5 dBm overhead: by noise alone,
     and by the lines of its code at whole kHz of Doppler."""
@@ -91,7 +93,7 @@ def test_radius_of_loss(within: Within) -> None:
         np.testing.assert_allclose(signals.js[0, :, 0], js, atol=1e-6)
 
 
-@pytest.mark.validates("what pulses cost", "shares of the time, own numbers", level="1e-3 dB")
+@pytest.mark.validates("losses by pulses", "closed form, independent script", level="1e-3 dB")
 def test_pulsing(within: Within) -> None:
     given = oracle("pulsing")
     one = given["duty_1_11"]
@@ -104,7 +106,7 @@ def test_pulsing(within: Within) -> None:
     assert -propagation.ungated_loss(duty[0]) == pytest.approx(one["pl_ungated_db"], abs=within["level"])
 
 
-@pytest.mark.validates("elevation over an antenna that banks", "turn about the nose, own numbers", angle="1e-6 deg")
+@pytest.mark.validates("elevation seen by a banked antenna", "closed form, independent script", angle="1e-6 deg")
 def test_banked_antenna(within: Within) -> None:
     """Heading north, a source due east 2 degrees below the horizon."""
     given = oracle("banked_antenna")
@@ -156,7 +158,7 @@ def test_a_pattern_of_the_ground_goes_all_around() -> None:
     np.testing.assert_allclose(one.gain_at(np.radians(np.array([77.0])), np.radians(np.array([5.0]))), 3.0)
 
 
-@pytest.mark.validates("Fresnel's coefficients of ground", "own numbers", size="6e-5")
+@pytest.mark.validates("Fresnel coefficients of the ground", "independent script", size="6e-5")
 def test_reflection_coefficients_of_ground(within: Within) -> None:
     """Of linear polarisations, and of circular the parts of the same sense and of the other."""
     for _, permittivity, conductivity, grazing, *sizes in oracle("fresnel")["rows"]:
@@ -164,7 +166,7 @@ def test_reflection_coefficients_of_ground(within: Within) -> None:
         np.testing.assert_allclose(np.abs([h, v, 0.5 * (h + v), 0.5 * (h - v)]), sizes, atol=within["size"])
 
 
-@pytest.mark.validates("two rays over flat ground", "closed form, own numbers", length="6e-7 m", level="6e-4 dB")
+@pytest.mark.validates("two rays over flat ground", "closed form, independent script", length="6e-7 m", level="6e-4 dB")
 def test_two_rays(within: Within) -> None:
     """Of ground that conducts as a metal does, which turns a horizontal wave over."""
     metal = dll.GroundReflection(0.0, 1.0, 1e14, 0.0, "horizontal")
@@ -174,7 +176,7 @@ def test_two_rays(within: Within) -> None:
         assert float(dll.fade(ray[0], ray[2])) == pytest.approx(field, abs=within["level"])
 
 
-@pytest.mark.validates("code error of a short excess", "closed form, own numbers", length="1e-5 m")
+@pytest.mark.validates("code error of a short reflection", "closed form, independent script", length="1e-5 m")
 def test_code_error_of_a_short_excess(within: Within) -> None:
     given = oracle("short_delay_code_multipath")
     for phase, wanted in ((0.0, given["phi_0"]), (np.pi, given["phi_pi"])):

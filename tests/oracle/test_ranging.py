@@ -397,7 +397,7 @@ end_s: 20500
 
 
 @pytest.mark.validates(
-    "pseudoranges of five free clocks: residual and clock rates", "own least squares of a public recording",
+    "pseudoranges of five free clocks: residual and clock rates", "independent script on a public recording",
     residual="0.55 m", rate="0.02 m/s",
 )  # fmt: skip
 def test_pseudolite_uav(shared: Path, within: Any) -> None:

@@ -239,7 +239,7 @@ def figures(
 
 
 @pytest.mark.validates(
-    "Single-point positions of a day by GPS, Galileo, GPS and Galileo, GPS and BeiDou, weighed by an error budget",
+    "Single-point positions of a day by GPS, Galileo, GPS and Galileo, GPS and BeiDou, weighted by an error budget",
     "RTKLIB rnx2rtkp 2.4.3 on the same file", "(rms horizontal, vertical, 95 %)", figures="10 %", satellites="0.1",
 )  # fmt: skip
 @pytest.mark.parametrize("name", in_brief(SETS, 1, 3))

@@ -50,12 +50,9 @@ def flown(file: str, *settings: str) -> Any:
     return case(f"approach.file={file}", *settings, name="track")
 
 
-@pytest.mark.validates(
-    "a table's sensors, mechanised, return its smoothed path", "the path itself", place="1e-2 m", attitude="1e-5 rad"
-)
 @pytest.mark.parametrize("attitudes", [False, True])
 @pytest.mark.parametrize("wind", [0.0, 5.0])
-def test_it_comes_back(tmp_path: Path, attitudes: bool, wind: float, within: Within) -> None:
+def test_it_comes_back(tmp_path: Path, attitudes: bool, wind: float) -> None:
     _, rows = circuit(sigma=0.3)
     if not attitudes:
         rows = {name: rows[name] for name in ("t_s", "lat_deg", "lon_deg", "h_m")}
@@ -65,8 +62,8 @@ def test_it_comes_back(tmp_path: Path, attitudes: bool, wind: float, within: Wit
         return
     trajectory = flown(table(tmp_path, rows), f"wind.speed_m_s={wind}").trajectory
     place, attitude = mechanised(trajectory, 100.0, 145.0)
-    assert np.linalg.norm(place) < within["place"]
-    assert np.linalg.norm(attitude) < within["attitude"]
+    assert np.linalg.norm(place) < 1e-2
+    assert np.linalg.norm(attitude) < 1e-5
 
 
 def test_a_dense_exact_table_is_flown_as_it_was_made(tmp_path: Path) -> None:
@@ -164,7 +161,7 @@ def test_heights_above_the_geoid(tmp_path: Path) -> None:
 
 
 @pytest.mark.validates(
-    "a real flight's places, smoothed, have the velocities that its receiver told", "fixed-wing flight Thor 75",
+    "velocities of a smoothed recorded flight", "fixed-wing flight Thor 75",
     velocity="2.1 m/s rms an axis", place="1e-2 m",
 )  # fmt: skip
 def test_a_real_flight(within: Within) -> None:

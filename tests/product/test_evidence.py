@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.report.assurance import JUDGES, SECTIONS, judged, rows_of, unmodelled_effects
+from navsim.report.assurance import CONDITION, JUDGES, SECTIONS, judged, rows_of, unmodelled_effects
 from navsim.report.citations import METHODS
 from navsim.results.checksum import MARK
 from navsim.results.result import read
+from navsim.scenario.keys import rows as key_rows
+from navsim.scenario.load import section
 from tests.forks import navsim
 from tests.made import EVERY
 
@@ -33,7 +35,17 @@ def test_every_judge_is_a_test_and_every_test_a_judge() -> None:
 
 
 def test_every_section_of_the_limits_has_its_results() -> None:
-    assert {section for section, _ in rows_of("limits.md")} == set(SECTIONS)
+    rows = rows_of("limits.md")
+    assert {section for section, _ in rows} == set(SECTIONS)
+    assert all(len(cells) == 3 and all(cells) for _, cells in rows)
+
+
+def test_conditions_of_the_limits_are_keys() -> None:
+    known = {re.sub(r"\.N\b", "", row.key) for row in key_rows(section("landing").model_json_schema())}
+    known |= {name[:end] for name in known for end in range(len(name)) if name[end] == "."}
+    named = {key for _, cells in rows_of("limits.md") for _, _, key, _ in CONDITION.findall(cells[0]) if key}
+    assert len(named) > 30
+    assert named <= known
 
 
 @pytest.mark.parametrize("kind", EVERY)
@@ -41,14 +53,17 @@ def test_every_kind_has_its_limits_and_judges(kind: str, place: Path) -> None:
     result = read(place / f"{kind}.h5")
     rows, without = judged(result)
     assert rows or without or kind == "ranges"
-    texts = " ".join(f"{each.effect} {each.instead} {each.remedy}" for each in unmodelled_effects(result))
+    found = unmodelled_effects(result)
+    texts = " ".join(f"{each.effect} {each.consequence} {each.remedy}" for each in found)
     assert "`" not in texts
     assert "](" not in texts
+    assert len(found) < 40
     if kind == "runs":
         assert "flight dynamics" in texts
-        assert "signals.ephemeris" not in texts.split("changes of orbit")[0]
-        assert "heading and hard iron" not in texts  # of a magnetometer, which this scenario lacks
-        assert "several live blocks" not in texts
+        assert "without signals.errors" in texts
+        assert "changes of orbit" not in texts  # of signals.ephemeris, which this scenario lacks
+        assert "hard iron" not in texts  # of a magnetometer
+        assert "live source" not in texts
 
 
 def graph_of(folder: Path) -> dict[str, dict[str, Any]]:

@@ -189,9 +189,9 @@ def test_requirements_are_told_with_every_number(folder: Path) -> None:
     assert result["/requirements/verdict"][:, 0].tolist() == ["not met", "met", "met"]
     assert set(result["/requirements/verdict"][:, 1]) == {"undecided"}
     assert result["/requirements/decided"].tolist() == [1, 0]
-    assert f"met: 1 ({100 * (1 - used[1]):.1f} %)" in done.stdout
+    assert f"(margin {100 * (1 - used[1]):.1f} %)" in done.stdout
     assert "the fewest pseudolites with which the requirements are met: 2" in done.stdout
-    assert "only runs decide (use `navsim run`): hazardously misleading information" in done.stderr
+    assert "only runs decide (use `navsim run`): risk of hazardously misleading information" in done.stderr
     assert (
         "1 pseudolite: no placement meets the requirements (every choice of sites was tried); the nearest"
         in done.stderr
@@ -239,7 +239,7 @@ def test_requirements_that_need_no_pseudolites(folder: Path) -> None:
         (["set.integrity=null", "constraints={}", "set.requirements=[]"], "objective: vpl_p95 needs `integrity`"),
         (
             ["set.requirements=[{what: misleading, at_most: 1.0e-6}]"],
-            "constraints.requirements: levels and covariance analysis decide none of them: hazardously misleading",
+            "constraints.requirements: levels and covariance analysis decide none of them: risk of hazardously",
         ),
         (
             ["period={hours: 2, count: 4}"],

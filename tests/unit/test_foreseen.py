@@ -79,6 +79,7 @@ def test_a_file_is_read_as_whoever_flies_does(tmp_path: Path) -> None:
         (["sky.source=nominal", "sky.systems=[gps]", "sky.exclude=[R05, G01, R07]"],
          "sky.exclude: R05 (glonass), R07 (glonass): not used anyway, systems are gps"),
         (["integrity={method: mhss, p_constellations: {gps: 1e-5}}"], "the sky has none of them"),
+        (["integrity={method: mhss, p_constellation: 1.0e-8}"], "levels allow for one independent error an approach"),
         (["receiver.antenna={elevation_deg: [-90, 90], gain_dbi: [0, 0], mask_deg: 20}"], "the aircraft shadows PL1"),
         (["signals.system_offsets_ns={galileo: 3}"], "no source keeps the time of galileo"),
     ],
@@ -88,6 +89,11 @@ def test_warnings_are_those_of_the_flight(given: list[str], said: str) -> None:
     told = checked(file, given)[2]
     assert any(said in text for text in told), told
     assert told == prepare(*read(file, [*given, "imu.rate_hz=20"])).warnings
+
+
+def test_levels_of_lasting_errors_are_for_one_error_an_approach() -> None:
+    given = ["integrity={method: mhss, p_constellation: 1.0e-8}", "signals.preset=open-sky"]
+    assert not any("effective_samples" in text for text in checked(SCENARIOS / "landing.yaml", given)[2])
 
 
 SILENCE = "events=[{what: silence, sources: [all], at_s: 5, until_s: 9}]"

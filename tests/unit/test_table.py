@@ -68,7 +68,7 @@ def made() -> Table:
 def test_labels_give_way_to_values(width: int) -> None:
     """A statement as a label, and the values of two results, however narrow the terminal."""
     wide = Table("", ("", "one", "other"))
-    statement = "LPV-200: vertical error without a fault within 10 m but for 1e-07 at 99 % of epochs of the glide"
+    statement = "LPV-200: P(fault-free vertical error > 10 m) at most 1e-07 at 99 % of epochs of the glide"
     wide.add(statement, "met", "1")
     wide.add("NEES", interval([1.0, 0.5, 2.0], 3), interval([3.0, 2.5, 4.0], 3))
     said = table.text([wide], width)
