@@ -61,14 +61,15 @@ class Vibration:
         return total
 
     def adds_up(self, interval: float = MEMORY) -> float:
-        """The white density, (m/s2)2 s, that adds up to as much velocity in an interval, s, as its random part."""
+        """Density, (m/s2)2 s, of the white noise whose integral over an interval, s, has the variance of that of the
+        random part: D interval = interval^2 times the integral of S sinc^2."""
         if not self.density:
             return 0.0
         first, last = self.density[0][0], self.density[-1][0]
         # the sidelobes of a sinc are 1/interval wide; beyond a hundred of them less than 1 in 1e3 of each remains
         f = np.unique(np.concatenate([np.geomspace(first, last, 4000), self._within(first, last, interval)]))
         weighed = self.at(f) * np.sinc(f * interval) ** 2
-        return float(np.sum(0.5 * (weighed[1:] + weighed[:-1]) * np.diff(f)))
+        return float(interval * np.sum(0.5 * (weighed[1:] + weighed[:-1]) * np.diff(f)))
 
     @staticmethod
     def _within(first: float, last: float, interval: float) -> np.ndarray:

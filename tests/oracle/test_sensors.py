@@ -253,13 +253,15 @@ def test_random_vibration(within: Within) -> None:
 
 
 def test_what_a_vibration_adds_up_to() -> None:
-    """As white noise over an interval: all of a band that begins far below it, next to nothing of one far above."""
-    flat = Vibration(density=((1e-4, 0.02), (2000.0, 0.02)))
-    assert flat.adds_up(1.0) == pytest.approx(0.5 * 0.02, rel=0.01)
-    begun = Vibration(density=((0.5, 0.02), (2000.0, 0.02)))
-    f = np.arange(0.5, 2000.0, 1e-3)
-    assert begun.adds_up(1.0) == pytest.approx(np.sum(0.02 * np.sinc(f) ** 2) * 1e-3, rel=0.01)
-    assert Vibration(density=((20.0, 0.02), (2000.0, 0.02))).adds_up(1.0) < 0.01 * 0.02
+    """White noise of that density gains as much velocity in an interval: S/2 of a flat spectrum; what is simulated."""
+    flat = Vibration(density=((1e-5, 0.02), (2000.0, 0.02)))
+    for interval in (0.5, 10.0):
+        assert flat.adds_up(interval) == pytest.approx(0.5 * 0.02, rel=0.01)
+    slow = Vibration(density=((0.2, 0.02), (20.0, 0.02)))
+    gained = shaking(slow, tuple(generator(7, run, "imu") for run in range(64)), 20000, DT)
+    assert gained is not None
+    gained = gained.reshape(20, 1000, 3, 64).sum(axis=1)
+    assert np.mean(gained**2) == pytest.approx(slow.adds_up(10.0) * 10.0, rel=0.05)
 
 
 ALL = ImuErrorModel(
