@@ -14,7 +14,7 @@ from measure import SCENARIO, STEPS, Curve, Job, Line, Plan, alternate, ratios, 
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states, strapdown
 from navsim.filter.estimate import fly, in_all_lanes
-from navsim.filter.measurement_models import FIX, Measurements
+from navsim.filter.measurement_kinds import FIX, Measurements
 from navsim.filter.records import ESKF, TFG, ImuData, Truth, empty_error_history, start
 from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read

@@ -53,11 +53,11 @@ def _language() -> str:
 
 
 def _of_types(kinds: Iterable[types.Type]) -> Iterator[str]:
-    """Types of arguments, with the order of the fields of tuples, which numba's type names omit."""
+    """Types of arguments, with module and fields of tuples, which numba's type names omit: machine code names both."""
     for kind in kinds:
         yield str(kind)
-        if hasattr(kind, "fields"):
-            yield f"fields {kind.fields}"
+        if isinstance(kind, types.NamedTuple | types.NamedUniTuple):
+            yield f"{kind.instance_class.__module__} fields {kind.fields}"
         within: tuple[types.Type, ...] = getattr(kind, "types", ())
         yield from _of_types(within)
 

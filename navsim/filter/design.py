@@ -12,7 +12,7 @@ import numpy as np
 
 from navsim.defect import Defect
 from navsim.filter import states
-from navsim.filter.measurement_models import RANGE, SOURCE
+from navsim.filter.measurement_kinds import RANGE, SOURCE
 from navsim.filter.receiver_clock import UNKNOWN_BIAS, UNKNOWN_DRIFT, ReceiverClock
 from navsim.filter.records import CONSTRAINED, GAUSSIAN_SUM, FilterModel
 from navsim.filter.states import Block

@@ -17,7 +17,7 @@ from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter import filter_loop, gaussian_sum, records, smoother
 from navsim.filter.error_parametrisation import chart_of
 from navsim.filter.evaluation import evaluate_into
-from navsim.filter.measurement_models import FIX, RANGE, SOURCE, Measurements
+from navsim.filter.measurement_kinds import FIX, RANGE, SOURCE, Measurements
 from navsim.filter.records import (
     OUTPUT,
     TIME_TOLERANCE,

@@ -27,7 +27,8 @@ from navsim.filter.error_parametrisation import rotate_bias_frame
 from navsim.filter.first_estimates import note_shift, start_transition
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
 from navsim.filter.interval import LONGEST, StepSums, accumulate_markov, add_step, allocate_sums, reset_sums, transition
-from navsim.filter.measurement_models import RANGE, hard_iron, observe, slot
+from navsim.filter.measurement_kinds import RANGE
+from navsim.filter.measurement_models import hard_iron, observe, slot
 from navsim.filter.outliers import excess, expects_outliers
 from navsim.filter.range_update import (
     accumulate_range,

@@ -44,7 +44,8 @@ from navsim.filter.filter_loop import (
     start_mechanisation,
 )
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
-from navsim.filter.measurement_models import RANGE, observe, slot
+from navsim.filter.measurement_kinds import RANGE
+from navsim.filter.measurement_models import observe, slot
 from navsim.filter.mixture import (
     MIN_TURN,
     MIN_WEIGHT,

@@ -17,7 +17,7 @@ import math
 from navsim.compiler.elementary import exp_of_negative
 from navsim.compiler.jit import kernel, kernel_inline
 from navsim.compiler.lanes import fma, where
-from navsim.filter.measurement_models import BEACON
+from navsim.filter.measurement_kinds import BEACON
 
 _FAR = 3.0
 """Argument from which Mills' ratio follows from its continued fraction."""

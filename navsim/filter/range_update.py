@@ -23,7 +23,8 @@ from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct, error_in_filter_coordinates, feed_back
 from navsim.filter.eskf import between
-from navsim.filter.measurement_models import RANGE, is_bent, observe
+from navsim.filter.measurement_kinds import RANGE
+from navsim.filter.measurement_models import is_bent, observe
 from navsim.filter.update import copy_where_not, estimate_errors
 
 _MORE = 2

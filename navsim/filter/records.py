@@ -3,7 +3,7 @@
     IMU, measurements, events, state, model -> history, or error history
 
 A `History` holds estimates. An `ErrorHistory` holds their errors; only it needs the truth (`filter.history`). `Events`
-is the order of all that happens. A measurement is a row in the table of its kind (`filter.measurement_models`).
+is the order of all that happens. A measurement is a row in the table of its kind (`filter.measurement_kinds`).
 
 Arrays are those of one run, or of W runs in SIMD lanes (`compiler.lanes`). In lanes, an array that differs between runs
 has a last axis of length W, and kernels take it without that axis (`lanes_of`). Times, events, model and lever arms are
@@ -20,7 +20,7 @@ import numpy as np
 
 from navsim.compiler.lanes import in_lanes
 from navsim.filter import states
-from navsim.filter.measurement_models import KIND_COUNT
+from navsim.filter.measurement_kinds import KIND_COUNT
 from navsim.filter.receiver_clock import NO_CLOCK, ReceiverClock
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 
@@ -28,7 +28,7 @@ TIME_TOLERANCE = 1e-9
 """Times closer than this are equal, s: far below any sample interval, far above rounding."""
 
 PASS, OUTPUT = 0, 1
-"""Kinds of events without a measurement (`measurement_models`): a time to propagate to, and an output of the
+"""Kinds of events without a measurement (`measurement_kinds`): a time to propagate to, and an output of the
 history."""
 
 ESKF, FIRST_ESTIMATES, OBSERVABILITY_CONSTRAINED, LEFT_INVARIANT, TFG, GAUSSIAN_SUM = range(6)

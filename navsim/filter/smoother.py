@@ -27,7 +27,8 @@ from navsim.filter.covariance import count_imu_states, gain, joseph, propagate_e
 from navsim.filter.error_parametrisation import PLAIN
 from navsim.filter.filter_loop import advance_once, can_advance, propagation_buffers, start_mechanisation
 from navsim.filter.history import as_registers, record_decision, record_innovation
-from navsim.filter.measurement_models import PROBE, observe, slot
+from navsim.filter.measurement_kinds import PROBE
+from navsim.filter.measurement_models import observe, slot
 from navsim.filter.outliers import add_spread, excess, expects_outliers
 from navsim.filter.receiver_clock import propagate_clock_rows
 from navsim.filter.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED

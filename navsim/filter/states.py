@@ -52,7 +52,7 @@ DECLARED = np.dtype([("triad", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay"
 """A sensor state of a filter or of a truth. Kernels take an array of them (k,). A state x adds x to what its `triad`
 measures along `axis`. If `signal` is an axis, not `CONSTANT`, it adds x times the triad's input along that axis. Axes
 of gyros from 3 on are axes of specific force; only a truth has them. `triad` may be a kind of measurements
-(`filter.measurement_models`); `axis` then counts its time-correlated errors or, with a `signal`, its axes. `decay`
+(`filter.measurement_kinds`); `axis` then counts its time-correlated errors or, with a `signal`, its axes. `decay`
 (1/s): rate of decay. `drive` (unit2/s): density of the driving noise."""
 
 
@@ -147,7 +147,7 @@ def correlated_single(name: str, unit: str, kind: int, first: int, sigma: float,
 
 
 def correlated_triple(name: str, kind: int, time: float, step: float, first: int = 0, numbered: bool = False) -> Block:
-    """Three time-correlated measurement errors of a kind (`filter.measurement_models`), each a Gauss-Markov process of
+    """Three time-correlated measurement errors of a kind (`filter.measurement_kinds`), each a Gauss-Markov process of
     1 sigma one.
 
     The measurement's table defines their effect on a measurement.

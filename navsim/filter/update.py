@@ -15,7 +15,8 @@ from navsim.compiler.linear import copy, copy_matrix, solve_cholesky
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct
 from navsim.filter.history import record_decision, record_innovation, record_use
-from navsim.filter.measurement_models import PROBE, observe
+from navsim.filter.measurement_kinds import PROBE
+from navsim.filter.measurement_models import observe
 from navsim.filter.outliers import add_spread, expects_outliers
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 

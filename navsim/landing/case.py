@@ -12,7 +12,7 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
-from navsim.filter.measurement_models import SOURCE
+from navsim.filter.measurement_kinds import SOURCE
 from navsim.filter.states import Block
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.fix_states import FIXED

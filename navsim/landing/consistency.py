@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.measurement_models import RANGE
+from navsim.filter.measurement_kinds import RANGE
 from navsim.landing.case import Case
 from navsim.results.builder import ResultBuilder
 from navsim.runner.batches import Ensemble

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.measurement_models import FIX
+from navsim.filter.measurement_kinds import FIX
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.landing import integrity, requirements, risk_sampling

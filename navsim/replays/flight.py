@@ -19,7 +19,7 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS, estimate, is_smoother, lost
-from navsim.filter.measurement_models import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter.measurement_kinds import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
 from navsim.filter.records import NOT_USED, REJECTED, TIME_TOLERANCE, History, ImuData, by_epoch, schedule, start
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.geodesy import earth

@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.filter import covariance, eskf, states
 from navsim.filter.design import FilterDesign, with_unknown_clock
-from navsim.filter.measurement_models import RangeTable
+from navsim.filter.measurement_kinds import RangeTable
 from navsim.formats.recorded_data import Ranges
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion

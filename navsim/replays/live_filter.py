@@ -14,7 +14,7 @@ import numpy as np
 
 from navsim.filter.estimate import estimate, is_smoother
 from navsim.filter.evaluation import evaluate
-from navsim.filter.measurement_models import FIX, Measurements
+from navsim.filter.measurement_kinds import FIX, Measurements
 from navsim.filter.records import TIME_TOLERANCE, History, ImuData, OutputErrors, State, Truth, schedule, start
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.simulation.flight import Flight

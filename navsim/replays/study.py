@@ -25,7 +25,7 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
-from navsim.filter.measurement_models import FIX
+from navsim.filter.measurement_kinds import FIX
 from navsim.formats.conventions import FIX_ACCURACIES
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm

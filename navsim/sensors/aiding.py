@@ -38,7 +38,7 @@ class AidingSensor(ABC):
     name: ClassVar[str]
     """Name of its section in scenarios and of its group in results. Its states begin with the first word of it."""
     kind: ClassVar[int]
-    """Kind of its measurements (`filter.measurement_models`)."""
+    """Kind of its measurements (`filter.measurement_kinds`)."""
     numbers: ClassVar[tuple[str, ...]]
     """Name of each number of a measurement."""
     unit: ClassVar[str]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.filter.measurement_models import ABOVE_GROUND, ALTITUDE, AltitudeTable, GroundTable
+from navsim.filter.measurement_kinds import ABOVE_GROUND, ALTITUDE, AltitudeTable, GroundTable
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.geodesy.earth_kernels import radii
 from navsim.sensors.aiding import AidingSensor

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.measurement_models import PRESSURE, PressureTable
+from navsim.filter.measurement_kinds import PRESSURE, PressureTable
 from navsim.filter.states import Block
 from navsim.sensors.aiding import AidingSensor, SensorError, between, drawn_process
 from navsim.trajectory.kinematics import Frame, Moving

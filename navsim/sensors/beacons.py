@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.filter.measurement_models import BEACON, BEACON_STATES, BeaconTable
+from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, BeaconTable
 from navsim.filter.states import Block
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.events import BEACONS, Event, EventEffects, Scene, Silence, happened

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.filter.measurement_models import AZIMUTH, DISTANCE, ELEVATION, StationTable
+from navsim.filter.measurement_kinds import AZIMUTH, DISTANCE, ELEVATION, StationTable
 from navsim.filter.states import Block, correlated_single
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.signals import antenna_ecef

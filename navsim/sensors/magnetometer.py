@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.filter.measurement_models import MAGNETIC, MagneticTable
+from navsim.filter.measurement_kinds import MAGNETIC, MagneticTable
 from navsim.filter.states import Block
 from navsim.sensors.aiding import AidingSensor, SensorError
 from navsim.trajectory.kinematics import Frame, Moving
@@ -26,7 +26,7 @@ from navsim.trajectory.kinematics import Frame, Moving
 _STATES = ("hard_iron", "field_model", "scale", "misalignment_next", "misalignment_previous", "disturbance")
 """Names of the filter's states for each error of `MagneticErrors.listed`."""
 _AXES = (0, 3, 0, 0, 0, 6)
-"""First number of each in `filter.measurement_models`."""
+"""First number of each in `filter.measurement_kinds`."""
 _INPUT = (None, None, 0, 1, 2, None)
 """Field that a soft iron error multiplies, as `Block.through`."""
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.filter import states
 from navsim.filter.linearised import Linearised, Steps, empty, linearise, steps_of
-from navsim.filter.measurement_models import FixTable, RangeTable
+from navsim.filter.measurement_kinds import FixTable, RangeTable
 from navsim.filter.records import ImuData
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.integrity.fix_slopes import slopes

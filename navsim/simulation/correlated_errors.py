@@ -19,7 +19,7 @@ import numpy as np
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.design import CorrelatedErrorDesign
-from navsim.filter.measurement_models import FIX, RANGE
+from navsim.filter.measurement_kinds import FIX, RANGE
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, Block
 from navsim.gnss.correlated_errors import SUMS, CorrelatedError
 from navsim.gnss.pseudolite_clock import TransmitterErrors

@@ -9,7 +9,7 @@ import numpy as np
 from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter import states
 from navsim.filter.linearised import NOISES
-from navsim.filter.measurement_models import FIX, RANGE, SOURCE
+from navsim.filter.measurement_kinds import FIX, RANGE, SOURCE
 from navsim.filter.records import OUTPUT, Events
 from navsim.filter.sensitivity_propagation import (
     LinearisedHistory,

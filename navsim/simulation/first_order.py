@@ -14,7 +14,7 @@ import numpy as np
 from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.filter import states
 from navsim.filter.first_order import LinearisedRun, Readings, propagate_errors
-from navsim.filter.measurement_models import FIX, RANGE
+from navsim.filter.measurement_kinds import FIX, RANGE
 from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.simulation.aiding import Aid

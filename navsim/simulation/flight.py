@@ -12,7 +12,7 @@ from navsim.compiler.lanes import in_lanes
 from navsim.filter import eskf, states
 from navsim.filter.design import FilterDesign, clock_sigma
 from navsim.filter.estimate import in_all_lanes, is_smoother
-from navsim.filter.measurement_models import FIX, RANGE
+from navsim.filter.measurement_kinds import FIX, RANGE
 from navsim.filter.records import (
     Events,
     FilterModel,

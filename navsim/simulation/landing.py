@@ -20,7 +20,7 @@ from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.estimate import fly as fly_filter
 from navsim.filter.estimate import in_all_lanes
-from navsim.filter.measurement_models import FIX, RANGE, SOURCE, FixTable, Measurements
+from navsim.filter.measurement_kinds import FIX, RANGE, SOURCE, FixTable, Measurements
 from navsim.filter.records import (
     TIME_TOLERANCE,
     ErrorHistory,

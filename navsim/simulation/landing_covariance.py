@@ -31,7 +31,7 @@ from navsim.defect import Defect
 from navsim.filter import states
 from navsim.filter.design import SensorDesign, clock_sigma
 from navsim.filter.linearised import NOISES, Linearised, Steps
-from navsim.filter.measurement_models import FIX, RANGE
+from navsim.filter.measurement_kinds import FIX, RANGE
 from navsim.filter.records import OUTPUT, Events
 from navsim.filter.sensitivity_propagation import (
     LinearisedHistory,

@@ -10,7 +10,7 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import in_all_lanes
-from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter.measurement_kinds import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss.dop import MAX_CLOCKS
 from navsim.simulation.range_curvature import (

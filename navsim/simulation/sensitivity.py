@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.measurement_models import FIX
+from navsim.filter.measurement_kinds import FIX
 from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.gnss import dll
 from navsim.gnss.correlated_errors import CorrelatedErrors

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.filter.measurement_models import SOURCE
+from navsim.filter.measurement_kinds import SOURCE
 from navsim.filter.states import Block, TransmitterClockModel
 from navsim.geodesy.earth import llh_from_ecef, ned_matrix
 from navsim.gnss.pseudolite_clock import TransmitterErrors

@@ -9,7 +9,7 @@ import pytest
 
 from navsim.filter import records, states
 from navsim.filter.estimate import estimate
-from navsim.filter.measurement_models import ALTITUDE, FIX, AltitudeTable, Measurements
+from navsim.filter.measurement_kinds import ALTITUDE, FIX, AltitudeTable, Measurements
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.findings import of
 from navsim.results.result import read

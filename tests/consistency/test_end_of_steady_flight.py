@@ -10,7 +10,7 @@ import pytest
 
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import error_parametrisation, estimate
-from navsim.filter.measurement_models import Measurements
+from navsim.filter.measurement_kinds import Measurements
 from navsim.filter.records import (
     STEADY_AGE,
     STEADY_COUNT,

@@ -9,7 +9,7 @@ import pytest
 
 from navsim.filter import records, states
 from navsim.filter.estimate import estimate
-from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter.measurement_kinds import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.filter.receiver_clock import ReceiverClock
 from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 from navsim.gnss.correlated_errors import CorrelatedErrors, mapped

@@ -110,7 +110,8 @@ def test_runs_agree_with_the_analysis_near_the_ground(settings: tuple[str, ...],
 def test_its_matrix_is_the_slope_of_what_it_expects() -> None:
     """Innovations of a filter that is off by a little in each state, against H."""
     from navsim.filter.eskf import displace
-    from navsim.filter.measurement_models import ABOVE_GROUND, Measurements, observe
+    from navsim.filter.measurement_kinds import ABOVE_GROUND, Measurements
+    from navsim.filter.measurement_models import observe
     from navsim.filter.states import NAV_LLH, NAV_N, NAV_QUAT, NAV_VEL
 
     flown = case(*GENTLE, RADIO % SLOPE, "runway.heading_deg=70")

@@ -10,7 +10,7 @@ import pytest
 from numba import typeof
 
 from navsim.filter import states
-from navsim.filter.measurement_models import FIX, RANGE, FixTable, Measurements, RangeTable
+from navsim.filter.measurement_kinds import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.filter.records import NOT_USED, REJECTED, USED
 from navsim.integrity.monitoring import ALARM
 from navsim.landing.result import result

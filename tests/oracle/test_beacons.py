@@ -11,7 +11,8 @@ from scipy.integrate import simpson
 from scipy.stats import exponnorm, norm
 
 from navsim.filter import states
-from navsim.filter.measurement_models import BEACON, Measurements, observe
+from navsim.filter.measurement_kinds import BEACON, Measurements
+from navsim.filter.measurement_models import observe
 from navsim.filter.outliers import excess
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.dop import dops

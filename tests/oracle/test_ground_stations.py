@@ -9,7 +9,8 @@ import pymap3d
 import pytest
 
 from navsim.filter import states
-from navsim.filter.measurement_models import AZIMUTH, DISTANCE, ELEVATION, Measurements, observe
+from navsim.filter.measurement_kinds import AZIMUTH, DISTANCE, ELEVATION, Measurements
+from navsim.filter.measurement_models import observe
 from tests.conftest import Within
 from tests.helpers import case
 

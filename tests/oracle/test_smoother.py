@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from navsim.filter import eskf, records, states
 from navsim.filter.estimate import estimate
-from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.measurement_kinds import FIX, FixTable, Measurements
 from navsim.filter.strapdown import navigate
 from navsim.simulation.flight import exact_start
 from tests.conftest import Within

@@ -15,7 +15,7 @@ from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.estimate import estimate
-from navsim.filter.measurement_models import FIX, RANGE, Measurements, RangeTable
+from navsim.filter.measurement_kinds import FIX, RANGE, Measurements, RangeTable
 from navsim.filter.receiver_clock import ReceiverClock, propagate_clock_covariance
 from navsim.filter.records import ESKF, FILTERS, FilterModel, History, ImuData, schedule, start
 from navsim.geodesy.earth import RATE, ecef_from_llh, ned_matrix

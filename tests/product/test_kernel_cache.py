@@ -288,14 +288,16 @@ def test_constants_of_modules_count(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(set(digests)) == len(digests)
 
 
-def test_the_order_of_fields_counts() -> None:
-    """Of two tuples with other names for the same types the type's name tells nothing."""
-    first, second = (
-        types.NamedUniTuple(types.float64, 2, namedtuple("Pair", fields)) for fields in (("a", "b"), ("b", "a"))
+def test_the_order_of_fields_counts_and_the_module() -> None:
+    """Of two tuples with other names for the same types the type's name tells nothing. And code names its tuples by
+    their modules: that of a class which was moved cannot be loaded."""
+    first, second, moved = (
+        types.NamedUniTuple(types.float64, 2, namedtuple("Pair", fields, module=module))
+        for fields, module in (("ab", "navsim.one"), ("ba", "navsim.one"), ("ab", "navsim.other"))
     )
     kernel = attitude.dcm.py_func
-    assert str(first) == str(second)
-    assert len({kernel_parts.digest(kernel, (pair,), {}, "") for pair in (first, second)}) == 2
+    assert str(first) == str(second) == str(moved)
+    assert len({kernel_parts.digest(kernel, (pair,), {}, "") for pair in (first, second, moved)}) == 3
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")

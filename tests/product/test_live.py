@@ -27,7 +27,7 @@ import pytest
 
 from navsim.cli.recorded import _ended_by_signals
 from navsim.filter.estimate import estimate
-from navsim.filter.measurement_models import FIX, Measurements
+from navsim.filter.measurement_kinds import FIX, Measurements
 from navsim.filter.records import ImuData, schedule
 from navsim.formats.export import export
 from navsim.formats.stream import Lines, StreamError, open_source

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from navsim.filter import eskf, states
-from navsim.filter.measurement_models import BEACON, Measurements, observe, slot
+from navsim.filter.measurement_kinds import BEACON, Measurements
+from navsim.filter.measurement_models import observe, slot
 from navsim.formats.export_maps import write_kml
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.ranging_geometry import mirror_image

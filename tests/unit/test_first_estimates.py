@@ -10,7 +10,7 @@ from navsim.filter.covariance import NOISE_N
 from navsim.filter.eskf import inject
 from navsim.filter.estimate import FILTER_KINDS, estimate
 from navsim.filter.first_estimates import note_shift, start_transition
-from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.measurement_kinds import FIX, FixTable, Measurements
 from navsim.filter.records import OUTPUT, Events, FilterModel, History, ImuData, start
 from navsim.filter.states import ATT, N_BASE, PHI_D, POS, VEL
 from tests.helpers import case, cross

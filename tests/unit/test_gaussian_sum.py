@@ -11,7 +11,7 @@ from navsim.compiler.elementary import exp_of_negative
 from navsim.filter import estimate, gaussian_sum, states, tfg
 from navsim.filter import mixture as components_of
 from navsim.filter.eskf import inject
-from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.measurement_kinds import FIX, FixTable, Measurements
 from navsim.filter.mixture import MixtureBuffers, merge, split, split_and_merge
 from navsim.filter.records import ImuData, Mixture, schedule, start
 from navsim.filter.states import GYRO, N_BASE, NAV_BIAS_FRAME, NAV_N, NAV_QUAT, NAV_SENSORS, PHI_D, PHI_E, PHI_N

@@ -19,7 +19,7 @@ from navsim.compiler.lanes import alloc, any_lane, as_simd, fma, in_lanes, no, s
 from navsim.compiler.linear import cholesky
 from navsim.filter import estimate, evaluation, states
 from navsim.filter.covariance import _transition_rows
-from navsim.filter.measurement_models import FIX, FixTable, Measurements
+from navsim.filter.measurement_kinds import FIX, FixTable, Measurements
 from navsim.filter.records import (
     GAUSSIAN_SUM,
     OUTPUT,

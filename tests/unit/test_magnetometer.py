@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from navsim.filter import eskf, states
-from navsim.filter.measurement_models import MAGNETIC, Measurements, observe
+from navsim.filter.measurement_kinds import MAGNETIC, Measurements
+from navsim.filter.measurement_models import observe
 from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.report import figure_data, summary_tables
 from navsim.results.result import Result, Variable

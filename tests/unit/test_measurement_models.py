@@ -8,7 +8,8 @@ import pytest
 from navsim.defect import Defect
 from navsim.filter import states
 from navsim.filter.design import SensorDesign
-from navsim.filter.measurement_models import ALTITUDE, AltitudeTable, Measurements, observe
+from navsim.filter.measurement_kinds import ALTITUDE, AltitudeTable, Measurements
+from navsim.filter.measurement_models import observe
 
 UNKNOWN = 99
 

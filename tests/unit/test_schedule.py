@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from navsim.filter.measurement_models import ALTITUDE, FIX
+from navsim.filter.measurement_kinds import ALTITUDE, FIX
 from navsim.filter.records import OUTPUT, PASS, TIME_TOLERANCE, Events, schedule
 
 LETTERS = {PASS: "-", OUTPUT: "o", FIX: "f", ALTITUDE: "a"}
