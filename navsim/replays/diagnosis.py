@@ -63,5 +63,6 @@ def examine(log: Log) -> Diagnosis:
 
 
 NEVER_JUDGED = (
-    "lever arm, scale factors of the sensors, datum of the heights (ellipsoid or mean sea level): no check exists"
+    "scale factors of the sensors, datum of the heights (ellipsoid or mean sea level): no check exists; lever arm: "
+    "only the tuning checks it"
 )
