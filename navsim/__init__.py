@@ -24,12 +24,15 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from navsim.api.calls import NavsimWarning as NavsimWarning
+    from navsim.api.calls import evidence as evidence
+    from navsim.api.calls import import_log as import_log
     from navsim.api.calls import optimize as optimize
     from navsim.api.calls import replay as replay
     from navsim.api.calls import run as run
     from navsim.api.calls import schema as schema
     from navsim.api.calls import sweep as sweep
     from navsim.api.calls import validate as validate
+    from navsim.api.calls import verify as verify
     from navsim.api.result import ResultFile as ResultFile
     from navsim.api.result import load as load
     from navsim.runner.errors import BadInput as BadInput
@@ -37,7 +40,21 @@ if TYPE_CHECKING:
     from navsim.runner.errors import RunFailed as RunFailed
 
 _PLACES = {
-    **dict.fromkeys(("run", "sweep", "optimize", "replay", "validate", "schema", "NavsimWarning"), "navsim.api.calls"),
+    **dict.fromkeys(
+        (
+            "run",
+            "sweep",
+            "optimize",
+            "replay",
+            "validate",
+            "verify",
+            "evidence",
+            "import_log",
+            "schema",
+            "NavsimWarning",
+        ),
+        "navsim.api.calls",
+    ),
     **dict.fromkeys(("load", "ResultFile"), "navsim.api.result"),
     **dict.fromkeys(("NavsimError", "BadInput", "RunFailed"), "navsim.runner.errors"),
 }

@@ -92,8 +92,22 @@ class OptimizeArguments(Common, total=False):
     """Stop after this time with the best placement so far, s."""
 
 
+class FileArguments(TypedDict, total=False):
+    """Keyword arguments of `verify`, `evidence` and `import_log`, for their checks."""
+
+    folder: PathLike | None
+    output: PathLike | None
+    runs: int | None
+    workers: int | None
+    imu: int
+    receiver: int
+    force: bool
+    progress: Told | None
+
+
 _LEAST: dict[str | tuple[str, str], int] = {
     "seed": 0, ("optimize", "runs"): 0, ("sweep", "runs"): 0, "runs": 1, "first_run": 0, "workers": 1,
+    "imu": 0, "receiver": 0,
 }  # fmt: skip
 _CHOICES = {"keep": Keep, ("run", "method"): Method, ("sweep", "method"): SweepMethod}
 _LONGEST = 1e9
@@ -130,7 +144,7 @@ def default(name: str) -> Any:
 
 _HINTS: dict[str, Any] = {
     name: hint
-    for group in (RunArguments, SweepArguments, OptimizeArguments)
+    for group in (RunArguments, SweepArguments, OptimizeArguments, FileArguments)
     for name, hint in group.__annotations__.items()
 }
 
@@ -183,7 +197,7 @@ def _right(command: str, name: str, value: Any) -> Any:
         return value
     if name == "scheduler":
         return os.fspath(value)
-    if name in ("output", "figures"):
+    if name in ("output", "figures", "folder"):
         return Path(value).expanduser()
     if name == "set":
         if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):

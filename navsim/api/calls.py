@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from navsim.api.arguments import (
+    FileArguments,
     OptimizeArguments,
     PathLike,
     ResultConditions,
@@ -30,6 +32,8 @@ from navsim.runner.requirements import ExitRequirements
 
 if TYPE_CHECKING:
     from navsim.runner.job import Progress
+    from navsim.runner.log_import import ImportedLog
+    from navsim.runner.verification import Verification
     from navsim.scenario.load import Assignment, Source
 
 Scenario = PathLike | Mapping[str, Any]
@@ -250,6 +254,156 @@ def schema(kind: str = "landing") -> dict[str, Any]:
         The kind does not exist.
     """
     return opening.schema_of(kind)
+
+
+def verify(
+    file: PathLike,
+    /,
+    *,
+    folder: PathLike | None = None,
+    runs: int | None = 96,
+    workers: int | None = None,
+    progress: Told | None = None,
+) -> Verification:
+    """Verify a result, as `navsim verify` does: file, inputs, code, and numbers, which are computed again.
+
+    Parameters
+    ----------
+    file : path
+        The result file.
+    folder : path, optional
+        Folder of the files that the scenario names. Default: that of the scenario when it was computed, the working
+        folder, or that of the result.
+    runs : int, optional
+        Number of randomly chosen runs of an ensemble to simulate again; None: all.
+    workers : int, optional
+        Threads, default all cores.
+    progress : callable, optional
+        Receives (finished, extent, message). An exception from it ends the work.
+
+    Returns
+    -------
+    Verification
+        Its `differs` is True if the result or an input was changed, `incomplete` if numbers could not be checked.
+        `checks` lists each check with `subject`, `verdict` and `text`.
+
+    Raises
+    ------
+    BadInput
+        The file is not a result, or an option is wrong.
+    """
+    from navsim.results.result import ResultError
+    from navsim.runner import verification
+    from navsim.runner.executor import threads
+
+    asked = checked("verify", FileArguments, {"folder": folder, "runs": runs, "workers": workers, "progress": progress})
+    result = Path(file).expanduser()
+    _check_folder(asked["folder"])
+    count = verification.ALL if asked["runs"] is None else asked["runs"]
+    with _alone(), _telling(progress, 0) as tell:
+        try:
+            return verification.verify(result, asked["folder"], count, threads(asked["workers"]), tell)
+        except ResultError as error:
+            raise BadInput(as_problems(opening.scenario_instead(result) or error)) from None
+
+
+def evidence(
+    file: PathLike, /, *, output: PathLike | None = None, folder: PathLike | None = None, license: str = ""
+) -> list[Path]:
+    """Write a result with its inputs as a folder for a reviewer, as `navsim evidence` does.
+
+    Parameters
+    ----------
+    file : path
+        The result file.
+    output : path, optional
+        New or empty folder. Default: <result stem>_evidence in the folder of the result.
+    folder : path, optional
+        Folder of the files that the scenario names, see `verify`.
+    license : str
+        Terms of use, such as a Creative Commons URL.
+
+    Returns
+    -------
+    list of Path
+        The written files.
+
+    Raises
+    ------
+    BadInput
+        The file is not a result or was changed, an input is lacking or was changed, or the folder is not empty.
+    """
+    from navsim.results.result import ResultError
+    from navsim.runner.evidence import write_evidence
+    from navsim.runner.target import make_folder
+
+    asked = checked("evidence", FileArguments, {"output": output, "folder": folder})
+    result = ResultFile(file).path
+    _check_folder(asked["folder"])
+    target = asked["output"] or result.with_name(f"{result.stem}_evidence")
+    make_folder(target)
+    try:
+        return write_evidence(result, target, asked["folder"], license)
+    except ResultError as error:
+        raise BadInput(as_problems(error)) from None
+
+
+def import_log(
+    logs: PathLike | Sequence[PathLike],
+    /,
+    *,
+    output: PathLike | None = None,
+    format: str | None = None,
+    imu: int = 0,
+    receiver: int = 0,
+    force: bool = False,
+) -> ImportedLog:
+    """Turn a log of an autopilot or a receiver into a recorded flight, as `navsim import` does.
+
+    Parameters
+    ----------
+    logs : path or sequence of paths
+        A log; several files of one recording if they have GPS time.
+    output : path, optional
+        Folder for the files. Default: <log stem>_log.
+    format : str, optional
+        Format of the log. Default: what the file shows.
+    imu, receiver : int
+        Numbers of the IMU and the receiver that log.yaml names.
+    force : bool
+        Overwrite files of an earlier import.
+
+    Returns
+    -------
+    ImportedLog
+        `files` that were written; `replayable`: those that `replay` takes; `account` of the data taken and left out.
+
+    Raises
+    ------
+    BadInput
+        A log or an option is wrong, or the folder has files of an earlier import.
+
+    Warns
+    -----
+    NavsimWarning
+        For data that a replay needs and the log lacks.
+    """
+    from navsim.runner.log_import import import_files
+
+    asked = checked("import_log", FileArguments, {"output": output, "imu": imu, "receiver": receiver, "force": force})
+    several = [logs] if isinstance(logs, str | os.PathLike) else logs
+    paths = [Path(each).expanduser() for each in several]
+    if not paths:
+        raise BadInput(as_problems("no log is given"))
+    made = import_files(paths, asked["output"], format, asked["imu"], asked["receiver"], asked["force"])
+    for text in made.account.missing:
+        warnings.warn(f"{paths[0]}: {text}", NavsimWarning, stacklevel=_CALLER - 1)
+    return made
+
+
+def _check_folder(folder: Path | None) -> None:
+    if folder is not None and not folder.is_dir():
+        raise BadInput(as_problems(f"--folder {folder}: no such folder"))
 
 
 def _computed(command: str, scenario: Scenario, asked: dict[str, Any]) -> ResultFile:

@@ -48,15 +48,11 @@ def leave(code: int, *messages: object) -> NoReturn:
 
 
 def make_folder(output: Path) -> None:
-    """Make the folder of an output file or folder where it is missing; leave where `require_folder` refuses."""
-    from navsim.runner.target import require_folder
+    """Make the folder of an output file or folder where it is missing; leave where it is refused."""
+    from navsim.runner import target
 
     with leaving():
-        require_folder(output)
-    try:
-        output.parent.mkdir(exist_ok=True)
-    except OSError as error:
-        leave(BAD_INPUT, f"{output.parent}: cannot be made: {error.strerror or error}")
+        target.make_folder(output)
 
 
 SAY_EVERY_S = 10.0

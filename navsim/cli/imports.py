@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import AT_TERMINAL, Shown, leave, make_folder, print_parts
+from navsim.cli.common import AT_TERMINAL, Shown, leave, leaving, make_folder, print_parts
 from navsim.cli.exit_status import BAD_INPUT
 from navsim.cli.options import number_option
 
@@ -49,44 +49,17 @@ def import_log(
     navsim writes tables and a commented log.yaml for `navsim replay`. It lists the data that it took and left out, and
     its assumptions.
     """
-    from navsim.formats.logs.reading import read_logs
-    from navsim.formats.logs.tables import LOG, RANGES, log_files
-    from navsim.formats.text import FileError
-    from navsim.scenario.base import hint
+    from navsim.runner.log_import import import_files
 
-    if given.format_ is not None and given.format_ not in FORMATS:
-        leave(BAD_INPUT, f"--format {given.format_}: not a format of logs; {hint(given.format_, list(FORMATS))}")
-    try:
-        contents = read_logs(logs, given.format_)
-    except FileError as error:
-        leave(BAD_INPUT, error)
-    except OSError as error:
-        leave(BAD_INPUT, f"{error.filename or logs[0]}: cannot be read: {error.strerror or error}")
-    for option, number, names, what in (
-        ("--imu", given.imu, [each.name for each in contents.imus], "IMU"),
-        ("--receiver", given.receiver, [each.name for each in contents.receivers], "receiver"),
-    ):
-        if number >= max(len(names), 1):
-            there = ", ".join(f"{i}: {name}" for i, name in enumerate(names)) or "none"
-            leave(BAD_INPUT, f"{option} {number}: the log has no such {what}; it has {there}")
-    files = log_files(contents, ", ".join(path.name for path in logs), given.imu, given.receiver)
-    folder = given.output or Path(f"{logs[0].resolve().stem}_log")
-    if not given.force and (old := [name for name in files.names if (folder / name).exists()]):
-        leave(BAD_INPUT, f"{folder} has {', '.join(old)} already; choose another folder with -o, or --force")
-    make_folder(folder)
-    try:
-        files.write(folder)
-    except OSError as error:
-        leave(BAD_INPUT, f"{folder}: cannot be written: {error.strerror or error}")
-    print(f"{logs[0]}: {contents.format}")
-    for line in files.account.lines():
+    with leaving():
+        made = import_files(logs, given.output, given.format_, given.imu, given.receiver, given.force)
+    print(f"{logs[0]}: {made.format}")
+    for line in made.account.lines():
         print(line)
-    for text in files.account.missing:
+    for text in made.account.missing:
         AT_TERMINAL.warn(f"{logs[0]}: {text}")
-    if LOG in files.texts:
-        print(f"go on with: navsim replay {folder / LOG}")
-    if RANGES in files.texts:
-        print(f"go on with: navsim replay {folder / RANGES}")
+    for file in made.replayable:
+        print(f"go on with: navsim replay {file}")
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,15 @@ def require_folder(output: Path, option: str = "-o/--output") -> None:
         raise BadInput(as_problems(f"{output.parent}: no such folder; create it first or choose another {option}"))
 
 
+def make_folder(output: Path) -> None:
+    """Make the folder of an output file or folder where it is missing. Raises BadInput, as `require_folder`."""
+    require_folder(output)
+    try:
+        output.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        raise BadInput(as_problems(f"{output.parent}: cannot be made: {error.strerror or error}")) from None
+
+
 def check_target(target: Path, sort: ResultKind, force: bool) -> None:
     """Raise BadInput, before any computation, if the path cannot be written or holds a file that must stay.
 

@@ -14,6 +14,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -30,6 +31,7 @@ from tests.conftest import ROOT, SCENARIOS
 from tests.helpers import in_brief
 from tests.product.test_run import navsim as command
 from tests.product.test_run import stored
+from tests.recordings import sentences_of, write_flight
 
 LANDING = SCENARIOS / "landing.yaml"
 SHORT = {"duration_s": 20, "imu.rate_hz": 20, "receiver.rate_hz": 2}
@@ -204,7 +206,7 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.run(LANDING, method="covariance", runs=5), "--runs: only for method monte-carlo"),
         (lambda: navsim.run(LANDING, output="nowhere/below/a.h5"), "create it first or choose another -o/--output"),
         (
-            lambda: navsim.run(LANDING, output=ROOT / "README.md"),
+            lambda: navsim.run(LANDING, output=ROOT / "LICENSE"),
             "not a readable HDF5 file; a result of navsim (.h5) is needed; it is not overwritten",
         ),
         (lambda: navsim.sweep(LANDING), f"use navsim run {LANDING} or navsim validate "),
@@ -213,6 +215,11 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.load(ROOT / "README.md"), "README.md: not a readable HDF5 file"),
         (lambda: navsim.ResultFile("absent.h5"), "absent.h5: no such file"),
         (lambda: navsim.ResultFile(LANDING), "is not a result but a scenario of kind landing: use navsim run "),
+        (lambda: navsim.verify(LANDING), "is not a result but a scenario of kind landing: use navsim run "),
+        (lambda: navsim.verify("absent.h5", runs=0), "runs=0: expected a whole number of at least 1"),
+        (lambda: navsim.evidence("absent.h5"), "absent.h5: no such file"),
+        (lambda: navsim.import_log("absent.bin"), "absent.bin: cannot be read"),
+        (lambda: navsim.import_log(LANDING, format="px5"), "--format px5: not a format of logs; did you mean 'px4'"),
         (lambda: navsim.schema("landng"), "'landng' is not a kind of scenario; did you mean 'landing'? allowed: "),
     ],
 )  # fmt: skip
@@ -415,6 +422,38 @@ def test_validate_and_schema_are_those_of_the_command_line(study: Path, tmp_path
     assert navsim.validate(study)["kind"] == "sweep"
     with pytest.raises(navsim.BadInput, match="s_mm"):
         navsim.validate(study, set={"vary.0.key": "pseudolites.s_mm"})
+
+
+def test_a_result_is_verified_and_handed_to_a_reviewer(made: navsim.ResultFile, tmp_path: Path) -> None:
+    """Both as by the command; what differs is told and not raised."""
+    told: list[str] = []
+    found = navsim.verify(made.path, workers=1, progress=lambda finished, extent, words: told.append(words))
+    assert (found.differs, found.incomplete) == (False, False)
+    assert found.plain() == json.loads(command("verify", str(made.path), "--json", cwd=tmp_path).stdout)
+    files = navsim.evidence(made.path, output=tmp_path / "folder", license="https://example.org/terms")
+    assert sorted(files) == sorted(path for path in (tmp_path / "folder").rglob("*") if path.is_file())
+    assert "https://example.org/terms" in (tmp_path / "folder" / "ro-crate-metadata.json").read_text()
+    changed = tmp_path / "changed.h5"
+    shutil.copy(made.path, changed)
+    with h5py.File(changed, "r+") as file:
+        file["filter/sigma"][..., 0] *= 2
+    assert navsim.verify(changed, workers=1).differs
+    with pytest.raises(navsim.BadInput, match="checksums are gone"):
+        navsim.evidence(changed)
+
+
+def test_a_log_is_imported_as_by_the_command(tmp_path: Path) -> None:
+    log = tmp_path / "log.nmea"
+    write_flight(tmp_path, 20.0)
+    log.write_text("\n".join(sentences_of(tmp_path / "gnss.csv")) + "\n")
+    with pytest.warns(navsim.NavsimWarning, match="inertial samples"):
+        done = navsim.import_log(log, output=tmp_path / "here")
+    command("import", str(log), "-o", "there", cwd=tmp_path)
+    assert {path.name: path.read_bytes() for path in done.files} == (
+        {path.name: path.read_bytes() for path in (tmp_path / "there").iterdir()}
+    )
+    with pytest.raises(navsim.BadInput, match="already; choose another folder"):
+        navsim.import_log([log], output=tmp_path / "here")
 
 
 def test_a_mapping_names_files_from_the_working_folder(
