@@ -242,7 +242,7 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
     row("fix epochs without a fix", lambda r: count_cell(r, "/summary/count/epochs_without_fix"))
     sensors = list(dict.fromkeys(name for _, r in results for name in _sensors(r)))
     if sensors:
-        section("Aiding sensors", lambda _: "measurements of all runs")
+        section("Aiding sensors", lambda _: "measurements of all runs; NIS: 1 is right")
         for name in sensors:
             row(f"  {name.replace('_', ' ')}", lambda r, n=name: _aiding(r, n))
     if families := list(dict.fromkeys(family for _, r in results for family in _further_states(r))):
@@ -324,10 +324,9 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
     if not all(single(r) for _, r in results):
         section("Size of the position error, m", levels)
         for name in ("horizontal", "vertical"):
-            row(
-                f"  {name}, RMS over {RMS_WINDOW:g} s",
-                lambda r, n=name: percentile_cell(r, f"/summary/rms/{n}_percentile"),
-            )
+            path = f"/summary/rms/{name}_percentile"
+            if any(path in r for _, r in results):  # covariance analysis has no runs to sort
+                row(f"  {name}, RMS over {RMS_WINDOW:g} s", lambda r, p=path: percentile_cell(r, p))
         for i, label in labels.items():
             for name in ("lateral", "along", "vertical"):
                 path = f"/summary/at/{name}_percentile"

@@ -106,7 +106,7 @@ class _ReplayFile:
         origin = str(self.result.variables[variable].attributes.get("origin", ""))
         if not (origin.startswith("tuned") or given in self.log()["gnss"]) or not value > 0.0:
             raise self.wrong(
-                f"{variable} was neither tuned nor given in the log ({origin}); give signals.{key}", "signals", key
+                f"{variable} was not measured: it is {origin}; give signals.{key}, 1 sigma of a range", "signals", key
             )
         return value
 
@@ -180,15 +180,21 @@ def _signals(source: _ReplayFile, section: dict[str, Any]) -> dict[str, Any]:
         if isinstance(hdop, bool) or not isinstance(hdop, int | float) or not 0.1 <= hdop <= 100.0:
             raise _problem(source.document, ("signals", "hdop"), "must be a number from 0.1 to 100")
         factor = math.sqrt(2.0) / hdop
+    missing: list[Problem] = []
     for key, (name, given) in noise.items():
         if key not in section:
-            out[key] = factor * source.noise(f"/tuning/{name}", key, given)
+            try:
+                out[key] = factor * source.noise(f"/tuning/{name}", key, given)
+            except InputError as error:
+                missing += error.problems
+    if not told and (lasting is None or lasting not in source.result):
+        text = "shows no time-correlated error of the fixes; give signals.errors or signals.preset"
+        missing += source.wrong(text, "signals", "from").problems
+    if missing:
+        raise InputError(missing)
     out.setdefault("range_law", law)
     if told:
         return out
-    if lasting is None or lasting not in source.result:
-        text = "shows no error that lasts for minutes; give signals.errors or signals.preset"
-        raise source.wrong(text, "signals", "from")
     out["errors"] = {
         "orbit_clock": {
             "sigma_m": factor * float(source.array(lasting)),

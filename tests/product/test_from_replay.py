@@ -142,7 +142,6 @@ def test_duration_and_runway_are_those_of_the_recording(place: Path, tmp_path: P
         (SMOOTH + "imu: {from: r.h5, preset: stim300}\n", {}, "imu.preset", "leave one of them out"),
         (SMOOTH + "imu: {from: mine.yaml}\n", {}, "imu.from", "mine.yaml: "),
         (SMOOTH + "signals: {from: r.h5}\n", {}, "signals.hdop", "give signals.hdop"),
-        (SMOOTH + "signals: {from: r.h5, hdop: 1}\n", {}, "signals.range_sigma_m", "give signals.range_sigma_m"),
         (SMOOTH + WHITE, {}, "signals.from", "signals.errors or"),
         (LANDING + "approach: {profile: recorded, file: r.h5, start_s: 900}\n", {}, "approach.start_s", "lasts from"),
     ],
@@ -158,3 +157,14 @@ def test_a_result_that_lacks_something_is_refused(
     (problem,) = caught.value.problems
     assert problem.key == key
     assert said in problem.message
+
+
+def test_all_that_a_recording_without_accuracies_lacks_is_said_at_once(place: Path, tmp_path: Path) -> None:
+    """The shipped one, tuned; with the two keys of the messages the landing is valid."""
+    changed(place, tmp_path / "r.h5", velocity_sigma_horizontal=(0.1, TUNED))
+    (tmp_path / "mine.yaml").write_text(SMOOTH + "signals: {from: r.h5, hdop: 1}\n")
+    with pytest.raises(InputError) as caught:
+        read_any(tmp_path / "mine.yaml")
+    assert [problem.key for problem in caught.value.problems] == ["signals.range_sigma_m", "signals.from"]
+    given = "signals: {from: r.h5, hdop: 1, range_sigma_m: 0.5, preset: open-sky}\n"
+    assert stored(SMOOTH + given, tmp_path)["signals"]["range_sigma_m"] == 0.5
