@@ -172,7 +172,9 @@ def _tuned(out: ResultBuilder, model: RangeModel, settings: dict[str, float]) ->
     text = (
         f"the tuning ended at its bound: {', '.join(at_bound)}. The ranges do not show it, or it absorbs another "
         "error; write it in the file if you know it"
-    ) + (". Without a wander: `bias.wander: {sigma_m: 0, correlation_time_s: 1}`" if any("wander" in each for each in at_bound) else "")
+    )
+    if any(each.startswith("wander") for each in at_bound):
+        text += ". Without a wander: `bias.wander: {sigma_m: 0, correlation_time_s: 1}`"
     return [Finding("tuning", text, count=len(at_bound), of=len(tuned))]
 
 
