@@ -193,7 +193,7 @@ def _signals(source: _ReplayFile, section: dict[str, Any]) -> dict[str, Any]:
     if missing:
         raise InputError(missing)
     out.setdefault("range_law", law)
-    if told:
+    if told or lasting is None:  # the latter was refused above unless errors are given
         return out
     out["errors"] = {
         "orbit_clock": {
