@@ -32,12 +32,18 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
     asked = [result for _, result in results if f"{branch}/verdict" in result]
     if not asked:
         return
-    found = (f"found{'' if single(result) else ' [95 %]'}" for _, result in results)
-    table.head("Requirements", *(f"verdict: {what}; number of runs for a decision" for what in found))
+    table.head("Requirements", *(_found(result) for _, result in results))
     if _MONITORED & {str(what) for result in asked if f"{branch}/what" in result for what in result[f"{branch}/what"]}:
         table.add("  levels, alarms and risks are those of", *(_monitored(result) for _, result in results))
     for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
+
+
+def _found(result: Result) -> str:
+    """What the cells of a result's verdicts contain. Covariance analysis has neither intervals nor runs."""
+    if str(result.attributes["method"]) == "covariance":
+        return "verdict: found"
+    return f"verdict: found{'' if single(result) else ' [95 %]'}; number of runs for a decision"
 
 
 def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
