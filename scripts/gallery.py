@@ -82,7 +82,7 @@ SECTIONS = (
         "outages": "Share of simulated outages with less drift",
     }),
     Section("A companion system", ("navsim run scenarios/azimuth_tracking.yaml",), "azimuth_tracking", {
-        "map": "Load factors help a tracking radar where the ratio exceeds 1",
+        "map": "Azimuth error of a radar without the aircraft's load factors, divided by that with them",
     }),
 )  # fmt: skip
 
