@@ -52,6 +52,8 @@ _YOUNG_MEMORIES = 1.3
 _SLOWEST = 8.0
 """Longest memory of the filter's velocity with which steady flight may begin, s. Beyond it the noise contains little
 information."""
+_SLOWEST_INTERVALS = 24.0
+"""The same in intervals between fixes, which slow fixes never shorten to 8 s."""
 _UNCONFIRMED = 3.0
 """Steady flight ends where the memory grows to this part more: fixes do not confirm the velocity any more."""
 _OFF_LINE = 4.5
@@ -106,6 +108,8 @@ def begin_interval(line, v, variance, q, time):
     memory = (variance[0] + variance[1] + variance[2]) / (3.0 * q)
     youngest = _YOUNG_MEMORIES * memory
     youngest = where(youngest < _YOUNG, _YOUNG, youngest)
+    slowest = where(_SLOWEST_INTERVALS * dt > _SLOWEST, _SLOWEST_INTERVALS * dt, _SLOWEST)
+    slowest = where(slowest > _UNCONFIRMED * _SLOWEST, _UNCONFIRMED * _SLOWEST, slowest)
     age = line[STEADY_AGE] + dt
     # a line by least squares, whose memory grows with its age
     many = where(dt > 0.0, _span(age, memory) / where(dt > 0.0, dt, 1.0), 1.0)
@@ -114,7 +118,7 @@ def begin_interval(line, v, variance, q, time):
     gain = where(gain > 1.0, 1.0, gain)
     slope_gain = where(many < 1.5, 0.0, 6.0 / (many * (many + 1.0)))
     steady = line[STEADY_IS] > 0.5
-    grown = (age > youngest + TIME_TOLERANCE) & (memory < _SLOWEST)
+    grown = (age > youngest + TIME_TOLERANCE) & (memory < slowest)
     # gusts are remembered beyond the line that they ended; next to a young line all changes look like gusts
     count = where(steady | grown | (line[STEADY_USES_FORCE] > 0.5), line[STEADY_COUNT], 0.0)
     begins = grown & no(steady) & no(_is_rough(line[STEADY_ROUGHNESS], count)) & (count * dt > _YOUNG + TIME_TOLERANCE)

@@ -359,7 +359,7 @@ class SteadyForce:
             off = v - self.line
             self.line = self.line + 2.0 * (2.0 * n - 1.0) / (n * (n + 1.0)) * off
             self.slope = self.slope + np.where(n > 1.5, 6.0 / (n * (n + 1.0)) * off / self.step, 0.0)
-        old = (self.age > np.maximum(1.3 * memory, 2.0) + 1e-9) & (memory < 8.0)
+        old = (self.age > np.maximum(1.3 * memory, 2.0) + 1e-9) & (memory < np.clip(24.0 * self.step, 8.0, 24.0))
         self.count = np.where(old | self.steady | self.keeps, self.count, 0.0)
         begins = old & ~self.steady & (self.count * self.step > 2.0 + 1e-9) & ~self._rough()
         self.coupled = np.where(self.steady[:, None], self.coupled, self.line)
