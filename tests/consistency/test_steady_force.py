@@ -206,6 +206,18 @@ def test_the_mean_force_is_smoother_than_a_young_line() -> None:
     assert by_force.std() < 0.5 * by_line.std()
 
 
+@pytest.mark.parametrize(("step", "steady"), [(0.1, 0.0), (1.0, 1.0)])
+def test_slow_fixes_keep_a_longer_memory(step: float, steady: float) -> None:
+    """A memory of 10 s: fixes at 10 Hz are still converging, those at 1 Hz have none shorter."""
+    line, still, m = np.zeros(records.STEADY_N), np.zeros(3), np.zeros(3)
+    attitude, variance = np.array([1.0, 0.0, 0.0, 0.0]), np.full(3, 10.0 * Q)
+    steady_force.start_line(line, still, 0.0)
+    for k in range(int(30.0 / step)):
+        steady_force.begin_interval(line, still, variance, Q, step * k)
+        steady_force.end_interval(line, still, variance, attitude, Q, step * (k + 1), m)
+    assert line[records.STEADY_IS] == steady
+
+
 def test_after_a_hole_of_fixes_the_line_is_new() -> None:
     """A minute without a fix ends steady flight, and does not make the next line a minute old: that one has to age
     for 1.3 memories of 4 s before it is used."""
