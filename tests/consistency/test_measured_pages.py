@@ -20,7 +20,7 @@ UNGUARDED: set[str] = set()
 EARLIER = {"outages"}
 """Scripts whose pages say that they are of an earlier filter: each takes more than a quarter of an hour of processor
 time. Strike them out when they are made anew."""
-NOTE = "Computed with an earlier default filter"
+NOTE = "Computed with an earlier version of the default filter"
 
 
 def test_unguarded_pages_are_listed() -> None:
