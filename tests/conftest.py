@@ -227,7 +227,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     idle = {name: row.unused for name, row in _rows.items() if row.outcome == "passed" and row.unused}
     if idle:
         raise pytest.UsageError(f"tolerances that their tests do not use: {idle}")
-    from navsim.report.assurance import JUDGES
+    from navsim.report.assurance import JUDGES, UNCHECKED
     from navsim.report.citations import METHODS
 
     in_order = sorted(_rows.items(), key=lambda row: (row[1].file, row[1].line))
@@ -241,6 +241,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         "These methods have no outside check:",
         "",
         *(f"- {each.name}" for each in METHODS if each.name not in JUDGES),
+        *(f"- {part}" for part in UNCHECKED),
         "- the sum of several Gaussians; [runs](filter-consistency.md) show when its covariance is true",
     ]
     for file, rows in groupby(in_order, lambda row: row[1].file):

@@ -37,7 +37,7 @@ def verify(
     folder: FolderOption = None,
     runs: Annotated[
         str,
-        typer.Option(metavar="N|all", help="Number of randomly chosen runs of an ensemble to simulate again."),
+        typer.Option(metavar="N|all", help="About so many runs of an ensemble to repeat, in random blocks of 8."),
     ] = "96",
     workers: WorkersOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print differences only.")] = False,

@@ -226,6 +226,8 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
         return nothing if np.isnan(largest).all() else _counted(nothing, int((largest <= one.within).sum()), runs)
     if isinstance(one, AlertRequirement):
         return replace(nothing, value=_exactly(float(draft["/summary/integrity/time_to_alert"])))
+    if one.what == "misleading" and not _may_mislead(case):
+        return nothing
     return _of_shares(one, nothing, draft, runs)
 
 
@@ -403,6 +405,14 @@ def _approaches_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, cas
         return nothing
     relative = relative_levels(asked, tested_levels(monitor))[asked.due].max(axis=1, initial=0.0)
     return replace(nothing, value=_exactly(0.0)) if (relative > 1.0).any() else nothing
+
+
+def _may_mislead(case: Case) -> bool:
+    """Whether a level is within its limit at any epoch of the glide; beyond it navsim claims nothing."""
+    asked, monitor = approach_limits(case), case.flight.monitor
+    if asked is None or monitor is None:
+        return False
+    return bool((relative_levels(asked, tested_levels(monitor))[asked.glide] <= 1.0).any())
 
 
 def _kept_by(values: np.ndarray, share: float) -> float:

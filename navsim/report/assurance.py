@@ -193,8 +193,36 @@ PARTS: tuple[tuple[tuple[str, ...], Applies], ...] = (
     (_PSEUDOLITES, _has_pseudolites),
     (_BEACONS, _has("beacons")),
     (_HEIGHTS, _has(*_ALTIMETERS)),
-)
+    (("Fresnel coefficients of the ground", "two rays over flat ground", "code error of a short reflection"),
+     _has("pseudolites.multipath")),
+    (("air on the paths of pseudolites",), _has("pseudolites.air")),
+    (("losses by pulses", "pulsed pseudolites", "distance within which a pseudolite costs satellites"),
+     _has("interference.pseudolites")),
+    (("SBAS protection levels", "GBAS factors", "GBAS protection levels"), _has("integrity.comparison")),
+    (("numbers of sources for detection and exclusion",), lambda _, root: root["kind"] == "integrity-table"),
+)  # fmt: skip
 """Claims about a part of a landing, and whether a scenario has it."""
+
+
+def _by_separation(scenario: Mapping[str, Any]) -> bool:
+    return bool(at(scenario, "integrity", "method") == "mhss")
+
+
+UNCHECKED: Mapping[str, Applies] = {
+    "solution separation: risk under all tests at once": lambda scenario, _: (
+        _by_separation(scenario) and _is_set(at(scenario, "integrity", "tails"))
+    ),
+    "solution separation: exclusion": lambda scenario, _: (
+        _by_separation(scenario) and at(scenario, "integrity", "exclusion") not in (None, "none")
+    ),
+    "the risk behind the levels of a monitored filter": lambda scenario, _: (
+        at(scenario, "integrity", "method") == "filter"
+    ),
+    "rare events of landings with nonlinear errors": lambda _, root: root.get("method") == "rare",
+    "control variates": lambda _, root: root["kind"] == "landing" and root.get("method") == "monte-carlo",
+    "steering by the estimate": lambda scenario, _: at(scenario, "approach", "guidance") == "estimate",
+}
+"""Parts of methods without an outside judge, and whether a result rests on them."""
 
 
 def _studied(_: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
@@ -274,7 +302,7 @@ def judged(result: Result) -> tuple[list[Judged], list[str]]:
                   if claim in known and claim not in absent]  # fmt: skip
         out += [Judged(method.name, claim, oracle, limit, end) for claim, oracle, limit, end, *_ in claims]
         without += [] if claims else [method.name]
-    return out, without
+    return out, without + [part for part, is_used in UNCHECKED.items() if is_used(scenario, root)]
 
 
 def unmodelled_effects(result: Result) -> list[UnmodelledEffect]:

@@ -138,7 +138,9 @@ def integrity_rows(table: Table, results: list[tuple[str, Result]]) -> None:
             row(label, partial(share_cell, path=f"/summary/integrity/{name}"))
 
 
-_LEVEL, _WHOLE, _NO_FAULT, _WORST = "level, m", "total risk", "risk without a fault", "risk given the worst fault"
+_LEVEL, _NO_FAULT, _WORST = "level, m", "risk without a fault", "risk given the worst fault"
+_TOTAL, _LARGEST = "total risk", "largest risk of a fault"
+"""By priors (`mhss`), and without (`chi2`)."""
 
 
 def tail_rows(table: Table, results: list[tuple[str, Result]]) -> None:
@@ -155,12 +157,14 @@ def tail_rows(table: Table, results: list[tuple[str, Result]]) -> None:
         return
     table.head("Beyond the level without an alarm", *("sampled risk [95 %] (effective samples)" for _ in results))
     for at, axis in dict.fromkeys(rows):
-        for part in (_LEVEL, _WHOLE, _NO_FAULT, _WORST):
-            table.add(f"  {at:g} s, {axis}, {part}", *(_tail(result, at, axis, part) for _, result in results))
+        for part in (_LEVEL, _TOTAL, _LARGEST, _NO_FAULT, _WORST):
+            cells = [_tail(result, at, axis, part) for _, result in results]
+            if part not in (_TOTAL, _LARGEST) or any(one != ABSENT for one in cells):
+                table.add(f"  {at:g} s, {axis}, {part}", *cells)
 
 
 def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
-    """At a time and axis: level; total risk with its allowed value; risk without a fault, or of the worst fault."""
+    """At a time and axis: level; total or largest risk, and what is allowed; risk without a fault; of the worst."""
     branch = "/integrity/tails"
     if f"{branch}/risk" not in result or axis not in (axes := list(map(str, result[f"{branch}/axis"]))):
         return ABSENT
@@ -174,7 +178,9 @@ def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
         return ABSENT
     if part == _LEVEL:
         return number(level, 2)
-    if part == _WHOLE:
+    if part in (_TOTAL, _LARGEST):
+        if (part == _LARGEST) != (setting(result, "integrity", "method") == "chi2"):
+            return ABSENT
         return Cell("{:.3g}  [{:.3g}, {:.3g}], allowed {:g}", (*map(float, result[f"{branch}/total"][e, q]), allowed),
                     ends=True, names=("risk", "", "", "allowed"))  # fmt: skip
     k = 1 + int(np.nanargmax(risk[1:, 0])) if part == _WORST else 0

@@ -24,7 +24,7 @@ from navsim.report.table import Table, html
 from navsim.report.view import view
 from navsim.results import files
 from navsim.results.findings import of as findings_of
-from navsim.results.result import Result, ResultError, read, write_bytes, write_text
+from navsim.results.result import DamagedResult, Result, ResultError, read, write_bytes, write_text
 from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.provenance import OPTIONS, InputFile, stored_software
 from navsim.runner.verification import damage, find_inputs
@@ -57,7 +57,10 @@ def write_evidence(file: Path, folder: Path, inputs: Path | None, licence: str) 
     Raises BadInput for a folder that holds something, and for inputs that are lacking or were changed; ResultError,
     also for a result that is not as it was written.
     """
-    result = read(file)
+    try:
+        result = read(file)
+    except DamagedResult as error:
+        raise ResultError(f"{error}; `navsim verify` says more") from None
     if wrong := damage(file):
         raise ResultError(f"{file}: {wrong[0]}; `navsim verify` lists what was changed")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -135,8 +138,9 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     result, name = evidence.result, evidence.file.stem
     here = view(result.attributes["kind"])
     verdicts = here.verdicts([(name, result)])
-    yield "<h2>Requirements</h2>"
-    yield html(verdicts) if verdicts else "<p>The scenario states no requirements.</p>"
+    yield "<h2>Verdicts</h2>"
+    asked = "/summary/requirements/verdict" in result
+    yield ("" if asked else "<p>The scenario states no requirements.</p>") + html(verdicts)
     yield "<h2>Warnings</h2>"
     found = findings_of(result)
     yield "".join(f"<p>{escape(each.text)}</p>" for each in found) or "<p>navsim found nothing to warn of.</p>"

@@ -364,6 +364,14 @@ def test_levels_after_exclusions_are_judged_by_runs(tmp_path: Path) -> None:
     assert np.isfinite(value[:3]).all()
 
 
+def test_levels_beyond_their_limits_mislead_nobody(tmp_path: Path) -> None:
+    """navsim claims nothing there, so no number of runs shows a risk."""
+    asked = [{"what": "misleading", "at_most": 0.1}]
+    narrow = WATCHED.replace("hal_m: 60, val_m: 90", "hal_m: 1, val_m: 1")
+    _, said = flown(tmp_path, asked, "--set", narrow, "--runs", 2)
+    assert "undecided: no run or epoch counts" in said
+
+
 def test_without_a_level_nothing_misleads_and_nothing_is_shown(tmp_path: Path) -> None:
     """One system, whose fault has the default prior, has no level at any epoch."""
     asked = [{"what": "misleading", "at_most": 0.1}]

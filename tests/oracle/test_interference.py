@@ -90,7 +90,7 @@ def test_spectral_separation(cases: dict[str, Any], within: Within) -> None:
 @pytest.mark.validates(
     "thresholds of phase and code loops", "Kaplan & Hegarty 8.9, independent script", level="1e-6 dB"
 )
-def test_thresholds(cases: dict[str, Any], within: Within) -> None:
+def test_thresholds_of_loops(cases: dict[str, Any], within: Within) -> None:
     entry = cases["tracking_thresholds"]
     for row in entry["dll_one_sixth_of_spacing"]:
         loop = CodeLoop(row["spacing"], row["bandwidth_hz"], row["integration_s"])
@@ -394,7 +394,7 @@ def bent(before: float, behind: float) -> float:
     return before * behind / 2.0 * (1.0 / 6371.0e3 - 3.0 / (4.0 * 6371.0e3))
 
 
-@pytest.mark.validates("loss behind a ridge", "ITU-R P.526, the oracle's knife edge", "(dB)", loss="1e-6")
+@pytest.mark.validates("loss behind a ridge", "ITU-R P.526: knife edge, independent script", "(dB)", loss="1e-6")
 def test_a_ridge_is_the_knife_edge(cases: dict[str, Any], within: Within) -> None:
     """The oracle's 10 m over a path of 1 and 3 km, to an aircraft beyond it; a slanting path misses the edge by less;
     past the ends, before and behind it nothing is lost, and of two the worse counts."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.report.assurance import CONDITION, JUDGES, SECTIONS, judged, rows_of, unmodelled_effects
+from navsim.report.assurance import CONDITION, JUDGES, SECTIONS, UNCHECKED, judged, rows_of, unmodelled_effects
 from navsim.report.citations import METHODS
 from navsim.results.checksum import MARK
 from navsim.results.result import read
@@ -30,6 +30,8 @@ def test_every_judge_is_a_test_and_every_test_a_judge() -> None:
     told = {claim for group in JUDGES.values() for claim in group}
     assert told == claims
     assert set(JUDGES) <= {method.name for method in METHODS}
+    page = (Path(__file__).parents[2] / "docs" / "validation.md").read_text(encoding="utf-8")
+    assert [part for part in UNCHECKED if f"\n- {part}\n" not in page] == []
     sources = "\n".join(path.read_text() for path in (Path(__file__).parents[1] / "oracle").glob("test_*.py"))
     assert [cells[4] for cells in rows if f"def {cells[4].strip('`')}(" not in sources] == []
 

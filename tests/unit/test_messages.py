@@ -54,6 +54,8 @@ LANDING = SCENARIOS / "landing.yaml"
         ("integrity={p_pseudolite: monitord}",
          "integrity.p_pseudolite: 'monitord' is not allowed; did you mean 'monitored'? "
          "allowed: monitored, unmonitored"),
+        ("integrity.limits={operation: CAT-II, tta_s: 6}",
+         "integrity.limits.operation: 'CAT-II' is not allowed; allowed: NPA, APV-I, APV-II, LPV-200, CAT-I, GBAS-D"),
         ("sky.source=galileo", "sky.source: 'galileo' is not allowed; did you mean 'nominal-galileo'? allowed: "
          "nominal-glonass, nominal-gps, nominal-galileo, nominal-beidou, nominal-qzss, nominal, almanac, navigation, "
          "orbits, directions"),
