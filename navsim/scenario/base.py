@@ -292,8 +292,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         if isinstance(given, str) and given in choices:  # a number in quotation marks
             return Problem(place, key, f"a number is needed, not the text {given!r}; allowed: {', '.join(choices)}")
         # no number is nearest to another by its digits
-        near = isinstance(given, str) and path[-1] != "operation"  # another operation has weaker limits
-        said = hint(given, choices) if near else f"allowed: {', '.join(choices)}"
+        hinted = isinstance(given, str) and path[-1] != "operation"  # another operation has weaker limits
+        said = hint(str(given), choices) if hinted else f"allowed: {', '.join(choices)}"
         return Problem(place, key, f"{_as_written(given)} is not allowed; {said}")
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return Problem(place, key, _section_needed(model, error["loc"], error.get("input")))
