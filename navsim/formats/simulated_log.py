@@ -65,7 +65,9 @@ def differences(result: Result) -> list[str]:
         out.append(f"uses the {' and the '.join(aid.replace('_', ' ') for aid in aids)}")
     scenario = scenario_of(result)
     if not _is_tight(result) and (missing := int(np.sum(np.isnan(_fixes(result)[:, 1])))):
-        out.append(f"has {several(missing, 'epoch')} without a fix, of which a replay knows nothing")
+        none = missing == result["/filter/epoch"].size
+        text = f"has {several(missing, 'epoch')} without a fix, of which a replay knows nothing"
+        out.append("has no fix, and a replay needs one" if none else text)
     early = int(np.sum(_arrival(result) - _assumed(scenario, "latency_s") <= 0.0))
     if early:
         out.append(
@@ -88,7 +90,7 @@ def files(result: Result, imu: Path, fixes: Path, title: str) -> tuple[list[list
         effect = result["/filter/fix_effect"][fixed] if errors.size else np.empty((*spread.shape[:1], 6, 0))
         effects = [name for k in range(errors.size) for name in effects_of(k + 1)]
         columns += [*FIX_SIGMAS, *FIX_CORRELATIONS, *effects]
-        table = np.hstack([table, spread, np.swapaxes(effect, 1, 2).reshape(spread.shape[0], -1)])
+        table = np.hstack([table, spread, np.swapaxes(effect, 1, 2).reshape(len(effect), 6 * effect.shape[2])])
     remarks = [f"# The run's filter {text}: its estimates differ from the replay's." for text in differences(result)]
     log = yaml.safe_dump(_log(result, imu, fixes, title), sort_keys=False, allow_unicode=True)
     return (

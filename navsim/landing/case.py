@@ -12,7 +12,7 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
-from navsim.filter.measurement_kinds import SOURCE
+from navsim.filter.measurement_kinds import MAGNETIC, SOURCE
 from navsim.filter.states import Block
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.fix_states import FIXED
@@ -29,6 +29,7 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.source import Document
 from navsim.sensors.beacons import Beacons
+from navsim.sensors.ground_stations import GroundStation
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import followed_errors as followed_errors_of_aids
 from navsim.simulation.correlated_errors import IGNORED, STATES, as_noise, fix_blocks, followed_errors
@@ -66,10 +67,17 @@ class Case:
     @property
     def warnings(self) -> list[str]:
         """Warnings about the input: sky, predicted geometry, near sources, sensors that never measure."""
-        idle = [aid.sensor.name for aid in self.shared.aids if aid.time.size and aid.missing == aid.time.size]
-        text = "measures nothing on this flight, whose heights or attitudes are beyond its limits"
+        idle = [aid.sensor for aid in self.shared.aids if aid.time.size and aid.missing == aid.time.size]
+        why = "whose heights or attitudes are beyond its limits", "which is outside its sector, or during outages"
         near = map(str, self.flight.near_passes)
-        return [*self.sky_warnings, *self.preflight.warnings, *near, *(f"{name}: {text}" for name in idle)]
+        silent = (f"{s.name}: measures nothing on this flight, {why[isinstance(s, GroundStation)]}" for s in idle)
+        return [*self.sky_warnings, *self.preflight.warnings, *near, *silent]
+
+    @property
+    def aided(self) -> bool:
+        """Whether sensors beside the receiver measure something of the position: all but a magnetometer."""
+        aids = self.shared.aids
+        return any(aid.sensor.kind != MAGNETIC and aid.missing < aid.time.size for aid in aids)
 
     @cached_property
     def beacons(self) -> BeaconGeometry | None:

@@ -369,6 +369,9 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         rejected, weighed = (int(ensemble.per_run(f"aided_{name}")[:, k].sum()) for name in ("rejected", "weighed"))
         name = aid.sensor.name
         out += judging.rejected_of(name, rejected, runs * (aid.time.size - aid.missing), probability)
+        silent = np.flatnonzero(ensemble.per_run("aided_weighed")[:, k] == 0)
+        if aid.sensor.varies and silent.size and aid.missing < aid.time.size:
+            out.append(judging.unheard(name, silent, runs))
         if weighed and not aid.sensor.has_outliers:
             mean = float(ensemble.per_run("aided_innovations")[:, k].sum()) / weighed
             out += judging.doubted("aided_innovations", f"innovations of the {name}", mean, weighed, runs)

@@ -50,6 +50,8 @@ FOLLOW = "leave `clock` out, which takes the time scale of the satellites,"
 """Advice for a time scale that no satellite has."""
 MISPRINT = 1.0
 """Difference of a published direction of a runway from that between its thresholds that is warned of, deg."""
+_FAR_STATION, _HIGH_STATION = 10e3, 30.0
+"""Distance from the runway and height above it beyond which the place of an angle's antenna is doubted, m."""
 
 
 @dataclass(frozen=True)
@@ -324,7 +326,59 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
         time = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
         geometry = beacon_geometry(scenario.beacons.model(scenario), trajectory, time)
         out += beacon_warnings(geometry, on_glide(scenario, trajectory, time))
+    out += station_warnings(scenario, trajectory)
     return out + on_pavement(scenario, trajectory) + through_ridges(scenario, trajectory)
+
+
+def station_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
+    """Warnings about ground stations: outages outside the flight, places, a path outside the coverage."""
+    from navsim.filter.measurement_kinds import AZIMUTH, DISTANCE, ELEVATION
+    from navsim.landing.sources import touchdown_time
+    from navsim.scenario.ground_stations import ElevationStationSection, StationSection
+
+    out, end = [], touchdown_time(scenario, trajectory)
+    for name, section in scenario.aiding_sections().items():
+        if not isinstance(section, StationSection):
+            continue
+        model, last = section.model(scenario), scenario.duration_s
+        out += [
+            f"{name}.off_s[{i}]: the outage begins at {start:g} s, after the end of the flight at {last:g} s"
+            for i, (start, _) in enumerate(section.off_s)
+            if start >= last
+        ]
+        time = np.arange(1, 1 + math.floor(end * section.rate_hz)) / section.rate_hz
+        if not time.size:
+            continue
+        off = (time[:, None] >= model.off[:, 0]) & (time[:, None] < model.off[:, 1])
+        if off.any(axis=1).all():
+            out.append(f"{name}.off_s: the station is off until touchdown and measures nothing")
+        if model.kind == DISTANCE:
+            continue
+        along, right, _ = model.place
+        extent = scenario.runway.extent_m
+        if not -_FAR_STATION < along < extent + _FAR_STATION or abs(right) > _FAR_STATION:
+            out.append(f"{name}: the antenna stands {along:g} m beyond the threshold and {right:g} m beside the centre "
+                       f"line, more than {_FAR_STATION:g} m off the runway")  # fmt: skip
+        if model.kind == AZIMUTH and along < extent:
+            out.append(f"{name}.beyond_m: the antenna stands on the runway, which ends {extent:g} m beyond the "
+                       "threshold: behind it the aircraft measures nothing")  # fmt: skip
+        if section.height_m > _HIGH_STATION:
+            out.append(f"{name}.height_m: the antenna stands {section.height_m:g} m above the runway")
+        angle, ahead = model.geometry(trajectory, time)
+        if (passed := float(1.0 - ahead.mean())) > 0.5:
+            out.append(f"{name}.beyond_m: the aircraft is behind the antenna for {100 * passed:.0f} % of the time "
+                       "before touchdown and measures nothing there")  # fmt: skip
+            continue
+        outside = ahead & ((angle < model.limits[0]) | (angle > model.limits[1]))
+        if (share := float(outside.mean())) > 0.5:
+            low, high = np.degrees(np.percentile(angle[ahead], (5, 95)))
+            keys = "low_deg and high_deg" if model.kind == ELEVATION else "half_width_m"
+            its_preset = isinstance(section, ElevationStationSection) and section.preset == "ils"
+            of = [math.degrees(limit) for limit in model.limits]
+            out.append(f"{name}: before touchdown the path is outside its sector, {of[0]:.2f} to {of[1]:.2f} deg, for "
+                       f"{100 * share:.0f} % of the time: it is mostly at {low:.2f} to {high:.2f} deg; set {keys}"
+                       + (", the preset's are for a path of 3 deg" if its_preset else ""))  # fmt: skip
+    return out
 
 
 def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:

@@ -229,7 +229,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         draft[f"{branch}/nis"] = float(sums[0] / sums[1]) if sums[1] else np.nan
         draft[f"{branch}/rejected"] = np.int64(sums[2])
         missing = ensemble.runs * aid.missing
-        if aid.sensor.sources:  # answers may be lost in a run
+        if aid.sensor.varies:
             missing = ensemble.runs * aid.time.size - int(sums[1])
         draft[f"{branch}/missing"] = np.int64(missing)
     if case.flight.limited:

@@ -274,6 +274,8 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     scenario, flies = _posed(study, document, bare)
     sources, scenario, warnings = environment(scenario, bare)
     ask(scenario, sources)
+    if study.beacons is None:
+        _check_heard(scenario, study, document)
     trajectory = scenario.trajectory()
     starts = np.array([scenario.epoch.timestamp()])
     if study.period is not None:
@@ -390,6 +392,16 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         decided = None if problem.requirements is None else problem.requirements.decided
         problem = replace(problem, level_screen=LevelScreen(kept.plane, screened(case), study.objective, decided))
     return problem
+
+
+def _check_heard(scenario: Landing, study: Optimize, document: Document) -> None:
+    """Raise InputError where an event silences all pseudolites from the beginning to the end."""
+    for i, event in enumerate(scenario.events):
+        throughout = event.at_s <= 0.0 and (event.until_s is None or event.until_s >= scenario.duration_s)
+        if event.what == "silence" and throughout and {"all", "pseudolites"} & set(event.sources):
+            text = f"events[{i}] silences the pseudolites, too, during the whole flight: no place of them makes a "
+            text += "difference; silence satellites alone: sources: [satellites]"
+            raise _refused(document, ("base",), f"{study.base}: {text}")
 
 
 def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -161,6 +161,15 @@ METHODS = (
         ("ieee952", "titterton2004"),
         lambda scenario, root: filtered(scenario, root) and root["kind"] != "replay",
     ),
+    Method(
+        "ground stations: angles, and limits of presets",
+        "docs/theory/ground-stations.md",
+        ("annex10", "cfr171"),
+        lambda scenario, root: (
+            of_landing(scenario, root)
+            and any(at(scenario, name) for name in ("azimuth_station", "elevation_station", "dme"))
+        ),
+    ),
     Method("strapdown mechanisation", _FILTER, ("savage1998", "groves2013"), filtered),
     Method("error model and update of the navigation filter", _FILTER, ("groves2013", "barfoot2017"), filtered),
     Method("filter on the two-frames group", _FILTER, ("barrau2023", "fornasier2023"), _filter("tfg", "gaussian-sum")),

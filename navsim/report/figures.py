@@ -352,13 +352,14 @@ def _errors(result: Result, shown: range) -> Figure:
 
 
 _FAMILIES = (("initial", "#CC79A7"), ("gyro", "#56B4E9"), ("accelerometer", _GREEN), ("satellite", _BLUE),
-             ("pseudolite", "#E69F00"), ("systematic", _GREY), ("", "#F0E442"))  # fmt: skip
+             ("pseudolite", "#E69F00"), ("systematic", _GREY), ("azimuth", "#882255"),
+             ("elevation", "#44AA99"), ("dme", "#332288"), ("", "#F0E442"))  # fmt: skip
 _HATCHES = ("", "//////", "......", "xxxxxx", "++++++", "oooo")
 """Sources of one group share a colour and differ by hatch; the last group has all others: sensors beside the
-receiver."""
+receiver, except ground stations."""
 
 
-def _source_style(names: list[str]) -> list[tuple[str, str]]:
+def source_style(names: list[str]) -> list[tuple[str, str]]:
     """Colour and hatch of each source, the same in every figure."""
     count = dict.fromkeys((family for family, _ in _FAMILIES), 0)
     out = []
@@ -378,7 +379,7 @@ def budget(result: Result) -> Figure:
     t = result["/covariance/time"]
     after = t >= t[0] + 0.05 * (t[-1] - t[0])
     names = [str(n) for n in result["/budget/source"]]
-    styles = _source_style(names)
+    styles = source_style(names)
     seen: set[int] = set()
     for column, (title, states) in enumerate((("horizontal position", [0, 1]), ("vertical position", [2]))):
         upper, lower = axes[0, column], axes[1, column]

@@ -35,7 +35,7 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
     "fixes_without_velocity": ((FIX,), "fixes without the velocity that the filter needs"),
     "unweighed_fixes": ((FIX,), "fixes could not be used: the innovation covariance is not positive definite"),
     "rejected_fixes": ((FIX, CONSISTENT), "fixes were rejected by the innovation gate"),
-    "epochs_without_range": ((FIX,), "epochs without a pseudorange: the filter goes by its inertial sensors alone"),
+    "epochs_without_range": ((FIX,), "epochs without a pseudorange: the filter goes by its other sensors"),
     "rejected_ranges": ((FIX, CONSISTENT), "epochs have ranges that were rejected by the innovation gate"),
     "not_finite": ((CONSISTENT,), "outputs are not finite numbers"),
     "covariance_not_positive": ((CONSISTENT,), "outputs have a covariance that is not positive definite"),
@@ -52,6 +52,7 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
         (CONSISTENT,),
         "the innovation gate rejected measurements of an aiding sensor",
     ),
+    "silent_sensor": ((), "runs without any measurement of a sensor that measures along the route"),
     "clipped_samples": ((CONSISTENT,), "samples of inertial sensors are beyond their range and cut off"),
     "open_loop": ((CONSISTENT,), "trajectories are not those that guidance by the estimate gives"),
 }
@@ -150,6 +151,12 @@ def rejected_of(name: str, count: int, of: int, probability: float) -> list[Find
         return []
     text = f"{count} of {of} measurements of the {name} were rejected by the innovation gate"
     return [Finding("aided_rejections", text, LANDING["aided_rejections"][0], count, of)]
+
+
+def unheard(name: str, silent: np.ndarray, runs: int) -> Finding:
+    """The finding of runs (k,) in which a sensor never measures, although it does along the route."""
+    text = f"{name}: measured nothing in {silent.size} of {several(runs, 'run')}, the first run {silent[0]}"
+    return Finding("silent_sensor", text, LANDING["silent_sensor"][0], silent.size, runs, silent.size)
 
 
 def clipped(count: np.ndarray, of: int) -> list[Finding]:

@@ -459,7 +459,8 @@ def _noun(value: Any) -> str:
 
 
 _OTHER_WORDS = {"msl": "geoid", "amsl": "geoid", "sea level": "geoid", "wgs84": "ellipsoid", "wgs-84": "ellipsoid",
-                "hae": "ellipsoid"}  # fmt: skip
+                "hae": "ellipsoid", "localizer": "azimuth_station", "localiser": "azimuth_station",
+                "glide_path": "elevation_station", "glidepath": "elevation_station"}  # fmt: skip
 """Words of other tools, and navsim's own for them."""
 
 

@@ -102,6 +102,10 @@ class StationSection(AidingSection):
         runway = landing.runway
         return runway.extent_m + BEYOND_END["ils"] if self.beyond_m is None else self.beyond_m, 0.0
 
+    def placing_key(self) -> str:
+        """Key to change where the antenna is in the way of the aircraft."""
+        return "right_m" if self.beyond_m is None and "right_m" in type(self).model_fields else "beyond_m"
+
     def scale(self, landing: Landing) -> float:
         """SI units of a measurement in a unit of the keys of its errors."""
         return 1.0
@@ -141,8 +145,8 @@ class AzimuthStationSection(StationSection):
     name = "azimuth_station"
 
     preset: Literal["none", "ils-1", "ils-2", "ils-3", "mls"] = "none"
-    """limits of ICAO Annex 10 as bias and bends: of a localizer of category I, II or III; of an MLS azimuth as bias and
-    noise"""
+    """limits of ICAO Annex 10: of a localizer of category I, II or III bias_m, bends_m, and as half_width_m its linear
+    sector, 124.1 m; of an MLS azimuth bias_m and noise_m"""
     bias_m: NonNegative = 0.0
     """1 sigma of the bias, at the threshold"""
     bends_m: NonNegative = 0.0
@@ -174,8 +178,8 @@ class ElevationStationSection(StationSection):
     name, size = "elevation_station", "deg"
 
     preset: Literal["none", "ils", "mls"] = "none"
-    """limits of 14 CFR 171 as bias, bends and noise: of a glide path of 3 degrees, its bias alone, or of an MLS
-    elevation"""
+    """limits of 14 CFR 171. Of a glide path of 3 degrees: bias_deg, and its full scale as low_deg, 2.28, and high_deg,
+    3.72. Of an MLS elevation: bias_deg, bends_deg, noise_deg, and low_deg, 0.9"""
     right_m: Beyond = 120.0
     """distance of the station right of the centre line; without beyond_m it stands abeam of the touchdown point"""
     bias_deg: AngleError = 0.0

@@ -589,7 +589,7 @@ class Landing(Section):
         for section in self.aiding_sections().values():
             if isinstance(section, StationSection):
                 sites = ecef_from_llh(section.model(self).llh(trajectory.frame))[None]
-                _check_clear(track, sites, ["the antenna"], section.name, "beyond_m")
+                _check_clear(track, sites, ["the antenna"], section.name, section.placing_key())
 
     def track(self, trajectory: Moving) -> Track:
         """Trajectory during the simulation, of the IMU and the antenna."""

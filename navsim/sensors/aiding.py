@@ -52,6 +52,8 @@ class AidingSensor(ABC):
     latency: float
     """s."""
 
+    varies: ClassVar[bool] = False
+    """Whether a run may lack measurements that the route has: answers are lost, or it leaves the coverage."""
     has_outliers: bool = False
     """Whether its truth has outliers, which make its innovations larger than the filter expects."""
 

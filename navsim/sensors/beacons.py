@@ -106,6 +106,7 @@ class Beacons(AidingSensor):
     """Ranging beacons, asked in turn."""
 
     name, kind, numbers, unit = "beacons", BEACON, ("range",), "m"
+    varies = True
 
     names: tuple[str, ...]
     """Names of the beacons."""

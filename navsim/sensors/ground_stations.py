@@ -55,6 +55,7 @@ class StationDesign:
 class GroundStation(AidingSensor):
     """A station of a landing system, received by an antenna of its own."""
 
+    varies = True
     place: tuple[float, float, float]
     """Along the runway beyond the threshold, right of the centre line, above the threshold, m."""
     aim_point: float
@@ -88,8 +89,8 @@ class GroundStation(AidingSensor):
         out[2] = self.height + above
         return out
 
-    def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
-        """Angles or ranges (m, 1), rad or m; nan outside the coverage and while the station is off."""
+    def geometry(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angles or ranges (m,), rad or m, also outside the limits; where (m,) the aircraft is on the radiated side."""
         frame, llh = flight.frame, self.llh(flight.frame)
         away = antenna_ecef(flight.motion(time), self.lever_arm) - ecef_from_llh(llh)
         distance = np.linalg.norm(away, axis=1)
@@ -97,6 +98,11 @@ class GroundStation(AidingSensor):
         if self.kind != DISTANCE:
             exact = np.arcsin(away @ self.axis(frame, llh) / distance)
             there = away @ frame.axes[:, 0] < 0.0  # it radiates towards the approach
+        return exact, there
+
+    def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
+        """Angles or ranges (m, 1), rad or m; nan outside the coverage and while the station is off."""
+        exact, there = self.geometry(flight, time)
         there &= (exact >= self.limits[0]) & (exact <= self.limits[1])
         for start, end in self.off:
             there &= (time < start) | (time >= end)

@@ -74,6 +74,8 @@ from navsim.simulation.flight import Flight, InitialErrors
 from navsim.simulation.inertial_states import TrueState, followed
 from navsim.simulation.range_curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
 
+_ROUNDING = 1e-7
+"""Largest rounding error of the mean square of a source, as a share of the sum of all."""
 _EXPECTED_NIS = 0.01
 """Largest deviation from 1 of the expected normalised innovation squared, per degree of freedom, of a filter whose
 model equals the truth."""
@@ -238,7 +240,8 @@ def analyse(
     messages = _messages(s, by_range, epoch)
     felt = messages.any(axis=(0, 1))
     messages, first = messages[:, :, felt], columns.shape[1]
-    owner = np.append(owner, _owners(own, of_pseudolites, felt.size // len(s.names))[felt])
+    each = 0 if s.space is None else s.space.shape[2]
+    owner = np.append(owner, _owners(own, of_pseudolites, each)[felt])
     shown = _shown_messages(flight)[:, felt]
     if s.offset is not None:
         messages = np.concatenate([messages, np.where(s.used[epoch, None], by_range, 0.0) @ s.offset], axis=2)
@@ -382,9 +385,14 @@ def _same(a: SensorDesign, b: SensorDesign) -> bool:
 
 def _check(analysis: Analysis, matched: bool) -> None:
     """Raise AnalysisError for undefined accuracies, and for a filter whose model is true but whose innovations are not
-    as expected."""
+    as expected. Mean squares that rounding left below 0 become 0."""
     if not np.all(np.isfinite(analysis.variance)):
         raise AnalysisError("the accuracy is undefined (nan); please report this scenario")
+    # sums of large terms that cancel: rounding may leave a source a little below 0
+    below = analysis.variance < 0.0
+    if np.any(analysis.variance < -_ROUNDING * np.abs(analysis.variance).sum(axis=0)):
+        raise AnalysisError("a source has a mean square below 0: a defect of navsim; please report this scenario")
+    analysis.variance[below] = 0.0
     some = analysis.degrees > 0
     per_degree = analysis.nis[some] / analysis.degrees[some]
     if matched and per_degree.size and np.abs(per_degree - 1.0).max() > _EXPECTED_NIS:

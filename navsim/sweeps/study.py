@@ -66,6 +66,7 @@ from navsim.sweeps.outputs import (
 )
 from navsim.sweeps.plan import MOST_MAP_SITES, PLACE_KEYS, Plan, check_watched, short
 from navsim.sweeps.scenario import (
+    BEACON_OUTPUTS,
     FILTER_OUTPUTS,
     LEVEL_OUTPUTS,
     REQUIREMENTS,
@@ -76,6 +77,8 @@ from navsim.sweeps.scenario import (
 _NOTHING: Mapping[str, Confirmation] = {}
 COMPUTED, INVALID, NO_FIX = range(3)
 """Outcome of a combination, see `schema.OUTCOMES`."""
+_OF_AIDED = (*FILTER_OUTPUTS, *TOTAL_OUTPUTS, *BEACON_OUTPUTS)
+"""Beginnings of outputs that a filter with other sensors of position has without a fix."""
 _UNHEARD, _NO_EPOCH = (list(LANDING).index(name) for name in ("epochs_without_fix", "no_fix"))
 
 
@@ -100,17 +103,18 @@ class SweepStudy:
             return rows, {}, {}
         for i in range(count):
             try:
-                found, site, what, rows["warned"][i], rows["alone"][i] = self._one(first + i)
+                found, site, what, rows["warned"][i], rows["alone"][i], aided = self._one(first + i)
             except InputError:
                 self.plan.check_files(first + i)
                 continue  # not a valid scenario: nan
             rows["site"][i] = self.plan.in_plan(site)
             rows["findings"][i] = marks(f.name for f in what)
             unfixed = without_fix(what)
-            rows["outcome"][i] = NO_FIX if unfixed else COMPUTED
+            rows["outcome"][i] = NO_FIX if unfixed and not aided else COMPUTED
             for name in names:
                 # the lack of levels, and its consequences, are known of flights without a fix too
-                if not unfixed or name == "level_share" or name.startswith(NUMBERED):
+                known = name == "level_share" or name.startswith(NUMBERED)
+                if not unfixed or known or (aided and name.startswith(_OF_AIDED)):
                     rows[name][i] = found[name]
         return rows, {}, {}
 
@@ -144,10 +148,11 @@ class SweepStudy:
             for name in columns(self.plan):
                 rows[name][members] = np.where(solved, found[name], np.nan)
 
-    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding], bool, bool]:
-        """Outputs of a combination, its sites, ECEF, findings of its flights, and two flags.
+    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding], bool, bool, bool]:
+        """Outputs of a combination, its sites, ECEF, findings of its flights, and three flags.
 
-        The flags are: its input has warnings that the study has not; a pseudolite is alone on a clock.
+        The flags are: its input has warnings that the study has not; a pseudolite is alone on a clock; the filter also
+        has measurements of position from other sensors.
         """
         scenario, document = self.plan.scenario(self.plan.settings(index))
         method = self.plan.study.method
@@ -157,6 +162,7 @@ class SweepStudy:
                 raise CheckpointError(f"{name} was changed while the study ran")
         site = ecef_from_llh(case.pseudolites.llh)
         warned, alone = bool(self.plan.warnings_of(case)), bool(case.preflight.lone_pseudolite)
+        aided = method != "dop" and case.aided
         glide = on_glide(case.scenario, case.trajectory, case.shared.signals.time)
         lost = int(np.isnan(case.shared.dop[glide, 1]).sum())
         out = landing_outputs(geometry_summary(case), lost)
@@ -168,11 +174,11 @@ class SweepStudy:
             outputs = out | filter_outputs(covariance_summary(case, analysis))
             if self.plan.requirements:
                 outputs |= outputs_of_fulfilments(judged_without_runs(case, analysis))
-            return outputs, site, covariance_findings(case, analysis), warned, alone
+            return outputs, site, covariance_findings(case, analysis), warned, alone, aided
         if method == "monte-carlo":
             flown = fly_case(case, self.plan.seed, 0, self.plan.study.runs, threads(1))
             outputs = out | filter_outputs(flown) | watched_outputs(flown) | total_outputs(flown)
-            return outputs | requirement_outputs(flown), site, of(flown), warned, alone
+            return outputs | requirement_outputs(flown), site, of(flown), warned, alone, aided
         if self.plan.requirements:
             out |= outputs_of_fulfilments(judged_without_runs(case, None))
         epochs = int(glide.sum())
@@ -182,7 +188,7 @@ class SweepStudy:
             found.append(Finding("epochs_without_fix", text, (FIX,), lost, epochs))
         if not epochs:
             found.append(Finding("no_fix", "no fix epoch in the glide", (FIX,)))
-        return out, site, found, warned, alone
+        return out, site, found, warned, alone, aided
 
 
 def columns(planned: Plan) -> list[str]:

@@ -32,3 +32,11 @@ def test_runs_agree_with_filter_and_analysis(kind: str, coupling: str) -> None:
     np.testing.assert_allclose(ratio_of, 1.0, atol=0.08)
     squares, weighed = (runs.per_run(f"aided_{name}").sum() for name in ("innovations", "weighed"))
     assert squares / weighed == pytest.approx(1.0, abs=0.02)
+
+
+def test_bias_without_noise_has_a_budget() -> None:
+    """Rounding leaves the mean square of a source a little below 0: its root is 0, not nan."""
+    exact = ("azimuth_station={bias_m: 5, noise_m: 1e-3}", "dme={bias_m: 10, noise_m: 0.01}",
+             "elevation_station={bias_deg: 0.1, noise_deg: 1e-4, beyond_m: 200}")  # fmt: skip
+    analysis = covariance_analysis(case(*exact, "initial_errors.position_m=3000", name="landing_ils"))
+    assert (analysis.variance >= 0.0).all()

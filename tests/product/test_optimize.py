@@ -276,3 +276,10 @@ def test_a_search_under_requirements_goes_on_after_its_time(folder: Path) -> Non
         for name in [name for name in data if name.startswith("/pareto/evaluations")]:
             data.pop(name)
     assert whole == cut
+
+
+def test_silent_pseudolites_are_not_sought(folder: Path) -> None:
+    file = study(folder, "pseudolites: [1]\nobjective: vertical\narea: {s_m: [100, 900], l1_m: [0, 2000]}\n")
+    silent = ("--set", "set.events=[{what: silence, sources: [all]}]")
+    done = navsim("optimize", file, *silent, "-o", "silent.h5", cwd=folder, code=2)
+    assert "events[0] silences the pseudolites, too, during the whole flight" in done.stderr

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from navsim.geodesy.earth import llh_from_ecef
+from navsim.landing.preflight import station_warnings
+from navsim.report.figures import source_style
 from navsim.scenario.presets import STATION_PRESETS
 from navsim.scenario.source import InputError
 from navsim.sensors.ground_stations import GroundStation
@@ -18,6 +20,7 @@ from tests.helpers import case
 
 BRIEF = ("duration_s=62", "receiver.rate_hz=1", "imu.rate_hz=20", "runway.length_m=3000")
 AZIMUTH = "azimuth_station={preset: ils-1, noise_m: 1}"
+ILS = "elevation_station={preset: ils, noise_deg: 0.1}"
 DME = "dme={preset: dme-p, off_s: [[10, 20]]}"
 
 
@@ -90,9 +93,45 @@ def test_path_following_error_of_the_elevation_is_its_parts() -> None:
         (("dme={noise_m: 3}", "filter.dme={errors: none, bias_m: 3}"), "errors: states"),
         (("azimuth_station={noise_m: 3, beyond_m: -5}",), "beyond the threshold"),
         (("azimuth_station={noise_m: 3, beyond_m: 5}",), "of the aircraft"),
+        (("elevation_station={noise_deg: 1, right_m: 0}",), "of the aircraft"),
+        (("localizer={noise_m: 3}",), "did you mean 'azimuth_station'?"),
+        (("glide_path={noise_deg: 3}",), "did you mean 'elevation_station'?"),
     ],
 )
 def test_messages(settings: tuple[str, ...], words: str) -> None:
     with pytest.raises(InputError) as caught:
         case(*BRIEF, *settings)
     assert words in str(caught.value.problems[0])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (ILS, "elevation_station: before touchdown the path is outside its sector, 2.28 to 3.72 deg, for"),
+        ("elevation_station={noise_deg: 1, beyond_m: -9000}", "elevation_station.beyond_m: the aircraft is behind"),
+        ("elevation_station={noise_deg: 1, height_m: 100}", "elevation_station.height_m: the antenna stands 100 m"),
+        ("azimuth_station={noise_m: 1, beyond_m: 60000}", "azimuth_station: the antenna stands 60000 m beyond"),
+        ("azimuth_station={noise_m: 1, beyond_m: 2400}", "azimuth_station.beyond_m: the antenna stands on the runway"),
+        ("dme={noise_m: 1, off_s: [[1, 2], [200, 300]]}", "dme.off_s[1]: the outage begins at 200 s, after the end"),
+        ("dme={noise_m: 1, off_s: [[0, 30], [30, 90]]}", "dme.off_s: the station is off until touchdown"),
+    ],
+)  # fmt: skip
+def test_stations_of_no_use_are_warned_of(settings: str, words: str) -> None:
+    """Also by validation, which computes no measurement. The paths are at 5 degrees."""
+    scenario = case(*BRIEF, settings).scenario
+    assert any(text.startswith(words) for text in station_warnings(scenario, scenario.trajectory()))
+
+
+def test_shipped_stations_are_in_order() -> None:
+    scenario = case(name="landing_ils").scenario
+    assert station_warnings(scenario, scenario.trajectory()) == []
+
+
+def test_sources_of_stations_differ_in_the_figure() -> None:
+    """Each has a colour and hatch of its own, and takes none of the others'."""
+    others = ["altimeter", "magnetometer", "clock"]
+    stations = [f"{name}{end}" for name in ("azimuth_station", "elevation_station", "dme")
+                for end in ("", "_bias", "_bends")]  # fmt: skip
+    styles = source_style([*stations, *others])
+    assert len(set(styles)) == len(styles)
+    assert styles[-3:] == source_style(others)
