@@ -129,11 +129,7 @@ def innovations() -> list[str]:
             found = summary(WINDOWED % window, *events, *settings)["integrity"]
             cells = (share(found["innovation_share"]), share(found["hmi"]))
             lines.append(row(f"{before}{name}", window, *cells))
-    return [
-        *lines,
-        "",
-        "The tight filter has more innovations an epoch, and most of them agree: its sum grows less.",
-    ]
+    return lines
 
 
 def priors() -> list[str]:
