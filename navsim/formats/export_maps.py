@@ -79,7 +79,7 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
     runway = scenario_of(result)["runway"]
     out.append(_runway(threshold, runway))
     out += _glide(result) + _ridges(result)
-    for kind in ("pseudolite", "beacon"):
+    for kind in ("pseudolite", "beacon", "station"):
         if f"/{kind}s/name" in result:
             for name, place in zip(result[f"/{kind}s/name"], result[f"/{kind}s/position_llh"], strict=True):
                 out.append({"kind": kind, "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
@@ -286,7 +286,7 @@ def _kml_geometry(into: Any, kind: str, type_: str, coordinates: list[list[float
     from xml.etree import ElementTree as Xml
 
     shape = Xml.SubElement(into, type_)
-    on_ground = kind in ("runway", "ellipse", "pseudolite", "beacon")
+    on_ground = kind in ("runway", "ellipse", "pseudolite", "beacon", "station")
     if kind == "ridge":  # a wall down to the ground
         Xml.SubElement(shape, "extrude").text = "1"
     if type_ != "Point":
@@ -300,7 +300,7 @@ def _kml_geometry(into: Any, kind: str, type_: str, coordinates: list[list[float
 
 _STYLES = {"track": ("ffb27200", 2, "00ffffff"), "runway": ("ff777777", 1, "a0777777"),
            "ellipse": ("ff005ed5", 1, "30005ed5"), "pseudolite": ("ff005ed5", 1, "ff005ed5"),
-           "beacon": ("ffa779cc", 1, "ffa779cc"),
+           "beacon": ("ffa779cc", 1, "ffa779cc"), "station": ("ff552288", 1, "ff552288"),
            "glide": ("ff739e00", 2, "00ffffff"), "ridge": ("ff004b8c", 2, "60004b8c")}  # fmt: skip
 """Line colour (aabbggrr), width, fill."""
 

@@ -16,6 +16,7 @@ from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE, HEIGHTS, SKY_TIMES
 from navsim.runner.attributes import root_attributes
 from navsim.scenario.approach import TrackApproach
+from navsim.sensors.ground_stations import GroundStation
 from navsim.trajectory.air import triangle_along
 from navsim.trajectory.kinematics import Trajectory
 from navsim.trajectory.recorded import largest
@@ -111,6 +112,9 @@ def _geometry(draft: ResultBuilder, case: Case) -> None:
     pseudolites = case.pseudolites
     draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
     draft["/pseudolites/position_llh"] = pseudolites.llh
+    if stations := [aid.sensor for aid in case.shared.aids if isinstance(aid.sensor, GroundStation)]:
+        draft["/stations/name"] = np.array([station.name for station in stations], dtype=object)
+        draft["/stations/position_llh"] = np.array([station.llh(case.trajectory.frame) for station in stations])
     if (beacons := case.beacons) is not None:
         draft["/beacons/name"] = np.array(beacons.sensor.names, dtype=object)
         draft["/beacons/position_llh"] = beacons.llh

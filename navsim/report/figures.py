@@ -132,7 +132,7 @@ def _in_brackets(result: Result) -> str:
 
 
 def track(result: Result) -> Figure:
-    """Plan view with pseudolites and beacons, and the height profile over the same distances."""
+    """Plan view with pseudolites, beacons and ground stations, and the height profile over the same distances."""
     fig = new_figure(2 * COLUMN, 3.8)
     plan, profile = fig.subplots(2, 1, height_ratios=[3, 2], sharex=True)
     path = in_runway_axes(result, result["/truth/position_llh"])
@@ -143,11 +143,12 @@ def track(result: Result) -> Figure:
     plan.plot(path[:, 0], path[:, 1], color=_BLUE, label="aircraft" + _in_brackets(result))
     plan.plot(path[0, 0], path[0, 1], "o", color=_BLUE, ms=3)
     ground = {}
-    for kind in ("pseudolites", "beacons"):
+    marks = {"pseudolites": ("^", _ORANGE), "beacons": ("s", _GREEN), "stations": ("D", "#882255")}
+    for kind in marks:
         if f"/{kind}/name" in result and result[f"/{kind}/name"].size:
             ground[kind] = result[f"/{kind}/name"], in_runway_axes(result, result[f"/{kind}/position_llh"])
     for kind, (_, places) in ground.items():
-        mark, own = ("^", _ORANGE) if kind == "pseudolites" else ("s", _GREEN)
+        mark, own = marks[kind]
         plan.plot(places[:, 0], places[:, 1], mark, color=own, ms=5, label=kind)
     seen = np.concatenate([path[:, :2], *(places[:, :2] for _, places in ground.values())])
     ridge_lines(plan, shown_ridges(result), *on_plan(seen))

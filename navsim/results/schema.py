@@ -126,6 +126,7 @@ def _labels(path: str, meaning: str, layouts: str | Sequence[str], *labels: str)
 
 _FLOWN = (LANDING, COVARIANCE)
 _BEACONS = "where there are `beacons`"
+_STATIONS = "where there are ground stations"
 _KEPT = "unless `--keep none`"
 _HORIZON = "with `sky.horizon`"
 _WIND = "where there is a mean wind"
@@ -215,6 +216,8 @@ _TRUTH = Chapter(
            "`receiver.antenna`"),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
         _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
+        _a("/stations/name", "name", "1", "names of the ground stations", _FLOWN, TEXT, when=_STATIONS),
+        _a("/stations/position_llh", "name llh", "rad, rad, m", "positions of their antennas", _FLOWN, when=_STATIONS),
         _a("/beacons/name", "name", "1", "names of the ranging beacons", _FLOWN, TEXT, when=_BEACONS),
         _a("/beacons/position_llh", "name llh", "rad, rad, m", "surveyed positions of the beacons", _FLOWN,
            when=_BEACONS),

@@ -46,6 +46,8 @@ def test_a_sweep_without_a_fix_has_the_errors_of_the_filter(tmp_path: Path) -> N
 def test_a_log_without_a_fix_has_an_empty_table(tmp_path: Path) -> None:
     navsim("run", BASE, *BRIEF, "-o", "r.h5", "--figures", "none", cwd=tmp_path)
     done = navsim("export", "r.h5", "--imu", "--kml", cwd=tmp_path)
-    assert (tmp_path / "r.kml").exists()
+    kml, places = (tmp_path / "r.kml").read_text(), read(tmp_path / "r.h5")["/stations/position_llh"]
+    assert all(f"{np.degrees(lon):.6f}"[:-1] in kml for _, lon, _ in places)
+    assert kml.count("_station<") == 2
     assert len((tmp_path / "r_fixes.csv").read_text().splitlines()) == 1
     assert "has no fix, and a replay needs one" in done.stderr
