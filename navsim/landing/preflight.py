@@ -357,8 +357,8 @@ def station_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
         along, right, _ = model.place
         extent = scenario.runway.extent_m
         if not -_FAR_STATION < along < extent + _FAR_STATION or abs(right) > _FAR_STATION:
-            out.append(f"{name}: the antenna stands {along:g} m beyond the threshold and {right:g} m beside the centre "
-                       f"line, more than {_FAR_STATION:g} m off the runway")  # fmt: skip
+            out.append(f"{name}: the antenna stands {along:g} m beyond the threshold and {right:g} m right of the "
+                       f"centre line, more than {_FAR_STATION:g} m off the runway")  # fmt: skip
         if model.kind == AZIMUTH and along < extent:
             out.append(f"{name}.beyond_m: the antenna stands on the runway, which ends {extent:g} m beyond the "
                        "threshold: behind it the aircraft measures nothing")  # fmt: skip

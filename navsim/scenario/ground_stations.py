@@ -178,7 +178,7 @@ class ElevationStationSection(StationSection):
     name, size = "elevation_station", "deg"
 
     preset: Literal["none", "ils", "mls"] = "none"
-    """limits of 14 CFR 171. Of a glide path of 3 degrees: bias_deg, and its full scale as low_deg, 2.28, and high_deg,
+    """limits of 14 CFR 171. A glide path of 3 degrees gets bias_deg, and its full scale as low_deg, 2.28, and high_deg,
     3.72. Of an MLS elevation: bias_deg, bends_deg, noise_deg, and low_deg, 0.9"""
     right_m: Beyond = 120.0
     """distance of the station right of the centre line; without beyond_m it stands abeam of the touchdown point"""
