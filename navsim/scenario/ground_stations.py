@@ -179,7 +179,7 @@ class ElevationStationSection(StationSection):
 
     preset: Literal["none", "ils", "mls"] = "none"
     """limits of 14 CFR 171. A glide path of 3 degrees gets bias_deg, and its full scale as low_deg, 2.28, and high_deg,
-    3.72. Of an MLS elevation: bias_deg, bends_deg, noise_deg, and low_deg, 0.9"""
+    3.72. An MLS elevation gets bias_deg, bends_deg, noise_deg, and low_deg, 0.9"""
     right_m: Beyond = 120.0
     """distance of the station right of the centre line; without beyond_m it stands abeam of the touchdown point"""
     bias_deg: AngleError = 0.0
