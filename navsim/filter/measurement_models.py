@@ -4,6 +4,7 @@
 
 A new kind needs a number, a table, a line in `Measurements` and `_TABLES` (`measurement_kinds`), and a branch of
 `observe`. The rest of a sensor is its declaration (`sensors.aiding`).
+
 Sources:
 
 - [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled update,

@@ -61,9 +61,9 @@ class Indicator:
         return np.stack([course, glide], axis=-1)
 
     def along_route(self, route: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Deviations (..., o, 2) from localizer and glide path, of positions `off` (..., o, 3) a route (o, 3), z down.
+        """Deviations (..., o, 2) from localizer and glide path, parts of full scale.
 
-        off: to the right, along, and up, m.
+        route: positions (o, 3), z down, m. off: distances (..., o, 3) from it to the right, along, and up, m.
         """
         right, along, up = np.moveaxis(off, -1, 0)
         return self.deviations(route[:, 0] + along, route[:, 1] + right, up - route[:, 2])

@@ -154,8 +154,8 @@ def _put_indicated(
             draft[f"{branch}/{name}{kind}_largest_run"] = values
             draft[f"{branch}/{name}{kind}_percentile"] = _percentiles(values)
             for limit, of in ((HALF, "half"), (FULL, "full")):
-                judged = np.isfinite(values).any()
-                beyond = share_interval(int((values > limit).sum()), ensemble.runs) if judged else np.full(3, np.nan)
+                known = np.isfinite(values).any()
+                beyond = share_interval(int((values > limit).sum()), ensemble.runs) if known else np.full(3, np.nan)
                 draft[f"{branch}/{name}{kind}_beyond_{of}"] = beyond
 
 

@@ -26,7 +26,7 @@ def _has_pseudolites(scenario: Mapping[str, Any], _: Mapping[str, Any]) -> bool:
 
 def _is_set(value: Any) -> bool:
     """Whether a setting, or a section with any of its settings, differs from none, zero and false."""
-    return any(map(_is_set, value.values())) if isinstance(value, Mapping) else bool(value)
+    return any(map(_is_set, value.values())) if isinstance(value, Mapping) else bool(value) and value != "none"
 
 
 def _has(*names: str) -> Applies:
@@ -127,13 +127,14 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "Allan deviation of every noise of inertial sensors", "quantisation and the peak of a Markov bias",
         "random vibration", "units of data sheets",
     ),
+    "ground stations: angles, and limits of presets": ("angles and ranges of ground stations, and their derivatives",),
     "strapdown mechanisation": (
         "velocity increment with rotation correction", "drift under coning, without and with the two-sample correction",
         "specific force and angular rate belong to the path",
     ),
     "error model and update of the navigation filter": (
         "clock of a receiver without sources", "two sources and an unknown clock",
-        "update with a range that may be an outlier", "angles and ranges of ground stations, and their derivatives",
+        "update with a range that may be an outlier",
         "Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
     ),
     "filter on the two-frames group": (_ONE_GAUSSIAN,),
@@ -189,7 +190,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
 """Claims of `docs/validation.md` for each method of `citations.METHODS` that an outside judge stands behind."""
 
 PARTS: tuple[tuple[tuple[str, ...], Applies], ...] = (
-    (_AIR, _has("wind.speed_m_s", "wind.turbulence", "wind.gusts", "approach.flight_technical_error")),
+    (_AIR, _has("wind.speed_m_s", "wind.levels", "wind.turbulence", "wind.gusts", "approach.flight_technical_error")),
     (_PSEUDOLITES, _has_pseudolites),
     (_BEACONS, _has("beacons")),
     (_HEIGHTS, _has(*_ALTIMETERS)),
@@ -213,7 +214,7 @@ UNCHECKED: Mapping[str, Applies] = {
         _by_separation(scenario) and _is_set(at(scenario, "integrity", "tails"))
     ),
     "solution separation: exclusion": lambda scenario, _: (
-        _by_separation(scenario) and at(scenario, "integrity", "exclusion") not in (None, "none")
+        _by_separation(scenario) and _is_set(at(scenario, "integrity", "exclusion"))
     ),
     "the risk behind the levels of a monitored filter": lambda scenario, _: (
         at(scenario, "integrity", "method") == "filter"

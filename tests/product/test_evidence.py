@@ -8,6 +8,7 @@ import re
 import shutil
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,25 @@ def test_every_kind_has_its_limits_and_judges(kind: str, place: Path) -> None:
         assert "changes of orbit" not in texts  # of signals.ephemeris, which this scenario lacks
         assert "hard iron" not in texts  # of a magnetometer
         assert "live source" not in texts
+
+
+def test_a_setting_of_none_has_no_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An exclusion that is switched off has no limits; checks of stations are those of landings that have some."""
+    scenario: dict[str, Any] = {"integrity": {"method": "chi2", "exclusion": "none"}}
+    monkeypatch.setattr("navsim.report.assurance.scenario_of", lambda _: scenario)
+    monkeypatch.setattr("navsim.report.citations.scenario_of", lambda _: scenario)
+    result: Any = SimpleNamespace(attributes={"kind": "landing", "method": "monte-carlo"})
+    excluding = "memory of excluded sources (integrity.exclusion)"
+    assert excluding not in {each.effect for each in unmodelled_effects(result)}
+    stations = {each.claim for each in judged(result)[0] if "ground stations" in each.claim}
+    assert not stations
+    scenario |= {"integrity": {"method": "chi2", "exclusion": "residual"}, "dme": {"noise_m": 1.0}}
+    assert excluding in {each.effect for each in unmodelled_effects(result)}
+    rows, without = judged(result)
+    assert [each.method for each in rows if "ground stations" in each.claim] == [
+        "ground stations: angles, and limits of presets"
+    ]
+    assert not [name for name in without if "ground stations" in name]
 
 
 def graph_of(folder: Path) -> dict[str, dict[str, Any]]:
