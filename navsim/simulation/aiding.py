@@ -102,7 +102,7 @@ def aids_of(sensors: Sequence[AidingSensor], trajectory: Moving, duration: float
         sensor = each.on_route(trajectory, time)
         exact = sensor.noise_free(trajectory, time)
         arrival = time + sensor.latency
-        valid = np.maximum(arrival - sensor.design_latency, 0.0) if sensor.latency else time
+        valid = np.maximum(arrival - sensor.design_latency, 0.0)
         effects = sensor.effects(trajectory, time)
         sigma = sensor.noise_sigma(exact)
         out.append(Aid(sensor, trajectory.frame, time, arrival, valid, exact, sigma, effects))

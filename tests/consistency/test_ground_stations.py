@@ -40,3 +40,11 @@ def test_bias_without_noise_has_a_budget() -> None:
              "elevation_station={bias_deg: 0.1, noise_deg: 1e-4, beyond_m: 200}")  # fmt: skip
     analysis = covariance_analysis(case(*exact, "initial_errors.position_m=3000", name="landing_ils"))
     assert (analysis.variance >= 0.0).all()
+
+
+@pytest.mark.parametrize(("true", "assumed"), [(0.0, 0.4), (0.2, 0.4), (0.4, 0.0)])
+def test_the_filter_takes_measurements_as_of_its_own_latency(true: float, assumed: float) -> None:
+    """Also where the measurements are in truth not late; none is older than the flight."""
+    flown = case(f"dme.latency_s={true}", f"filter.dme={{latency_s: {assumed}}}", "duration_s=20", name="landing_ils")
+    aid = next(aid for aid in flown.shared.aids if aid.sensor.name == "dme")
+    np.testing.assert_allclose(aid.valid, np.maximum(aid.time + true - assumed, 0.0), atol=1e-12)
