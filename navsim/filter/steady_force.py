@@ -53,7 +53,7 @@ _SLOWEST = 8.0
 """Longest memory of the filter's velocity with which steady flight may begin, s. Beyond it the noise contains little
 information."""
 _SLOWEST_INTERVALS = 24.0
-"""The same in intervals between fixes, which slow fixes never shorten to 8 s."""
+"""The same in intervals between fixes, if that is longer: with slow fixes the memory never gets as short as 8 s."""
 _UNCONFIRMED = 3.0
 """Steady flight ends where the memory grows to this part more: fixes do not confirm the velocity any more."""
 _OFF_LINE = 4.5

@@ -168,8 +168,7 @@ def evaluate(
     - `possible` (e, s): ranges that a fix could use, visible from wherever it is.
     - `again`: computes fixes of epochs by index (k,) with ranges (k, s) alone.
     - `rates`: computes directions (e, s, 3) of satellites from the fixes, ECEF, and range rates (e, s), m/s, minus the
-      effect
-      of the satellites' motion and clocks.
+      effect of the satellites' motion and clocks.
     - `most_pdop`: largest PDOP of an accepted fix.
     """
     excluded = np.zeros(fixes.used.shape, dtype=bool)
