@@ -150,7 +150,8 @@ def test_what_is_hidden_is_counted_by_name(hilly: Case, result: Result) -> None:
     said = "terrain: east is behind it during the whole flight and never received; move it, or the ridge"
     assert said in high.warnings
     given = (f"{key}={json.dumps(value)}" for key, value in (FIELD | {"terrain": [WALL | {"height_m": 300}]}).items())
-    assert checked(SCENARIOS / "landing.yaml", [*given])[2] == [said]
+    told = checked(SCENARIOS / "landing.yaml", [*given])[2]
+    assert [text for text in told if text.startswith("terrain")] == [said]
 
 
 def test_terrain_hides_jammers_as_their_own_horizon_does() -> None:

@@ -67,7 +67,7 @@ CASES: list[tuple[str, tuple[str, str], list[str]]] = [
     ("two spellings of one noise", ("  preset: paper ", "  gyro: {noise_deg_h: 30, arw_deg_sqrt_h: 0.05}\n  preset: paper "), ["imu.gyro.arw_deg_sqrt_h", "two spellings"]),
     ("mask above the upper one", ("  mask_deg: 5", "  mask_deg: 50\n  mask_upper_deg: 40"), ["sky.mask_deg", "below mask_upper_deg"]),
     ("list of the wrong length", ("  lever_arm_m: [0, 0, 0] ", "  lever_arm_m: [0, 0] "), ["receiver.lever_arm_m", "too short"]),
-    ("pseudolite without place", ("  s_m: 200\n", ""), ["pseudolites.s_m", "need both"]),
+    ("pseudolite without place", ("  s_m: 200\n", ""), ["pseudolites.s_m", "needs both"]),
     ("three by count", ("  count: 2 ", "  count: 3 "), ["pseudolites.count", "3 is not allowed", "`sites:"]),
     ("almanac without a file name", ("  source: nominal-glonass ", "  source: almanac "), ["sky.almanac", "file name"]),
     ("almanac that is not there", ("  source: nominal-glonass ", "  almanac: no/such.agl\n  source: almanac "), ["sky.almanac", "no/such.agl", "cannot be read"]),

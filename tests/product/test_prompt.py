@@ -334,7 +334,7 @@ def test_a_newcomer_is_told_where_to_start() -> None:
 
 
 def test_validate_says_what_changes_nothing(tmp_path: Path) -> None:
-    given = ("--set", "sky.almanac=README.md", "--set", "integrity={method: mhss, p_fa: 1e-4}")
+    given = ("--set", "sky.almanac=README.md", "--set", "integrity={method: mhss, p_fa: 1e-4, effective_samples: 25}")
     done = navsim("validate", SCENARIOS / "landing.yaml", *given, cwd=tmp_path)
     assert done.stderr.splitlines() == [
         "warning: sky.almanac is not used: sky.source is nominal-glonass",
