@@ -156,15 +156,13 @@ STATION_PRESETS: dict[str, dict[str, dict[str, float]]] = {
         "dme-p": {"bias_m": 30.0 / _LIMIT, "noise_m": 18.0 / _LIMIT},
     },
 }  # fmt: skip
-"""Ground stations, keys of their sections: published limits, taken for 95 % of a Gaussian error."""
-STATION_SOURCES = {
-    "ils-1": "ICAO Annex 10, volume I, 3.1.3.6, 3.1.3.7 and attachment C, 2.1.4; so are ils-2 and ils-3",
-    "ils": "14 CFR 171.267 (a) (1); ICAO Annex 10, volume I, 3.1.5.6",
-    "mls": "14 CFR 171.313, table 10, and 171.317, table 13; ICAO Annex 10, volume I, attachment G, 13.6.4.2",
-    "dme-n": "ICAO Annex 10, volume I, 3.5.3.1.3.3",
-    "dme-p": "ICAO Annex 10, volume I, attachment C, 7.3.2.1.6",
-}
-"""Where these numbers were seen."""
+"""Ground stations, keys of their sections: published limits, taken for 95 % of a Gaussian error.
+
+ils-1 to ils-3: ICAO Annex 10, volume I, 3.1.3.6, 3.1.3.7 and attachment C, 2.1.4.
+ils: 14 CFR 171.267 (a) (1); Annex 10, 3.1.5.6.
+mls: 14 CFR 171.313, table 10, and 171.317, table 13; Annex 10, attachment G, 13.6.4.2.
+dme-n: Annex 10, 3.5.3.1.3.3. dme-p: Annex 10, attachment C, 7.3.2.1.6.
+"""
 
 SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
     # The landing paper: white noise of pseudoranges (variance 5 m2 at the zenith), no time-correlated errors.
