@@ -130,7 +130,9 @@ def interval_of(errors: Errors, name: str) -> np.ndarray:
 
 def is_worse(analysed: float, interval: np.ndarray) -> bool:
     """Whether the runs are significantly worse than the analysis, by more than `TOLERANCE`, or have no value."""
-    return bool(interval[1] > (1.0 + TOLERANCE) * analysed or math.isfinite(analysed) > math.isfinite(interval[0]))
+    if math.isfinite(analysed) and not math.isfinite(interval[0]):
+        return True
+    return bool(interval[1] > (1.0 + TOLERANCE) * analysed)
 
 
 def is_better(analysed: float, interval: np.ndarray) -> bool:
@@ -140,17 +142,19 @@ def is_better(analysed: float, interval: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class FlownChoice:
-    """A choice, see `Candidate`. analysed: its objective by analysis, nan where that is no error of the filter. errors:
-    by runs, rows objective, horizontal, vertical; columns value, low, high (3, 3). verdict, small, requirements: as of
-    `OfRuns`. missed: runs don't meet a requirement that the analysis meets."""
+    """A choice that was flown, see `Candidate`."""
 
     choice: np.ndarray
     analysed: float
+    """Its objective by analysis; nan where that is no error of the filter."""
     errors: np.ndarray
+    """(3, 3) by runs: rows objective, horizontal, vertical; columns value, low, high."""
     verdict: str
+    """As of `OfRuns`; so are the next two."""
     small: bool
     requirements: FlownRequirements
     missed: bool = False
+    """Whether runs don't meet a requirement that the analysis meets."""
 
     @property
     def is_worse(self) -> bool:

@@ -93,8 +93,8 @@ class PreflightChecks:
             if self._counts_white_noise_once(section):
                 out.append(
                     "integrity.effective_samples: levels allow for one independent error an approach. White noise has "
-                    "more: the approach's duration over the time to alert, 150 s / 6 s = 25. Set this number; with 1 "
-                    "the levels are too low"
+                    "more: the operation's exposure over the time to alert, for LPV 150 s / 6 s = 25. Set this number; "
+                    "with 1 the levels are too low"
                 )
             out += [
                 f"requirements[{i}]: levels are not those of {each.operation}, which allows a risk of {INTEGRITY:g} an "

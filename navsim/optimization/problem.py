@@ -275,7 +275,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     sources, scenario, warnings = environment(scenario, bare)
     ask(scenario, sources)
     if study.beacons is None:
-        _check_heard(scenario, study, document)
+        _check_not_silenced(scenario, study, document)
     trajectory = scenario.trajectory()
     starts = np.array([scenario.epoch.timestamp()])
     if study.period is not None:
@@ -394,7 +394,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     return problem
 
 
-def _check_heard(scenario: Landing, study: Optimize, document: Document) -> None:
+def _check_not_silenced(scenario: Landing, study: Optimize, document: Document) -> None:
     """Raise InputError where an event silences all pseudolites from the beginning to the end."""
     for i, event in enumerate(scenario.events):
         throughout = event.at_s <= 0.0 and (event.until_s is None or event.until_s >= scenario.duration_s)

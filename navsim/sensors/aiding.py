@@ -32,6 +32,11 @@ class SensorError:
     """Correlation time, s; inf: constant in each run."""
 
 
+def estimated(errors: Sequence[SensorError]) -> tuple[int, ...]:
+    """Places of the errors of a filter model that have a state: those whose sigma is not 0."""
+    return tuple(k for k, error in enumerate(errors) if error.sigma > 0.0)
+
+
 class AidingSensor(ABC):
     """A sensor beside the receiver."""
 

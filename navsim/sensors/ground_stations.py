@@ -21,7 +21,7 @@ from navsim.filter.measurement_kinds import AZIMUTH, DISTANCE, ELEVATION, Statio
 from navsim.filter.states import Block, correlated_single
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.signals import antenna_ecef
-from navsim.sensors.aiding import AidingSensor, SensorError
+from navsim.sensors.aiding import AidingSensor, SensorError, estimated
 from navsim.trajectory.kinematics import Frame, Moving
 
 
@@ -143,7 +143,7 @@ class GroundStation(AidingSensor):
     @property
     def followed(self) -> tuple[int, ...]:
         """The errors that the filter estimates."""
-        return tuple(k for k, error in enumerate(self.design.errors.listed()) if error.sigma > 0.0)
+        return estimated(self.design.errors.listed())
 
     def states(self, step: float) -> tuple[tuple[Block, float], ...]:
         """States for these errors, rad or m."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from navsim.filter.measurement_kinds import MAGNETIC, MagneticTable
 from navsim.filter.states import Block
-from navsim.sensors.aiding import AidingSensor, SensorError
+from navsim.sensors.aiding import AidingSensor, SensorError, estimated
 from navsim.trajectory.kinematics import Frame, Moving
 
 _STATES = ("hard_iron", "field_model", "scale", "misalignment_next", "misalignment_previous", "disturbance")
@@ -158,7 +158,7 @@ class Magnetometer(AidingSensor):
     @property
     def followed(self) -> tuple[int, ...]:
         """The errors that the filter estimates."""
-        return tuple(k for k, error in enumerate(self.design.errors.listed()) if error.sigma > 0.0)
+        return estimated(self.design.errors.listed())
 
     def states(self, step: float) -> tuple[tuple[Block, float], ...]:
         """States for these errors: uT, and shares of the field."""
