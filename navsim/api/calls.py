@@ -403,7 +403,7 @@ def import_log(
 
 def _check_folder(folder: Path | None) -> None:
     if folder is not None and not folder.is_dir():
-        raise BadInput(as_problems(f"--folder {folder}: no such folder"))
+        raise BadInput(as_problems(f"folder {folder}: no such folder"))
 
 
 def _computed(command: str, scenario: Scenario, asked: dict[str, Any]) -> ResultFile:

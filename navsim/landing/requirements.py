@@ -23,6 +23,7 @@ from navsim.landing.integrity import (
     relative_levels,
     share_of_alike,
 )
+from navsim.landing.total_errors import runs_beyond
 from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE, HEIGHTS, MET, NOT_MET, RARE, UNDECIDED
 from navsim.runner.statistics import rms_interval_of_means, share_interval
@@ -223,7 +224,8 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
         return _counted(nothing, int(draft["/summary/go_around/count"]), runs)
     if isinstance(one, IndicatorRequirement):
         largest = draft[f"/summary/indicator/{one.what}_largest_run"]
-        return nothing if np.isnan(largest).all() else _counted(nothing, int((largest <= one.within).sum()), runs)
+        beyond, judged = runs_beyond(largest, one.within)
+        return _counted(nothing, judged - beyond, judged) if judged else nothing
     if isinstance(one, AlertRequirement):
         return replace(nothing, value=_exactly(float(draft["/summary/integrity/time_to_alert"])))
     if one.what == "misleading" and not _may_mislead(case):

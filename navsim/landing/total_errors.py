@@ -110,6 +110,12 @@ def put_total_errors(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> No
         _put_go_arounds(draft, ensemble)
 
 
+def runs_beyond(largest: np.ndarray, limit: float) -> tuple[int, int]:
+    """How many runs deviate beyond a limit, and how many have a deviation; nan (r,): a run that goes around before."""
+    known = _known(largest)
+    return int((known > limit).sum()), known.size
+
+
 def _known(values: np.ndarray) -> np.ndarray:
     return values[np.isfinite(values)]
 
@@ -154,9 +160,9 @@ def _put_indicated(
             draft[f"{branch}/{name}{kind}_largest_run"] = values
             draft[f"{branch}/{name}{kind}_percentile"] = _percentiles(values)
             for limit, of in ((HALF, "half"), (FULL, "full")):
-                known = np.isfinite(values).any()
-                beyond = share_interval(int((values > limit).sum()), ensemble.runs) if known else np.full(3, np.nan)
-                draft[f"{branch}/{name}{kind}_beyond_{of}"] = beyond
+                beyond, judged = runs_beyond(values, limit)
+                share = share_interval(beyond, judged) if judged else np.full(3, np.nan)
+                draft[f"{branch}/{name}{kind}_beyond_{of}"] = share
 
 
 def _put_touchdown(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:

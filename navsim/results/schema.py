@@ -487,7 +487,8 @@ _SUMMARY = Chapter(
                 _a(f"/summary/indicator/{{seen}}{kind}_percentile", "percentile", "1", "percentiles over runs of it",
                    LANDING, when=_INDICATED, seen=INDICATED),
                 _a(f"/summary/indicator/{{seen}}{kind}_beyond_{{part}}", "interval", "1", "share of runs with more "
-                   "than {part} scale", LANDING, when=_INDICATED, seen=INDICATED, part=("half", "full")),
+                   "than {part} scale, of those with a deviation", LANDING, when=_INDICATED, seen=INDICATED,
+                   part=("half", "full")),
             )
         ),
         _a("/summary/indicator/from_time", "", "s", "when the route is established on course and glide path", LANDING,

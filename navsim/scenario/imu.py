@@ -571,5 +571,5 @@ class Imu(_Sensors):
             for true, given in ((self.gyro, gyro), (self.accelerometer, accelerometer))
         )
         mine, its = (replace(t.further, vibration=vibration, warming=warming) for t in (of_gyro, of_accel))
-        its = replace(its, shaken=vibration.adds_up())
+        its = replace(its, shaken=vibration.white_density())
         return replace(of_gyro, further=mine), replace(of_accel, further=its)

@@ -84,7 +84,7 @@ class IndicatorRequirement(RequirementSection):
     within: Annotated[float, Field(ge=1e-3, le=100.0)] = 0.5
     """part of full scale; 0.5: half scale, one of two dots"""
     share: Share = 0.95
-    """share of the runs in which it stays within"""
+    """share of the runs in which it stays within, of those that fly the judged part"""
 
 
 class LevelRequirement(RequirementSection):

@@ -60,7 +60,7 @@ class Vibration:
             total += s1 * f1 * (math.log(ratio) if flat else (ratio**power - 1.0) / power)
         return total
 
-    def adds_up(self, interval: float = MEMORY) -> float:
+    def white_density(self, interval: float = MEMORY) -> float:
         """Density, (m/s2)2 s, of the white noise whose integral over an interval, s, has the variance of that of the
         random part: D interval = interval^2 times the integral of S sinc^2."""
         if not self.density:

@@ -12,7 +12,7 @@ from navsim.filter import states
 from navsim.integrity.monitoring import ALARM
 from navsim.landing.result import result as summarised
 from navsim.landing.study import fly_all
-from navsim.landing.total_errors import scales_of
+from navsim.landing.total_errors import runs_beyond, scales_of
 from navsim.report import figure_data
 from navsim.report.box_rows import outside_box
 from navsim.report.figure_data import PERCENTS, indicated_deviations
@@ -166,6 +166,12 @@ def test_a_level_above_its_limit_breaks_nothing_off(broken_off: Result) -> None:
     assert above > 0
     (text,) = texts
     assert f"the vertical protection level is above its alert limit without an alarm at {above} of" in text
+
+
+def test_runs_that_never_fly_the_judged_part_count_nowhere() -> None:
+    """Seen before: the table took them as within half scale, the requirement as beyond it."""
+    assert runs_beyond(np.array([0.2, 0.5, 0.7, np.nan]), 0.5) == (1, 3)
+    assert runs_beyond(np.array([np.nan]), 0.5) == (0, 0)
 
 
 @pytest.mark.parametrize("system", ["ils", "gls"])

@@ -252,16 +252,16 @@ def test_random_vibration(within: Within) -> None:
     assert np.mean((coarse / DT) ** 2) == pytest.approx(expected, rel=within["square"])
 
 
-def test_what_a_vibration_adds_up_to() -> None:
+def test_white_density_of_a_vibration() -> None:
     """White noise of that density gains as much velocity in an interval: S/2 of a flat spectrum; what is simulated."""
     flat = Vibration(density=((1e-5, 0.02), (2000.0, 0.02)))
     for interval in (0.5, 10.0):
-        assert flat.adds_up(interval) == pytest.approx(0.5 * 0.02, rel=0.01)
+        assert flat.white_density(interval) == pytest.approx(0.5 * 0.02, rel=0.01)
     slow = Vibration(density=((0.2, 0.02), (20.0, 0.02)))
     gained = shaking(slow, tuple(generator(7, run, "imu") for run in range(64)), 20000, DT)
     assert gained is not None
     gained = gained.reshape(20, 1000, 3, 64).sum(axis=1)
-    assert np.mean(gained**2) == pytest.approx(slow.adds_up(10.0) * 10.0, rel=0.05)
+    assert np.mean(gained**2) == pytest.approx(slow.white_density(10.0) * 10.0, rel=0.05)
 
 
 ALL = ImuErrorModel(
