@@ -65,13 +65,10 @@ class Message:
 
 def assumptions(result: Result) -> list[str]:
     """Values of the messages that the result does not contain, and what they have instead."""
-    out, scenario = [], scenario_of(result)
+    out = []
     if undulation_of(result) is None:
         text = "altitudes of HIL_GPS and GPS_INPUT (MSL) are heights above the ellipsoid: the scenario has no "
         out.append(text + "runway.geoid_undulation_m")
-    interference, its = scenario.get("interference"), scenario.get("beacons")
-    if its and its.get("bandwidth_mhz") is not None and interference and interference["jammers"]:
-        out.append("range_accuracy of RANGING_BEACON is that without jammers")
     return out
 
 
@@ -268,17 +265,11 @@ def _gps_input(fixes: dict[str, np.ndarray], k: int, start: float) -> dict[str, 
 
 def _ranges(result: Result, scenario: Any) -> dict[str, Any]:
     """Ranges (m,) of the beacons asked in turn, nan without an answer, and what their messages say of the beacons."""
-    from navsim.sensors.beacons import largest_range
-
     its = scenario["beacons"]
-    measured = result["/aiding/beacons/measured"][0, :, 0]
-    carrier, reach = its.get("carrier_mhz"), its.get("range_limit_m")
-    if reach is None:
-        reach = largest_range(its["eirp_dbm"], its["gain_dbi"], its["sensitivity_dbm"], 1e6 * carrier)
     return {
-        "time": result["/aiding/beacons/time"], "range": measured, "llh": result["/beacons/position_llh"],
-        "sigma": np.hypot(its["sigma_m"], its["weak_sigma_m"] / reach * measured),
-        "survey": its["survey_sigma_m"], "carrier": carrier,
+        "time": result["/aiding/beacons/time"], "range": result["/aiding/beacons/measured"][0, :, 0],
+        "llh": result["/beacons/position_llh"], "sigma": result["/aiding/beacons/sigma"][:, 0],
+        "survey": its["survey_sigma_m"], "carrier": its.get("carrier_mhz"),
     }  # fmt: skip
 
 

@@ -163,6 +163,7 @@ def _aiding(draft: ResultBuilder, case: Case, ensemble: Ensemble, measured: bool
         if measured:
             draft[f"{branch}/number"] = np.array(aid.sensor.numbers)
             draft.put(f"{branch}/measured", of("aided", numbers=numbers), unit=aid.sensor.unit)
+            draft.put(f"{branch}/sigma", aid.sigma, unit=aid.sensor.unit)
         draft.put(f"{branch}/innovation_squared", of("aided_squared"), {"degrees_of_freedom": numbers})
         draft[f"{branch}/status"] = of("aided_status", kind=np.int8)
 

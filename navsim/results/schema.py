@@ -373,6 +373,8 @@ _FILTER = Chapter(
         _a("/aiding/{sensor}/time", "time", "s", "times of the measurements since the epoch", LANDING, when=_KEPT),
         _a("/aiding/{sensor}/number", "number", "1", "measured quantity", LANDING, TEXT, when=_ALL),
         _a("/aiding/{sensor}/measured", "run time number", "{unit}", "as measured", LANDING, when=_ALL),
+        _a("/aiding/{sensor}/sigma", "time number", "{unit}", "1 sigma of the white noise, on the route", LANDING,
+           when=_ALL),
         _a("/aiding/{sensor}/innovation_squared", "run time", "1",
            "normalised innovation squared, nan without a measurement", LANDING, when=_KEPT,
            attributes=("degrees_of_freedom",)),

@@ -168,6 +168,12 @@ class BeaconsSection(AidingSection):
             if mine.share + mine.long_share >= 1.0:
                 text = "no range would be clean: shares must add up to less than 1"
                 raise reject(text, "filter", "beacons", "long_share")
+            watched = landing.integrity
+            if watched is not None and (watched.method == "filter" or watched.innovations is not None):
+                what = "method filter" if watched.method == "filter" else "innovations"
+                text = f"integrity.{what} expects a filter whose gains do not depend on the ranges, as those of a "
+                text += "mixture do: it would raise alarms without a fault; write gate, or leave the monitor out"
+                raise reject(text, "filter", "beacons", "outliers")
 
     def assumed(self, landing: Landing) -> BeaconsSection:
         """The beacons as the filter assumes them."""

@@ -25,9 +25,8 @@ from navsim.formats.export import export
 from navsim.landing import study as landing
 from navsim.results.result import Result, ResultError
 from navsim.runner.executor import threads
-from navsim.scenario.load import resolved_yaml
 from tests.consistency.test_beacons import ERRORS, beacons
-from tests.helpers import case, scenario
+from tests.helpers import case
 
 EPOCH = datetime.datetime(2018, 9, 13, 12, tzinfo=datetime.UTC).timestamp()
 KEYS = (
@@ -204,14 +203,6 @@ def test_the_result_is_not_overwritten(capsys: pytest.CaptureFixture[str]) -> No
     with pytest.raises(typer.Exit):
         _destination(ExportFormats(mavlink="r.h5"), Path("r.h5"))
     assert "another name" in capsys.readouterr().err
-
-
-def test_accuracies_of_ranges_leave_out_jammers() -> None:
-    jammer = "{name: J, place: {lat_deg: 56, lon_deg: 37}, eirp_dbw: -40, waveform: tone, centre_mhz: 868}"
-    link = beacons("carrier_mhz: 868", "bandwidth_mhz: 1")
-    for more, said in (((), False), ((f"interference={{jammers: [{jammer}]}}",), True)):
-        result = Result({"scenario": resolved_yaml(scenario(link, *more))}, {})
-        assert any("RANGING_BEACON" in text for text in mavlink.assumptions(result)) is said
 
 
 def test_what_lacks_samples_is_refused() -> None:
