@@ -15,6 +15,7 @@ import numpy as np
 
 from navsim.geodesy import earth
 from navsim.gnss.constellations.constellation import Constellation
+from navsim.gnss.correction_link import LossesByRun
 from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.dll import ReflectionErrors
 from navsim.gnss.pseudolite_clock import Transmitters, WanderingClocks
@@ -94,6 +95,8 @@ class Signals:
     """Statistics of the reflection errors in `delay`, or None."""
     correction_age: np.ndarray | None = None
     """(e,) age of the corrections for satellites, s, inf where none are in use; None without a station."""
+    losses: LossesByRun | None = None
+    """Corrections for runs that lose other messages; None where no link loses any."""
     lasting_weights: np.ndarray | None = None
     """(2, e, s) 1 sigma that weight ranges, m, and range rates, m/s, in the fixes of the filter, see
     `simulation.correlated_errors.fix_weights`; None: as in those of the receiver."""
@@ -154,9 +157,11 @@ class Signals:
         correlated = None if self.correlated is None else self.correlated.at(epochs)
         reflections = None if self.reflections is None else self.reflections.at(epochs)
         weights = None if self.lasting_weights is None else self.lasting_weights[:, epochs]
+        losses = None if self.losses is None else self.losses.at(epochs)
         return replace(
-            self, js=self.js[:, epochs], correlated=correlated, reflections=reflections, lasting_weights=weights, **each
-        )
+            self, js=self.js[:, epochs], correlated=correlated, reflections=reflections, lasting_weights=weights,
+            losses=losses, **each,
+        )  # fmt: skip
 
     def select(self, kept: np.ndarray) -> Signals:
         """Signals of the sources marked in `kept` (s,) bool."""
@@ -174,6 +179,7 @@ class Signals:
             wandering=None if self.wandering is None else self.wandering.select(kept),
             transmitters=None if self.transmitters is None else self.transmitters.select(kept),
             lasting_weights=None if self.lasting_weights is None else self.lasting_weights[:, :, kept],
+            losses=None if self.losses is None else self.losses.select(kept),
             **each,
         )
 

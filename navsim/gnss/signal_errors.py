@@ -9,7 +9,6 @@ corrections). [3] `docs/theory/signals.md`, sections 2, 4.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +19,7 @@ from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss import atmosphere, dll
 from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.correction_link import CorrectionLink
 from navsim.gnss.correlated_errors import CorrelatedError
 from navsim.gnss.heavy_tailed import HeavyTailedNoise
 from navsim.gnss.pseudorange import satellites_at_reception
@@ -70,45 +70,6 @@ class Space:
 
     orbit: np.ndarray
     clock: float
-
-
-@dataclass(frozen=True)
-class CorrectionLink:
-    """Data link that carries a station's corrections to the aircraft."""
-
-    senders: tuple[str, ...]
-    """Pseudolites that send them, each all of them."""
-    interval: float
-    """Time between two messages, s."""
-    oldest: float
-    """Age beyond which the receiver uses no corrections, s."""
-    loss: float
-    """Share of messages that are lost, alike in all runs."""
-
-    def ages(self, time: np.ndarray, received: np.ndarray, latency: float) -> np.ndarray:
-        """Age (e,), s, of the corrections in use at epochs (e,), s; inf without any.
-
-        A message that arrives between two epochs is received if a sender is received at the earlier one. A message from
-        before the first epoch is received if a sender is at the first.
-
-        received: (e,) bool, whether a sender is received. latency: of a message, s.
-        """
-        newest = np.floor((time - latency) / self.interval + _ROUNDING).astype(np.int64)
-        if newest.size == 0:
-            return np.empty(0)
-        numbers = np.arange(newest.min() - math.ceil(self.oldest / self.interval), newest.max() + 1)
-        arrival = numbers * self.interval + latency
-        earlier = np.maximum(np.searchsorted(time, arrival + _ROUNDING * self.interval, side="right") - 1, 0)
-        lost = [np.random.default_rng((_OF_LINK, _BEFORE + int(k))).random() < self.loss for k in numbers]
-        last = np.maximum.accumulate(np.where(received[earlier] & ~np.array(lost), numbers, numbers[0] - 1))
-        age = time - last[newest - numbers[0]] * self.interval
-        return np.where(age <= self.oldest + _ROUNDING, age, np.inf)
-
-
-_ROUNDING = 1e-9
-"""Tolerance of times, s, and of numbers of messages."""
-_OF_LINK, _BEFORE = 727, 1 << 30
-"""First word of the seeds of lost messages, and a number that makes those of messages before time 0 positive."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from navsim.gnss import atmosphere, dll, pseudorange, timescales
 from navsim.gnss.antenna import AircraftAntenna, GroundPattern
 from navsim.gnss.constellations.constellation import Constellation, carriers
 from navsim.gnss.constellations.systems import CLOCKS, GPS, OWN
+from navsim.gnss.correction_link import CorrectionMessages, LossesByRun
 from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.events import PSEUDOLITES, Event, Scene, happened
 from navsim.gnss.interference import propagation as interference
@@ -428,38 +429,30 @@ def _affected(
         space = np.zeros((e, s, 4))
         unit = away[:, sky] / distance[:, sky, None]
         space[:, sky] = space_sensitivity(effects.space, unit, signals.position[:, sky], signals.velocity[:, sky])
-    age, station_noise = None, np.zeros((e, 1))
-    if effects.reference is not None:
+    age, station_noise, losses = None, np.zeros((e, 1)), None
+    if (station := effects.reference) is not None:
         # corrections of a reference station remove its own errors, at its position and some time ago
-        first = 0
-        age = _correction_age(signals, when, motion, environment, is_pseudolite)
+        messages, lost = _messages(signals, when, motion, environment, is_pseudolite)
+        age = np.full(e, station.latency) if messages is None else messages.ages(signals.time, lost)
         there_are = np.isfinite(age)[:, None]
         earlier = when - np.where(there_are[:, 0], age, 0.0)
-        station_noise = np.where(there_are, effects.reference.noise, 0.0)
-        place = np.broadcast_to(effects.reference.llh, (e, 3))
-        for group in environment.satellites:
-            here = slice(first, first + len(group.names))
-            first = here.stop
-            unit, azimuth, elevation = directions_from(group.constellation, earlier, effects.reference.llh)
-            there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
-            # the station does not track it, or has no data: no correction, no use
-            used[:, here] &= ~there_are | (np.isfinite(there) & np.isfinite(elevation))
-            delay[:, here] -= np.where(there_are, there, 0.0)
-            ionosphere[:, here] -= np.where(there_are, part, 0.0)
-            if space is not None and effects.space is not None:
-                position, velocity = signals.position[:, here], signals.velocity[:, here]
-                of_station = space_sensitivity(effects.space, unit, position, velocity)
-                space[:, here] -= np.where(there_are[..., None], of_station, 0.0)
-        if environment.listed is not None:
-            # sources in fixed directions have the same directions for the station
-            here = slice(first, first + len(environment.listed.names))
-            azimuth, elevation = signals.azimuth[:, here], signals.elevation[:, here]
-            there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
-            used[:, here] &= ~there_are | np.isfinite(there)
-            delay[:, here] -= np.where(there_are, there, 0.0)
-            ionosphere[:, here] -= np.where(there_are, part, 0.0)
-            if space is not None:
-                space[:, here] = np.where(there_are[..., None], 0.0, space[:, here])
+        station_noise = np.where(there_are, station.noise, 0.0)
+        rows = np.arange(e)
+        there, part, of_station, known = _corrections(signals, environment, earlier, rows, ratio2, is_pseudolite)
+        # the station does not track it, or has no data: no correction, no use
+        used &= ~there_are | known
+        delay -= np.where(there_are, there, 0.0)
+        ionosphere -= np.where(there_are, part, 0.0)
+        if space is not None and of_station is not None:
+            space -= np.where(there_are[..., None], of_station, 0.0)
+        if messages is not None and station.link is not None and station.link.loss > 0.0 and e:
+            gpst = when[0] + (messages.numbers * messages.interval - signals.time[0])
+            rows = np.clip(np.searchsorted(signals.time, messages.numbers * messages.interval), 0, e - 1)
+            there, part, of_station, known = _corrections(signals, environment, gpst, rows, ratio2, is_pseudolite)
+            losses = LossesByRun(
+                station.link.loss, messages, messages.in_use(lost), np.where(known, there, np.nan), part,
+                None if space is None else of_station, np.where(sky, station.noise, 0.0),
+            )  # fmt: skip
         sigma = np.where(sky, np.hypot(sigma, station_noise), sigma)
     if pseudolites.calibration_sigma > 0.0 and is_pseudolite.any():
         own = _calibrations(pseudolites, away[:, is_pseudolite] / distance[:, is_pseudolite, None])
@@ -547,24 +540,66 @@ def _affected(
             is_pseudolite, pseudolites.errors, pseudolites.survey_error, pseudolites.delay
         ),
         correction_age=age,
+        losses=losses,
     )  # fmt: skip
 
 
-def _correction_age(
+def _messages(
     signals: pseudorange.Signals, when: np.ndarray, motion: Motion, environment: Environment, is_pseudolite: np.ndarray
-) -> np.ndarray:
-    """Age (e,), s, of the corrections in use, inf without any; arguments as of `_affected`.
+) -> tuple[CorrectionMessages | None, np.ndarray]:
+    """Messages of the station's link, None without one, and which of them the nominal flight loses; arguments as of
+    `_affected`.
 
     Whether their senders are received does not depend on corrections for satellites.
     """
     station = environment.effects.reference
     assert station is not None
     if station.link is None:
-        return np.full(signals.time.size, station.latency)
+        return None, np.empty(0, bool)
     without = replace(environment, effects=replace(environment.effects, reference=None))
     senders = is_pseudolite & np.isin(signals.names, station.link.senders)
     received = np.any(_affected(signals, when, motion, without, is_pseudolite).used[:, senders], axis=1)
-    return station.link.ages(signals.time, received, station.latency)
+    messages = station.link.messages(signals.time, received, station.latency)
+    return messages, station.link.lost_on_route(messages)
+
+
+def _corrections(
+    signals: pseudorange.Signals, environment: Environment, gpst: np.ndarray, rows: np.ndarray, ratio2: np.ndarray,
+    is_pseudolite: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:  # fmt: skip
+    """What a station measures at times (m,), GPS s, rows (m,) of epochs: of each source (m, s) the delay, m, and the
+    ionosphere in it, m; the effect (m, s, 4) of drawn errors, None without; and whether it has a correction.
+
+    Sources in fixed directions, and their errors, are the same for station and receiver.
+    """
+    effects = environment.effects
+    assert effects.reference is not None
+    llh = effects.reference.llh
+    delay, ionosphere = np.zeros((gpst.size, len(signals.names))), np.zeros((gpst.size, len(signals.names)))
+    known, first = np.ones(delay.shape, bool), 0
+    space = None if effects.space is None else np.zeros((*delay.shape, 4))
+    place = np.broadcast_to(llh, (gpst.size, 3))
+    for group in environment.satellites:
+        here = slice(first, first + len(group.names))
+        first = here.stop
+        unit, azimuth, elevation = directions_from(group.constellation, gpst, llh)
+        delay[:, here], ionosphere[:, here] = propagation(effects, gpst, place, azimuth, elevation, ratio2[here])
+        known[:, here] = np.isfinite(delay[:, here]) & np.isfinite(elevation)
+        if space is not None and effects.space is not None:
+            position, velocity = signals.position[rows][:, here], signals.velocity[rows][:, here]
+            space[:, here] = space_sensitivity(effects.space, unit, position, velocity)
+    if environment.listed is not None:
+        here = slice(first, first + len(environment.listed.names))
+        azimuth, elevation = signals.azimuth[rows][:, here], signals.elevation[rows][:, here]
+        delay[:, here], ionosphere[:, here] = propagation(effects, gpst, place, azimuth, elevation, ratio2[here])
+        known[:, here] = np.isfinite(delay[:, here])
+        if space is not None and effects.space is not None:
+            away = signals.position[rows][:, here] - signals.antenna[rows][:, None]
+            unit = away / np.linalg.norm(away, axis=2, keepdims=True)
+            space[:, here] = space_sensitivity(
+                effects.space, unit, signals.position[rows][:, here], signals.velocity[rows][:, here]
+            )
+    return delay, ionosphere, space, known
 
 
 def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:

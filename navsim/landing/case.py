@@ -199,6 +199,8 @@ class Case:
             return str(error)
         if self.scenario.beacons is not None and (key := self.scenario.beacons.irregular):
             return f"beacons.{key} is above 0: first-order errors have neither lost answers nor outliers"
+        if self.shared.signals.losses is not None:
+            return "pseudolites.differential.link.loss is above 0: first-order errors have the losses of one flight"
         return self._rare_losses()
 
     def _rare_losses(self) -> str:

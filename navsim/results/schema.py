@@ -749,7 +749,7 @@ _INTERFERENCE = Chapter(
 _LINKED = "where the scenario has `pseudolites.differential.link`"
 _CORRECTIONS = Chapter(
     "Corrections for satellites",
-    "Their reception over a link. All runs share it.",
+    "Their reception over a link, in an example of lost messages; each run loses its own.",
     (
         _a("/corrections/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_LINKED),
         _a("/corrections/age", "time", "s", "age of the corrections in use, inf where there are none", _FLOWN,

@@ -73,7 +73,7 @@ class CorrectionLinkSection(Section):
     max_age_s: Annotated[float, Field(gt=0.0, le=600.0)] = 30.0
     """the receiver uses no older corrections, and its ranges then keep their whole errors"""
     loss: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-    """share of messages that are lost; the same ones in all runs"""
+    """share of messages that are lost, drawn for each run"""
 
 
 class Differential(Section):
@@ -104,8 +104,10 @@ class Differential(Section):
         at = pseudolites.names.index(self.site) if self.site else 0
         link = None
         if self.link is not None:
+            from navsim.gnss.correction_link import CorrectionLink
+
             senders = tuple(pseudolites.names) if self.link.senders is None else self.link.senders
-            link = signal_errors.CorrectionLink(senders, 1.0 / self.link.rate_hz, self.link.max_age_s, self.link.loss)
+            link = CorrectionLink(senders, 1.0 / self.link.rate_hz, self.link.max_age_s, self.link.loss)
         return signal_errors.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m, link)
 
 

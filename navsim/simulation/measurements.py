@@ -51,10 +51,18 @@ def draw_measurements(
     # the additions below also reach idle lanes, the noise does not
     ranges, rates = np.zeros((e, s, lanes)), np.zeros((e, s, lanes))
     delay = signals.delay[..., None]
+    of_space: list[np.ndarray | None] = [None] * len(runs)
     if signals.space is not None:
-        of_space = (generator(seed, run, "space").standard_normal((s, signals.space.shape[2])) for run in runs)
-        late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in of_space]
+        drawn_in_space = [generator(seed, run, "space").standard_normal((s, signals.space.shape[2])) for run in runs]
+        late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in drawn_in_space]
+        of_space = [*drawn_in_space]
         delay = np.stack(late, axis=-1)
+    sigma, divergence = signals.sigma[..., None], np.zeros((1, 1, 1))
+    if (losses := signals.losses) is not None:
+        mine = (losses.drawn(generator(seed, run, "corrections")) for run in runs)
+        changes = [losses.changes(rows, drawn) for rows, drawn in zip(mine, of_space, strict=True)]
+        later, divergence, variance = (np.stack([change[k] for change in changes], axis=-1) for k in range(3))
+        delay, sigma = delay + later, np.sqrt(np.maximum(sigma**2 + variance, 0.0))
     if signals.offset is not None:
         scales = signals.offset.shape[1]
         apart = [signals.offset @ generator(seed, run, "space", 1).standard_normal(scales) for run in runs]
@@ -68,7 +76,6 @@ def draw_measurements(
         rngs = [generator(seed, run, "clock", 2) for run in runs]
         late, faster = signals.wandering.drawn(signals.time, rngs)
         delay = delay + late
-    sigma = signals.sigma[..., None]
     if shared.heavier is not None:
         # of a branch: the stream itself is that of Gaussian noise
         of_runs = (generator(seed, run, "measurements", 1) for run in runs)
@@ -88,7 +95,7 @@ def draw_measurements(
     phases = np.zeros((e, s, lanes))
     for lane, run in enumerate(runs):
         drawn = generator(seed, run, "carrier").standard_normal((e, s))
-        longer = delay[..., min(lane, delay.shape[2] - 1)]
+        longer = delay[..., min(lane, delay.shape[2] - 1)] - divergence[..., min(lane, divergence.shape[2] - 1)]
         if flown is not None:
             longer = longer + (flown.ranges[..., lane] - signals.range)
         phases[..., lane] = carrier(shared, longer) + CARRIER_SIGMA * drawn

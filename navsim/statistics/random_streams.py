@@ -21,6 +21,7 @@ STREAMS = {
     "lasting": 13,
     "air": 14,
     "fix": 15,
+    "corrections": 16,
 }
 """Random streams of a run. A stream's number never changes when others are added."""
 

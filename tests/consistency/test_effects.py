@@ -10,12 +10,14 @@ import pytest
 
 from navsim.compiler.lanes import WIDTH
 from navsim.gnss import atmosphere, timescales
-from navsim.gnss.signal_errors import CorrectionLink
+from navsim.gnss.correction_link import CorrectionLink
 from navsim.gnss.signals import build_signals
 from navsim.landing import study as landing
 from navsim.runner.executor import threads
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
+from navsim.simulation.measurements import measured
+from navsim.statistics.random_streams import generator
 from tests.helpers import case, scenario
 
 BASE = ("sky.source=nominal", "receiver.rate_hz=1", "pseudolites.count=1")
@@ -146,11 +148,39 @@ def test_messages_of_corrections_are_lost_at_their_rate() -> None:
     """The share of messages; the pattern does not depend on the rate of fixes."""
     link = CorrectionLink(("PL1",), interval=0.5, oldest=5.0, loss=0.3)
     time = np.arange(0.0, 2000.0, 0.25)
-    ages = link.ages(time, np.full(time.size, True), 0.1)
+
+    def of(time: np.ndarray, received: bool) -> np.ndarray:
+        messages = link.messages(time, np.full(time.size, received), 0.1)
+        return messages.ages(time, link.lost_on_route(messages))
+
+    ages = of(time, True)
     arrived = np.diff(np.round((time - ages) / 0.5)) > 0.0
     assert arrived.sum() / 4000.0 == pytest.approx(0.7, abs=0.03)
-    np.testing.assert_allclose(link.ages(time[::4], np.full(2000, True), 0.1), ages[::4], atol=1e-9)
-    assert np.all(np.isinf(link.ages(time, np.full(time.size, False), 0.1)))
+    np.testing.assert_allclose(of(time[::4], True), ages[::4], atol=1e-9)
+    assert np.all(np.isinf(of(time, False)))
+
+
+def test_each_run_loses_messages_of_its_own() -> None:
+    """Its ranges are those of a station whose corrections are always as old as the run's at the epoch, or of none."""
+    errors = ("signals.ephemeris={orbit_sigma_m: [0, 0, 0]}", "signals.ionosphere={}", "signals.troposphere={}")
+    base = (*BASE, *errors, "duration_s=90")
+    link = "link: {rate_hz: 0.05, max_age_s: 50, loss: 0.5}"
+    lossy = case(*base, f"pseudolites.differential={{latency_s: 1, {link}}}")
+    losses, time = lossy.shared.signals.losses, lossy.shared.signals.time
+    assert losses is not None
+    assert "link.loss is above 0" in lossy.why_not_linear
+    rows = [losses.drawn(generator(7, run, "corrections")) for run in range(400)]
+    assert np.mean([row[-1] == losses.messages.newest[-1] for row in rows]) == pytest.approx(0.5, abs=0.08)
+    ages = [np.where(row < 0, np.inf, time - 20.0 * losses.messages.numbers[row]) for row in rows[:8]]
+    for late in (8.0, 45.0, np.inf):
+        station = case(*base, *(() if np.isinf(late) else (f"pseudolites.differential={{latency_s: {late}}}",))).shared
+        seen, count = lossy.shared.signals.used & station.signals.used, 0
+        for run, age in enumerate(ages):
+            there = seen & (age == late)[:, None]
+            count += there.sum()
+            for mine, expected in zip(measured(lossy.shared, 7, run), measured(station, 7, run), strict=True):
+                np.testing.assert_allclose(mine[there], expected[there], rtol=0.0, atol=1e-6)
+        assert count > 50
 
 
 def test_a_satellite_below_the_stations_horizon_is_not_used() -> None:

@@ -150,7 +150,8 @@ def test_ranges_of_beacons(read: dict[str, dict[str, np.ndarray]], flown: Result
     llh = flown["/beacons/position_llh"][question % 4]
     np.testing.assert_allclose(sent["lat"] * 1e-7, np.degrees(llh[:, 0]), rtol=0, atol=0.51e-7)
     np.testing.assert_allclose(sent["alt"], llh[:, 2], rtol=1e-7, atol=1e-6)
-    sigma = np.hypot(0.1, 0.2 / 3000.0 * measured[question])
+    sigma = flown["/aiding/beacons/sigma"][question, 0]  # of the range without its errors, up to 1.5 m
+    np.testing.assert_allclose(sigma, np.hypot(0.1, 0.2 / 3000.0 * measured[question]), rtol=0, atol=1e-4)
     np.testing.assert_allclose(1e-3 * sent["range_accuracy"], sigma, rtol=0, atol=0.51e-3)
     assert (sent["hacc_est"] == 200).all()
     assert (sent["carrier_freq"] == 868).all()
