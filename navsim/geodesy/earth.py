@@ -24,6 +24,8 @@ RATE = 7.292115e-5
 """Earth rotation rate, rad/s [1]."""
 G_EQUATOR = 9.7803253359
 """Normal gravity at the equator, m/s2 [1]."""
+FOOT = 0.3048
+"""The international foot, m."""
 STANDARD_GRAVITY = 9.80665
 """Standard gravity of the units g and mg, m/s2."""
 SOMIGLIANA = 1.931852652458e-3

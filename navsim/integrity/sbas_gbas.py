@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from navsim.geodesy.earth import FOOT
 from navsim.integrity.solution import MonitoredFix
 from navsim.statistics import normal
 
@@ -22,6 +23,17 @@ def sbas(solution: MonitoredFix) -> np.ndarray:
     east, north, cross = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
     longest = np.sqrt(0.5 * (east + north) + np.hypot(0.5 * (east - north), cross))
     return np.stack([SBAS_HORIZONTAL * longest, SBAS_VERTICAL * np.sqrt(c[:, 2, 2])], axis=1)
+
+
+def growth_of_limits(distance: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """What the lateral and vertical alert limit of a GBAS approach exceed those of its last segment by (e, 2), m.
+
+    distance, height: of the aircraft from the threshold along the approach, and above it (e,), m. Source: ICAO Annex
+    10, volume I, appendix B, tables B-68 and B-69.
+    """
+    lateral = np.clip(0.0044 * distance - 3.85, 0.0, 29.15)
+    vertical = np.clip(0.02925 * (height / FOOT) - 5.85, 0.0, 33.35)
+    return np.stack([lateral, vertical], axis=1)
 
 
 def gbas_factors(receivers: int) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_kinds import MAGNETIC, SOURCE
 from navsim.filter.states import Block
+from navsim.geodesy.earth import FOOT
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.fix_states import FIXED
 from navsim.gnss.interference.horizon import behind
@@ -44,7 +45,6 @@ from navsim.simulation.transmitter_errors import TransmitterBelief
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.kinematics import Moving
 
-FOOT = 0.3048
 PERCENTILES = (50, 95, 99)
 MOVING = slice(states.POS, states.ATT)
 """States of position and velocity."""

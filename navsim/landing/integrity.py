@@ -7,10 +7,11 @@ Source of the counts: `docs/theory/integrity.md`, section 7.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.events import Silence
 from navsim.integrity import sbas_gbas
 from navsim.integrity.araim import SeparationDistances
@@ -57,7 +58,7 @@ class ApproachLimits:
     """Integrity requirements of an approach."""
 
     limits: np.ndarray
-    """(2,) horizontal and vertical alert limit, m, inf for none."""
+    """(e, 2) horizontal and vertical alert limit at each epoch, m, inf for none."""
     alert: float
     """Time to alert, s."""
     time: np.ndarray
@@ -66,6 +67,13 @@ class ApproachLimits:
     """(e,) bool, on the glide."""
     due: np.ndarray
     """(e,) bool, where the approach has to be available throughout."""
+    grow: bool = False
+    """Whether limits grow with the distance from the threshold."""
+
+    def at(self, epochs: np.ndarray) -> ApproachLimits:
+        """Those at some epochs, their numbers (m,)."""
+        limits, time, glide, due = (each[epochs] for each in (self.limits, self.time, self.glide, self.due))
+        return replace(self, limits=limits, time=time, glide=glide, due=due)
 
 
 def glide_of(case: Case) -> np.ndarray:
@@ -90,7 +98,22 @@ def approach_limits(case: Case) -> ApproachLimits | None:
         (passed,) = times_at_heights(case, [section.decision_height_m])
         due = glide & (time >= (-math.inf if math.isnan(passed) else passed) - _EARLY)
     limits = np.array([math.inf if limit is None else limit for limit in section.limits.limits()])
-    return ApproachLimits(limits, section.limits.tta_s, time, glide, due)
+    grow = section.limits.grow_with_distance
+    limits = limits + (_growth(case, time) if grow else np.zeros((time.size, 2)))
+    return ApproachLimits(limits, section.limits.tta_s, time, glide, due, grow)
+
+
+def _growth(case: Case, time: np.ndarray) -> np.ndarray:
+    """What alert limits at the route's places at times (e,), s, exceed those at the threshold by (e, 2), m."""
+    frame, route = case.trajectory.frame, case.trajectory.path.jet(time)[:, 0]
+    threshold = (ecef_from_llh(case.scenario.threshold(frame)) - frame.origin) @ frame.axes
+    return sbas_gbas.growth_of_limits(threshold[0] - route[:, 0], threshold[2] - route[:, 2])
+
+
+def least_limits(asked: ApproachLimits) -> np.ndarray:
+    """The smallest of the alert limits at any epoch of the glide (2,), m; those of all epochs without a glide."""
+    limits = asked.limits[asked.glide] if asked.glide.any() else asked.limits
+    return limits.min(axis=0, initial=np.inf)
 
 
 def within(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
@@ -162,7 +185,7 @@ def tally(case: Case, runs: Run) -> Arrays:
     out["integrity_windows"] = windows(asked.time[glide], available[:, glide])
     region = regions(asked, levels, runs.monitor_status, runs.watched_error)[:, glide]
     out["integrity_regions"] = np.stack([(region == i).sum(axis=1) for i in range(len(REGIONS))], axis=2)
-    exceeded = runs.watched_error[:, glide] > asked.limits
+    exceeded = runs.watched_error[:, glide] > asked.limits[glide]
     # a level above its limit has already announced that the error may be large
     misled = exceeded & low[:, glide]
     out["integrity_misled"] = np.zeros((status.shape[0], 2), np.int64)
@@ -282,7 +305,9 @@ def described(draft: ResultBuilder, case: Case) -> None:
         draft[f"/summary/integrity/{name}"] = _numbers(levels[glide][there, i])
     asked = approach_limits(case)
     if asked is not None:
-        draft["/summary/integrity/hal"], draft["/summary/integrity/val"] = asked.limits
+        draft["/summary/integrity/hal"], draft["/summary/integrity/val"] = least_limits(asked)
+        if asked.grow:
+            draft["/integrity/hal"], draft["/integrity/val"] = asked.limits.T
         draft["/summary/integrity/tta"] = asked.alert
 
 

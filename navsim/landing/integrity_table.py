@@ -17,7 +17,15 @@ from navsim.gnss import events
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.monitoring import Monitoring, Snapshot, tested_levels
 from navsim.integrity.observability import possible
-from navsim.landing.integrity import ApproachLimits, approach_limits, glide_of, level_warnings, spread_over, within
+from navsim.landing.integrity import (
+    ApproachLimits,
+    approach_limits,
+    glide_of,
+    least_limits,
+    level_warnings,
+    spread_over,
+    within,
+)
 from navsim.landing.study import Case
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
@@ -107,7 +115,7 @@ def watched(case: Case) -> MonitoredGlide:
     ground = np.array([system == events.PSEUDOLITES for system in case.environment.systems], bool)
     throughout = signals.used[glide].all(axis=0)
     return MonitoredGlide(
-        watching, asked, signals.at(spread), np.flatnonzero(throughout & ~ground),
+        watching, asked.at(spread), signals.at(spread), np.flatnonzero(throughout & ~ground),
         np.flatnonzero(ground)[: max(PSEUDOLITES)], glide.size, case.flight if watching.bank else None, spread,
     )  # fmt: skip
 
@@ -160,7 +168,7 @@ def compute(case: Case, here: MonitoredGlide, seed: int, done: Callable[[int], N
     draft["/subsets/number_of_all"] = np.array([math.comb(here.satellites.size, n) for n in SATELLITES])
     for name, numbers in (("satellite", here.satellites), ("pseudolite", here.pseudolites)):
         draft[f"/subsets/{name}"] = np.array([here.signals.names[i] for i in numbers], dtype=object)
-    draft["/subsets/hal"], draft["/subsets/val"] = here.requirements.limits
+    draft["/subsets/hal"], draft["/subsets/val"] = least_limits(here.requirements)
     if expected := here.watching.expected(here.signals):
         draft["/subsets/fault"] = np.array([fault.name for fault in expected], dtype=object)
         draft["/subsets/prior"] = np.array([fault.prior for fault in expected])

@@ -217,8 +217,10 @@ class LevelScreen:
         )  # fmt: skip
         monitor = watching.over(stacked)
         levels = np.where(monitor.tested[:, None] & np.isfinite(monitor.levels), monitor.levels, np.inf)
-        levels = np.sort(levels.reshape(n, e, 2), axis=1)
-        load = self._load(levels, case)
+        levels, asked = levels.reshape(n, e, 2), integrity.approach_limits(case)
+        relative = None if asked is None else np.sort(integrity.relative_levels(asked, levels), axis=1)
+        levels = np.sort(levels, axis=1)
+        load = self._load(levels, relative)
         for one in self._asked:
             if isinstance(one, ThresholdRequirement | AccuracyRequirement):
                 sizes = sizes_of(one, watching, monitor)
@@ -235,17 +237,17 @@ class LevelScreen:
         of = levels[..., 0 if self._name.startswith("hpl") else 1]
         return of[:, -1] if self._name.endswith("max") else of[:, _kept_by(0.95, of.shape[1])]
 
-    def _load(self, levels: np.ndarray, case: Case) -> np.ndarray:
+    def _load(self, levels: np.ndarray, relative: np.ndarray | None) -> np.ndarray:
+        """Largest utilisation (n,) of the requirements on levels (n, e, 2), m, also relative to alert limits, in
+        order."""
         load = np.zeros(len(levels))
         for one in self._asked:
             if isinstance(one, LevelRequirement):
                 at = _kept_by(one.share, levels.shape[1])
                 load = np.maximum(load, levels[:, at, 0 if one.of == "hpl" else 1] / one.below_m)
             elif isinstance(one, AvailabilityRequirement):
-                asked = integrity.approach_limits(case)
-                assert asked is not None
-                at = _kept_by(one.at_least, levels.shape[1])
-                load = np.maximum(load, (levels[:, at] / asked.limits).max(axis=1))
+                assert relative is not None
+                load = np.maximum(load, relative[:, _kept_by(one.at_least, levels.shape[1])].max(axis=1))
         return load
 
 

@@ -156,6 +156,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     ),
     "protection levels of augmentation systems, alert limits": (
         "SBAS protection levels", "GBAS factors", "GBAS protection levels", "alert limits of operations",
+        "growth of GBAS alert limits",
         "regions of a Stanford diagram", "numbers of sources for detection and exclusion",
     ),
     "interference": (

@@ -320,6 +320,12 @@ def limit(result: Result, name: str) -> float:
     return float(result[path]) if path in result else np.inf
 
 
+def limits_over_time(result: Result, name: str) -> np.ndarray:
+    """An alert limit at each epoch (e,), m; inf for none."""
+    path = f"/integrity/{name}"
+    return result[path] if path in result else np.full(result["/integrity/time"].size, limit(result, name))
+
+
 def largest_errors(result: Result, axis: str) -> np.ndarray:
     """Largest error of the fixes of all runs (e,), nan without fixes."""
     largest = np.full(result["/integrity/time"].size, -np.inf)
@@ -375,6 +381,8 @@ def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
     flying = ~((time < event_time(result, "glide_start") - 1e-9) | (time > touchdown(result) + 1e-9))
     values = result[f"/integrity/{level}"]
     most = limit(result, name)
+    # where limits grow, errors and levels are drawn relative to the limit of their epoch
+    growth = limits_over_time(result, name) / most if np.isfinite(most) else 1.0
     top = 1.5 * most if np.isfinite(most) else 1.2 * float(np.max(values, where=np.isfinite(values), initial=1.0))
     edges = np.linspace(0.0, top, _BINS + 1)
     counts = np.zeros((_BINS, _BINS))
@@ -383,9 +391,9 @@ def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
     of_runs = blocks(result, own) if own in result else itertools.repeat(values)
     for error, status, one in zip(errors, codes, of_runs, strict=False):
         shown = np.isfinite(error) & np.isfinite(one) & (status != ALARM) & flying
-        of_shown = np.broadcast_to(one, error.shape)[shown]
+        of_shown = np.broadcast_to(one / growth, error.shape)[shown]
         # points outside the axes are counted at the border
-        counts += np.histogram2d(np.minimum(error[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
+        counts += np.histogram2d(np.minimum((error / growth)[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
     return Stanford(edges, counts, most, top)
 
 
@@ -394,6 +402,8 @@ def stanford_text(result: Result) -> str:
     return (
         f"{runs_of(result)}; epochs {_span(result)} by error and level, without those with an alarm; values outside "
         "the axes are drawn at the border"
+        + "; both are scaled by the alert limit at the threshold over that of their epoch"
+        * ("/integrity/hal" in result)
     )
 
 

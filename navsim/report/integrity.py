@@ -15,6 +15,7 @@ from navsim.report.figure_data import (
     alarms,
     largest_errors,
     limit,
+    limits_over_time,
     stanford_text,
     touchdown,
     whose,
@@ -51,8 +52,10 @@ def levels(result: Result) -> Figure:
             ax.text(0.5, 0.5, "no protection level", transform=ax.transAxes, ha="center", fontsize=SMALL)
         if np.isfinite(most := limit(result, name)):
             # broad, so that a required level of this size, drawn over it, does not hide it
-            ax.axhline(most, color=_LIMIT, lw=2.6, alpha=0.5, label="alert limit", zorder=1.5)
-            shown.append(np.full(time.size, most))
+            ends = limits_over_time(result, name)
+            drawn = ax.axhline(most) if (ends == most).all() else ax.plot(time, ends)[0]
+            drawn.set(color=_LIMIT, lw=2.6, alpha=0.5, label="alert limit", zorder=1.5)
+            shown.append(ends)
         if axis == "horizontal":
             for name_of, ls in (("lateral", "--"), ("along", "-.")):
                 if f"/integrity/level_{name_of}" in result:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from navsim.geodesy.earth import FOOT
 from navsim.report.figure_data import come_down, event_time, touchdown
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Annotation
 
-_FOOT = 0.3048
 REQUIRED = "#000000"
 """Colour of required limits; other limits have their own."""
 DOTTED = (0, (1.0, 1.0))
@@ -61,7 +61,7 @@ def passes(result: Result, height: str) -> float:
     if not HEIGHTS[height]:
         return touchdown(result)
     time = result["/truth/time"]
-    above = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2] - _FOOT * HEIGHTS[height]
+    above = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2] - FOOT * HEIGHTS[height]
     down = np.flatnonzero((above[:-1] >= 0.0) & (above[1:] < 0.0))
     if not down.size:
         return math.nan

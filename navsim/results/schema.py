@@ -806,6 +806,8 @@ _INTEGRITY = Chapter(
         _a("/integrity/innovation_ratio", "run time", "1", "sum of the normalised innovations squared of a window "
            "relative to its threshold, above which it is an alarm; nan without a measurement",
            LANDING, when=_TRIED_KEPT),
+        _a("/integrity/{limit}", "time", "m", "{LIMIT} at each fix epoch, inf for none", _FLOWN,
+           when="with `integrity.limits.grow_with_distance`", limit=("hal", "val")),
         _a("/integrity/candidate", "candidate", "1", "sources or faults that may be excluded", LANDING, TEXT,
            when=_EXCLUDING),
         _a("/integrity/excluded", "run time", "1", "number of the candidate that the fix is made without, from 0; -1 "
@@ -840,8 +842,10 @@ _INTEGRITY = Chapter(
            when=_COMPARED_GBAS, level=("lpl", "vpl")),
         _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,
            when=_WATCHED),
-        _a("/summary/integrity/hal", "", "m", "horizontal alert limit, inf for none", _FLOWN, when=_ASKED),
-        _a("/summary/integrity/val", "", "m", "vertical alert limit, inf for none", _FLOWN, when=_ASKED),
+        _a("/summary/integrity/hal", "", "m", "horizontal alert limit, inf for none; the smallest on the glide", _FLOWN,
+           when=_ASKED),
+        _a("/summary/integrity/val", "", "m", "vertical alert limit, inf for none; the smallest on the glide", _FLOWN,
+           when=_ASKED),
         _a("/summary/integrity/tta", "", "s", "time to alert that is asked for", _FLOWN, when=_ASKED),
         _a("/summary/integrity/tested", "", "1", "fixes on the glide that were tested, of all runs", LANDING, WHOLE,
            when=_WATCHED),

@@ -55,6 +55,9 @@ class LimitsSection(Section):
     """horizontal alert limit"""
     val_m: AlertLimit = None
     """vertical alert limit"""
+    grow_with_distance: bool = False
+    """whether these are the limits at the threshold, which grow with the distance from it and the height above it as
+    those of GBAS approaches do (ICAO Annex 10, tables B-68 and B-69)"""
     tta_s: Annotated[float, Field(ge=0.0, le=60.0)]
     """time to alert: how long an error may exceed its limit before an alarm"""
 

@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from navsim.geodesy.earth import FOOT
 from navsim.statistics.linear_processes import stationary
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.autopilot import Autopilot
@@ -24,7 +25,6 @@ from navsim.trajectory.go_around import AlarmGoAround
 from navsim.trajectory.kinematics import Trajectory, faded
 from navsim.trajectory.path import AnyPath
 
-FOOT = 0.3048
 KNOT = 1852.0 / 3600.0
 LOWEST = 3.0 * FOOT
 """Height below which a profile is constant, m [1]."""

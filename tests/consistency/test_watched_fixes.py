@@ -383,6 +383,30 @@ def test_comparisons_that_cannot_be(assignment: str, message: str, tmp_path: Pat
     assert message in refused.stderr
 
 
+def test_limits_that_grow_with_the_distance(tmp_path: Path) -> None:
+    """An epoch on the glide has the limits of its distance and height; only there a level may be larger."""
+    grown = "integrity={limits: {hal_m: 40, val_m: 10, tta_s: 6, grow_with_distance: true}}"
+    options = ("-q", "--figures", "none", "--set", grown, "--set", "duration_s=61", "--set", "imu.rate_hz=50")
+    navsim("run", SCENARIOS / "landing.yaml", *options, "-o", "a.h5", cwd=tmp_path)
+    result = read(tmp_path / "a.h5")
+    as_declared(result)
+    threshold = ecef_from_llh(result["/truth/threshold_llh"])
+    truth = ecef_from_llh(result["/truth/position_llh"])
+    time = result["/integrity/time"]
+    k = np.searchsorted(result["/truth/time"], time[50] - 1e-9)
+    height = result["/truth/position_llh"][k, 2] - result["/truth/threshold_llh"][2]
+    distance = np.sqrt(np.sum((truth[k] - threshold) ** 2) - height**2)
+    lateral, vertical = (result[f"/integrity/{name}"][50] for name in ("hal", "val"))
+    assert lateral == pytest.approx(40.0 + max(0.0, 0.0044 * distance - 3.85), abs=0.01)
+    assert vertical == pytest.approx(10.0 + max(0.0, 0.02925 * height / 0.3048 - 5.85), abs=0.05)
+    assert float(result["/summary/integrity/val"]) == 10.0
+    low = np.isfinite(result["/integrity/vpl"]) & (result["/integrity/vpl"] <= result["/integrity/val"])
+    glide = time <= 60.0
+    assert float(result["/summary/integrity/availability"][0]) <= low[glide].mean()
+    of = figure_data.stanford(result, "vertical", "vpl", "val")
+    assert of.limit == 10.0
+
+
 def test_a_satellite_alone_on_its_clock_is_harmless() -> None:
     """It tells the clock of its system and nothing of the position: levels are those without it."""
     silent = ["G07", "G11", "G12", "G14", "G17"]

@@ -395,6 +395,15 @@ def test_gbas_factors(cases: dict[str, Any], within: Within) -> None:
         assert sbas_gbas.gbas_factors(case["m"]) == pytest.approx((case["k_ffmd"], case["k_md"]), abs=1e-9)
 
 
+@pytest.mark.validates("growth of GBAS alert limits", "ICAO Annex 10, tables B-68 and B-69", limits="0.01 m")
+def test_growth_of_limits(within: Within) -> None:
+    """Lateral limits of 40, 40, 51 and 69.15 m where FASLAL is 40, vertical ones of 10, 10, 30.2 and 43.35 m."""
+    distance, feet = np.array([0.0, 873.0, 3375.0, 9000.0]), np.array([150.0, 200.0, 890.6, 2000.0])
+    found = np.array([40.0, 10.0]) + sbas_gbas.growth_of_limits(distance, 0.3048 * feet)
+    np.testing.assert_allclose(found[:, 0], [40.0, 40.0, 51.0, 69.15], atol=within["limits"])
+    np.testing.assert_allclose(found[:, 1], [10.0, 10.0, 30.2, 43.35], atol=within["limits"])
+
+
 @pytest.mark.validates("GBAS protection levels", "ICAO Annex 10, independent script", levels="1e-6 m")
 def test_gbas(cases: dict[str, Any], within: Within) -> None:
     entry = cases["gbas_protection_level"]

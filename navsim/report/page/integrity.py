@@ -14,7 +14,7 @@ from navsim.report.figure_data import (
     LEVELS,
     alarms,
     largest_errors,
-    limit,
+    limits_over_time,
     settled,
     stanford_text,
     touchdown,
@@ -81,9 +81,10 @@ def levels(results: Sequence[Named]) -> Drawing | None:
                 of_alarms = source(x=time[there], y=np.zeros(there.size))
                 on.scatter("x", "y", source=of_alarms, marker="dash", angle=math.pi / 2, size=16, line_color=_ALARMED,
                            line_width=2)  # fmt: skip
-            if np.isfinite(ends := limit(result, most)):
-                level(on, ends, ORANGE if len(results) == 1 else own)
-                seen.append(np.array([1.05 * ends]))
+            if np.isfinite(ends := limits_over_time(result, most)).all():
+                of_limit = source(x=which(time), limit=which(ends))
+                line(on, of_limit, "limit", ORANGE if len(results) == 1 else own, line_dash="dashed", line_width=1)
+                seen.append(1.05 * ends)
             if np.isfinite(landed := touchdown(result)):
                 upright(on, landed)
         reach(on, seen)
