@@ -807,7 +807,7 @@ _INTEGRITY = Chapter(
            "relative to its threshold, above which it is an alarm; nan without a measurement",
            LANDING, when=_TRIED_KEPT),
         _a("/integrity/{limit}", "time", "m", "{LIMIT} at each fix epoch, inf for none", _FLOWN,
-           when="with `integrity.limits.grow_with_distance`", limit=("hal", "val")),
+           when=f"{_ASKED}.grow_with_distance", limit=("hal", "val")),
         _a("/integrity/candidate", "candidate", "1", "sources or faults that may be excluded", LANDING, TEXT,
            when=_EXCLUDING),
         _a("/integrity/excluded", "run time", "1", "number of the candidate that the fix is made without, from 0; -1 "
