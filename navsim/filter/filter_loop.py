@@ -29,7 +29,7 @@ from navsim.filter.history import as_error_registers, as_registers, clear_event,
 from navsim.filter.interval import LONGEST, StepSums, accumulate_markov, add_step, allocate_sums, reset_sums, transition
 from navsim.filter.measurement_kinds import RANGE
 from navsim.filter.measurement_models import hard_iron, observe, slot
-from navsim.filter.outliers import excess, expects_outliers
+from navsim.filter.outliers import excess, expects_outliers, is_lost, widen
 from navsim.filter.range_update import (
     accumulate_range,
     apply_epoch,
@@ -52,7 +52,14 @@ from navsim.filter.steady_force import (
     velocity_of,
 )
 from navsim.filter.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
-from navsim.filter.update import apply_gate, count_valid, estimate_by_factor, update, update_buffers
+from navsim.filter.update import (
+    apply_gate,
+    count_rejection,
+    count_valid,
+    estimate_by_factor,
+    update,
+    update_buffers,
+)
 
 _NO_NOISE = 1e-30
 """Density of noise of accelerometers that have none, m2/s3: no flight is steady by it."""
@@ -339,13 +346,20 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                 )  # fmt: skip
             degrees = count_valid(buffers.have, m)
             weighed = innovation_factor(p, buffers.h, buffers.r, m, buffers.pht, buffers.s) & (degrees > 0.0)
-            used = weighed
+            counter = slot(kind, row, measurements)
             if expects_outliers(kind, measurements):
-                mean, buffers.spread[0], _, _ = excess(buffers.z[0], buffers.s[0, 0], measurements.beacons.outliers)
+                outliers = measurements.beacons.outliers
+                lost = is_lost(rejected[counter], outliers, model.max_rejected)
+                if any_lane(lost):
+                    widen(p, lost, buffers.z[0], buffers.s[0, 0])
+                    weighed = innovation_factor(p, buffers.h, buffers.r, m, buffers.pht, buffers.s) & (degrees > 0.0)
+                    rejected[counter] = where(lost, 0.0, rejected[counter])
+                mean, buffers.spread[0], _, _, clean = excess(buffers.z[0], buffers.s[0, 0], outliers)
                 buffers.z[0] -= mean
+                count_rejection(weighed, clean > 0.5, counter, rejected)
+            used = weighed
             if any_lane(weighed):
                 estimate_by_factor(buffers.pht, buffers.s, buffers.z, m, buffers.x)
-                counter = slot(kind, row, measurements)
                 tested = not expects_outliers(kind, measurements)
                 used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, tested, model, rejected, record, i)
                 if any_lane(used):

@@ -58,7 +58,7 @@ from navsim.filter.mixture import (
     normalise_weights,
     split_and_merge,
 )
-from navsim.filter.outliers import excess, expects_outliers
+from navsim.filter.outliers import excess, expects_outliers, is_lost, widen
 from navsim.filter.range_update import (
     accumulate_range,
     apply_epoch,
@@ -92,6 +92,7 @@ from navsim.filter.steady_force import (
 )
 from navsim.filter.update import (
     apply_gate,
+    count_rejection,
     count_valid,
     estimate_by_factor,
     update,
@@ -335,7 +336,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
             moments(now, buffers.nav, buffers.p, True, space, mixture_work)
             write_output(chart, buffers.nav, buffers.p, record, account, row)
         elif kind != PASS:
-            m = 0
+            m, counter, chance = 0, slot(kind, row, measurements), 0.0 * weight[0]
             for a in range(MAX_MEASUREMENT_SIZE):
                 there[a] = 0.0
             if kind == RANGE and is_epoch_boundary(events, i, 1):
@@ -361,6 +362,11 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                     there[a] = where(more, buffers.have[a], there[a])
                     zs[j, a] = buffers.z[a]
                 good = innovation_factor(now.covariance[j], buffers.h, buffers.r, m, phts[j], ss[j])
+                if expects_outliers(kind, measurements):
+                    lost = is_lost(rejected[counter], measurements.beacons.outliers, model.max_rejected)
+                    if any_lane(lost):
+                        widen(now.covariance[j], lost, zs[j, 0], ss[j, 0, 0])
+                        good = innovation_factor(now.covariance[j], buffers.h, buffers.r, m, phts[j], ss[j])
                 copy(zs[j], buffers.z)
                 square = whitened_square(ss[j], buffers.z, m)
                 squares[j] = where(good & (square < math.inf), square, math.inf)
@@ -369,7 +375,8 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                     sizes[j] *= ss[j, a, a]
                 if expects_outliers(kind, measurements):
                     outliers = measurements.beacons.outliers
-                    mean, spreads[j], square, sizes[j] = excess(zs[j, 0], ss[j, 0, 0], outliers)
+                    mean, spreads[j], square, sizes[j], clean = excess(zs[j, 0], ss[j, 0, 0], outliers)
+                    chance += where(weight[j] > 0.0, weight[j] * clean, 0.0)
                     squares[j] = where(squares[j] < math.inf, square, squares[j])
                     zs[j, 0] -= mean
             copy(there, buffers.have)
@@ -387,8 +394,11 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
             if any_lane(fewer):
                 normalise_weights(fewer, weight)
             weighed = _mixture_innovation(weight, zs, ss, m, buffers.z, buffers.s) & (degrees > 0.0) & sound
-            counter = slot(kind, row, measurements)
             tested = not expects_outliers(kind, measurements)
+            if not tested:
+                lost = is_lost(rejected[counter], measurements.beacons.outliers, model.max_rejected)
+                rejected[counter] = where(lost, 0.0, rejected[counter])
+                count_rejection(weighed, chance > 0.5, counter, rejected)
             used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, tested, model, rejected, record, i)
             for j in range(count):
                 own_use = used & (weight[j] > 0.0)

@@ -178,7 +178,7 @@ class BeaconTable(NamedTuple):
     lever_arm: np.ndarray
     """See `FixTable`."""
     outliers: np.ndarray = np.empty(0)
-    """(4,) of the mixture that the filter assumes (`outliers.excess`); (0,) for none."""
+    """(5,) of the mixture that the filter assumes (`outliers.excess`); (0,) for none."""
     weakened: np.ndarray = np.empty(0)
     """(m,) factor on the noise that grows with distance, by jammers; (0,) without."""
 

@@ -18,6 +18,7 @@ from navsim.compiler.elementary import exp_of_negative
 from navsim.compiler.jit import kernel, kernel_inline
 from navsim.compiler.lanes import fma, where
 from navsim.filter.measurement_kinds import BEACON
+from navsim.filter.states import POS
 
 _FAR = 3.0
 """Argument from which Mills' ratio follows from its continued fraction."""
@@ -59,9 +60,10 @@ def truncated_normal(b):
 def excess(z, root, outliers):
     """Mean and variance, m, m2, of the outlier D given an innovation z of a clean 1 sigma `root`, m.
 
-    Also q and `size`: the likelihood of z is exp(-q / 2) / size but for a constant.
+    Also q and `size`: the likelihood of z is exp(-q / 2) / size but for a constant; and the chance that it is clean.
 
-    outliers (4,): share of ranges wrong to both sides, their variance, m2, share of long ranges, their mean, m.
+    outliers (5,): share of ranges wrong to both sides, their variance, m2, share of long ranges, their mean, m; and the
+    number in a row that is no chance any more.
     """
     share, variance, long_share, long = outliers[0], outliers[1], outliers[2], outliers[3]
     square = root * root
@@ -86,7 +88,24 @@ def excess(z, root, outliers):
     moment = far * (square * variance / wide + (z * variance / wide) * (z * variance / wide))
     moment += late * square * (spread + mean * mean)
     expected = first + second
-    return expected, moment - expected * expected, q, 1.0 / total
+    return expected, moment - expected * expected, q, 1.0 / total, usual / total
+
+
+@kernel_inline
+def is_lost(rejected, outliers, most):
+    """Whether a filter is wrong rather than so many ranges of a beacon in a row, which it took for outliers.
+
+    rejected: their number. most: as of the gate (`FilterModel.max_rejected`). outliers: as of `excess`.
+    """
+    return rejected >= max(1.0 * most, outliers[4])
+
+
+@kernel
+def widen(p, lost, z, root):
+    """Where a filter is `lost`, add to P (n, n) independent errors of position, each as large as the innovation z if
+    that exceeds its clean 1 sigma `root`."""
+    for i in range(POS, POS + 3):
+        p[i, i] += where(lost & (z * z > root * root), z * z, 0.0)
 
 
 @kernel_inline

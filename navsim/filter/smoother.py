@@ -29,7 +29,7 @@ from navsim.filter.filter_loop import advance_once, can_advance, propagation_buf
 from navsim.filter.history import as_registers, record_decision, record_innovation
 from navsim.filter.measurement_kinds import PROBE
 from navsim.filter.measurement_models import observe, slot
-from navsim.filter.outliers import add_spread, excess, expects_outliers
+from navsim.filter.outliers import add_spread, excess, expects_outliers, is_lost, widen
 from navsim.filter.receiver_clock import propagate_clock_rows
 from navsim.filter.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
 from navsim.filter.states import (
@@ -199,13 +199,13 @@ def run(imu, measurements, events, state, model, passes, history):
         start[i] = 1.0 if i == NAV_BIAS_FRAME else 0.0
     for e in range(status.shape[0]):
         status[e] = NOT_USED
-    for i in range(rejected.shape[0]):
-        rejected[i] = 0.0
     # runs that are still being smoothed; those that are done keep the answers of the pass in which they were
     running = start[NAV_BIAS_FRAME] == 1.0
     for iteration in range(passes):
         # the first pass has no trajectory yet: it follows its own estimate
         first = iteration == 0
+        for i in range(rejected.shape[0]):
+            rejected[i] = 0.0
         if first:
             copy(start, nodes[0])
         start_mechanisation(imu, nodes[0], declared, cursor, increments)
@@ -245,23 +245,32 @@ def run(imu, measurements, events, state, model, passes, history):
                     z[a] -= h[a, c] * mean[node, c]
             copy_matrix(filtered[node], p)
             used = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
-            spread = 0.0 * degrees
+            spread, counter = 0.0 * degrees, slot(kind, events.row[e], measurements)
             if expects_outliers(kind, measurements):
-                shift, spread, _, _ = excess(z[0], s[0, 0], measurements.beacons.outliers)
+                outliers = measurements.beacons.outliers
+                astray = is_lost(rejected[counter], outliers, model.max_rejected)
+                if any_lane(astray):
+                    widen(predicted[node], astray, z[0], s[0, 0])
+                    copy_matrix(predicted[node], filtered[node])
+                    copy_matrix(predicted[node], p)
+                    used = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
+                    rejected[counter] = where(astray, 0.0, rejected[counter])
+                shift, spread, _, _, clean = excess(z[0], s[0, 0], outliers)
                 z[0] -= shift
+                count_rejection(used, clean > 0.5, counter, rejected)
             estimate_errors(k, z, m, x)
             if first:
                 weighed = used
                 record_innovation(False, have, weighed, m, z, s, decay, e)
                 q = whitened_square(s, z, m)
-                counter = slot(kind, events.row[e], measurements)
                 used = weighed & (no(q > gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
                 if expects_outliers(kind, measurements):
                     used = weighed
                 if kind == PROBE:
                     used = used & no(used)
                 record_decision(weighed, used, q, degrees, decay, e)
-                count_rejection(weighed, used, counter, rejected)
+                if not expects_outliers(kind, measurements):
+                    count_rejection(weighed, used, counter, rejected)
             used = used & (status[e] == USED)
             if not any_lane(used):
                 continue

@@ -121,7 +121,7 @@ def apply_gate(ahead, weighed, degrees, m, buffers, counter, tested, model, reje
     """Whether a measurement is used: it passes the gate, or enough consecutive ones before it were rejected.
 
     - `buffers`: `update_buffers` with z (m,), which is overwritten, and the factor s of its covariance.
-    - `counter`: its slot in `rejected` (slots,), which is updated. `tested`: whether the gate tests it.
+    - `counter`: its slot in `rejected` (slots,). `tested`: whether the gate tests it, and updates the slot.
     - The decision is stored as that of event i, except for the copy that predicts ahead.
     """
     record_innovation(ahead, buffers.have, weighed, m, buffers.z, buffers.s, record, i)
@@ -134,7 +134,8 @@ def apply_gate(ahead, weighed, degrees, m, buffers, counter, tested, model, reje
     record_use(used, m, record, i)
     if not ahead:
         record_decision(weighed, used, q, degrees, record, i)
-    count_rejection(weighed, used, counter, rejected)
+    if tested:
+        count_rejection(weighed, used, counter, rejected)
     return used
 
 

@@ -27,6 +27,8 @@ from navsim.sensors.aiding import AidingSensor, SensorError
 from navsim.statistics.random_streams import branch
 from navsim.trajectory.kinematics import Frame, Moving
 
+_NO_CHANCE = 1e-6
+"""Probability of so many outliers of a beacon in a row that rather the filter is wrong."""
 _STATES = ("bias", "bias_growth", "position", "position", "position")
 """Name of the state of each error of a beacon."""
 _SOURCES = ("bias", "bias_growth", "survey", "survey", "survey")
@@ -75,8 +77,10 @@ class Outliers:
     """Mean of the exponential distribution of how much they are too long, m."""
 
     def mixture(self) -> np.ndarray:
-        """Shares and sizes (4,) as `filter.outliers.excess` takes them; those without a share have no effect."""
-        return np.array([self.share, self.sigma**2, self.long_share, self.long if self.long_share else 1.0])
+        """Shares, sizes and number in a row (5,) as `filter.outliers.excess` takes them; sizes without a share have no
+        effect."""
+        in_a_row = math.log(_NO_CHANCE) / math.log(self.share + self.long_share)
+        return np.array([self.share, self.sigma**2, self.long_share, self.long if self.long_share else 1.0, in_a_row])
 
     def applied(self, measured: np.ndarray, draw: np.random.Generator) -> np.ndarray:
         """Ranges (m, 1) with outliers, nan where the answer is lost."""
