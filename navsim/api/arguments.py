@@ -48,6 +48,13 @@ class ResultConditions(Common, total=False):
     """The result meets all requirements of the scenario."""
 
 
+class ReplayArguments(ResultConditions, total=False):
+    """Keyword arguments of `replay`."""
+
+    bet: float | PathLike | None
+    """Predict the rest of the recording from its part up to this time, s, or test an earlier prediction, a file."""
+
+
 class RunArguments(ResultConditions, total=False):
     """Keyword arguments of `run`."""
 
@@ -144,7 +151,7 @@ def default(name: str) -> Any:
 
 _HINTS: dict[str, Any] = {
     name: hint
-    for group in (RunArguments, SweepArguments, OptimizeArguments, FileArguments)
+    for group in (ReplayArguments, RunArguments, SweepArguments, OptimizeArguments, FileArguments)
     for name, hint in group.__annotations__.items()
 }
 
@@ -195,7 +202,9 @@ def _right(command: str, name: str, value: Any) -> Any:
         if value not in get_args(choices):
             raise ValueError(f"allowed: {', '.join(get_args(choices))}")
         return value
-    if name == "scheduler":
+    if name == "bet" and isinstance(value, (int, float)) and not isinstance(value, bool):
+        return str(value)
+    if name in ("bet", "scheduler"):
         return os.fspath(value)
     if name in ("output", "figures", "folder"):
         return Path(value).expanduser()

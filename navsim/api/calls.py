@@ -17,7 +17,7 @@ from navsim.api.arguments import (
     FileArguments,
     OptimizeArguments,
     PathLike,
-    ResultConditions,
+    ReplayArguments,
     RunArguments,
     SweepArguments,
     Told,
@@ -179,14 +179,17 @@ def optimize(study: Scenario, /, **given: Unpack[OptimizeArguments]) -> ResultFi
     return _computed("optimize", study, checked("optimize", OptimizeArguments, given))
 
 
-@spelled(ResultConditions)
-def replay(log: Scenario, /, **given: Unpack[ResultConditions]) -> ResultFile:
+@spelled(ReplayArguments)
+def replay(log: Scenario, /, **given: Unpack[ReplayArguments]) -> ResultFile:
     """Run a recorded flight through the filter, as `navsim replay` does.
 
     Parameters
     ----------
     log : path or mapping
         A log file, or its contents.
+    bet : float or path, optional
+        Predict the rest of the recording from its part up to this time, s, and score the prediction. It is written
+        beside the result. With an earlier prediction: test it on this recording.
 
     Other Parameters
     ----------------
@@ -202,7 +205,7 @@ def replay(log: Scenario, /, **given: Unpack[ResultConditions]) -> ResultFile:
     BadInput, RunFailed
         See `run`.
     """
-    return _computed("replay", log, checked("replay", ResultConditions, given))
+    return _computed("replay", log, checked("replay", ReplayArguments, given))
 
 
 def validate(scenario: Scenario, /, *, set: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -428,14 +431,17 @@ def _compute_result(command: str, scenario: Scenario, asked: dict[str, Any], hea
     from navsim.runner.job import Options
 
     taken = {name: value for name, value in asked.items() if name in Options.__dataclass_fields__}
-    options = Options(**taken)
     source = _source(scenario, _NOUNS[command])
-    job, suffix = opening.open_job(command, source, _assignments(asked["set"]), options, heard.append)
-    temporary = Path(tempfile.mkdtemp(prefix="navsim-")) if asked["output"] is None else None
     stem = source.stem if isinstance(source, Path) else "result"
+    temporary = Path(tempfile.mkdtemp(prefix="navsim-")) if asked["output"] is None else None
+    if taken.get("bet") is not None:
+        beside = asked["output"] if temporary is None else temporary / f"{stem}.h5"
+        taken["bet_file"] = beside.with_name(f"{beside.stem}_bet.json")
+    options = Options(**taken)
     order = steps.JobRequest(options, asked["figures"], True, asked["force"], asked["over_budget"])
     listener = JobReporter(Reporter(_log.info, heard.append), lambda extent, _: _telling(asked["progress"], extent))
     try:
+        job, suffix = opening.open_job(command, source, _assignments(asked["set"]), options, heard.append)
         output = asked["output"] if temporary is None else temporary / f"{stem}{suffix}.h5"
         target = opening.target_of(output, "")
         done = steps.run_job(source, job, target, order, listener)

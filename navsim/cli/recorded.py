@@ -48,6 +48,16 @@ class ReplayOptions:
     output: Annotated[Path | None, output_option("results/<log stem>.h5")] = None
     set_: Annotated[list[str] | None, set_option("log")] = None
     figures: Annotated[str | None, figures_option()] = None
+    bet: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SECONDS|FILE",
+            help="Predict innovations and drifts from the part up to this time, and compare them with the rest. The "
+            "prediction, bands of 50 and 95 %, goes with its checksum to <result stem>_bet.json before the rest is "
+            "used. FILE: such a prediction, to be tested on this recording.",
+            show_default=False,
+        ),
+    ] = None
     dry_run: Annotated[bool, dry_run_option("Read, check and align, then stop.")] = False
     json_: JsonOption = False
 
@@ -64,10 +74,11 @@ def replay(
     """
     from navsim.runner.job import Options
 
-    options = Options(require=required.require)
     with leaving():
-        job, suffix = open_job("replay", log, given.set_ or [], options, AT_TERMINAL.warn)
-        target = target_of(given.output, log.stem + suffix)
+        target = target_of(given.output, log.stem)
+        beside = target.with_name(f"{target.stem}_bet.json")
+        options = Options(require=required.require, bet=given.bet, bet_file=beside)
+        job, _ = open_job("replay", log, given.set_ or [], options, AT_TERMINAL.warn)
     run_job(log, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))
 
 

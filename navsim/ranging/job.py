@@ -25,6 +25,8 @@ class RangeJob:
     def __init__(self, section: RecordedRanges, document: Document, options: Options) -> None:
         if options.require:
             raise OptionError("--require: recorded ranges have no requirements")
+        if options.bet is not None:
+            raise OptionError("--bet: recorded ranges have no simulated outages")
         self.section, self.document = section, document
         self.sort = ResultKind("ranges")
         self.kernels = "ranges"

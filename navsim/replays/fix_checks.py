@@ -73,6 +73,10 @@ def interpretations(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
             unseen.append(f"{what}: the fixes have no such velocity")
         elif np.isnan(_relative_residual(way[:, axes], summed[:, axes], shortest)[0]):
             unseen.append(f"{what}: fewer than three intervals of {WINDOW:g} s change by more than {shortest[1]:g} m")
+    if not more and not log.sentences:
+        for name, line, mirror in (("latitude", "parallel", [-1.0, 1.0]), ("longitude", "meridian", [1.0, -1.0])):
+            if _relative_residual(way[:, :2] * mirror, summed[:, :2], SHORTEST_WAYS)[0] <= MISFITS:
+                unseen.append(f"sign of the {name}: the way leads along a {line}, and either sign fits the velocities")
     turned = any(set(remedy) == {"gnss.velocity_axes"} for mistake in more for remedy in mistake.remedies[:1])
     if turned and not (known and _climbs(log)):
         # east, north, down is rare, but the vertical velocity does not show it

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
 from navsim.replays import study as replay
+from navsim.replays.bet import Prediction, predict, write_score
 from navsim.replays.reading import read
 from navsim.replays.scenario import Replay
 from navsim.results.findings import several
@@ -31,7 +37,9 @@ class ReplayJob:
     def __init__(self, section: Replay, document: Document, options: Options) -> None:
         if options.require:
             raise OptionError("--require: a recorded flight has no requirements")
-        self.section, self.document = section, document
+        self.section, self.document, self.options = section, document, options
+        self.bet: Prediction | None = None
+        self.until = np.inf
         self.sort = ResultKind("replay")
         self.kernels = f"replay-{section.filter.kind}-{section.filter.coupling}"
 
@@ -44,7 +52,19 @@ class ReplayJob:
         return self.recording.warnings
 
     def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
-        self.recording = replay.prepare(self.section, self.document)
+        """Prepare the flight, or only its first part if that has to predict the rest."""
+        section = self.section
+        if self.options.bet is not None:
+            try:
+                self.until = float(self.options.bet)
+            except ValueError:
+                self.bet = Prediction.read(Path(self.options.bet))
+            else:
+                if not np.isfinite(self.until):
+                    raise OptionError(f"--bet {self.until}: expected a time in s of the recording")
+                last = self.until if section.end_s is None else min(self.until, section.end_s)
+                section = section.model_copy(update={"end_s": last, "outages": ()})
+        self.recording = replay.prepare(section, self.document)
         allow(self.estimate())
 
     def estimate(self) -> Budget:
@@ -76,7 +96,18 @@ class ReplayJob:
         return {}
 
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
-        return Outcome(replay.compute(self.recording, lambda flown: tell(flown, f"{flown} tuning flights")))
+        def done(flown: int) -> None:
+            tell(flown, f"{flown} tuning flights")
+
+        if self.options.bet is None:
+            return Outcome(replay.compute(self.recording, done))
+        if self.bet is None:
+            self.bet = predict(self.recording, self.section, str(self.document), self.until, done)
+            assert self.options.bet_file is not None
+            self.bet.write(self.options.bet_file)
+            self.recording = replay.prepare(self.section, self.document)  # only now the rest is read
+        score = partial(write_score, prediction=self.bet, recording=self.recording)
+        return Outcome(replay.compute(self.recording, done, self.bet.tuning(self.recording), score))
 
 
 def check(section: Replay, document: Document) -> list[str]:

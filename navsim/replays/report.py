@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.geodesy import earth
-from navsim.report.table import Cell, Table, cell, number, numbers
+from navsim.report.table import Cell, Table, cell, interval, number, numbers
 from navsim.report.view import View, one_by_one
 from navsim.results.findings import several
 from navsim.results.result import Result, scenario_of
@@ -52,6 +52,7 @@ def tables(result: Result) -> list[Table | str]:
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
         text += "; used " + " of the recording's ".join(spans)
     every: list[Table | str] = [seen, *evidence, tuned, *_compared(result), *_unusable(result), *_unchecked(result)]
+    every += _predicted(result)
     if not result["/outages/start"].size:
         return [*every, text]
     lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest", "NEES"))
@@ -84,6 +85,25 @@ def _evidence(result: Result) -> list[Table]:
     lags = (number(float(result[f"/summary/lag1_{of}"]), 2) for of in ("position", "velocity"))
     out.add("lag-1 autocorrelation, moving", "", *lags)
     return [out]
+
+
+def _predicted(result: Result) -> list[Table | str]:
+    """Predicted bands and the shares of later values within them, if there was a prediction."""
+    if "/summary/quantity" not in result:
+        return []
+    until = result.variables["/summary/bet_until"]
+    out = Table(
+        f"Predicted from the part up to {float(np.asarray(until.data)):g} s, and what followed",
+        ("in motion", "values", "independent", "50 % within", "were, %", "95 % within", "were, %"),
+    )
+    for i, name in enumerate(result["/summary/quantity"]):
+        shares: list[Cell] = []
+        for percent in (50, 95):
+            band, *share = (float(result[f"/summary/bet_{of}_{percent}"][i]) for of in ("band", "share", "low", "high"))
+            shares += [cell("{:.3g}", band), interval(share, 0, 100.0)]
+        counts = result["/summary/bet_values"][i], result["/summary/bet_independent"][i]
+        out.add(str(name), cell("{}", int(counts[0])), number(counts[1], 0), *shares)
+    return [out, f"SHA-256 of the prediction: {until.attributes['sha256']}"]
 
 
 def _compared(result: Result) -> list[Table]:

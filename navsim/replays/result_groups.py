@@ -92,7 +92,7 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
     given = {"position_sigma": recording.scenario.gnss.position_sigma_m is not None,
              "velocity_latency": recording.scenario.gnss.velocity_latency_s is not None}  # fmt: skip
     for name, value, which in values:
-        origin = "tuned to the innovations" if free[which] else "given"
+        origin = "tuned to the innovations" if free[which] else tuning.origin
         if free[which] and name in recording.tuned and np.isfinite(tuning.spread[which]):
             spread = tuning.spread[which]
             how = f"{digits(spread)} s" if which == LATENCY else f"a factor of {np.exp(spread):.2f}"
@@ -158,26 +158,43 @@ def write_outages(
     design = of_outages(recording.design(settings, FILTER_KINDS[recording.scenario.filter.kind]))
     fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
     rows = []
-    missing = (np.nan,) * 3
-    for first, last in sorted({span for outage in recording.scenario.outages for span in outage_spans(outage)}):
-        inside = (flight.arrival >= first) & (flight.arrival <= last + 1e-9)
-        solved = inside & np.isfinite(flight.llh[:, 0])
-        if not solved.any() or first <= flight.imu_time[0] or last > flight.imu_time[-1]:
-            rows.append((first, last, *missing))
+    for span in sorted({span for outage in recording.scenario.outages for span in outage_spans(outage)}):
+        found = drift_in_outage(flight, design, fix_sigma, range_sigma, span)
+        if found is None:
+            rows.append((*span, *(np.nan,) * 3))
             continue
-        final = int(np.flatnonzero(solved)[-1])
-        inside[final] = False  # the innovation of this one is the drift
-        velocity = flight.velocity.copy()
-        velocity[final] = np.nan  # an older one would come before the drift is read
-        judged = replace(flight, velocity=velocity)
-        flown = replay.fly(judged, design, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
-        north, east, down = flown.innovation[final, :3]
-        nees = float(np.mean((flown.innovation[final, :2] / flown.innovation_sigma[final, :2]) ** 2))
-        rows.append((first, last, float(np.hypot(north, east)), float(abs(down)), nees))
+        (north, east, down), sigma = found
+        nees = float(np.mean((np.array([north, east]) / sigma[:2]) ** 2))
+        rows.append((*span, float(np.hypot(north, east)), float(abs(down)), nees))
     table = np.array(rows).reshape(-1, 5)
     for index, name in enumerate(("start", "end", "horizontal_error", "vertical_error", "nees")):
         draft[f"/outages/{name}"] = table[:, index]
     draft["/outages/outage"] = np.arange(table.shape[0])
+
+
+def drift_in_outage(
+    flight: replay.RecordedFlight,
+    design: FilterDesign,
+    fix_sigma: np.ndarray,
+    range_sigma: tuple[float, float],
+    span: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Last fix of an outage minus its prediction without the fixes before, (3,) NED, m, and its 1 sigma (3,).
+
+    design: as of `of_outages`. span: begin and end, s. None without a fix, or outside the flight.
+    """
+    first, last = span
+    inside = (flight.arrival >= first) & (flight.arrival <= last + 1e-9)
+    solved = inside & np.isfinite(flight.llh[:, 0])
+    if not solved.any() or first <= flight.imu_time[0] or last > flight.imu_time[-1]:
+        return None
+    final = int(np.flatnonzero(solved)[-1])
+    inside[final] = False  # the innovation of this one is the drift
+    velocity = flight.velocity.copy()
+    velocity[final] = np.nan  # an older one would come before the drift is read
+    judged = replace(flight, velocity=velocity)
+    flown = replay.fly(judged, design, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
+    return flown.innovation[final, :3], flown.innovation_sigma[final, :3]
 
 
 def of_outages(design: FilterDesign) -> FilterDesign:

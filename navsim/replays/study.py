@@ -57,6 +57,7 @@ from navsim.replays.tuning import (
     POSITION_RATIO,
     SETTINGS,
     VELOCITY_LAG,
+    Tuning,
     tune,
 )
 from navsim.results.builder import ResultBuilder
@@ -487,10 +488,16 @@ def _spaced(times: np.ndarray, spacing: float) -> np.ndarray:
     return np.array(kept, dtype=np.int64)
 
 
-def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Result:
-    """Tune, fly, impose the outages. Raises ReplayError where a smoother fails."""
+def compute(
+    recording: Recording,
+    done: Callable[[int], None] = lambda _: None,
+    tuning: Tuning | None = None,
+    write_more: Callable[[ResultBuilder], None] = lambda _: None,
+) -> Result:
+    """Tune unless that was done, fly, impose the outages, write more groups. Raises ReplayError where a smoother
+    fails."""
     scenario = recording.scenario
-    tuning = tune(recording, done)
+    tuning = tune(recording, done) if tuning is None else tuning
     settings = tuning.settings
     kind = FILTER_KINDS[scenario.filter.kind]
     flight, design = recording.flight(settings), recording.design(settings, kind)
@@ -526,6 +533,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     write_tuning(draft, recording, tuning)
     write_white_noise(draft, recording)
     write_summary(draft, flight, flown, recording.moving_speed)
+    write_more(draft)
     alignment = recording.alignment
     out = draft.result(
         root_attributes(

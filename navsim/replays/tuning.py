@@ -83,6 +83,8 @@ class Tuning:
     findings: tuple[Finding, ...] = ()
     spread: np.ndarray = field(default_factory=lambda: np.full(SETTINGS, np.nan))
     """1 sigma by which the flight shows each setting: of times s, of others of the logarithm; nan where not tuned."""
+    origin: str = "given"
+    """Where the settings are from that are not tuned."""
 
     @property
     def latency_sigma(self) -> float:

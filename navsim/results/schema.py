@@ -143,6 +143,7 @@ _LOOSE = f"{_ALL}, of a loosely coupled filter"
 _CORRELATED = f"{_LOOSE} with states of lasting errors"
 _TRANSMITTERS = "with states for errors of pseudolites"
 _REFERENCE = "with `reference`"
+_BET = "with `--bet`"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
@@ -1026,6 +1027,20 @@ _REPLAY = Chapter(
         _a("/summary/drift_nees", "duration", "1", "mean of `/outages/nees`; 1 is due", REPLAY),
         _a("/summary/drift_{statistic}", "duration", "m", "{statistic} horizontal drift of the outages", REPLAY,
            statistic=("median", "max")),
+        _a("/summary/quantity", "quantity", "1", "what the first part predicts, in motion, and its unit", REPLAY, TEXT,
+           when=_BET),
+        _a("/summary/bet_until", "", "s", "end of the first part", REPLAY, when=_BET, attributes=("sha256",)),
+        _a("/summary/bet_values", "quantity", "1", "number of values that followed", REPLAY, WHOLE, when=_BET),
+        _a("/summary/bet_independent", "quantity", "1", "number of independent values among them", REPLAY, when=_BET),
+        *(
+            _a(f"/summary/bet_{name}_{{percent}}", "quantity", "1", meaning, REPLAY, when=_BET, percent=("50", "95"))
+            for name, meaning in (
+                ("band", "size below which {percent} % of the values are predicted, in the unit of the quantity"),
+                ("share", "share of the values that followed within the band of {percent} %"),
+                ("low", "lower end of the 95 % interval of the share within the band of {percent} %"),
+                ("high", "upper end of the 95 % interval of the share within the band of {percent} %"),
+            )
+        ),
     ),
 )  # fmt: skip
 

@@ -10,6 +10,7 @@ Only `navsim live` has its own steps, since its work comes line by line and ends
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, Protocol
 
 from navsim.results.result import Result, ResultKind
@@ -43,6 +44,8 @@ class Options:
     require_fix: bool = False
     require_consistent: bool = False
     require: bool = False
+    bet: str | None = None
+    bet_file: Path | None = None
 
     def foreign(self, *taken: str) -> list[str]:
         """Given options outside the accepted ones, as spelled in messages."""

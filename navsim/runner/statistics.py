@@ -58,8 +58,9 @@ def rms_interval_of_means(per_component: np.ndarray, runs: int) -> np.ndarray:
     return np.sqrt(total * np.array([1.0, degrees / low, degrees / high]))
 
 
-def share_interval(count: int, runs: int) -> np.ndarray:
-    """A share of runs with its two-sided 95 % interval (Clopper and Pearson 1934): value, low, high."""
+def share_interval(count: float, runs: float) -> np.ndarray:
+    """A share of runs, or of an effective number of them, with its two-sided 95 % interval (Clopper and Pearson 1934):
+    value, low, high."""
     from scipy.special import betaincinv
 
     low = float(betaincinv(count, runs - count + 1, _TAIL)) if count else 0.0

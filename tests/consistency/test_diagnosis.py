@@ -28,7 +28,7 @@ from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from tests.helpers import in_brief
 from tests.mistakes import MISTAKES, Made, needs
-from tests.recordings import circuit, drive, hills, quadrotor, record, straight
+from tests.recordings import circuit, drive, hills, quadrotor, record, ride, straight
 from tests.recordings import write_recording as table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -287,6 +287,20 @@ def test_what_cannot_be_judged_is_listed() -> None:
     for name in ("the gyro's z axis reversed", "the columns x and y of the gyros exchanged", "clock offsets",
                  "sign of the vertical velocity", "the accelerometer's y axis reversed"):  # fmt: skip
         assert name in straight_on, name
+
+
+@pytest.mark.parametrize(("heading", "name"), [(0.04, "longitude"), (1.53, "latitude")])
+def test_a_way_along_a_meridian_or_parallel_does_not_show_one_sign(heading: float, name: str) -> None:
+    """A car on a motorway for a minute; wrong or right, the sign is listed."""
+    path = ride(60.0, lambda t: np.full_like(t, 25.0), np.zeros_like, np.zeros_like, heading=heading)
+    samples, fixes = record(path, 1, rate=10.0)
+    for sign in (1.0, -1.0):
+        mirror = np.where(np.array(["latitude", "longitude", ""]) == name, sign, 1.0)
+        found = examine(Log(samples, replace(fixes, llh=fixes.llh * mirror)))
+        assert found.mistakes == []
+        assert [each[: each.index(":")] for each in found.not_judged if each.startswith("sign of the l")] == [
+            f"sign of the {name}"
+        ]
 
 
 def test_velocities_are_judged_where_some_are_missing() -> None:

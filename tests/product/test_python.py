@@ -21,7 +21,7 @@ import xarray as xr
 import yaml
 
 import navsim
-from navsim.api.arguments import OptimizeArguments, ResultConditions, RunArguments, SweepArguments
+from navsim.api.arguments import OptimizeArguments, ReplayArguments, RunArguments, SweepArguments
 from navsim.cli.options import OutputOptions, Required
 from navsim.cli.recorded import ReplayOptions
 from navsim.cli.run import RunOptions
@@ -156,7 +156,7 @@ def test_a_replay_is_the_one_of_the_command_line(tmp_path: Path) -> None:
         (RunArguments, (RunOptions, Required, OutputOptions)),
         (SweepArguments, (SweepOptions, Required, OutputOptions)),
         (OptimizeArguments, (OptimizeOptions, OutputOptions)),
-        (ResultConditions, (ReplayOptions, Required, OutputOptions)),
+        (ReplayArguments, (ReplayOptions, Required, OutputOptions)),
     ],
     ids=["run", "sweep", "optimize", "replay"],
 )
@@ -165,7 +165,7 @@ def test_every_option_of_the_command_line_is_a_keyword(arguments: Any, groups: t
     options = {field.name.rstrip("_") for group in groups for field in fields(group)}
     about_printing = {"json", "quiet", "dry_run", "log"}
     keywords = set(arguments.__annotations__) - {"progress"}
-    if arguments is ResultConditions:
+    if arguments is ReplayArguments:
         keywords -= {"fresh"}  # no work of a replay is kept
     assert keywords == options - about_printing
 

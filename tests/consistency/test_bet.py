@@ -1,0 +1,95 @@
+"""Predictions of the rest of a recording (`navsim replay --bet`)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import navsim
+from navsim.replays.bet import Prediction, _quantile, effective_count
+from navsim.runner.job import OptionError
+from tests.recordings import write_flight
+
+GIVEN = {
+    "tuning": "none", "gnss.position_sigma_m": [0.3, 0.3], "gnss.velocity_sigma_m_s": [0.1, 0.1],
+    "gnss.latency_s": 0.12, "imu.gyro.arw_deg_sqrt_h": 0.486, "imu.accelerometer.vrw_m_s_sqrt_h": 0.17,
+    "outages": [{"start_s": [60.0], "duration_s": [5.0]}],
+}  # fmt: skip
+UNTIL = 55.0
+
+
+def bet(log: Path, value: float | Path, name: str) -> navsim.ResultFile:
+    return navsim.replay(log, bet=value, set=GIVEN, output=log.parent / f"{name}.h5")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bet")
+    write_flight(folder)
+    return folder / "log.yaml"
+
+
+@pytest.fixture(scope="module")
+def scored(log: Path) -> navsim.ResultFile:
+    return bet(log, UNTIL, "first")
+
+
+def test_bands_of_a_right_model_cover_what_follows(log: Path, scored: navsim.ResultFile) -> None:
+    """The noise of receiver and sensors is as given."""
+    names = scored["summary/quantity"].tolist()
+    assert names[-1] == "drift north, east after 5 s, m"
+    for i, name in enumerate(names):
+        for share in (50, 95):
+            value, low, high = (scored[f"summary/bet_{of}_{share}"][i] for of in ("share", "low", "high"))
+            assert low <= value <= high
+            assert low < share / 100.0 < high, name
+    fixes = int(np.sum(scored["receiver/time"] > UNTIL))
+    assert scored["summary/bet_values"][:4].tolist() == [2 * fixes, fixes, 2 * fixes, fixes]
+    assert np.all(scored["summary/bet_independent"] <= scored["summary/bet_values"])
+
+
+def test_what_follows_does_not_change_the_prediction(log: Path, scored: navsim.ResultFile, tmp_path: Path) -> None:
+    head, *rows = (log.parent / "gnss.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    moved = [[*row[:4], f"{float(row[4]) + (float(row[0]) > UNTIL):.4f}", *row[5:]] for row in cells]
+    for name in ("imu.csv", "log.yaml"):
+        (tmp_path / name).write_bytes((log.parent / name).read_bytes())
+    (tmp_path / "gnss.csv").write_text("\n".join([head, *map(",".join, moved)]) + "\n")
+    other = bet(tmp_path / "log.yaml", UNTIL, "first")
+    first, again = (json.loads((folder / "first_bet.json").read_text()) for folder in (log.parent, tmp_path))
+    assert first["prediction"] == {**again["prediction"], "log": first["prediction"]["log"]}
+    velocity = scored["summary/quantity"].tolist().index("velocity north, east, m/s")
+    assert other["summary/bet_high_95"][velocity] < 0.95  # 1 m/s where 0.1 is predicted
+
+
+def test_an_earlier_prediction_is_tested_as_it_was_written(log: Path, scored: navsim.ResultFile) -> None:
+    path = log.parent / "first_bet.json"
+    again = bet(log, path, "second")
+    for name in ("band_50", "share_95", "values"):
+        np.testing.assert_array_equal(again[f"summary/bet_{name}"], scored[f"summary/bet_{name}"])
+    text = path.read_text()
+    path.with_name("changed.json").write_text(text.replace('"until_s": 55.0', '"until_s": 54.0'))
+    with pytest.raises(OptionError, match="it was changed"):
+        Prediction.read(path.with_name("changed.json"))
+    with pytest.raises(OptionError, match="expected a time"):
+        Prediction.read(log)
+
+
+def test_quantiles_of_a_mixture() -> None:
+    assert _quantile(np.full((3, 2), 2.0), 0.95) == pytest.approx(2.0 * 1.959964, rel=1e-6)
+    drawn = np.abs(np.random.default_rng(1).standard_normal((200_000, 2)) * [1.0, 4.0])
+    assert _quantile(np.array([[1.0, 4.0]]), 0.5) == pytest.approx(float(np.median(drawn)), rel=0.01)
+
+
+@pytest.mark.parametrize(("keep", "due"), [(0.0, 4000.0), (0.8, 4000.0 * (1.0 - 0.8) / (1.0 + 0.8))])
+def test_correlated_values_count_less(keep: float, due: float) -> None:
+    """Of a Gauss-Markov sequence the mean has (1 - r) / (1 + r) of its values; ranks of it are close to that."""
+    rng = np.random.default_rng(2)
+    x = rng.standard_normal(4000)
+    for k in range(1, x.size):
+        x[k] = keep * x[k - 1] + np.sqrt(1.0 - keep**2) * x[k]
+    assert effective_count(x[:, None]) == pytest.approx(due, rel=0.2)
+    assert effective_count(np.stack([x, x], axis=1)) == pytest.approx(due, rel=0.2)
