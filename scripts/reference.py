@@ -100,7 +100,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "filter.pseudolites={survey_sigma_m: 0.2, range_bias_sigma_m: 0.3, clock_sigma_ns: 5, "
             "clock_drift_sigma_ppb: 1, clock_noise: {h0: 4e-22, h_minus2: 3e-25}}",
             "terrain=[{ends: [{lat_deg: 56.0035, lon_deg: 37.005}, {lat_deg: 56.016, lon_deg: 37.006}], height_m: 35}, "
-            "{azimuth_deg: [350, 10], elevation_deg: 3, distance_m: 2000}]",
+            "{azimuth_deg: [350, 10], elevation_deg: 3, distance_m: 2000}, "
+            f"{{file: N56E037.hgt, file_sha256: {_SUM}, height_above: ellipsoid}}]",
             "wind={turbulence: {w20_m_s: 8}, gusts: [{amplitude_m_s: -4, towards: up, start_s: 30, ramp_m: 60}]}",
             "imu.accelerometer={bias_mg: 1, noise_mg: 10, bias_instability_mg: 0.1}",
             "filter.imu={gyro: {bias_instability_deg_h: 10}, accelerometer: {bias_instability_mg: 0.2}}",

@@ -44,7 +44,7 @@ def ridges(result: Result) -> list[RidgeLine]:
     threshold, other = np.asarray(result[place]), varied(result)
     out = []
     for number, one in enumerate(given):
-        if f"{number}" in other or WHOLE in other:
+        if f"{number}" in other or WHOLE in other or one.get("file") is not None:
             continue
         if one.get("ends") is not None:
             ends = np.radians([[end["lat_deg"], end["lon_deg"]] for end in one["ends"]])

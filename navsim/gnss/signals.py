@@ -22,7 +22,7 @@ from navsim.gnss.correction_link import CorrectionMessages, LossesByRun
 from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.events import PSEUDOLITES, Event, Scene, happened
 from navsim.gnss.interference import propagation as interference
-from navsim.gnss.interference.horizon import behind, horizon_dip, horizon_distance
+from navsim.gnss.interference.horizon import Terrain, behind, horizon_dip, horizon_distance
 from navsim.gnss.interference.jamming import TEMPERATURE, Jamming, Received
 from navsim.gnss.pseudolite_clock import TransmitterErrors, Transmitters, WanderingClocks
 from navsim.gnss.signal_errors import NO_EFFECTS, Effects, directions_from, propagation, space_sensitivity
@@ -131,8 +131,8 @@ class Environment:
     jamming: Jamming | None = None
     antenna: AircraftAntenna | None = None
     """Antenna of the aircraft, if a table gives one."""
-    terrain: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
-    """(w, 2, 3) tops of ridges that hide sources, ECEF, m, see `horizon.behind`."""
+    terrain: Terrain = field(default_factory=Terrain)
+    """What hides sources."""
     ground: float = 0.0
     """Height above the ellipsoid of the smooth Earth that hides sources, m."""
 
@@ -145,7 +145,7 @@ class Environment:
     @property
     def sight_placed(self) -> bool:
         """Whether the quality of a visible pseudolite's signal depends on its position."""
-        return len(self.terrain) > 0
+        return bool(self.terrain)
 
     @property
     def smoothing_placed(self) -> bool:
@@ -188,7 +188,7 @@ class Environment:
     def behind_terrain(self, antenna: np.ndarray) -> np.ndarray:
         """Which pseudolites (e, p) bool terrain hides from an antenna (e, 3), ECEF, m."""
         there = ecef_from_llh(self.pseudolites.llh)[None]
-        return behind(self.terrain, np.repeat(there, len(antenna), axis=0), antenna)
+        return behind(self.terrain, there, antenna)
 
     def shadowed(self, signals: pseudorange.Signals, c_eb: np.ndarray) -> np.ndarray:
         """Sources (e, s) bool that the aircraft hides: used satellites above the mask, and pseudolites.
@@ -385,7 +385,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         with np.errstate(invalid="ignore"):  # satellites without a message at the time
             over = environment.antenna.elevation_of(motion.c_eb, offset / np.linalg.norm(offset, axis=2, keepdims=True))
             used &= over >= environment.antenna.mask
-    if len(environment.terrain):
+    if environment.terrain:
         used &= ~behind(environment.terrain, assumed, antenna)
     if environment.events:
         scene = Scene(motion.time, built.names, environment.systems, assumed, speed, antenna, antenna_velocity, c_ne)

@@ -68,7 +68,8 @@ class Case:
     def warnings(self) -> list[str]:
         """Warnings about the input: sky, predicted geometry, near sources, sensors that never measure."""
         idle = [aid.sensor for aid in self.shared.aids if aid.time.size and aid.missing == aid.time.size]
-        why = "whose heights or attitudes are beyond its limits", "which is outside its sector, or during outages"
+        beyond = "whose heights or attitudes are beyond its limits"
+        why = beyond, "which is outside its sector, behind terrain, or during outages"
         near = map(str, self.flight.near_passes)
         silent = (f"{s.name}: measures nothing on this flight, {why[isinstance(s, GroundStation)]}" for s in idle)
         return [*self.sky_warnings, *self.preflight.warnings, *near, *silent]

@@ -16,7 +16,7 @@ import numpy as np
 
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
-from navsim.gnss.interference.horizon import flown_under
+from navsim.gnss.interference.horizon import Terrain, flown_under
 from navsim.landing.plausibility import implausible, one_direction
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, KeyedError
@@ -352,6 +352,8 @@ def station_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
         off = (time[:, None] >= model.off[:, 0]) & (time[:, None] < model.off[:, 1])
         if off.any(axis=1).all():
             out.append(f"{name}.off_s: the station is off until touchdown and measures nothing")
+        if (lost := float(model.hidden(trajectory, time).mean())) > 0.0:
+            out.append(f"{name}: terrain hides the antenna for {100 * lost:.0f} % of the time before touchdown")
         if model.kind == DISTANCE:
             continue
         along, right, _ = model.place
@@ -397,12 +399,13 @@ def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:
 
 def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warning about ridges that the aircraft flies through, below their tops."""
-    if not scenario.terrain:
+    ridges = [(i, each) for i, each in enumerate(scenario.terrain) if each.file is None]
+    if not ridges:
         return []
     time = np.linspace(0.0, scenario.duration_s, max(2, math.ceil(scenario.duration_s / _STEP)))
     path, threshold = trajectory.motion(time).position_ecef, scenario.threshold(trajectory.frame)
     out = []
-    for i, ridge in enumerate(scenario.terrain):
+    for i, ridge in ridges:
         under = flown_under(ridge.tops(threshold), path)
         if np.isfinite(under).any():
             k = int(np.argmax(under))
@@ -519,7 +522,7 @@ def _without_fix(
     environments = {
         " and ".join(silent): replace(environment, events=()),
         "interference": replace(environment, jamming=None),
-        "terrain": replace(environment, terrain=environment.terrain[:0]),
+        "terrain": replace(environment, terrain=Terrain()),
         "receiver.antenna": replace(environment, antenna=None),
     }
     causes, remain = [], short

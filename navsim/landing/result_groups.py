@@ -10,10 +10,11 @@ from navsim.filter import states
 from navsim.geodesy.earth import FOOT, ned_matrix
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
+from navsim.gnss.interference.horizon import skyline_seen
 from navsim.landing.case import Case, crossing_times
 from navsim.landing.sources import on_glide
 from navsim.results.builder import ResultBuilder
-from navsim.results.schema import COVARIANCE, HEIGHTS, SKY_TIMES
+from navsim.results.schema import COVARIANCE, HEIGHTS, SKY_TIMES, SKYLINE
 from navsim.runner.attributes import root_attributes
 from navsim.scenario.approach import TrackApproach
 from navsim.sensors.ground_stations import GroundStation
@@ -107,6 +108,10 @@ def _geometry(draft: ResultBuilder, case: Case) -> None:
         draft["/geometry/horizon"] = horizon.elevation
     if case.environment.sight_placed:
         draft["/geometry/behind_terrain"] = case.behind_terrain().sum(axis=0)
+    if case.environment.terrain.grids and s.time.size:
+        around = np.linspace(0.0, 2.0 * np.pi, SKYLINE)
+        draft["/geometry/skyline_azimuth"] = around
+        draft["/geometry/skyline"] = skyline_seen(case.environment.terrain, s.antenna[-1], around)
     if case.environment.antenna is not None:
         draft["/geometry/shadowed"] = case.preflight.shadowed.sum(axis=0)
     pseudolites = case.pseudolites

@@ -17,6 +17,7 @@ from navsim.gnss.constellations.systems import CLOCKS, SYSTEMS
 from navsim.gnss.events import BEACONS, EVERY, PSEUDOLITES
 from navsim.gnss.signals import Environment, Satellites, time_scales
 from navsim.landing.satellites import horizon_of, read_satellites
+from navsim.landing.terrain import check_ground, with_heights
 from navsim.results import files
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, KeyedError, hint
@@ -172,9 +173,10 @@ def _check_flyable(moving: Moving, scenario: Landing) -> None:
 
 
 def files_of(scenario: Landing) -> dict[str, str]:
-    """Checksums of the files of its sky by the names a scenario gives them, once they are written into it."""
+    """Checksums of the files of its sky and terrain by their names in a scenario, once they are written into it."""
     sky = scenario.sky
     around = {} if sky.horizon is None or sky.horizon_sha256 is None else {sky.horizon: sky.horizon_sha256}
+    around |= {its.file: its.file_sha256 for its in scenario.terrain if its.file and its.file_sha256}
     names, checksums = getattr(sky, sky.source, ()), getattr(sky, f"{sky.source}_sha256", ())
     return around | (dict(zip(names, checksums, strict=True)) if sky.source in SOURCES_FROM_FILES else {})
 
@@ -200,7 +202,9 @@ def environment(
     horizon, scenario = horizon_of(scenario, document)
     warnings += scenario.sky.unused() + scenario.unused_of_flight()
     lever_arm, jammed = np.array(scenario.receiver.lever_arm_m), scenario.interference
-    terrain = scenario.terrain_tops(trajectory.frame)
+    scenario, about_heights = with_heights(scenario, document, trajectory.frame)
+    terrain = scenario.terrain_around(trajectory.frame)
+    warnings += about_heights + check_ground(scenario, document, trajectory, terrain)
     sources = Environment(
         satellites,
         listed,

@@ -99,6 +99,8 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
             flipped = flipped if s[-1] > s[0] else flipped[::-1]
             shade_ground(on, *map(np.array, ends))
             drawn = image(on, flipped, ends[0], ends[1], mapper, report.label(result))
+            if "/map/seen" in result:
+                on.contour(along, s, result["/map/seen"], levels=[0.5, 0.999], line_color="white")
             tell(
                 on,
                 [drawn],
@@ -117,6 +119,8 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
     if np.isfinite(result["/map/objective"]).any():
         shown = f"{report.label(result)}, with {report.site_name(result, 0)} moved there and the others kept"
         caption = f"Colours: {shown}; grey where that is not allowed{unmet}. {caption}"
+        if "/map/seen" in result:
+            caption += " White lines: half and all of the glide's fixes see an antenna there."
     else:
         caption += " The maps were not computed."
     title = f"Placement map{f' ({name})' if several else ''}"

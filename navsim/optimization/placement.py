@@ -16,6 +16,7 @@ import numpy as np
 
 from navsim.formats import geojson
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
+from navsim.gnss.interference.horizon import Terrain
 from navsim.gnss.pseudolite import Track, runway_positions
 from navsim.optimization.scenario import Constraints, Optimize, Strip, Surfaces
 from navsim.results import files
@@ -30,21 +31,32 @@ ObjectiveFunction = Callable[[np.ndarray], np.ndarray]
 @dataclass(frozen=True)
 class RunwayPlane:
     """The runway's plane: where places (s, l1) lie on the Earth, all at one height above it, or k each at its own.
-    Places (s, l1, height) have their own."""
+    Places (s, l1, height) have their own. With files of heights these count from the ground."""
 
     threshold: np.ndarray
     heading: float
     height: float | np.ndarray
+    terrain: Terrain | None = None
 
     def llh(self, places: np.ndarray) -> np.ndarray:
         """Antennas at places (..., 2 or 3), geodetic (..., 3), rad, rad, m."""
         out = runway_positions(self.threshold, self.heading, places[..., :2], 0.0)
-        out[..., 2] += self.heights(places)
+        if self.terrain is not None:
+            out[..., 2] = self.terrain.ground(out)
+        out[..., 2] += self.height if places.shape[-1] == 2 else places[..., 2]
         return out
 
     def heights(self, places: np.ndarray) -> np.ndarray | float:
         """Heights of antennas above the plane, m."""
+        if self.terrain is not None:
+            return self.llh(places)[..., 2] - self.threshold[2]
         return self.height if places.shape[-1] == 2 else places[..., 2]
+
+    def above_runway(self, places: np.ndarray) -> np.ndarray:
+        """Places (..., 2 or 3) as a scenario has them, whose heights count from the runway."""
+        if self.terrain is None:
+            return places
+        return np.concatenate([places[..., :2], self.heights(places)[..., None]], axis=-1)  # type: ignore[index]
 
     def ecef(self, places: np.ndarray) -> np.ndarray:
         """Positions in ECEF (..., 3), m."""
@@ -149,7 +161,12 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
     """The constraints ready to be asked, with the checksum of their file. Raises InputError for a keep-out file that
     cannot be used."""
     trajectory = scenario.trajectory()
-    plane = RunwayPlane(scenario.threshold(trajectory.frame), scenario.runway.heading_deg * DEG, study.height_m)
+    threshold = scenario.threshold(trajectory.frame)
+    ground = scenario.terrain_around(trajectory.frame) if study.height_above == "ground" else None
+    if ground is not None and not ground.grids:
+        text = f"{study.base} has no `file` of heights under `terrain`, which ground is taken from"
+        raise InputError([Problem(document.place(("height_above",)), "height_above", text)])
+    plane = RunwayPlane(threshold, scenario.runway.heading_deg * DEG, study.height_m, ground)
     given, keep_out = study.constraints, None
     if given.keep_out is not None:
         key = ("constraints", "keep_out")

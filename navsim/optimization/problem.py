@@ -40,7 +40,7 @@ from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
 from navsim.landing.plausibility import implausible
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.landing.sources import environment, glide_epochs, touchdown_time
-from navsim.optimization.placement import ObjectiveFunction, Rules, rules
+from navsim.optimization.placement import ObjectiveFunction, Rules, RunwayPlane, rules
 from navsim.optimization.scenario import (
     BEACON_DISTANCE,
     BEACON_OBJECTIVES,
@@ -324,7 +324,8 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
             f"the search ignores the requirements of {study.base}; navsim judges by them only the best placements that "
             "it flies. To search placements that meet them, write `constraints: {requirements: true}`"
         )
-    if doubted := scenario.runway.doubted_height("height_m", study.height_m, study.placed):
+    doubted = scenario.runway.doubted_height("height_m", study.height_m, study.placed)
+    if doubted and study.height_above == "runway":
         warnings.append(doubted)
     if (study.objective in FILTER_OUTPUTS or beacons is not None) and study.constraints.distance_m is None:
         distance = FILTER_DISTANCE if beacons is None else BEACON_DISTANCE
@@ -334,7 +335,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     kept = rules(study, document, scenario, placing.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
     objective: ObjectiveFunction = partial(_of_geometry, study.objective.removeprefix("beacons_"), placing, kept)
-    fly = partial(_fly, study, bare, document)
+    fly = partial(_fly, study, bare, document, kept.plane)
     by_geometry = study.objective in (*DOP_OBJECTIVES, *BEACON_OBJECTIVES)
     if by_geometry and not study.constraints.requirements:
         return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly, beacons=beacons)
@@ -447,22 +448,30 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
 
 
 def _fly(
-    study: Optimize, bare: Document, document: Document, places: np.ndarray, seed: int, first: int, runs: int
+    study: Optimize,
+    bare: Document,
+    document: Document,
+    plane: RunwayPlane,
+    places: np.ndarray,
+    seed: int,
+    first: int,
+    runs: int,
 ) -> OfRuns:
     """Results of runs of the base scenario with pseudolites, or beacons, at `places` (k, c)."""
     from navsim.landing.case import prepare
 
-    own = with_sites(study, bare, document, places)
+    own = with_sites(study, bare, document, places, plane)
     set_value(own, "method", "monte-carlo", document.place(("base",)), document.folder)
 
     case = prepare(validated(Landing, own), own)
     return of_runs(fly_case(case, seed, first, runs, threads()))
 
 
-def with_sites(study: Optimize, bare: Document, document: Document, places: np.ndarray) -> Document:
+def with_sites(study: Optimize, bare: Document, document: Document, places: np.ndarray, plane: RunwayPlane) -> Document:
     """The base scenario with pseudolites, or beacons, at `places` (k, c)."""
     own = bare.copy()
-    settings: dict[str, Any] = {f"{study.placed}.sites": [study.site(place) for place in places]}
+    sites = [study.site(place) for place in plane.above_runway(places)]
+    settings: dict[str, Any] = {f"{study.placed}.sites": sites}
     if study.beacons is None:
         own.data["pseudolites"].pop("count")
         settings["pseudolites.frame"] = "runway"

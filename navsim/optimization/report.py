@@ -334,6 +334,9 @@ def plan(result: Result) -> Figure:
                 rasterized=True,
             )  # fmt: skip
             fig.colorbar(image, ax=ax, label=label(result), extend="min" if large else "max")
+        if finite.size and "/map/seen" in result and np.ptp(result["/map/seen"]) > 0.0:
+            levels = ax.contour(-l1, s, result["/map/seen"], levels=[0.5, 0.999], colors="white", linewidths=0.8)
+            ax.clabel(levels, fmt={0.5: "seen 50 %", 0.999: "100 %"}, fontsize=6)
         x, y = -result["/optimum/l1"][i], result["/optimum/s"][i]
         ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label=placed(result),
                 clip_on=False, zorder=5)  # fmt: skip

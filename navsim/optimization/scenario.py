@@ -189,6 +189,8 @@ class Optimize(Section):
     """instead of area: the places there are; the choice is then combinatorial"""
     height_m: Signed = 0.0
     """height of the antennas above the runway, for those without their own"""
+    height_above: Literal["runway", "ground"] = "runway"
+    """what all heights of the study count from; ground: that of the files of heights under `terrain` of the base"""
     constraints: Constraints = Constraints()
     """constraints on a placement"""
     period: Period | None = None

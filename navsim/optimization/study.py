@@ -19,7 +19,7 @@ from navsim.landing.beacons import FLAT_VDOP
 from navsim.landing.confirmation import Candidate, Confirmation, confirm, put_requirements
 from navsim.landing.requirements import statements
 from navsim.optimization.best_placement import Found, NoPlacement
-from navsim.optimization.placement import ObjectiveFunction
+from navsim.optimization.placement import ObjectiveFunction, RunwayPlane
 from navsim.optimization.prefetch import ObjectiveFunctions, Prefetcher
 from navsim.optimization.problem import (
     PENALTY_CONSTRAINT,
@@ -404,6 +404,14 @@ def objective_map(problem: PlacementProblem, best: Found, trials: Evaluator) -> 
     return np.where(values < PENALTY_UNSOLVED, values, np.nan).reshape(s.size, l1.size)
 
 
+def _seen_from(problem: PlacementProblem, s: np.ndarray, l1: np.ndarray) -> np.ndarray:
+    """Share of the glide's fixes (a, b) that see an antenna of the least height there is at places s (a,), l1 (b,)."""
+    places = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
+    if problem.coordinates == 3:
+        places = np.column_stack([places, np.full(len(places), problem.limits()[0][2])])
+    return problem.geometry.seen(problem.rules.plane.ecef(places)).reshape(s.size, l1.size)
+
+
 def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int) -> Result:
     """The optima, their neighbourhoods and the front as a result of kind optimize."""
     study, found = problem.study, outcome.found
@@ -429,14 +437,15 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
         ("/map/computed", [c in outcome.maps for c in counts]),
     ):
         draft[path] = np.array(marks, dtype=np.int8)
-    axes = ("s", "l1", "up")[: problem.coordinates]
+    plane = problem.rules.plane
+    axes = ("s", "l1", "up")[: problem.coordinates if plane.terrain is None else 3]
     places = np.full((len(counts), most, len(axes)), np.nan)
     llh = np.full((len(counts), most, 3), np.nan)
     around = np.full((len(counts), most, len(LOSSES), BEARINGS.size), np.nan)
     margin, tightest = np.empty(len(counts)), np.full(len(counts), "", dtype=object)
     for i, count in enumerate(counts):
         best = found[count]
-        places[i, :count] = best.places
+        places[i, :count] = plane.above_runway(best.places)
         llh[i, :count] = llh_from_ecef(problem.rules.plane.ecef(best.places))
         if count in outcome.neighbourhoods:
             around[i, :count] = outcome.neighbourhoods[count]
@@ -460,9 +469,11 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     s, l1 = map_axes(problem)
     draft["/map/s"] = s
     draft["/map/l1"] = l1
+    if problem.scenario.terrain:
+        draft["/map/seen"] = _seen_from(problem, s, l1)
     maps = problem.shown(np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts]))
     draft.put("/map/objective", maps, unit=unit, quantity=quantity)
-    _flown(draft, outcome, unit, quantity)
+    _flown(draft, outcome, plane, unit, quantity)
     unmet = _requirements(draft, problem, outcome) + _flown_requirements(draft, problem, outcome)
     attributes = root_attributes(
         "optimize", seed, problem.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
@@ -507,7 +518,7 @@ def _at(places: np.ndarray) -> str:
     return f"the placement at s, l1 {', '.join(f'({s:.2f}, {l1:.2f})' for s, l1 in places[:, :2])} m"
 
 
-def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: str) -> None:
+def _flown(draft: ResultBuilder, outcome: SearchOutcome, plane: RunwayPlane, unit: str, quantity: str) -> None:
     """Write results of runs of the best placements, and of those that runs contradicted."""
     counts = sorted(outcome.found)
     errors, runs = np.full((len(counts), 3, 3), np.nan), np.zeros(len(counts), np.int64)
@@ -524,10 +535,11 @@ def _flown(draft: ResultBuilder, outcome: SearchOutcome, unit: str, quantity: st
     rejected = [(count, one) for count, found in known.items() for one in found.rejected]
     if not rejected:
         return
-    axes = ("s", "l1", "up")[: rejected[0][1].choice.shape[1]]
+    choices = [plane.above_runway(one.choice) for _, one in rejected]
+    axes = ("s", "l1", "up")[: choices[0].shape[1]]
     places = np.full((len(rejected), max(counts), len(axes)), np.nan)
-    for i, (count, one) in enumerate(rejected):
-        places[i, :count] = one.choice
+    for i, (choice, (count, _)) in enumerate(zip(choices, rejected, strict=True)):
+        places[i, :count] = choice
     draft["/rejected/rejected"] = np.arange(1, len(rejected) + 1)
     draft["/rejected/pseudolites"] = np.array([count for count, _ in rejected])
     for axis, name in enumerate(axes):

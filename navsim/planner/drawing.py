@@ -138,6 +138,8 @@ class AerodromePlan:
         tell(on, [glide], ("", "glide"), ("height", "@up{0} m"), ("along", "@x{0} m"))
         interference = proposal.scenario.interference
         for ridge in (*proposal.scenario.terrain, *(() if interference is None else interference.horizon)):
+            if getattr(ridge, "file", None) is not None:
+                continue
             tops = proposal.axes(ridge.tops(proposal.threshold))
             on.multi_line([*tops[..., 0]], [*tops[..., 1]], line_color=BROWN, line_width=3)
 

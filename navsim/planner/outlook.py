@@ -52,6 +52,7 @@ QUANTITIES = {each.name: each for each in (
     Quantity("pdop_max", "PDOP, worst of the glide", ""),
     Quantity("fix_horizontal", "accuracy of fixes, horizontal, 1σ", "m"),
     Quantity("fix_vertical", "accuracy of fixes, vertical, 1σ", "m"),
+    Quantity("hidden", "share of the glide that does not see the pseudolites", ""),
     Quantity("hpl_p95", "protection level HPL, 95 % of the glide", "m", level=True),
     Quantity("vpl_p95", "protection level VPL, 95 % of the glide", "m", level=True),
 )}  # fmt: skip
@@ -141,6 +142,13 @@ class Outlook:
     def judge(self, name: str, names: tuple[str, ...], every: int = 1) -> Places:
         """Evaluator of a quantity for placements of pseudolites with these names; by geometry at every so many-th
         epoch."""
+        if name == "hidden":
+            return lambda places: (
+                1.0
+                - np.mean(
+                    [self.geometry.seen(self._proposal.sites(places[:, k])) for k in range(places.shape[1])], axis=0
+                )
+            )
         if self.placed or (self._sources.sight_placed and QUANTITIES[name].level):
             return lambda places: np.array([self._by_signals(name, each, names) for each in places])
         if not QUANTITIES[name].level:
@@ -159,7 +167,7 @@ class Outlook:
 
     def quick(self, name: str) -> bool:
         """Whether a quantity is available for ten thousand placements at once."""
-        return not self.placed and not QUANTITIES[name].level
+        return name == "hidden" or not (self.placed or QUANTITIES[name].level)
 
     @property
     def _bare(self) -> Prepared:

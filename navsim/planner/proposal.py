@@ -65,6 +65,7 @@ class PlannedScenario:
         flown = [approach.file] if isinstance(approach, FileApproach) else []
         sky = self.scenario.sky
         around = [] if sky.horizon is None else [sky.horizon]
+        around += [its.file for its in self.scenario.terrain if its.file is not None]
         return [*flown, *around, *(getattr(sky, sky.source) if sky.source in SOURCES_FROM_FILES else ())]
 
     @property

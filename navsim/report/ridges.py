@@ -110,6 +110,8 @@ def terrain_skyline(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
 
     The elevation is -pi/2 without terrain in that direction. None without any terrain.
     """
+    if "/geometry/skyline" in result:
+        return result["/geometry/skyline_azimuth"], result["/geometry/skyline"]
     given = ridges(result)
     if not given:
         return None

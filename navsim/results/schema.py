@@ -129,6 +129,7 @@ _BEACONS = "where there are `beacons`"
 _STATIONS = "where there are ground stations"
 _KEPT = "unless `--keep none`"
 _HORIZON = "with `sky.horizon`"
+_HEIGHTS_FILE = "with a `file` under `terrain`"
 _WIND = "where there is a mean wind"
 _TRACK = "with `approach.profile: track`"
 _ALL = "with `--keep all`, which is the default for one run"
@@ -151,6 +152,7 @@ RMS_WINDOW = 20.0
 HEIGHTS = {"touchdown": 0, "50ft": 50, "100ft": 100, "200ft": 200}
 """Heights above the runway at which errors are evaluated, ft."""
 SKY_TIMES = 25
+SKYLINE = 721
 """Largest number of times at which the directions to all sources are kept."""
 _HEIGHTS = ", ".join(HEIGHTS).replace("ft", " ft")
 RUNWAY_AXES = ("lateral", "along", "vertical")
@@ -212,6 +214,10 @@ _TRUTH = Chapter(
            when=_HORIZON),
         _a("/geometry/behind_terrain", "source", "1", "fix epochs at which terrain hides the source: a satellite that "
            "the mask lets pass, or a pseudolite", _FLOWN, WHOLE, when="where there is `terrain`"),
+        _a("/geometry/skyline_azimuth", "skyline_azimuth", "rad", "azimuths of the skyline, growing", _FLOWN,
+           when=_HEIGHTS_FILE),
+        _a("/geometry/skyline", "skyline_azimuth", "rad", "elevation up to which terrain hides the sky from the "
+           "antenna at the last fix, -pi/2 where there is none", _FLOWN, when=_HEIGHTS_FILE),
         _a("/geometry/shadowed", "source", "1", "fix epochs at which the aircraft hides the source: a satellite above "
            "the mask, or a pseudolite", _FLOWN, WHOLE, when="where there is "
            "`receiver.antenna`"),
@@ -1425,6 +1431,8 @@ _OPTIMIZE = Chapter(
         _a("/map/computed", "pseudolites", "1", "1: the map was computed", OPTIMIZE, WHOLE),
         _a("/map/s", "s", "m", "right of the runway's axis", OPTIMIZE),
         _a("/map/l1", "l1", "m", "before the threshold", OPTIMIZE),
+        _a("/map/seen", "s l1", "1", "share of the glide's fixes that see an antenna there, at the least height of the "
+           "search", OPTIMIZE, when="where the base scenario has `terrain`"),
         _a("/map/objective", "pseudolites s l1", "{unit}",
            "{quantity}, the first pseudolite moved, the others kept{how}; nan if a rule is violated, or requirements "
            "are not met", OPTIMIZE),

@@ -5,6 +5,7 @@ The sections of the same names in `filter` are the filter's models of them.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -24,6 +25,7 @@ from navsim.scenario.base import (
     reject,
 )
 from navsim.scenario.presets import MAGNETOMETER_PRESETS
+from navsim.scenario.terrain import terrain_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -128,13 +130,24 @@ class RadioAltimeterSection(AidingSection):
     """profile of the ground along the approach: pairs of distance and height from the threshold, with straight lines
     between them and level ground beyond. Distances before the threshold are negative. Left out: the runway's own slope,
     and level ground before and beyond it"""
+    ground_from: Literal["profile", "terrain"] = "profile"
+    """terrain: the ground under the antenna by the files of heights under `terrain`, and in the filter model that under
+    the centre line, unless filter.radio_altimeter.ground gives another"""
 
     @model_validator(mode="after")
     def _check_consistent(self) -> Self:
         if self.lowest_m >= self.highest_m:
             raise reject(f"must be below highest_m, {self.highest_m:g} m", "lowest_m")
         check_profile(self.ground, "ground")
+        if self.ground and self.ground_from == "terrain":
+            raise reject("is for `ground_from: profile`; give one of both", "ground")
         return self
+
+    def check(self, landing: Landing) -> None:
+        """Raise for ground of files that there are not."""
+        super().check(landing)
+        if self.ground_from == "terrain" and not any(each.file for each in landing.terrain):
+            raise reject("there is no `file` of heights under `terrain`", "radio_altimeter", "ground_from")
 
     def model(self, landing: Landing) -> RadioAltimeter:
         """The sensor in SI units on a runway, and its filter model."""
@@ -142,12 +155,12 @@ class RadioAltimeterSection(AidingSection):
 
         from navsim.sensors.altimeter import RadioAltimeter, RadioAltimeterDesign
 
-        runway, given = landing.runway, landing.filter.radio_altimeter
+        runway, given, by_terrain = landing.runway, landing.filter.radio_altimeter, self.ground_from == "terrain"
         ground = profile_of(self.ground or runway.surface)
         assumed = RadioAltimeterDesign(
             self.sigma_floor_m if given.sigma_floor_m is None else given.sigma_floor_m,
             self.sigma_share if given.sigma_share is None else given.sigma_share,
-            ground if given.ground is None else profile_of(given.ground),
+            profile_of(given.ground) if given.ground is not None else None if by_terrain else ground,
             np.array(self.lever_arm_m if given.lever_arm_m is None else given.lever_arm_m),
             self.latency_s if given.latency_s is None else given.latency_s,
             -math.inf if given.from_m is None else given.from_m,
@@ -165,6 +178,7 @@ class RadioAltimeterSection(AidingSection):
             aim_point=runway.aim_point_m,
             height=runway.ellipsoidal_m,
             design=assumed,
+            terrain=functools.partial(terrain_of, landing.terrain) if by_terrain else None,
         )
 
 

@@ -13,7 +13,7 @@ from navsim.scenario.base import DEG, ListOf, NonNegative, Sigma, Signed, Triple
 from navsim.scenario.presets import BEACON_PRESETS
 from navsim.scenario.pseudolites import Site
 from navsim.scenario.signals import Gain
-from navsim.scenario.terrain import tops_of
+from navsim.scenario.terrain import terrain_of
 
 if TYPE_CHECKING:
     from navsim.gnss.events import Event
@@ -272,7 +272,7 @@ class BeaconsSection(AidingSection):
         return Beacons(
             self.names(), plane, llh, runway.aim_point_m, runway.ellipsoidal_m, runway.heading_deg * DEG, self.rate_hz,
             self.latency_s, self.sigma_m, self.weak_sigma_m, self.reach,
-            functools.partial(tops_of, landing.terrain), np.array(self.lever_arm_m), self.errors(),
+            functools.partial(terrain_of, landing.terrain), np.array(self.lever_arm_m), self.errors(),
             self.outliers(), assumed, self.happenings(landing), self.jamming(landing),
         )  # fmt: skip
 
@@ -286,7 +286,7 @@ class BeaconsSection(AidingSection):
         ground = landing.runway.ellipsoidal_m
         return LinkJamming(
             its.models(ground, landing.signals.tracking), ground,
-            functools.partial(tops_of, (*landing.terrain, *its.horizon)), self.carrier_mhz * 1e6,
+            functools.partial(terrain_of, (*landing.terrain, *its.horizon)), self.carrier_mhz * 1e6,
             self.bandwidth_mhz * 1e6, self.noise_figure_db, self.gain_dbi,
         )  # fmt: skip
 

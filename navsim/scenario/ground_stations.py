@@ -5,6 +5,7 @@ The sections of the same names in `filter` are the filter's models of them.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -25,6 +26,7 @@ from navsim.scenario.base import (
 )
 from navsim.scenario.guidance import BEYOND_END
 from navsim.scenario.presets import STATION_PRESETS
+from navsim.scenario.terrain import terrain_of
 
 if TYPE_CHECKING:
     from navsim.scenario.landing import Landing
@@ -135,7 +137,8 @@ class StationSection(AidingSection):
         return station(
             (along, right, runway.rise * along + self.height_m), runway.aim_point_m, runway.ellipsoidal_m,
             self.rate_hz, mine.latency, mine.noise, self.limits(landing), mine.lever_arm,
-            np.array(self.off_s).reshape(-1, 2), mine.errors, of(other, its.errors == "states"),
+            np.array(self.off_s).reshape(-1, 2), mine.errors, functools.partial(terrain_of, landing.terrain),
+            of(other, its.errors == "states"),
         )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from navsim.scenario.terrain import RidgeSection, tops_of
 if TYPE_CHECKING:
     import numpy as np
 
+    from navsim.gnss.interference.horizon import Terrain
     from navsim.gnss.interference.jamming import Jammer, Jamming, NearFar, Pulses
     from navsim.gnss.interference.spectral_separation import SweptTone, Waveform
     from navsim.scenario.signals import CodeTrackingSection, ReceiverSection
@@ -224,10 +225,12 @@ class InterferenceSection(Section):
         return tuple(jammer.model(ground, 0.5 / tracking.bandwidth_hz) for jammer in self.jammers)
 
     def model(
-        self, threshold: np.ndarray, tracking: CodeTrackingSection, receiver: ReceiverSection, terrain: np.ndarray
+        self, threshold: np.ndarray, tracking: CodeTrackingSection, receiver: ReceiverSection, terrain: Terrain
     ) -> Jamming:
         """The jammers over ground as high as the threshold of the runway, (3,) rad, rad, m, and the loops and the
-        receiver that they disturb. terrain: (w, 2, 3) tops of ridges that hide them, too, ECEF, m."""
+        receiver that they disturb. terrain: what hides them, too."""
+        from dataclasses import replace
+
         import numpy as np
 
         from navsim.gnss.interference.jamming import Jamming
@@ -245,6 +248,6 @@ class InterferenceSection(Section):
             antenna=None if receiver.antenna is None else receiver.antenna.model(),
             noise_figure=receiver.noise_figure_db,
             pseudolites=None if self.pseudolites is None else self.pseudolites.model(),
-            tops=np.concatenate([terrain, tops_of(self.horizon, threshold)]),
+            terrain=replace(terrain, tops=np.concatenate([terrain.tops, tops_of(self.horizon, threshold)])),
             bands=tuple(Band(low * 1e6, high * 1e6) for low, high in self.front_end_mhz),
         )

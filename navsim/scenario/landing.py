@@ -61,11 +61,12 @@ from navsim.scenario.requirements import AnyRequirement
 from navsim.scenario.runway import Runway
 from navsim.scenario.signals import ClockNoise, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
-from navsim.scenario.terrain import RidgeSection, tops_of
+from navsim.scenario.terrain import TerrainSection, terrain_of
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from navsim.gnss.interference.horizon import Terrain
     from navsim.gnss.pseudolite import Track
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signal_errors import Effects
@@ -135,8 +136,9 @@ class Landing(Section):
     """errors of the ranging signals of satellites"""
     events: Annotated[ListOf[AnyEvent], Field(max_length=100)] = ()
     """events that affect signals, with their times"""
-    terrain: Annotated[ListOf[RidgeSection], Field(max_length=100)] = ()
-    """ridges and skylines: satellites and pseudolites behind them are not received, jammers are received more weakly"""
+    terrain: Annotated[ListOf[TerrainSection], Field(max_length=100)] = ()
+    """ridges, skylines, files of heights: satellites, pseudolites, beacons and stations behind them are not received,
+    jammers are received more weakly"""
     interference: InterferenceSection | None = None
     """jammers; null: none"""
     receiver: ReceiverSection = ReceiverSection()
@@ -189,6 +191,10 @@ class Landing(Section):
         if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
             raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
         self._check_fix_states()
+        for i, ground in enumerate(self.terrain):
+            if ground.height_above == "geoid" and self.runway.geoid_undulation_m is None:
+                text = "heights above the geoid need the geoid's own above the ellipsoid: give "
+                raise reject(f"{text}runway.geoid_undulation_m", "terrain", i, "height_above")
         if self.method != "monte-carlo":
             self.check_analysable()
         if self.method == "rare" and self.box is None:
@@ -876,9 +882,9 @@ class Landing(Section):
         llh = llh_from_ecef(frame.origin - self.runway.aim_point_m * frame.axes[:, 0])
         return np.array([llh[0], llh[1], self.runway.ellipsoidal_m])
 
-    def terrain_tops(self, frame: Frame) -> np.ndarray:
-        """Tops (w, 2, 3), ECEF, m, of the ridges around."""
-        return tops_of(self.terrain, self.threshold(frame))
+    def terrain_around(self, frame: Frame) -> Terrain:
+        """Ridges and read files of heights."""
+        return terrain_of(self.terrain, self.threshold(frame))
 
     def pseudolite_positions(self, frame: Frame) -> np.ndarray:
         """Surveyed positions (p, 3), rad, rad, m."""

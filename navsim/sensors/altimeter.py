@@ -6,6 +6,7 @@ Source: `docs/theory/altimeters.md`, section 1.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,12 @@ import numpy as np
 from navsim.filter.measurement_kinds import ABOVE_GROUND, ALTITUDE, AltitudeTable, GroundTable
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.geodesy.earth_kernels import radii
+from navsim.gnss.interference.horizon import Terrain
 from navsim.sensors.aiding import AidingSensor
 from navsim.trajectory.kinematics import Frame, Motion, Moving
+
+_PROFILE = -15e3, 5e3, 30.0
+"""Distances beyond the threshold between which the filter has the terrain as a profile, and their step, m."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +117,8 @@ class RadioAltimeterDesign:
 
     floor: float
     share: float
-    ground: Ground
+    ground: Ground | None
+    """None: the terrain under the centre line."""
     lever_arm: np.ndarray
     latency: float
     start: float = -math.inf
@@ -148,11 +154,18 @@ class RadioAltimeter(AidingSensor):
     height: float
     design: RadioAltimeterDesign
     """Filter model."""
+    terrain: Callable[[np.ndarray], Terrain] | None = None
+    """In place of `ground`: files of heights, by the threshold (3,), rad, rad, m."""
 
     def exact(self, frame: Frame, motion: Motion) -> np.ndarray:
         """Noise-free measurements along a motion (m,), m; nan where it does not measure."""
         arm = motion.c_nb @ self.lever_arm
-        ground = self.ground.at(Centreline.of(frame, self.aim_point, self.height).along(motion.llh, arm))
+        strip = Centreline.of(frame, self.aim_point, self.height)
+        if self.terrain is None:
+            ground = self.ground.at(strip.along(motion.llh, arm))
+        else:
+            below = motion.llh[:, :2] + arm[:, :2] / strip.scale
+            ground = self.terrain(strip.threshold).ground(below) - self.height
         above = motion.llh[:, 2] - arm[:, 2] - self.height - ground
         near = 1e-6  # on the ground the height is 0 m, but for rounding
         there = (above >= self.lowest - near) & (above <= self.highest + near)
@@ -169,10 +182,20 @@ class RadioAltimeter(AidingSensor):
     def table(self, frame: Frame, measured: np.ndarray) -> GroundTable:
         """Heights as the filter takes them, and its ground."""
         strip, its = Centreline.of(frame, self.aim_point, self.height), self.design
+        ground = self._under_centreline(strip) if its.ground is None else its.ground
         return GroundTable(
             measured[:, 0].copy(), its.floor, its.share, its.start, strip.threshold, strip.scale, strip.direction,
-            its.ground.along, its.ground.height, its.lever_arm,
+            ground.along, ground.height, its.lever_arm,
         )  # fmt: skip
+
+    def _under_centreline(self, strip: Centreline) -> Ground:
+        """Profile of the terrain along the centre line; without the places that have no height."""
+        assert self.terrain is not None
+        along = np.arange(*_PROFILE)
+        below = strip.threshold[:2] + along[:, None] * strip.direction / strip.scale
+        height = self.terrain(strip.threshold).ground(below)
+        known = np.isfinite(height)
+        return Ground(along[known], height[known] - self.height)
 
     @property
     def design_latency(self) -> float:
@@ -186,6 +209,8 @@ class RadioAltimeter(AidingSensor):
         return (
             (mine.floor, mine.share, mine.latency) == (its.floor, its.share, its.latency)
             and np.array_equal(mine.lever_arm, its.lever_arm)
+            and its.ground is not None
+            and mine.terrain is None
             and np.array_equal(mine.ground.along, its.ground.along)
             and np.array_equal(mine.ground.height, its.ground.height)
         )

@@ -21,6 +21,7 @@ from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, BeaconTable
 from navsim.filter.states import Block
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.events import BEACONS, Event, EventEffects, Scene, Silence, happened
+from navsim.gnss.interference.horizon import Terrain, behind, horizon_distance
 from navsim.gnss.interference.jamming import LinkJamming
 from navsim.gnss.pseudolite import runway_position
 from navsim.sensors.aiding import AidingSensor, SensorError
@@ -134,8 +135,8 @@ class Beacons(AidingSensor):
     """1 sigma of the further noise at `reach`, m; it grows with distance."""
     reach: float
     """Largest range, m."""
-    tops: Callable[[np.ndarray], np.ndarray]
-    """Tops (w, 2, 3) of ridges, ECEF, m, by the threshold of the runway (3,), rad, rad, m."""
+    terrain: Callable[[np.ndarray], Terrain]
+    """What hides beacons, by the threshold of the runway (3,), rad, rad, m."""
     lever_arm: np.ndarray
     """(3,) IMU to antenna, body axes, m."""
     true_errors: BeaconErrors
@@ -227,14 +228,12 @@ class Beacons(AidingSensor):
 
         Also which of them the antenna receives (t, n) bool: those in reach, within the radio horizon and not behind
         terrain."""
-        from navsim.gnss.interference.horizon import behind, horizon_distance
-
-        beacons = np.repeat(ecef_from_llh(llh)[None], len(antenna), axis=0)
+        beacons = ecef_from_llh(llh)[None]
         out = beacons - antenna[:, None]
         here, there = llh_from_ecef(antenna)[:, 2] - self.height, llh[:, 2] - self.height
         horizon = horizon_distance(here)[:, None] + horizon_distance(there)
         received = np.linalg.norm(out, axis=2) <= np.minimum(self.reach, horizon)
-        return out, received & ~behind(self.tops(threshold), beacons, antenna)
+        return out, received & ~behind(self.terrain(threshold), beacons, antenna)
 
     def line_of_sight(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Vectors (m, 3) to the beacons asked, and whether they are received (m,), as `away`."""

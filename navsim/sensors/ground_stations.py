@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from navsim.filter.measurement_kinds import AZIMUTH, DISTANCE, ELEVATION, StationTable
 from navsim.filter.states import Block, correlated_single
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.gnss.interference.horizon import Terrain, behind
 from navsim.gnss.signals import antenna_ecef
 from navsim.sensors.aiding import AidingSensor, SensorError, estimated
 from navsim.trajectory.kinematics import Frame, Moving
@@ -75,6 +77,8 @@ class GroundStation(AidingSensor):
     off: np.ndarray
     """(j, 2) times from which and until which the station is off, s."""
     true_errors: StationErrors
+    terrain: Callable[[np.ndarray], Terrain]
+    """What hides it, by the threshold of the runway (3,), rad, rad, m."""
     design: StationDesign
     """Filter model."""
 
@@ -100,10 +104,18 @@ class GroundStation(AidingSensor):
             there = away @ frame.axes[:, 0] < 0.0  # it radiates towards the approach
         return exact, there
 
+    def hidden(self, flight: Moving, time: np.ndarray) -> np.ndarray:
+        """Where (m,) terrain is between the antennas."""
+        frame = flight.frame
+        threshold = llh_from_ecef(frame.origin - self.aim_point * frame.axes[:, 0])
+        threshold[2] = self.height
+        antenna = antenna_ecef(flight.motion(time), self.lever_arm)
+        return behind(self.terrain(threshold), ecef_from_llh(self.llh(frame))[None, None], antenna)[:, 0]
+
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
-        """Angles or ranges (m, 1), rad or m; nan outside the coverage and while the station is off."""
+        """Angles or ranges (m, 1), rad or m; nan outside the coverage, behind terrain and while the station is off."""
         exact, there = self.geometry(flight, time)
-        there &= (exact >= self.limits[0]) & (exact <= self.limits[1])
+        there &= (exact >= self.limits[0]) & (exact <= self.limits[1]) & ~self.hidden(flight, time)
         for start, end in self.off:
             there &= (time < start) | (time >= end)
         return np.where(there, exact, np.nan)[:, None]

@@ -68,7 +68,9 @@ _KEPT = 22
 """Weight n of the satellites on the pseudolites' clock."""
 _REACH = 23
 """Distance to the horizon."""
-_N = 24
+_EPOCH = 24
+"""Number of the epoch."""
+_N = 25
 
 _TILE = 32
 """Epochs of one pass: their C for a register of placements fits into the first-level cache. One loop computes C, the
@@ -106,6 +108,7 @@ def _common(receiver, up, reach, spare, satellites, weight, count, out):
         row[_SPARE] = spare[e]
         row[_KEPT] = satellites[e, SAT_WEIGHT] * variance
         row[_REACH] = reach[e]
+        row[_EPOCH] = e
     return solvable
 
 
@@ -173,14 +176,16 @@ def _in_sight(row, ridges, x, y, z, reach):
 
 
 @kernel_inline
-def _eliminated_in_sight(row, sites, places, ridges, c):
-    """`_eliminated` for pseudolites that neither the Earth nor a ridge hides; returns whether there are enough
+def _eliminated_in_sight(row, sites, places, ridges, clear, g, c):
+    """`_eliminated` for pseudolites that neither the Earth nor terrain hides; returns whether there are enough
     sources."""
     xx, yx, yy, zx, zy, zz = row[_A], row[_A + 1], row[_A + 2], row[_A + 3], row[_A + 4], row[_A + 5]
     bx, by, bz = row[_B], row[_B + 1], row[_B + 2]
     heard = 0.0
     for k in range(sites):
         seen = _in_sight(row, ridges, places[k, 0], places[k, 1], places[k, 2], places[k, 3])
+        if clear.shape[0] > 0:
+            seen *= clear[g, int(row[_EPOCH]), k]
         ux = places[k, 0] - row[_AT]
         uy = places[k, 1] - row[_AT + 1]
         uz = places[k, 2] - row[_AT + 2]
@@ -234,7 +239,7 @@ def _squares(row, c):
 
 @kernel
 def placement_dops(
-    receiver, up, reach, spare, satellites, weight, ridges, sites, far, room, places, first, last, out, lost
+    receiver, up, reach, spare, satellites, weight, ridges, clear, sites, far, room, places, first, last, out, lost
 ):
     """Statistics of PDOP, HDOP and VDOP over the epochs, for placements in the SIMD registers first ... last - 1.
 
@@ -243,6 +248,8 @@ def placement_dops(
     - `satellites` (e, SAT_N): rows as of SAT_A, SAT_B, SAT_WEIGHT.
     - `weight` (e,): weight of a pseudolite range, 1 or 1/variance; 0 where the receiver tracks no pseudolite.
     - `ridges` (w, EDGE_N): ridges that hide pseudolites, see EDGE_FIRST.
+    - `clear` (last - first, e, k) of SIMD lanes: 1 where grids of heights let the antenna see a pseudolite, else 0;
+      (0, 0, 0) without grids.
     - `sites` (p, k, 3): ECEF positions of the k pseudolites of each placement, m.
     - `far` (p, k): distance of each to its horizon, m; (0, k) if none can be beyond it.
     - `room` (k, 4, W) and `places` (k, 4) of SIMD lanes: the same work space.
@@ -252,7 +259,7 @@ def placement_dops(
 
     Lane l of register g is placement W g + l. Lanes after the last placement repeat it.
     """
-    places, out, lost = as_simd(places), as_simd(out), as_simd(lost)
+    places, clear, out, lost = as_simd(places), as_simd(clear), as_simd(out), as_simd(lost)
     count, width = sites.shape[1], room.shape[2]
     epochs = receiver.shape[0]
     common = np.empty((epochs, _N))
@@ -273,10 +280,10 @@ def placement_dops(
             rows = common[begin : min(begin + _TILE, solvable)]
             for e in range(rows.shape[0]):
                 heard = count if rows[e, _HEARD] > 0.0 else 0
-                if ridges.shape[0] == 0 and far.shape[0] == 0:
+                if ridges.shape[0] == 0 and far.shape[0] == 0 and clear.shape[0] == 0:
                     _eliminated(rows[e], heard, places, c[e])
                     continue
-                enough = _eliminated_in_sight(rows[e], heard, places, ridges, c[e])
+                enough = _eliminated_in_sight(rows[e], heard, places, ridges, clear, g - first, c[e])
                 for i in range(6):
                     c[e, i] = where(enough, c[e, i], math.nan)
             for e in range(rows.shape[0]):

@@ -16,7 +16,7 @@ from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.geodesy.horizon import upright_planes
 from navsim.gnss.dop import MAX_CLOCKS, normals
-from navsim.gnss.interference.horizon import horizon_distance
+from navsim.gnss.interference.horizon import Terrain, behind, horizon_distance
 from navsim.gnss.signals import Environment, build_signals
 from navsim.gnss.sky import enu_matrix
 from navsim.simulation.placement_dops import (
@@ -64,6 +64,8 @@ class Geometry:
     """(e,) weight 1/variance, 1/m2; 0 likewise."""
     ridges: np.ndarray
     """(w, EDGE_N) ridges that hide pseudolites."""
+    terrain: Terrain
+    """The ridges again, and grids of heights."""
     ground: float
     """See `Environment`."""
 
@@ -96,6 +98,20 @@ class Geometry:
         """1 sigma of fixes in space, horizontal, vertical, m ("SKO"), from the weighted covariance."""
         return self._statistics(self.weighted, self.pseudolite_weighted, sites, workers)
 
+    def seen(self, sites: np.ndarray) -> np.ndarray:
+        """Share of the epochs (p,) at which the antenna sees a source at places (p, 3), ECEF, m: over the horizon, and
+        not behind terrain."""
+        far = horizon_distance(llh_from_ecef(sites)[:, 2] - self.ground)
+        away = np.linalg.norm(sites - self.receiver[:, None], axis=2)
+        return np.mean((away <= self.reach[:, None] + far) & ~behind(self.terrain, sites[None], self.receiver), axis=0)
+
+    def _clear(self, sites: np.ndarray, first: int, last: int) -> np.ndarray:
+        """`clear` of `placement_dops` (last - first, e, k, W)."""
+        lanes = np.minimum(np.arange(first * WIDTH, last * WIDTH), len(sites) - 1)
+        hidden = behind(Terrain(grids=self.terrain.grids), sites[lanes].reshape(1, -1, 3), self.receiver)
+        shaped = hidden.reshape(len(self.receiver), last - first, WIDTH, -1)
+        return np.ascontiguousarray(1.0 - np.moveaxis(shaped, (0, 1, 2, 3), (1, 0, 3, 2)))
+
     def _statistics(
         self, satellites: np.ndarray, weight: np.ndarray, sites: np.ndarray, workers: int
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -110,10 +126,11 @@ class Geometry:
         step = max(_SHARE // max(len(weight), 1), 1)
 
         def share(first: int) -> None:
-            room = np.empty((each, 4, WIDTH))
+            room, last = np.empty((each, 4, WIDTH)), min(first + step, groups)
+            clear = self._clear(sites, first, last) if self.terrain.grids else np.empty((0, 0, 0, WIDTH))
             placement_dops(
-                self.receiver, self.up, self.reach, self.spare, satellites, weight, self.ridges, sites, far, room,
-                in_lanes(room), first, min(first + step, groups), out, lost,
+                self.receiver, self.up, self.reach, self.spare, satellites, weight, self.ridges, in_lanes(clear), sites,
+                far, room, in_lanes(room), first, last, out, lost,
             )  # fmt: skip
 
         starts = range(0, groups, step)
@@ -126,7 +143,7 @@ class Geometry:
         return values.reshape(3, 3, -1)[..., :count], missed.ravel()[:count].astype(np.int64)
 
 
-_OF_EPOCHS = tuple(f.name for f in fields(Geometry) if f.name not in ("ridges", "ground"))
+_OF_EPOCHS = tuple(f.name for f in fields(Geometry) if f.name not in ("ridges", "terrain", "ground"))
 """Fields with one row for each epoch."""
 
 
@@ -144,7 +161,7 @@ def glide_geometry(
     axes = enu_matrix(motion.llh)[counted]
     place = llh_from_ecef(trajectory.frame.origin) + np.array([0.0, 0.0, _OVERHEAD])
     sources = replace(environment, pseudolites=replace(environment.pseudolites, names=("any",), llh=place[None]))
-    ridges, parts = _edges(environment.terrain), []
+    ridges, parts = _edges(environment.terrain.tops), []
     for start in np.atleast_1d(utc):
         s = build_signals(motion, float(start), sources)
         clock, shared = s.clock[:-1], int(s.clock[-1])
@@ -163,6 +180,7 @@ def glide_geometry(
                 pseudolite_unit=heard.astype(float),
                 pseudolite_weighted=np.where(heard, weight[:, -1], 0.0),
                 ridges=ridges,
+                terrain=environment.terrain,
                 ground=environment.ground,
             )
         )

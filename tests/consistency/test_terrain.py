@@ -104,7 +104,7 @@ def test_only_what_is_low_is_asked() -> None:
     places = rng.uniform([55.8, 36.6, 0.0], [56.2, 37.4, 3e3], (60, 3))
     sources = np.repeat(np.array([cartesian(*place) for place in places])[None], 6, axis=0)
     sources[:, 0] = np.nan
-    found = horizon.behind(tops, sources, antenna)
+    found = horizon.behind(horizon.Terrain(tops), sources, antenna)
     for i in range(60):
         c = crossings(tops, sources[:, i, None], antenna)
         np.testing.assert_array_equal(found[:, i], (c.between & (c.over > 0.0)).any(axis=1))
@@ -126,7 +126,7 @@ def test_what_ridges_hide_of_the_sky_ends_where_they_begin_to_hide() -> None:
         for off, wanted in ((-1e-5, edge > -0.5 * np.pi), (1e-5, np.zeros(azimuth.size, bool))):
             at = np.where(edge > -0.5 * np.pi, edge + off, off)
             away = 1e6 * unit_vector(azimuth, at) @ enu_matrix(llh_from_ecef(eye))
-            found = horizon.behind(tops, (eye + away)[None], eye[None])[0]
+            found = horizon.behind(horizon.Terrain(tops), (eye + away)[None], eye[None])[0]
             np.testing.assert_array_equal(found[~sides], wanted[~sides])
             hidden += int(found.sum())
     assert hidden > 1250

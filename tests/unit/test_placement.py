@@ -110,12 +110,12 @@ def test_the_bits_of_a_placement_are_its_own(width: int, monkeypatch: pytest.Mon
     np.testing.assert_array_equal(lost_again, lost)
 
     groups, near = -(-len(sites) // width), np.empty((2, 4, width))
-    values, missed = np.empty((3, 3, groups, width)), np.empty((groups, width))
-    places, out, no_fix = (a[..., 0] if width == 1 else in_lanes(a) for a in (near, values, missed))
+    clear, values, missed = np.empty((0, 0, 0, width)), np.empty((3, 3, groups, width)), np.empty((groups, width))
+    clear, places, out, no_fix = (a[..., 0] if width == 1 else in_lanes(a) for a in (clear, near, values, missed))
     for far in (np.empty((0, 2)), np.full((len(sites), 2), 1e6)):
         placement_dops(
             geometry.receiver, geometry.up, geometry.reach, geometry.spare, geometry.weighted,
-            geometry.pseudolite_weighted, geometry.ridges, sites, far, near, places, 0, groups, out, no_fix,
+            geometry.pseudolite_weighted, geometry.ridges, clear, sites, far, near, places, 0, groups, out, no_fix,
         )  # fmt: skip
         np.testing.assert_array_equal(values.reshape(3, 3, -1)[..., : len(sites)], found)
         np.testing.assert_array_equal(missed.ravel()[: len(sites)], lost)

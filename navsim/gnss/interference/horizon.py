@@ -1,4 +1,4 @@
-"""Obstacles between a transmitter and an aircraft: the Earth, and ridges, each a straight knife edge.
+"""Obstacles between a transmitter and an aircraft: the Earth, ridges, each a straight knife edge, grids of heights.
 
 Page: `docs/theory/interference.md`, section 3.
 
@@ -7,9 +7,12 @@ Sources: [1] ITU-R P.526, section 4.1 (one knife edge; rays over an Earth of 4/3
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
+from navsim.geodesy.height_grid import HeightGrid
 from navsim.geodesy.horizon import crossings
 from navsim.gnss.interference.propagation import EARTH_RADIUS, LOWEST, edge_loss, edge_parameter, radio_horizon
 from navsim.gnss.sky import enu_matrix, unit_vector
@@ -53,11 +56,50 @@ def skyline(eye: np.ndarray, azimuths: tuple[float, float], elevation: float, di
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """Ground that hides sources."""
+
+    tops: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
+    """(w, 2, 3) ends of the tops of ridges, ECEF, m; ridges reach down to the ground."""
+    grids: tuple[HeightGrid, ...] = ()
+
+    def __bool__(self) -> bool:
+        return len(self.tops) > 0 or bool(self.grids)
+
+    def ground(self, llh: np.ndarray) -> np.ndarray:
+        """Height of the ground above the ellipsoid (...), m, by the grids, at places (..., 2 or 3), rad; nan where none
+        has it."""
+        out = np.full(llh.shape[:-1], np.nan)
+        for grid in self.grids:
+            out = np.fmax(out, grid.at(llh))
+        return out
+
+
+def loss_behind(terrain: Terrain, place: np.ndarray, antenna: np.ndarray, wavelength: float) -> np.ndarray:
+    """Diffraction loss (e,), dB, of the worst edge alone between a transmitter (3,) and antennas (e, 3), ECEF, m [1].
+
+    0 without ground between them. An edge is a ridge, or the ground at one place of the way. wavelength: m.
+    """
+    out = ridge_loss(terrain.tops, place, antenna, wavelength)
+    for grid in terrain.grids:
+        distance = np.linalg.norm(antenna - place, axis=1, keepdims=True)
+        cell = EARTH_RADIUS * min(grid.down, grid.right * np.cos(grid.north))
+        steps = max(2, int(np.ceil(distance.max(initial=0.0) / (0.25 * cell))))
+        for e in range(len(antenna)):  # one at a time: a profile has thousands of points
+            before = np.arange(1, steps) / steps * distance[e]
+            over = grid.profile(place, antenna[e : e + 1], steps)[0]
+            over = over - _BENT * before * (distance[e] - before) / (2.0 * EARTH_RADIUS)
+            known = np.isfinite(over)
+            nu = edge_parameter(over[known], before[known], (distance[e] - before)[known], wavelength)
+            out[e] = max(out[e], edge_loss(nu).max(initial=0.0))
+    return out
+
+
 def ridge_loss(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray, wavelength: float) -> np.ndarray:
     """Diffraction loss (e,), dB, of the worst ridge alone between a transmitter (3,) and antennas (e, 3), ECEF, m [1].
 
-    0 without a ridge between them. tops: (w, 2, 3) ends of the ridges' tops, ECEF, m; ridges reach down to the ground.
-    wavelength: m.
+    0 without a ridge between them. tops: as of `Terrain`. wavelength: m.
     """
     c = crossings(tops, place, antenna)
     distance = np.linalg.norm(c.way, axis=2)
@@ -70,12 +112,20 @@ def ridge_loss(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray, wavelen
     return np.where(c.between, loss, 0.0).max(axis=1, initial=0.0)
 
 
-def behind(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.ndarray:
-    """Which of sources (e, s, 3) a ridge hides from an antenna (e, 3), ECEF, m, by straight lines of sight: (e, s)
-    bool. tops: as of `ridge_loss`. A source without a place (nan) is not hidden."""
+def behind(terrain: Terrain, sources: np.ndarray, antenna: np.ndarray) -> np.ndarray:
+    """Which of sources (e, s, 3) ground hides from an antenna (e, 3), ECEF, m, by straight lines of sight: (e, s)
+    bool. Sources of (1, s, 3) are the same at all times. A source without a place (nan) is not hidden."""
+    out = np.zeros((len(antenna), sources.shape[1]), bool)
+    if len(terrain.tops):
+        out |= _behind_ridges(terrain.tops, np.broadcast_to(sources, (*out.shape, 3)), antenna)
+    for grid in terrain.grids:
+        grid.mark_below(antenna, sources, out)
+    return out
+
+
+def _behind_ridges(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.ndarray:
+    """`behind` of ridges."""
     out = np.zeros(sources.shape[:2], bool)
-    if not len(tops):
-        return out
     low = _below_tops(tops, sources, antenna)
     for i in np.flatnonzero(low.any(axis=0)):
         at = low[:, i]
@@ -90,7 +140,7 @@ def behind(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.nda
 def flown_under(tops: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Depth of a path (n, 3), ECEF, m, below the top of a ridge, between each point and the next: (n - 1,) m.
 
-    The largest of all ridges; -inf if the path crosses none or passes above it. tops: as of `ridge_loss`.
+    The largest of all ridges; -inf if the path crosses none or passes above it. tops: as of `Terrain`.
     """
     out = np.full(len(path) - 1, -np.inf)
     for some in range(0, len(tops), _AT_ONCE):
@@ -116,3 +166,27 @@ def _below_tops(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> n
     towards = sources - antenna[:, None]
     sine = np.einsum("esc,ec->es", towards, up) / np.linalg.norm(towards, axis=2)
     return np.asarray(sine <= highest[:, None] + 1e-9)
+
+
+LOWEST_SEEN, HIGHEST_SEEN = np.radians(-10.0), np.radians(80.0)
+"""Elevations between which ground ends, rad."""
+_HALVINGS = 17
+"""Halvings of that range, which leave 0.001 degrees."""
+_FAR = 1e6
+
+
+def skyline_seen(terrain: Terrain, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Elevations (n,), rad, up to which ground hides the sky from an eye (3,), ECEF, m, at azimuths (n,); -pi/2 where
+    there is none."""
+    axes = enu_matrix(llh_from_ecef(eye))
+    low, high = np.full(azimuth.size, LOWEST_SEEN), np.full(azimuth.size, HIGHEST_SEEN)
+
+    def hidden(elevation: np.ndarray) -> np.ndarray:
+        return behind(terrain, (eye + _FAR * unit_vector(azimuth, elevation) @ axes)[None], eye[None])[0]
+
+    there = hidden(low)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        under = hidden(middle)
+        low, high = np.where(under, middle, low), np.where(under, high, middle)
+    return np.where(there, low, -0.5 * np.pi)

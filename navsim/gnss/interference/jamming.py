@@ -14,7 +14,7 @@ import numpy as np
 from navsim.geodesy.earth import SPEED_OF_LIGHT, llh_from_ecef
 from navsim.gnss.antenna import AircraftAntenna
 from navsim.gnss.dll import CodeLoop, antenna_gain
-from navsim.gnss.interference.horizon import ridge_loss
+from navsim.gnss.interference.horizon import Terrain, loss_behind
 from navsim.gnss.interference.propagation import (
     LOWEST,
     blanked_loss,
@@ -96,11 +96,11 @@ class Jammer:
 
 
 def losses(
-    jammers: Sequence[Jammer], antenna: np.ndarray, ground: float, tops: np.ndarray
+    jammers: Sequence[Jammer], antenna: np.ndarray, ground: float, terrain: Terrain
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vectors (j, e, 3) from antennas (e, 3) to jammers, ECEF, m, distances (j, e), m, and losses on the way, dB.
 
-    ground: its height above the ellipsoid, m. tops: (w, 2, 3) of ridges, see `horizon.ridge_loss`.
+    ground: its height above the ellipsoid, m.
     """
     away = np.stack([jammer.place - antenna for jammer in jammers])
     distance = np.linalg.norm(away, axis=2)
@@ -109,8 +109,8 @@ def losses(
         np.array([getattr(jammer, name) for jammer in jammers])[:, None] for name in ("frequency", "height", "shadow")
     )
     loss = path_loss(distance, frequency) + horizon_loss(distance, np.maximum(height, LOWEST), above) + shadow
-    if len(tops):
-        hidden = (ridge_loss(tops, j.place, antenna, SPEED_OF_LIGHT / j.frequency) for j in jammers)
+    if terrain:
+        hidden = (loss_behind(terrain, j.place, antenna, SPEED_OF_LIGHT / j.frequency) for j in jammers)
         loss = loss + np.stack([*hidden])
     return away, distance, loss
 
@@ -122,7 +122,7 @@ class LinkJamming:
     jammers: tuple[Jammer, ...]
     ground: float
     """Height of the ground above the ellipsoid, m."""
-    tops: Callable[[np.ndarray], np.ndarray]
+    terrain: Callable[[np.ndarray], Terrain]
     """See `sensors.beacons.Beacons`."""
     carrier: float
     """Hz."""
@@ -139,7 +139,7 @@ class LinkJamming:
         antenna: (m, 3) at rest, or (t, 1, 3) on the way, ECEF, m. threshold: of the runway (3,), rad, rad, m.
         """
         moving = antenna.ndim == 3
-        _, _, loss = losses(self.jammers, antenna.reshape(-1, 3), self.ground, self.tops(threshold))
+        _, _, loss = losses(self.jammers, antenna.reshape(-1, 3), self.ground, self.terrain(threshold))
         out = np.ones((time.size, 1 if moving else len(antenna)))
         floor = noise_density(TEMPERATURE) + self.noise_figure
         for jammer, lost in zip(self.jammers, loss, strict=True):
@@ -228,8 +228,8 @@ class Jamming:
     """Noise figure of the receiver, dB."""
     pseudolites: NearFar | None
     """Interference by pseudolites; None without."""
-    tops: np.ndarray
-    """(w, 2, 3) tops of ridges that hide jammers, ECEF, m, see `horizon.ridge_loss`."""
+    terrain: Terrain
+    """What hides jammers."""
     bands: tuple[Band, ...]
     """Pass bands of the front end, one for each carrier; empty: everything passes."""
 
@@ -247,7 +247,7 @@ class Jamming:
         antenna, cn0 = received.antenna, received.cn0
         if not self.jammers:
             return np.empty((0, *cn0.shape))
-        away, distance, loss = losses(self.jammers, antenna, self.ground, self.tops)
+        away, distance, loss = losses(self.jammers, antenna, self.ground, self.terrain)
         up = np.einsum("ei,jei->je", enu_matrix(received.llh)[:, 2], away) / distance
         power = np.stack([jammer.power(received.time) for jammer in self.jammers])
         if self.antenna is None:
