@@ -37,6 +37,8 @@ _GROSS = 2.0
 """Ratio from which on a wrong sigma is reported as a factor, not in percent."""
 _NONE = 1e-3
 """Ratio below which the filter knows of an error that is next to none."""
+_SAME_MODEL = 5e-4
+"""Least difference of an expected z from 1, at any state and output, that shows two models instead of one."""
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,8 @@ def evaluate(ratios: Ratios, band: RatioBand, tolerance: float) -> StateVerdict:
         words = f"{found}error beyond {band.high:.1f}σ in one run: {_number(most)}σ, {_at(ratios, top)}"
     elif small or large:
         words = "; ".join([f"sigma {_off(most)}: {first}"] * small + [f"sigma {_off(least)}: {last}"] * large)
+    elif not ratios.runs and reach < _SAME_MODEL:
+        words = "not tested: filter and truth have the same model"
     elif reach <= tolerance:
         words = f"sigma right within {_percent(reach)}: {largest} ({whose})"
     elif band.low <= least and most <= band.high:

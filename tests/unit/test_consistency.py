@@ -144,6 +144,19 @@ def test_an_expectation_has_no_band() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("z", "runs", "words"),
+    [
+        (1.0004, 0, "not tested: filter and truth have the same model"),
+        (1.006, 0, "sigma right within 0.6 %: largest z 1.01, heading at 59 s (to first order)"),
+        (1.0004, 1000, "sigma right as far as 1000 runs tell (z 0.90 to 1.10): largest z 1.00, heading at 59 s"),
+    ],
+)
+def test_equal_models_test_nothing(z: float, runs: int, words: str) -> None:
+    expected = ratios(right((118, 1, z)), runs)
+    assert evaluate(expected, BAND if runs else simultaneous_band(expected), 0.05).words == words
+
+
 def test_limits_are_those_of_a_normal_error() -> None:
     from scipy.stats import norm
 
