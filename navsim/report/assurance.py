@@ -114,7 +114,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     "QZSS satellites": ("Design constellations of Galileo, BeiDou (MEO) and QZSS",),
     _FROM_FILES: (
         "GLONASS almanac propagation", "DOPs from a YUMA almanac with masks", "Greenwich mean sidereal time",
-        "Two-line elements", "row 1 of Table 2 from a real jammed sky", "Real skies of Table 2's calibrations a and b'",
+        "Two-line elements", "Real skies of Table 2's calibrations a and b'",
     ),
     "precise orbits": ("Single-point positioning by precise orbits (SP3), a day of GPS, GLONASS and both",),
     "ionosphere and troposphere": (

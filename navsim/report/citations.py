@@ -193,7 +193,7 @@ METHODS = (
     ),
     Method("left-invariant filter", _FILTER, ("barrau2017",), _filter("left-invariant")),
     Method("Gaussian sum", "docs/theory/gaussian-sum.md", ("alspach1972", "runnalls2007"), _filter("gaussian-sum")),
-    Method("smoother", "docs/filter.md", ("rauch1965",), _filter("rts")),
+    Method("Rauch-Tung-Striebel smoother", "docs/filter.md", ("rauch1965",), _filter("rts")),
     Method("batch smoother", "docs/filter.md", ("bell1994", "rauch1965"), _filter("map")),
     Method(
         "consistency: each state's sigma, NEES, NIS and their bands",

@@ -177,11 +177,10 @@ def test_published_figure_at_56n_37e(shared: Path, within: Within) -> None:
     np.testing.assert_allclose(flown.shared.dop[0], [1.69, 1.51, 0.97, 1.16, 0.75], rtol=0.0, atol=within["DOPs"])
 
 
-@pytest.mark.validates("row 1 of Table 2 from a real jammed sky", "the landing paper", DOPs="0.005")
-def test_sky_of_row_one(shared: Path, within: Within) -> None:
+def test_sky_of_row_one(shared: Path) -> None:
     """A real sky, its upper part jammed, has row 1 of Table 2 at touchdown.
 
-    Told in `docs/corrections.md`. R19 stands at 45.87 degrees
+    The sky is fitted to it, so this validates nothing. Told in `docs/corrections.md`. R19 stands at 45.87 degrees
     there and must be lost for the printed figures; with a limit of 46.0 PDOP is 3.41.
     """
     common = (
@@ -190,12 +189,12 @@ def test_sky_of_row_one(shared: Path, within: Within) -> None:
         "duration_s=0.1",
     )  # fmt: skip
     below = case(*common, "sky.mask_upper_deg=45.8").shared
-    np.testing.assert_allclose(below.dop[0, 1:4], [3.67, 1.33, 3.42], rtol=0.0, atol=within["DOPs"])
+    np.testing.assert_allclose(below.dop[0, 1:4], [3.67, 1.33, 3.42], rtol=0.0, atol=0.005)
     exact = case(*common, "sky.mask_upper_deg=46").shared
     r19 = exact.signals.names.index("R19")
     assert exact.signals.used[0, r19]
     assert np.degrees(exact.signals.elevation[0, r19]) == pytest.approx(45.87, abs=0.01)
-    assert exact.dop[0, 1] == pytest.approx(3.414, abs=within["DOPs"])
+    assert exact.dop[0, 1] == pytest.approx(3.414, abs=0.005)
 
 
 TABLE_1 = [
