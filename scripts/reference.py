@@ -46,7 +46,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "beacons={sites: [{name: north, s_m: 120, l1_m: 300, height_m: 2}, {name: south, lat_deg: 56.02, lon_deg: "
             "37.01}], rate_hz: 20, sigma_m: 0.1, weak_sigma_m: 0.3, bias_sigma_m: 0.1, growth_m: 0.3, growth_sigma_m: "
             "0.1, survey_sigma_m: 0.05, eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868, long_share: 0.02, "
-            "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5, bandwidth_mhz: 0.5, noise_figure_db: 5}",
+            "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5, bandwidth_mhz: 0.5, noise_figure_db: 5, "
+            "clock: {}}",
             "azimuth_station={preset: mls, beyond_m: 3000, half_width_m: 300, off_s: [[10, 20]]}",
             "elevation_station={preset: mls}", "dme={preset: dme-p, beyond_m: 3000}",
             "runway.geoid_undulation_m=15.5",
@@ -63,7 +64,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "magnetometer: {errors: states, noise_ut: 0.4, hard_iron_ut: 3, scale_percent: 1, misalignment_mrad: 5, "
             "mounting_deg: [0, 0, 2], field_error_ut: 0.2, disturbance_ut: 1, latency_s: 0.02}, "
             "beacons: {outliers: mixture, long_share: 0.1, long_m: 2, outlier_share: 0.02, outlier_sigma_m: 3, "
-            "errors: states, sigma_m: 0.2, weak_sigma_m: 0.4, bias_sigma_m: 0.2, growth_m: 0.2, "
+            "clock: {offset_sigma_us: 5}, errors: states, sigma_m: 0.2, weak_sigma_m: 0.4, bias_sigma_m: 0.2, "
+            "growth_m: 0.2, "
             "growth_sigma_m: 0.2, growth_distance_m: 30, survey_sigma_m: 0.1, latency_s: 0.02, "
             "lever_arm_m: [0, 0, 0.1]}, "
             "azimuth_station: {bias_m: 3, bends_m: 2, noise_m: 2, bends_time_s: 3, latency_s: 0.1, "

@@ -27,7 +27,7 @@ BEACON = 10
 """Kind of the ranges of beacons."""
 BEACON_STATES = 5
 """Errors of a beacon: bias, growth of the bias, position along north, east, down [6]. The state of the error k of the
-beacon i has the axis `BEACON_STATES` i + k."""
+beacon i has the axis `BEACON_STATES` i + k. Behind those of n beacons come offset and rate of the receiver's clock."""
 AZIMUTH, ELEVATION, DISTANCE = 11, 12, 13
 """Kinds of the measurements of ground stations: two angles and a range [7]."""
 KIND_COUNT = 1 + DISTANCE

@@ -324,6 +324,9 @@ def _beacon(nav, declared, c_nb, table, row, z, h):
             else:
                 h[0, SENSORS + c] = axes[k - 2, 0] * x[0] + axes[k - 2, 1] * x[1] + axes[k - 2, 2] * x[2]
                 moved += h[0, SENSORS + c] * value
+        elif declared[c].triad == BEACON and declared[c].axis == BEACON_STATES * table.position.shape[0]:
+            h[0, SENSORS + c] = 1.0  # the receiver's clock
+            z[0] -= nav[NAV_SENSORS + c]
     # a longer way also has a larger bias
     steeper = 1.0 + growth * left * (1.0 / table.growth_distance)
     z[0] -= growth * (1.0 - left) + steeper * moved

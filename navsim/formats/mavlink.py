@@ -266,6 +266,8 @@ def _gps_input(fixes: dict[str, np.ndarray], k: int, start: float) -> dict[str, 
 def _ranges(result: Result, scenario: Any) -> dict[str, Any]:
     """Ranges (m,) of the beacons asked in turn, nan without an answer, and what their messages say of the beacons."""
     its = scenario["beacons"]
+    if its.get("clock") is not None:
+        raise ResultError("beacons.clock makes one-way ranges, and RANGING_BEACON is of two-way ones")
     return {
         "time": result["/aiding/beacons/time"], "range": result["/aiding/beacons/measured"][0, :, 0],
         "llh": result["/beacons/position_llh"], "sigma": result["/aiding/beacons/sigma"][:, 0],

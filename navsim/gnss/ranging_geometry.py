@@ -53,14 +53,30 @@ def plane_of(position: np.ndarray) -> Plane:
     return Plane(point, normal, float(size[2]), float(size[1]))
 
 
-def two_way_dops(away: np.ndarray) -> np.ndarray:
-    """PDOP, HDOP, VDOP (e, 3) of two-way ranges, nan without a solution; compiles nothing.
+def range_dops(away: np.ndarray, one_way: bool = False) -> np.ndarray:
+    """PDOP, HDOP, VDOP (e, 3) of two-way ranges, or of one-way ranges with one clock; nan without a solution. Compiles
+    nothing.
 
     away: (e, n, 3) from the antenna to the beacons, the third axis vertical, nan where one is not received.
     """
     axes = np.ascontiguousarray(np.moveaxis(away, (2, 1), (0, 1)))
-    east, north, up = inverse_diagonal(axes, np.ones(axes.shape[1:]))
+    weight = np.ones(axes.shape[1:])
+    east, north, up = inverse_diagonal(*(without_clock(axes, weight) if one_way else (axes, weight)))
     return np.sqrt(np.stack([east + north + up, east + north, up], axis=1))
+
+
+def without_clock(away: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors (3, n, ...) and weights (n, ...) with which `inverse_diagonal` is that of ranges with an unknown clock.
+
+    Eliminating the clock takes the weighted mean of the lines of sight off. away, weight: of `inverse_diagonal`.
+    """
+    unit = away / np.sqrt((away * away).sum(axis=0))
+    there = np.isfinite(unit[0])
+    own = np.where(there, weight, 0.0)
+    with np.errstate(invalid="ignore"):  # nothing received
+        centred = unit - (own * np.where(there, unit, 0.0)).sum(axis=1, keepdims=True) / own.sum(axis=0)
+    square = (centred * centred).sum(axis=0)
+    return np.where(square > _CLOSE**2, centred, np.nan), weight * square
 
 
 def inverse_diagonal(away: np.ndarray, weight: np.ndarray, prior: float = 0.0) -> np.ndarray:
@@ -91,14 +107,14 @@ def inverse_diagonal(away: np.ndarray, weight: np.ndarray, prior: float = 0.0) -
     return np.where((xx + yy + zz) * out.sum(axis=0) < SINGULAR, out, np.nan)
 
 
-def mixed_dops(away: np.ndarray, los: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    """PDOP, HDOP, VDOP (e, 3) of two-way ranges together with pseudoranges.
+def mixed_dops(away: np.ndarray, los: np.ndarray, clock: np.ndarray, own: int = -1) -> np.ndarray:
+    """PDOP, HDOP, VDOP (e, 3) of two-way ranges, or of ranges with a clock of the number `own`, and of pseudoranges.
 
-    away: see `two_way_dops`; los: (e, s, 3) unit vectors to sources of pseudoranges in the same axes, nan likewise, and
+    away: see `range_dops`; los: (e, s, 3) unit vectors to sources of pseudoranges in the same axes, nan likewise, and
     clock (s,) of each, see `dop.dops`.
     """
     both = np.concatenate([away / np.linalg.norm(away, axis=2, keepdims=True), los], axis=1)
-    return dops(both, np.concatenate([np.full(away.shape[1], -1), clock]))[:, 1:4]
+    return dops(both, np.concatenate([np.full(away.shape[1], own), clock]))[:, 1:4]
 
 
 def mirror_image(beacons: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, float]:

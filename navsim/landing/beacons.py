@@ -8,8 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
+from navsim.gnss.dop import MAX_CLOCKS
 from navsim.gnss.pseudorange import Signals
-from navsim.gnss.ranging_geometry import inverse_diagonal, mirror_image, mixed_dops, plane_of, two_way_dops
+from navsim.gnss.ranging_geometry import (
+    inverse_diagonal,
+    mirror_image,
+    mixed_dops,
+    plane_of,
+    range_dops,
+    without_clock,
+)
 from navsim.gnss.sky import enu_matrix
 from navsim.sensors.beacons import Beacons
 from navsim.statistics.rounding import digits
@@ -43,7 +51,10 @@ class BeaconGeometry:
 
     def dop_with_sources(self, signals: Signals) -> np.ndarray:
         """PDOP, HDOP, VDOP (e, 3) of beacons and sources of the fix together, at the same times."""
-        return mixed_dops(self.away, signals.los, signals.clock)
+        if self.sensor.clock is None:
+            return mixed_dops(self.away, signals.los, signals.clock)
+        free = sorted({*range(MAX_CLOCKS)} - {*signals.clock[signals.used.any(axis=0)].tolist()})
+        return mixed_dops(self.away, signals.los, signals.clock, free[0]) if free else np.full_like(self.dop, np.nan)
 
     def images(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Height of the mirror image above the antenna (k,), m, and residual of the ranges there (k,), RMS, m, at some
@@ -80,7 +91,11 @@ class BeaconGlide:
 
         sites: (p, k, 3) ECEF of the beacons of each placement, m.
         """
-        return self._statistics(sites, lambda away: inverse_diagonal(away, np.ones(away.shape[1:])))
+        return self._statistics(sites, lambda away: self._variances(away, np.ones(away.shape[1:])))
+
+    def _variances(self, away: np.ndarray, weight: np.ndarray, prior: float = 0.0) -> np.ndarray:
+        """`inverse_diagonal` of the ranges, for one-way ranges after their clock is eliminated."""
+        return inverse_diagonal(*(without_clock(away, weight) if self.sensor.clock else (away, weight)), prior)
 
     def fix_sigmas(self, sites: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """1 sigma of positions from a range of each beacon in space, horizontal, vertical, m, by the filter model of a
@@ -91,7 +106,7 @@ class BeaconGlide:
             distance = np.sqrt((away * away).sum(axis=0))
             variance = its.sigma**2 + (its.weak_sigma / self.sensor.reach * distance) ** 2
             variance += errors.bias**2 + (errors.growth_sigma * errors.grown(distance)) ** 2 + errors.survey**2
-            return inverse_diagonal(away, 1.0 / variance, 1.0 / _PRIOR**2)
+            return self._variances(away, 1.0 / variance, 1.0 / _PRIOR**2)
 
         return self._statistics(sites, variances)
 
@@ -126,7 +141,7 @@ def beacon_geometry(sensor: Beacons, trajectory: Moving, time: np.ndarray) -> Be
     llh = sensor.positions(trajectory.frame)
     position = ecef_from_llh(llh)[0] - away[:, 0]
     there = np.where(received[..., None], away @ np.swapaxes(enu_matrix(llh_from_ecef(position)), 1, 2), np.nan)
-    return BeaconGeometry(sensor, llh, received, two_way_dops(there), there, position)
+    return BeaconGeometry(sensor, llh, received, range_dops(there, sensor.clock is not None), there, position)
 
 
 def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
@@ -140,8 +155,9 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
         return out
     vdop = geometry.dop[glide, 2]
     if np.isnan(vdop).all():
-        return [*out, "beacons: fewer than three are received at a time on the glide, or all in one line: their ranges "
-                "alone give no position"]  # fmt: skip
+        few = "three" if geometry.sensor.clock is None else "four"
+        return [*out, f"beacons: fewer than {few} are received at a time on the glide, or all in one line: their "
+                "ranges alone give no position"]  # fmt: skip
     largest = float(np.nanmax(vdop))
     if largest > FLAT_VDOP:
         plane, used = plane_of(ecef_from_llh(geometry.llh)), np.flatnonzero(glide)

@@ -200,6 +200,8 @@ class Case:
             return str(error)
         if self.scenario.beacons is not None and (key := self.scenario.beacons.irregular):
             return f"beacons.{key} is above 0: first-order errors have neither lost answers nor outliers"
+        if any(aid.sensor.clock is not None for aid in self.shared.aids):
+            return "beacons.clock: first-order errors of runs do not have the clock of one-way ranges"
         if self.shared.signals.losses is not None:
             return "pseudolites.differential.link.loss is above 0: first-order errors have the losses of one flight"
         return self._rare_losses()

@@ -72,7 +72,7 @@ _PSEUDOLITES = (
     "air on the paths of pseudolites", "pulsed pseudolites",
 )  # fmt: skip
 _BEACONS = (
-    "DOPs of two-way ranges, alone and with satellites",
+    "DOPs of two-way and one-way ranges, alone and with satellites",
     "predicted range, noise and gate of a beacon without bias",
 )  # fmt: skip
 _HEIGHTS = (

@@ -12,12 +12,13 @@ from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, L
 from navsim.scenario.base import DEG, ListOf, NonNegative, Sigma, Signed, Triple, reject
 from navsim.scenario.presets import BEACON_PRESETS
 from navsim.scenario.pseudolites import Site
-from navsim.scenario.signals import Gain
+from navsim.scenario.signals import ClockNoise, Gain
 from navsim.scenario.terrain import terrain_of
 
 if TYPE_CHECKING:
     from navsim.gnss.events import Event
     from navsim.gnss.interference.jamming import LinkJamming
+    from navsim.gnss.pseudolite_clock import TransmitterErrors
     from navsim.scenario.landing import Landing
     from navsim.sensors.beacons import BeaconErrors, Beacons, Outliers
 
@@ -32,9 +33,35 @@ _OUTLIERS = ("outlier_share", "outlier_sigma_m"), ("long_share", "long_m")
 """Keys of the share and the size of each kind of outlier."""
 
 
+class BeaconClock(ClockNoise):
+    """The receiver's clock in one-way ranges, against the time base that the beacons share. Its noise is that of a TCXO
+    (Brown & Hwang) unless given."""
+
+    offset_sigma_us: Annotated[float, Field(gt=0.0, le=30.0)] = 10.0
+    """1 sigma of its offset at time 0; with GNSS time at both ends a microsecond or less"""
+    drift_sigma_ppb: Annotated[float, Field(gt=0.0, le=1e4)] = 100.0
+    """1 sigma of its frequency offset at time 0"""
+
+    @model_validator(mode="after")
+    def _check_noise(self) -> Self:
+        if not self.h0 or not self.h_minus2:
+            raise reject("a clock without noise is none; give both above 0", "h0" if not self.h0 else "h_minus2")
+        return self
+
+    def model(self) -> TransmitterErrors:
+        """Its errors, m and m/s."""
+        from navsim.geodesy.earth import SPEED_OF_LIGHT
+        from navsim.gnss.pseudolite_clock import TransmitterErrors
+
+        offset, rate = self.offset_sigma_us * 1e-6, self.drift_sigma_ppb * 1e-9
+        return TransmitterErrors(
+            offset=SPEED_OF_LIGHT * offset, rate=SPEED_OF_LIGHT * rate, density=self.densities()
+        )
+
+
 class BeaconsSection(AidingSection):
-    """Ranging beacons on the ground: two-way time of flight, without the receiver's clock. The vehicle asks one beacon
-    after the other. Errors are drawn for each beacon and run."""
+    """Ranging beacons on the ground: two-way time of flight, without the receiver's clock, or one-way ranges with it.
+    The vehicle asks one beacon after the other. Errors are drawn for each beacon and run."""
 
     preset: Literal["none", "uwb", "sx1280"] = "none"
     """defaults of noise and bias, as measured; keys here replace them. none: the keys here alone. uwb: ultra-wideband
@@ -84,6 +111,9 @@ class BeaconsSection(AidingSection):
     """fraction of ranges that are too long, by a reflection or without line of sight"""
     long_m: NonNegative = 0.0
     """mean of how much they are too long; exponential distribution"""
+    clock: BeaconClock | None = None
+    """the receiver's clock: ranges are then one-way, on a time base common to the beacons, which send in turn; null:
+    two-way"""
     latency_s: Late = 0.0
     """time from a measurement to its arrival"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
@@ -143,6 +173,10 @@ class BeaconsSection(AidingSection):
         if landing.method == "rare" and self.irregular:
             text = "method rare pushes Gaussian errors; use 0, or method monte-carlo"
             raise reject(text, "beacons", self.irregular)
+        if landing.method == "rare" and self.clock is not None:
+            raise reject("method rare does not push this clock; use method monte-carlo", "beacons", "clock")
+        if self.clock is None and landing.filter.beacons.clock is not None:
+            raise reject("two-way ranges have no clock; give beacons.clock, too", "filter", "beacons", "clock")
         self._check_events(landing)
         self._check_jammers(landing)
         its = landing.filter.beacons
@@ -268,12 +302,14 @@ class BeaconsSection(AidingSection):
             other.sigma_m, other.weak_sigma_m, other.latency_s, np.array(other.lever_arm_m),
             other.errors(its.errors == "states"),
             replace(other.outliers(), loss=0.0) if its.outliers == "mixture" else None,
+            None if other.clock is None else other.clock.model(),
         )  # fmt: skip
         return Beacons(
             self.names(), plane, llh, runway.aim_point_m, runway.ellipsoidal_m, runway.heading_deg * DEG, self.rate_hz,
             self.latency_s, self.sigma_m, self.weak_sigma_m, self.reach,
             functools.partial(terrain_of, landing.terrain), np.array(self.lever_arm_m), self.errors(),
             self.outliers(), assumed, self.happenings(landing), self.jamming(landing),
+            None if self.clock is None else self.clock.model(),
         )  # fmt: skip
 
     def jamming(self, landing: Landing) -> LinkJamming | None:
@@ -338,6 +374,8 @@ class FilterBeacons(FilterAidingSection):
     """distance at which the bias has grown to 63 % in the filter model"""
     survey_sigma_m: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
     """1 sigma of the surveyed positions in the filter model"""
+    clock: BeaconClock | None = None
+    """the receiver's clock in the filter model"""
     latency_s: Late | None = None
     """latency in the filter model"""
     lever_arm_m: Triple | None = None

@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from navsim.filter.states import Block
+from navsim.gnss.pseudolite_clock import WanderingClocks
 from navsim.statistics.random_streams import branch
 from navsim.trajectory.kinematics import Frame, Moving
 
@@ -59,6 +60,9 @@ class AidingSensor(ABC):
 
     varies: ClassVar[bool] = False
     """Whether a run may lack measurements that the route has: answers are lost, or it leaves the coverage."""
+    clock: WanderingClocks | None = None
+    """Clock of its receiver, whose offset is in each number; None without. Its constant offset is the last of `errors`
+    beside."""
     has_outliers: bool = False
     """Whether its truth has outliers, which make its innovations larger than the filter expects."""
 
@@ -129,13 +133,28 @@ class AidingSensor(ABC):
             for error, of_error in zip(self.errors, drawn, strict=True)
         ]
 
+    def drawn_clock(self, time: np.ndarray, draw: np.random.Generator) -> np.ndarray:
+        """Offset, m, and rate, m/s, of its clock (2, m) in a run at times (m,), s, without the constant offset."""
+        assert self.clock is not None
+        return np.asarray(self.clock.drawn(time, [self._of_clock(draw)])[:, :, 0, 0])
+
+    def clock_between(self, at: np.ndarray, time: np.ndarray, draw: np.random.Generator) -> np.ndarray:
+        """The same at other times (o,), s."""
+        assert self.clock is not None
+        known = self.drawn_clock(time, draw)[..., None]
+        return np.asarray(self.clock.drawn_between(at, time, known, self._of_clock(draw))[..., 0])
+
+    def _of_clock(self, draw: np.random.Generator) -> np.random.Generator:
+        return branch(draw, 2 + len(self.errors))
+
     def spoiled(self, measured: np.ndarray, draw: np.random.Generator) -> np.ndarray:
         """Measurements (m, k) of a run with what is no Gaussian error: outliers, nan where one is lost."""
         return measured
 
     @property
     def followed(self) -> tuple[int, ...]:
-        """Errors that the filter estimates, as places in `errors`, in the order of its states."""
+        """Errors that the filter estimates, as places in `errors`, in the order of its states; the rate of a clock
+        comes behind them."""
         return ()
 
     def states(self, step: float) -> tuple[tuple[Block, float], ...]:

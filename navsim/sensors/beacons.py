@@ -1,4 +1,5 @@
-"""Ranging beacons on the ground, by two-way time of flight: the vehicle asks one beacon after the other.
+"""Ranging beacons on the ground, by two-way time of flight: the vehicle asks one beacon after the other. Or by one-way
+ranges on a time base that the beacons share; these have the receiver's clock in them.
 
     r = |p_beacon - p_antenna| + b(d) + noise,  b(d) = a + s f(d),  f(d) = 1 - exp(-d / D)
 
@@ -18,12 +19,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, BeaconTable
-from navsim.filter.states import Block
+from navsim.filter.states import Block, TransmitterClockModel
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.events import BEACONS, Event, EventEffects, Scene, Silence, happened
 from navsim.gnss.interference.horizon import Terrain, behind, horizon_distance
 from navsim.gnss.interference.jamming import LinkJamming
 from navsim.gnss.pseudolite import runway_position
+from navsim.gnss.pseudolite_clock import TransmitterErrors, WanderingClocks
 from navsim.sensors.aiding import AidingSensor, SensorError
 from navsim.statistics.random_streams import branch
 from navsim.trajectory.kinematics import Frame, Moving
@@ -104,6 +106,8 @@ class BeaconDesign:
     errors: BeaconErrors
     outliers: Outliers | None = None
     """Outliers of the filter's mixture; None: the gate alone."""
+    clock: TransmitterErrors | None = None
+    """Errors of the receiver's clock, None for two-way ranges."""
 
 
 @dataclass(frozen=True)
@@ -147,8 +151,15 @@ class Beacons(AidingSensor):
     """What happens to beacons: silence, and errors of ranges."""
     jamming: LinkJamming | None = None
     """Jammers that reach the links, None without."""
+    true_clock: TransmitterErrors | None = None
+    """Errors of the receiver's clock against the beacons' time in one-way ranges; None for two-way ranges."""
     weakened: np.ndarray | None = None
     """(m,) factor on the noise of weak signals by jammers along the route; None without."""
+
+    @property
+    def clock(self) -> WanderingClocks | None:  # type: ignore[override]  # likewise
+        """Clock of the receiver of one-way ranges."""
+        return None if self.true_clock is None else WanderingClocks(self.true_clock, np.ones(1, bool))
 
     @property
     def sources(self) -> int:  # type: ignore[override]  # a field of the base class, derived here
@@ -197,10 +208,10 @@ class Beacons(AidingSensor):
         times (t,), s."""
         assert self.jamming is not None
         threshold = self.threshold(frame)
-        return (
-            self.jamming.noise(time, antenna[:, None], threshold),
-            self.jamming.noise(time, ecef_from_llh(self.positions(frame)), threshold),
-        )
+        answers = self.jamming.noise(time, antenna[:, None], threshold)
+        if self.true_clock is not None:  # nobody asks
+            return answers, np.repeat(answers, len(self.names), axis=1)
+        return answers, self.jamming.noise(time, ecef_from_llh(self.positions(frame)), threshold)
 
     def on_route(self, flight: Moving, time: np.ndarray) -> Beacons:
         """With the noise by jammers; half of the noise of a range is that of the question, half that of the answer."""
@@ -279,8 +290,8 @@ class Beacons(AidingSensor):
     def is_true_model(self) -> bool:
         """Whether the filter model equals the beacons."""
         its = self.design
-        mine = self.sigma, self.weak_sigma, self.latency, self.true_errors
-        same = mine == (its.sigma, its.weak_sigma, its.latency, its.errors)
+        mine = self.sigma, self.weak_sigma, self.latency, self.true_errors, self.true_clock
+        same = mine == (its.sigma, its.weak_sigma, its.latency, its.errors, its.clock)
         same &= self.outliers == Outliers() and all(isinstance(event.what, Silence) for event in self.events)
         return same and np.array_equal(self.lever_arm, its.lever_arm)
 
@@ -289,7 +300,8 @@ class Beacons(AidingSensor):
         """The errors of each beacon that last over a run: bias, its growth, and survey along north, east and down."""
         own = zip(_SOURCES, self.true_errors.sigma, strict=True)
         each = [SensorError(name, sigma, math.inf) for name, sigma in own]
-        return tuple(each * len(self.names))
+        clock = [] if self.true_clock is None else [SensorError("clock", self.true_clock.offset, math.inf)]
+        return (*each * len(self.names), *clock)
 
     def effects(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, ...]:
         """Derivatives (m, 1, 1) of the ranges by each of these errors."""
@@ -301,26 +313,35 @@ class Beacons(AidingSensor):
         along = np.einsum("mj,mkj->mk", away, ned_matrix(self.positions(flight.frame))[asked])
         along *= (steeper / distance)[:, None]
         each = np.column_stack([np.ones_like(distance), its.grown(distance), along])
-        return tuple(
+        of_beacons = (
             np.where(asked == beacon, each[:, k], 0.0)[:, None, None]
             for beacon in range(len(self.names))
             for k in range(BEACON_STATES)
         )
+        return (*of_beacons, *([] if self.true_clock is None else [np.ones((asked.size, 1, 1))]))
 
     @property
     def mean_errors(self) -> np.ndarray:
         """Mean of each error beyond the filter's own: `noise_free` includes the mean bias, and the filter takes off
         that of its model."""
-        return np.tile([0.0, self.true_errors.growth - self.design.errors.growth, 0.0, 0.0, 0.0], len(self.names))
+        out = np.zeros(len(self.errors))
+        out[1 : BEACON_STATES * len(self.names) : BEACON_STATES] = self.true_errors.growth - self.design.errors.growth
+        return out
 
     @property
     def followed(self) -> tuple[int, ...]:
         """The errors that the filter estimates."""
-        return tuple(k for k, _, _ in self._states())
+        clock = [] if self.design.clock is None else [len(self.errors) - 1]
+        return (*(k for k, _, _ in self._states()), *clock)
 
     def states(self, step: float) -> tuple[tuple[Block, float], ...]:
         """States for these errors, m."""
-        return tuple((Block(name, "m", BEACON, first=k, size=1), sigma) for k, name, sigma in self._states())
+        out = [(Block(name, "m", BEACON, first=k, size=1), sigma) for k, name, sigma in self._states()]
+        if (clock := self.design.clock) is not None:
+            model, first = TransmitterClockModel(*clock.density, 0.0), BEACON_STATES * len(self.names)
+            out.append((Block(f"{self.name}_clock", "m", BEACON, first=first, size=1, clock=model), clock.offset))
+            out.append((Block(f"{self.name}_clock_rate", "m/s", BEACON, first=first + 1, size=1), clock.rate))
+        return tuple(out)
 
     def _states(self) -> Iterator[tuple[int, str, float]]:
         """Number, name and 1 sigma of each error that the filter estimates."""

@@ -56,6 +56,8 @@ class Aid:
             return self.sensor.spoiled(measured, draw)
         drawn = self.sensor.drawn_errors(self.time, draw)
         added = [np.einsum("mkc,cm->mk", effect, error) for effect, error in zip(effects, drawn, strict=True)]
+        if self.sensor.clock is not None:
+            added.append(self.sensor.drawn_clock(self.time, draw)[0, :, None])
         return self.sensor.spoiled(measured + np.sum(added, axis=0), draw)
 
     def true_states(self, seed: int, run: int, at: np.ndarray) -> np.ndarray:
@@ -68,7 +70,12 @@ class Aid:
         drawn = sensor.drawn_errors(self.time, draw)
         there = sensor.errors_between(at, self.time, drawn, branch(draw, 0))
         mean = sensor.mean_errors
-        return sensor.state_scale * np.concatenate([mean[i] + there[i] for i in sensor.followed]).T
+        out = sensor.state_scale * np.concatenate([mean[i] + there[i] for i in sensor.followed]).T
+        if sensor.clock is not None:
+            offset, rate = sensor.clock_between(at, self.time, draw)
+            out[:, -1] += offset
+            out = np.column_stack([out, rate])
+        return np.asarray(out)
 
     def table(self, measured: np.ndarray) -> Any:
         """Measurements (m, k), or of lanes, as the filter takes them."""

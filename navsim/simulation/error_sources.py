@@ -173,7 +173,8 @@ def source_names(aid: Aid) -> tuple[str, ...]:
 
 def sensor_error_states(flight: Flight, aid: Aid) -> np.ndarray:
     """Indices of the filter's states for the time-correlated errors of a sensor."""
-    return states.SENSORS + np.flatnonzero(flight.model.declared["triad"] == aid.sensor.kind)
+    each = states.SENSORS + np.flatnonzero(flight.model.declared["triad"] == aid.sensor.kind)
+    return np.asarray(each[: len(aid.sensor.followed) * aid.sensor.components])
 
 
 def transmitter_error_states(flight: Flight) -> np.ndarray:
@@ -199,6 +200,20 @@ def propagate_sensor_errors(
     by[:, : len(sensor.numbers)] = np.stack([sensor.slope @ aid.effects[k] for k in there], axis=2)
     own.measure(0)
     propagate_correlated(flight, along, route, own, sensor.kind, np.arange(m), by, rows, out)
+
+
+def propagate_sensor_clock(
+    flight: Flight, along: AlongTruth, route: LinearisedHistory, aid: Aid, row: int, out: SourceSums
+) -> None:
+    """Add the effect of the noise and the rate of a sensor's clock."""
+    assert aid.sensor.clock is not None
+    n, m = along.lin.assumed.shape[1], aid.time.size
+    shown, slope = np.zeros((n, 2)), np.zeros((m, MAX_MEASUREMENT_SIZE, 2))
+    offset = sensor_error_states(flight, aid)[-1]
+    shown[offset, 0] = shown[offset + 1, 1] = 1.0
+    slope[:, : len(aid.sensor.numbers), 0] = 1.0
+    own = WanderingClockErrors(n, aid.sensor.clock, np.ones((m, 1), bool), aid.time, lambda _: shown)
+    propagate_correlated(flight, along, route, own, aid.sensor.kind, np.arange(m), slope, [row], out)
 
 
 def receiver_kind(flight: Flight) -> int:

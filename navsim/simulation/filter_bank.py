@@ -38,8 +38,6 @@ _ROUNDING = 1e-5
 LEAST = 0.05
 """Smallest sigma of a difference, relative to that without some sources. Gains along the truth neglect some hundredths
 of it, which would cause an alarm for sources with hardly any weight."""
-_ENOUGH = 3
-"""Beacons that give a position by themselves."""
 _ENU = _NED = [1, 0, 2]
 """Indices of east, north, up in north, east, down, except for the sign of up; and vice versa."""
 
@@ -82,7 +80,7 @@ class FilterBank(SeparationDistances):
     aided: np.ndarray
     """(e,) bool, whether the filter has a fix, a range of a beacon or, tightly coupled, of a source."""
     idle: np.ndarray
-    """(f, e) bool, whether without the faulty sources there is neither a fix nor `_ENOUGH` beacons."""
+    """(f, e) bool, whether without the faulty sources there is neither a fix nor beacons enough for a position."""
 
     @classmethod
     def of(cls, flight: Flight) -> FilterBank:
@@ -105,12 +103,14 @@ class FilterBank(SeparationDistances):
             solutions.append(FilterSolution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
         heard = beacons_received(flight)
+        # beacons that give a position by themselves
+        enough = 4 if any(aid.sensor.clock is not None for aid in flight.shared.aids) else 3
         ever = np.logical_or.accumulate(np.hstack([signals.used, heard]), axis=0)
         spread = _together(solutions, both)
         # without some sources there is no fix, so the filter coasts on its inertial sensors with growing errors
         solved_ = [
             fix_of(replace(signals, used=signals.used & ~one[:sources])).solved
-            | ((heard & ~one[sources:]).sum(axis=1) >= _ENOUGH)
+            | ((heard & ~one[sources:]).sum(axis=1) >= enough)
             for one in taken
         ]
         idle = ~np.array(solved_, bool).reshape(len(taken), signals.time.size)

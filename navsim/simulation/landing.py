@@ -188,7 +188,8 @@ def _correlated_states(flight: Flight, errors: np.ndarray) -> np.ndarray:
 
 def _states_of_aid(aid: Aid, shared: SharedTruth, seed: int, runs: Sequence[int]) -> np.ndarray:
     """True values (o, k, W) of the filter's states for the errors of a sensor, at its outputs."""
-    out = np.empty((shared.filter_time.size, len(aid.sensor.followed) * aid.sensor.components, WIDTH))
+    rate = aid.sensor.clock is not None
+    out = np.empty((shared.filter_time.size, len(aid.sensor.followed) * aid.sensor.components + rate, WIDTH))
     for lane, run in enumerate(runs):
         out[..., lane] = aid.true_states(seed, run, shared.filter_time)
     return out

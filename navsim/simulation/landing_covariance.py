@@ -63,6 +63,7 @@ from navsim.simulation.error_sources import (
     propagate_clock_noise,
     propagate_noises,
     propagate_ranging_errors,
+    propagate_sensor_clock,
     propagate_sensor_errors,
     propagate_smoothed_noise,
     sensor_error_states,
@@ -234,6 +235,8 @@ def analyse(
     for aid in shared.aids:
         if names := source_names(aid):
             propagate_sensor_errors(flight, along, route, aid, [sources.index(name) for name in names], out)
+        if aid.sensor.clock is not None:
+            propagate_sensor_clock(flight, along, route, aid, sources.index(names[-1]), out)
 
     # a column for systematic errors, then one for each error that is drawn once
     columns, owner = _at_start(carried, sources, flight.initial, true)

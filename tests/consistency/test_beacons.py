@@ -35,19 +35,21 @@ def beacons(*keys: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("kind", "coupling", "runs"),
-    in_brief([("eskf", "tight", 120), ("gaussian-sum", "loose", 1000), ("gaussian-sum", "tight", 1000),
-              ("left-invariant", "loose", 1000), ("rts", "loose", 500)], 0),
+    ("kind", "coupling", "runs", "clock"),
+    in_brief([("eskf", "tight", 120, True), ("eskf", "tight", 120, False), ("gaussian-sum", "loose", 1000, False),
+              ("gaussian-sum", "tight", 1000, False), ("left-invariant", "loose", 1000, False),
+              ("rts", "loose", 500, False), ("gaussian-sum", "loose", 1000, True), ("rts", "loose", 500, True)], 0),
 )  # fmt: skip
-def test_every_state_is_consistent(kind: str, coupling: str, runs: int) -> None:
+def test_every_state_is_consistent(kind: str, coupling: str, runs: int, clock: bool) -> None:
     """Satellites are lost on the way. RMS of error / sigma of every state, and sigma of the analysis over the filter's.
 
     Biases and survey errors are the same all the way, so each state has as many independent errors as there are runs.
     """
-    flown = case(*BRIEF, beacons(*ERRORS, "latency_s: 0.1"), NO_SATELLITES, f"filter.kind={kind}",
+    own = ("clock: {}",) if clock else ()
+    flown = case(*BRIEF, beacons(*ERRORS, "latency_s: 0.1", *own), NO_SATELLITES, f"filter.kind={kind}",
                  f"filter.coupling={coupling}")  # fmt: skip
     names = list(flown.states)
-    assert sum(name.startswith("beacons_") for name in names) == 20
+    assert sum(name.startswith("beacons_") for name in names) == (22 if clock else 20)
     result = fly_all(flown, 31, 0, runs, threads())
     z = np.sqrt(np.mean((result["error"] / result["sigma"]) ** 2, axis=0))[5:]
     z = np.sqrt(np.mean(z**2, axis=0))
@@ -61,7 +63,8 @@ def test_every_state_is_consistent(kind: str, coupling: str, runs: int) -> None:
     if kind == "rts":  # a smoother has no covariance analysis
         return
     analysis = covariance_analysis(flown)
-    assert {"beacons_bias", "beacons_bias_growth", "beacons_survey", "beacons"} < set(analysis.sources)
+    named = {"beacons_bias", "beacons_bias_growth", "beacons_survey", "beacons", *(["beacons_clock"] if clock else [])}
+    assert named < set(analysis.sources)
     ratio = np.sqrt(np.einsum("tii->ti", analysis.covariance) / np.einsum("tii->ti", analysis.assumed))
     np.testing.assert_allclose(ratio, 1.0, atol=0.01)
 

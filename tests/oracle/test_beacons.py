@@ -16,27 +16,38 @@ from navsim.filter.measurement_models import observe
 from navsim.filter.outliers import excess
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.dop import dops
-from navsim.gnss.ranging_geometry import mixed_dops, two_way_dops
+from navsim.gnss.ranging_geometry import mixed_dops, range_dops
 from navsim.sensors.beacons import largest_range
 from tests.conftest import Within
 from tests.helpers import case
 
 
 @pytest.mark.validates(
-    "DOPs of two-way ranges, alone and with satellites", "numpy pseudoinverse, 1000 layouts", "(relative)", DOPs="1e-9"
+    "DOPs of two-way and one-way ranges, alone and with satellites",
+    "numpy pseudoinverse, 1000 layouts",
+    "(relative)",
+    DOPs="1e-9",
 )
 def test_two_way_dops(within: Within) -> None:
     """The Fisher information of ranges of unit sigma is the sum of u u'; its inverse is the Cramer-Rao bound.
 
-    Satellites add a column for each of their clocks."""
+    Satellites add a column for each of their clocks, one-way ranges one of their own."""
     rng = np.random.default_rng(42)
     for _ in range(1000):
         away = rng.uniform(-1.0, 1.0, (int(rng.integers(4, 9)), 3)) * [800.0, 800.0, rng.uniform(30.0, 300.0)]
         u = away / np.sqrt((away**2).sum(axis=1))[:, None]
         bound = np.linalg.pinv(sum(np.outer(one, one) for one in u))
         expected = [bound.trace(), bound[0, 0] + bound[1, 1], bound[2, 2]]
-        for own in (two_way_dops(away[None]), mixed_dops(away[None], np.empty((1, 0, 3)), np.empty(0, np.int64))):
+        for own in (range_dops(away[None]), mixed_dops(away[None], np.empty((1, 0, 3)), np.empty(0, np.int64))):
             np.testing.assert_allclose(own[0], np.sqrt(expected), rtol=within["DOPs"])
+
+        if len(u) > 4:
+            h = np.column_stack([-u, np.ones(len(u))])
+            bound = np.linalg.pinv(h) @ np.linalg.pinv(h).T
+            expected = [bound[:3, :3].trace(), bound[0, 0] + bound[1, 1], bound[2, 2]]
+            none = np.empty((1, 0, 3)), np.empty(0, np.int64)
+            for own in (range_dops(away[None], one_way=True), mixed_dops(away[None], *none, 2)):
+                np.testing.assert_allclose(own[0], np.sqrt(expected), rtol=within["DOPs"])
 
         count = int(rng.integers(0, 7))
         los, clock = rng.standard_normal((count, 3)), rng.integers(0, 3, count)

@@ -158,6 +158,9 @@ def test_events_of_beacons() -> None:
         (["integrity={method: filter}", section(sites="{name: PL1, s_m: 300, l1_m: 9}")], "names other sources, too"),
         ([section("carrier_mhz: 1580"), "interference={jammers: [{name: J, place: {lat_deg: 56, lon_deg: 37}, "
           "eirp_dbw: 5, waveform: noise, bandwidth_mhz: 20}]}"], "1580 MHz is in the band of J"),
+        (["filter.beacons={clock: {}}"], "two-way ranges have no clock"),
+        ([section("clock: {h0: 0}")], "beacons.clock.h0: a clock without noise is none"),
+        ([section("clock: {}"), "method=rare", "box={lateral_m: 1}"], "method rare does not push this clock"),
         (["filter.beacons={outliers: mixture}"], "no outliers: give long_share"),
         (["filter.beacons={long_share: 0.1}"], "is for `outliers: mixture`"),
         (["filter.beacons={outliers: mixture, long_share: 0.1}"], "share and size of outliers"),
