@@ -6,6 +6,7 @@ Sources, numbered as in `measurement_models`:
 - [5] `docs/theory/magnetometer.md`.
 - [6] `docs/theory/beacons.md`.
 - [7] `docs/theory/ground-stations.md`.
+- [8] `docs/theory/ground.md`.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ BEACON_STATES = 5
 beacon i has the axis `BEACON_STATES` i + k. Behind those of n beacons come offset and rate of the receiver's clock."""
 AZIMUTH, ELEVATION, DISTANCE = 11, 12, 13
 """Kinds of the measurements of ground stations: two angles and a range [7]."""
-KIND_COUNT = 1 + DISTANCE
+HEADING, VEHICLE_VELOCITY, REST_RATE = 14, 15, 16
+"""Kinds of headings, of velocities along the axes of a vehicle, and of the gyros' readings at rest [8]."""
+KIND_COUNT = 1 + REST_RATE
 """Slots of the other kinds, see `measurement_models.slot`. Slots of ranges follow, one for each beacon, then one for
 each source."""
 
@@ -217,6 +220,33 @@ class StationTable(NamedTuple):
         return self._replace(value=change(self.value))
 
 
+class VehicleTable(NamedTuple):
+    """Headings, velocities along the axes of a vehicle, or readings of gyros at rest, m of them [8].
+
+    The states of a kind: the lasting error of a heading; of velocities, the rotation of the vehicle's axes (axes 0 to
+    2) and the rest of the lever arm (3 to 5).
+    """
+
+    value: np.ndarray
+    """(m, 3) nan if missing: a heading of the first row of `axes`, rad; velocity, m/s; mean rate of the gyros,
+    rad/s."""
+    variance: np.ndarray
+    """(m, 3) of the white noise, squared units; the same in all lanes."""
+    axes: np.ndarray
+    """(3, 3) axes of the vehicle, each a row in body axes; unused for rates."""
+    lever_arm: np.ndarray
+    """(3,) IMU to the point with that velocity, body axes, m."""
+
+    @classmethod
+    def none(cls, *lanes: int) -> VehicleTable:
+        """The table without measurements, of one run or of lanes."""
+        return cls(np.empty((0, 3, *lanes)), np.empty((0, 3)), np.eye(3), np.zeros(3))
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> VehicleTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(value=change(self.value))
+
+
 class RangeTable(NamedTuple):
     """Pseudoranges and range rates of a receiver's antenna, m of them, each of a source and an epoch.
 
@@ -281,6 +311,9 @@ class Measurements(NamedTuple):
     azimuths: StationTable
     elevations: StationTable
     distances: StationTable
+    headings: VehicleTable
+    vehicle_velocities: VehicleTable
+    rest_rates: VehicleTable
 
     @classmethod
     def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
@@ -304,6 +337,6 @@ class Measurements(NamedTuple):
 _TABLES: dict[int, Any] = {
     FIX: FixTable, ALTITUDE: AltitudeTable, RANGE: RangeTable, ABOVE_GROUND: GroundTable, PRESSURE: PressureTable,
     MAGNETIC: MagneticTable, BEACON: BeaconTable, AZIMUTH: StationTable, ELEVATION: StationTable,
-    DISTANCE: StationTable,
+    DISTANCE: StationTable, HEADING: VehicleTable, VEHICLE_VELOCITY: VehicleTable, REST_RATE: VehicleTable,
 }  # fmt: skip
 """Table of each kind, in the order of `Measurements`. Probes are in the table of fixes."""

@@ -36,6 +36,8 @@ LEAST_QUALITY = 3
 """Least number in the column `quality` of a fix with a height: 3 or more is 3D, as MAVLink numbers fixes."""
 GNSS_OPTIONAL = ("nsat", *FIX_SIGMAS, *FIX_CORRELATIONS, *FIX_ACCURACIES, "quality")
 """Names of optional columns of fixes."""
+HEADING_COLUMNS = ("t_s", "heading_deg", "sigma_heading_deg")
+"""Names of the columns of headings, clockwise from north; the last one is optional."""
 TRACK_COLUMNS, TRACK_ATTITUDE = ("t_s", "lat_deg", "lon_deg", "h_m"), ("roll_deg", "pitch_deg", "yaw_deg")
 """Names of the columns of trajectories, and of those that they may have."""
 KNOT = 1852.0 / 3600.0

@@ -121,6 +121,28 @@ class Fixes:
 
 
 @dataclass(frozen=True)
+class Headings:
+    """Recorded headings of an axis of the body from true north: time (k,) s, value and 1 sigma of its noise (k,) rad.
+
+    lasting: 1 sigma of an error that lasts, rad.
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+    sigma: np.ndarray
+    axis: np.ndarray
+    """(3,)."""
+    lasting: float = 0.0
+
+    def at(self, time: float, nearest: float = 1.0) -> tuple[float, float] | None:
+        """Value and 1 sigma of the noise of the heading next to a time, rad; None if it is `nearest` s away."""
+        if not self.time.size:
+            return None
+        i = int(np.argmin(np.abs(self.time - time)))
+        return (float(self.value[i]), float(self.sigma[i])) if abs(self.time[i] - time) <= nearest else None
+
+
+@dataclass(frozen=True)
 class Ranges:
     """Measurements to s sources at e epochs, ready for the filter."""
 

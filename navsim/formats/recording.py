@@ -21,6 +21,7 @@ from navsim.formats.conventions import (
     GNSS_AS_DUE,
     GNSS_COLUMNS,
     GNSS_OPTIONAL,
+    HEADING_COLUMNS,
     IMU_AS_DUE,
     IMU_COLUMNS,
     LEAST_QUALITY,
@@ -37,7 +38,7 @@ from navsim.geodesy import earth
 from navsim.results.findings import several
 from navsim.statistics.rounding import digits
 
-_MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", *GNSS_OPTIONAL)
+_MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", *GNSS_OPTIONAL, *HEADING_COLUMNS[1:])
 _IMU_LIMITS = ((-1e12, 1e12), *((-100.0, 100.0),) * 3, *((-2000.0, 2000.0),) * 3)
 _GNSS_LIMITS = ((-1e12, 1e12), (-90.0, 90.0), (-180.0, 360.0), (-1e4, 1e5), *((-2000.0, 2000.0),) * 3, (0, 1000),
                 *((1e-9, 1e6),) * len(FIX_SIGMAS), *((-1.0, 1.0),) * len(FIX_CORRELATIONS),
@@ -240,6 +241,26 @@ def read_attitude(path: Path) -> tuple[np.ndarray, np.ndarray, Dropped]:
     if table.shape[0] < 2:
         raise _too_few(path, table, "attitude", dropped)
     return table[:, 0].copy(), np.radians(table[:, 1:]), dropped
+
+
+def read_headings(
+    path: Path, lenient: bool, columns: Mapping[str, str], time_unit: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Dropped]:
+    """Headings of a table: times (k,), s, ascending; headings and 1 sigma (k,), rad, nan without a sigma.
+
+    Rows without a heading do not count. Also returns what was omitted. Raises FileError with the line; OSError.
+    """
+    dropped = Dropped(lenient)
+    table, numbers = _columns(
+        TextTable.of(path, read_lines(path, dropped)), HEADING_COLUMNS[:2], HEADING_COLUMNS[2:], dropped, columns
+    )
+    table[:, 0] *= conventions.TIME_UNITS[time_unit]
+    limits = (_GNSS_LIMITS[0], (-360.0, 360.0), (1e-6, 180.0))
+    table, _ = _limited(path, table, numbers, HEADING_COLUMNS, limits, dropped, True)
+    table = _in_order(table[np.isfinite(table[:, 1])], dropped, "headings")
+    if table.shape[0] < 2:
+        raise _too_few(path, table, "heading", dropped)
+    return table[:, 0].copy(), *np.radians(table[:, 1:]).T, dropped
 
 
 def is_nmea(path: Path, lenient: bool = False) -> bool:

@@ -10,13 +10,19 @@ Trans. AES 49 (2013). [2] Groves (2013), section 5.6.2 (levelling).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from navsim.formats.recorded_data import Fixes, Samples
+from navsim.formats.recorded_data import Fixes, Headings, Samples
 from navsim.geodesy import earth
-from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm, wahba
+from navsim.geodesy.attitude import (
+    dcm_from_quaternion,
+    dcm_from_rotation_vector,
+    dcm_from_rpy,
+    quaternion_from_dcm,
+    wahba,
+)
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,8 @@ class Alignment:
     """First time of the data used, s."""
     until: float
     """Last time of the data used, s."""
+    by_heading: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) effect of the error of a measured heading on the attitude, NED."""
 
 
 WINDOW = 1.0
@@ -74,6 +82,8 @@ SHORTEST, LONGEST = 3.0, 30.0
 """A standstill is used from the one length on, and up to the other, s: gyros warm up."""
 STEP = 10.0
 """Time from one attempt at an alignment to the next, s."""
+UNKNOWN = 100.0
+"""1 sigma of a heading that is not known at all, rad: its square outweighs any other."""
 BRIDGED = 1.0
 """Longest gap between samples across which an alignment is propagated, s."""
 _PIECE = 1.0
@@ -102,6 +112,8 @@ class Search:
     """1 sigma of the drift of a gyro bias after a standstill, rad/s."""
     accel_sigma: float
     """1 sigma of the accelerometer biases, m/s2."""
+    headings: Headings | None = None
+    """Measured headings."""
 
 
 def find(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignment | None:
@@ -125,6 +137,11 @@ def find(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignm
         if rest is not None and wanted.heading is not None:
             sigma = _bias_sigma(samples, rest, wanted)
             return at_rest(rest, wanted.heading, wanted.heading_sigma, sigma, wanted.accel_sigma)
+        if rest is not None and wanted.headings is not None and rest.since < begin + STEP:
+            measured = wanted.headings.at(rest.end)
+            level = at_rest(rest, 0.0, UNKNOWN, _bias_sigma(samples, rest, wanted), wanted.accel_sigma)
+            if measured is not None:
+                return turned_to(level, wanted.headings, measured)
         if wanted.heading is not None:
             return None
         start, bias, sigma = max(begin, float(fixes.time[0])), np.zeros(3), wanted.gyro_sigma
@@ -134,7 +151,7 @@ def find(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignm
             since = rest.since
         found = velocity_matching(
             samples, fixes, start, bias, sigma, wanted.accel_sigma, wanted.heading_sigma,
-            min(wanted.longest, until - start),
+            min(wanted.longest, until - start), wanted.headings,
         )  # fmt: skip
         if found is not None:
             return replace(found, since=since)
@@ -233,6 +250,23 @@ def at_rest(rest: Standstill, heading: float, heading_sigma: float, gyro_sigma: 
     return Alignment(rest.end, quaternion, covariance, rest.rate, np.full(3, gyro_sigma), rest.since, rest.end)
 
 
+def turned_to(found: Alignment, headings: Headings, measured: tuple[float, float]) -> Alignment:
+    """An alignment updated with a measured heading: value and 1 sigma of its noise, rad. A heading that is not known at
+    all takes the measured one."""
+    turn = dcm_from_quaternion(found.quaternion)
+    axis = turn @ headings.axis
+    level = float(axis[0] ** 2 + axis[1] ** 2)
+    h = np.array([-axis[0] * axis[2] / level, -axis[1] * axis[2] / level, 1.0])
+    value, sigma = measured
+    away = np.angle(np.exp(1j * (value - np.arctan2(axis[1], axis[0]))))
+    noise = sigma**2 + headings.lasting**2
+    gain = found.covariance @ h / (h @ found.covariance @ h + noise)
+    turned = dcm_from_rotation_vector(gain * away) @ turn
+    left = np.eye(3) - np.outer(gain, h)
+    covariance = left @ found.covariance @ left.T + noise * np.outer(gain, gain)
+    return replace(found, quaternion=quaternion_from_dcm(turned), covariance=covariance, by_heading=gain)
+
+
 def velocity_matching(
     samples: Samples,
     fixes: Fixes,
@@ -242,12 +276,15 @@ def velocity_matching(
     accel_sigma: float,
     heading_sigma: float,
     longest: float,
+    headings: Headings | None = None,
 ) -> Alignment | None:
     """Attitude at `begin` from the velocities of the fixes after it, as soon as the heading is good to `heading_sigma`.
 
     gyro_bias: (3,) rad/s to take off, and its 1 sigma; accel_sigma: of the accelerometers' biases, m/s2; both widen the
-    covariance. longest: s after which to give up: None. Fixes' times are those of validity [1].
+    covariance. longest: s after which to give up: None. Fixes' times are those of validity [1]. headings: measured
+    ones, of which that at `begin` counts.
     """
+    measured = None if headings is None else headings.at(begin)
     wanted = (fixes.time >= begin) & (fixes.time <= begin + longest) & np.isfinite(fixes.velocity).all(axis=1)
     fixes = fixes.take(wanted)
     time = fixes.time
@@ -282,9 +319,12 @@ def velocity_matching(
         straight = float(np.linalg.norm(ahead[[0, *ends[:count]]].mean(axis=0)))
         fooled = np.sum((accel_sigma * length[:count]) ** 2) / max(horizontal, 1e-9)
         covariance[2, 2] += (1.0 - min(straight, 1.0) ** 2) * fooled
-        if np.sqrt(covariance[2, 2]) < heading_sigma:
-            sigma = np.full(3, gyro_sigma)
-            return Alignment(begin, quaternion_from_dcm(turn), covariance, gyro_bias, sigma, begin, until)
+        sigma = np.full(3, gyro_sigma)
+        found = Alignment(begin, quaternion_from_dcm(turn), covariance, gyro_bias, sigma, begin, until)
+        if headings is not None and measured is not None:
+            found = turned_to(found, headings, measured)
+        if np.sqrt(np.diag(found.covariance)[0 if measured else 2 :].max()) < heading_sigma:
+            return found
     return None
 
 

@@ -19,11 +19,22 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS, estimate, is_smoother, lost
-from navsim.filter.measurement_kinds import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
-from navsim.filter.records import NOT_USED, REJECTED, TIME_TOLERANCE, History, ImuData, by_epoch, schedule, start
+from navsim.filter.measurement_kinds import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable, VehicleTable
+from navsim.filter.records import (
+    NOT_USED,
+    REJECTED,
+    TIME_TOLERANCE,
+    Events,
+    History,
+    ImuData,
+    by_epoch,
+    schedule,
+    start,
+)
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
+from navsim.replays.aids import Aid
 from navsim.replays.alignment import Alignment
 from navsim.replays.flight_tables import noise_of, noise_of_fixes, own_or_usual, start_of, table_of
 
@@ -140,6 +151,8 @@ class RecordedFlight(InertialLog):
     """How much older the velocity of a fix is than its position, s."""
     ranges: Ranges | None = None
     """Ranges of each epoch (m,) from which the fixes are solved, if known. An epoch without a fix has a row of nan."""
+    aids: tuple[Aid, ...] = ()
+    """Measurements beside the fixes."""
 
     @property
     def breaks(self) -> tuple[tuple[float, float], ...]:
@@ -167,6 +180,26 @@ class LostSpan:
     """(3,) NED, m, fixes minus prediction at the end, nan if unknown."""
     ended: bool = False
     """No part of the flight follows."""
+
+
+@dataclass(frozen=True)
+class AidInnovations:
+    """Innovations of an aid at its times (k,), see `History`."""
+
+    innovation: np.ndarray
+    """(k, 3)."""
+    innovation_sigma: np.ndarray
+    """(k, 3)."""
+    innovation_squared: np.ndarray
+    degrees: np.ndarray
+    status: np.ndarray
+
+    @classmethod
+    def none(cls, count: int) -> AidInnovations:
+        """Of measurements that are not used."""
+        unknown = np.full((count, 3), np.nan)
+        zero = np.zeros(count, np.int64)
+        return cls(unknown, unknown.copy(), np.full(count, np.nan), zero, np.full(count, NOT_USED))
 
 
 @dataclass(frozen=True)
@@ -204,6 +237,8 @@ class Replayed:
     """Times in which the output is useless."""
     parts: tuple[tuple[PartStart, float], ...] = ()
     """Start and end, s, of the parts of the flight."""
+    aids: tuple[AidInnovations, ...] = ()
+    """Of each of the flight's aids."""
 
     @property
     def rpy(self) -> np.ndarray:
@@ -279,6 +314,7 @@ def prepare(
     patience: float = np.inf,
     known: KnownStart | None = None,
     velocity_lag: float = 0.0,
+    aids: tuple[Aid, ...] = (),
 ) -> RecordedFlight:
     """Prepare the flight after an alignment, or from a known state on.
 
@@ -290,6 +326,7 @@ def prepare(
     - `align`: next alignment at or after a time, s; `patience`: see `RecordedFlight`.
     - `known`: the state at the alignment, if known.
     - `velocity_lag`: how much older the velocity of a fix is than its position, s.
+    - `aids`: measurements beside the fixes.
     """
     begin = alignment.time
     early = waiting(latency, velocity_lag)
@@ -338,6 +375,7 @@ def prepare(
         row=row,
         velocity_lag=velocity_lag,
         ranges=ranges,
+        aids=aids,
     )
 
 
@@ -403,6 +441,8 @@ class _Part:
     streak: tuple[int, int] | None
     begin: PartStart
     end: float
+    aid_rows: tuple[np.ndarray, ...]
+    """Numbers of the measurements of each aid."""
 
 
 def fly(
@@ -617,7 +657,12 @@ def _joined(given: _FlightInputs, parts: list[_Part], lost: tuple[LostSpan, ...]
             whole[part.rows] = getattr(part.seen, name)
         of_fixes[name] = whole
     spans = tuple((part.begin, part.end) for part in parts)
-    return Replayed(**of_outputs, **of_fixes, lost=_merged(lost), parts=spans)
+    aids = tuple(AidInnovations.none(aid.time.size) for aid in given.flight.aids)
+    for part in parts:
+        for whole_aid, rows, own in zip(aids, part.aid_rows, part.seen.aids, strict=True):
+            for name, values in vars(own).items():
+                getattr(whole_aid, name)[rows] = values
+    return Replayed(**of_outputs, **of_fixes, lost=_merged(lost), parts=spans, aids=aids)
 
 
 def _merged(lost: tuple[LostSpan, ...]) -> tuple[LostSpan, ...]:
@@ -679,7 +724,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     kind = FILTER_KINDS["map"] if is_smoother(design.kind) and gaps else design.kind
     noise = design.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma * flight.weight[rows])
     known = valid if is_smoother(kind) else arrival
-    tables: dict[int, FixTable | RangeTable] = {}
+    tables: dict[int, FixTable | RangeTable | VehicleTable] = {}
     scales: tuple[int, ...] = ()
     heard = np.zeros((count, 0), bool)
     ranges = given.ranges
@@ -696,9 +741,20 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
         fix_valid = np.concatenate([valid, np.maximum(older, at)])
         fix_known = fix_valid if is_smoother(kind) else np.tile(arrival, 2)
     tables[PROBE if design.tight else FIX] = fixes
+    aid_rows = tuple(np.flatnonzero((aid.time > at) & (aid.time <= end + 1e-9)) for aid in flight.aids)
+    of_aids = []
+    for which in dict.fromkeys(aid.kind for aid in flight.aids):
+        same = [(aid, keep) for aid, keep in zip(flight.aids, aid_rows, strict=True) if aid.kind == which]
+        parts = [aid.take(keep, aid.of_receiver & _within(withheld, arrival, aid.time)) for aid, keep in same]
+        tables[which] = parts[0]._replace(
+            value=np.concatenate([part.value for part in parts]),
+            variance=np.concatenate([part.variance for part in parts]),
+        )  # fmt: skip
+        time = np.concatenate([aid.time[keep] for aid, keep in same])
+        of_aids.append((which, time, time))
     epoch = np.nonzero(heard)[0]
     of_fixes = (PROBE if design.tight else FIX, fix_valid, fix_known)
-    events = schedule(outputs, of_fixes, (RANGE, valid[epoch], known[epoch]))
+    events = schedule(outputs, of_fixes, (RANGE, valid[epoch], known[epoch]), *of_aids)
     densities = noise_of(flight, design)
     densities = densities if densities.shape[0] == 1 else densities[within]
     model = replace(design, kind=kind).model(densities, scales)
@@ -743,6 +799,28 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
         rejected = (range_status == REJECTED).sum(axis=1)
     seen = Replayed(
         outputs, history.navigation, history.sigma(), innovation, innovation_sigma, squared, degrees, status, logs,
-        of_ranges, range_status, rejected, np.full(count, True), (),
+        of_ranges, range_status, rejected, np.full(count, True), (), (),
+        _aid_innovations(history, events, [aid.kind for aid in flight.aids], [keep.size for keep in aid_rows]),
     )  # fmt: skip
-    return _Part(rows, arrival, seen, history.covariance, streak_of(history), begin, end)
+    return _Part(rows, arrival, seen, history.covariance, streak_of(history), begin, end, aid_rows)
+
+
+def _within(withheld: np.ndarray, arrival: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Whether the fix before a time (k,) is withheld (m,)."""
+    before = np.searchsorted(arrival, time, side="right") - 1
+    return np.asarray(np.concatenate([withheld, [False]])[before])
+
+
+def _aid_innovations(
+    history: History, events: Events, kinds: list[int], sizes: list[int]
+) -> tuple[AidInnovations, ...]:
+    """Innovations of aids of these kinds with so many measurements; those of one kind share a table, in order."""
+    out, begun = [], dict.fromkeys(kinds, 0)
+    for kind, size in zip(kinds, sizes, strict=True):
+        at = events.rows(kind)[begun[kind] : begun[kind] + size]
+        begun[kind] += size
+        out.append(AidInnovations(
+            history.innovation[at, :3], history.innovation_sigma[at, :3], history.innovation_squared[at],
+            history.degrees[at], history.status[at],
+        ))  # fmt: skip
+    return tuple(out)

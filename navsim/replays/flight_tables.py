@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.filter import covariance, eskf, states
 from navsim.filter.design import FilterDesign, with_unknown_clock
-from navsim.filter.measurement_kinds import RangeTable
+from navsim.filter.measurement_kinds import HEADING, RangeTable
 from navsim.formats.recorded_data import Ranges
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion
@@ -89,7 +89,8 @@ def start_of(
         nav[states.NAV_ACCEL : states.NAV_N] = begin.kept[0][states.NAV_ACCEL : states.NAV_N]
     eskf.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ design.lever_arm))
     position_sigma, fix_velocity_sigma = np.split(np.where(np.isnan(begin.own), fix_sigma * begin.weight, begin.own), 2)
-    matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *design.sensors.sigma], 3) ** 2)
+    sizes = [3, 3, 3, *(block.size for block in design.sensors.blocks)]
+    matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *design.sensors.sigma], sizes) ** 2)
     # since the fix the aircraft may have accelerated, and it turns about the antenna
     gained = ACCELERATION * begin.age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(design.lever_arm)
     derived = begin.derived
@@ -114,6 +115,9 @@ def start_of(
     matrix[moving, moving] += begin.effect @ begin.effect.T
     matrix[moving, correlated] = -begin.effect
     matrix[correlated, moving] = -begin.effect.T
+    # the start contains the lasting error of its heading, whose state is the last one
+    if design.sensors.blocks[-1].triad == HEADING and begin.kept is None:
+        matrix[att, -1] = matrix[-1, att] = -(design.sensors.sigma[-1] ** 2) * alignment.by_heading
     return _with_clock(nav, matrix, begin, ranges, scales)
 
 

@@ -10,10 +10,12 @@ from typing import Any, Literal
 import numpy as np
 
 from navsim.formats import conventions
-from navsim.formats.recorded_data import Fixes, Ranges, Samples
-from navsim.formats.recording import is_nmea, read_attitude, read_fixes, read_imu
+from navsim.formats.recorded_data import Fixes, Headings, Ranges, Samples
+from navsim.formats.recording import is_nmea, read_attitude, read_fixes, read_headings, read_imu
 from navsim.formats.text import Dropped, FileError
+from navsim.geodesy.magnetic import NoMagneticModel, declination
 from navsim.gnss.timescales import gps_from_utc
+from navsim.replays.aids import antenna_axis
 from navsim.replays.diagnosis import examine
 from navsim.replays.mistakes import Log, relative_units
 from navsim.replays.recorded_ranges import read_messages, read_ranges, together
@@ -28,6 +30,8 @@ _MOST_PDOP = 30.0
 """Largest PDOP of fixes from ranges that are flown, RTKLIB's: their sigma is that of all fixes."""
 MOST_DAMAGED = 0.1
 """Share of rows outside of physical limits up to which they are damage; of more, the unit may be another one."""
+USUAL_HEADING_SIGMA, MAGNETIC_ERROR_DEG = 2.0 * DEG, 5.0
+"""1 sigma of the noise of a measured heading, rad, and of the lasting error of a magnetic one, deg, if not given."""
 LEAST_SAMPLES, LEAST_FIXES = 10, 4
 """Least number of samples and fixes for an alignment."""
 
@@ -48,6 +52,7 @@ class ReadLog:
     not_judged: tuple[str, ...]
     reference: tuple[np.ndarray, np.ndarray] | None = None
     """Times (r,), s, and roll, pitch, yaw (r, 3), rad, by another system."""
+    headings: Headings | None = None
 
 
 def read(scenario: Replay, document: Document) -> ReadLog:
@@ -69,6 +74,14 @@ def read(scenario: Replay, document: Document) -> ReadLog:
     if scenario.reference is not None:
         time, rpy, dropped = _read(document, scenario, "reference", read_attitude)
         reference = time, rpy
+    measured = None
+    if scenario.heading is not None:
+        section = scenario.heading
+
+        def headings_of(path: Path) -> Any:
+            return read_headings(path, scenario.skip_bad_records, section.columns, section.time_unit)
+
+        measured = _read(document, scenario, "heading", headings_of)
     scenario = _pinned(scenario, document)
     warnings, not_judged = _checked(scenario, document, *(table.judged for table in tables))
     for table in tables:
@@ -78,7 +91,54 @@ def read(scenario: Replay, document: Document) -> ReadLog:
     if scenario.reference is not None:
         warnings += dropped.reasons()
     samples, fixes = (table.rows for table in tables)
-    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged), reference)
+    headings = None
+    if measured is not None:
+        headings = _true_headings(scenario, document, fixes, *measured[:3])
+        warnings += measured[3].reasons()
+    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged), reference, headings)
+
+
+def _true_headings(
+    scenario: Replay, document: Document, fixes: Fixes, time: np.ndarray, value: np.ndarray, sigma: np.ndarray
+) -> Headings:
+    """Measured headings, spaced, at their times of validity, from true north. Raises InputError without a
+    declination."""
+    section = scenario.heading
+    assert section is not None
+    usual = USUAL_HEADING_SIGMA if section.sigma_deg is None else section.sigma_deg * DEG
+    if section.source == "magnetic":
+        value = value + DEG * _declination(scenario, document, fixes)
+    lasting = section.error_sigma_deg
+    if lasting is None:
+        lasting = MAGNETIC_ERROR_DEG if section.source == "magnetic" else 0.0
+    keep = spaced(time, section.spacing_s)
+    sigma = np.where(np.isnan(sigma), usual, sigma)
+    return Headings(
+        time[keep] - section.latency_s, value[keep], sigma[keep], antenna_axis(section), lasting * DEG
+    )  # fmt: skip
+
+
+def _declination(scenario: Replay, document: Document, fixes: Fixes) -> float:
+    """Declination of the field at the first fix, deg. Raises InputError without a model of it."""
+    assert scenario.heading is not None
+    if scenario.heading.declination_deg is not None:
+        return scenario.heading.declination_deg
+    lat, lon, height = fixes.llh[0]
+    epoch = scenario.epoch
+    try:
+        return declination(lat / DEG, lon / DEG, height, epoch.year + (epoch.timetuple().tm_yday - 1) / 365.25)
+    except NoMagneticModel as error:
+        problem = Problem(document.place(("heading",)), "heading.declination_deg", f"left out, it {error}")
+        raise InputError([problem]) from None
+
+
+def spaced(times: np.ndarray, spacing: float) -> np.ndarray:
+    """Times (m,) at least `spacing` seconds after the last one kept (k,)."""
+    kept: list[int] = []
+    for index, time in enumerate(times):
+        if not kept or time - times[kept[-1]] >= spacing:
+            kept.append(index)
+    return np.array(kept, dtype=np.int64)
 
 
 def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[list[str], list[str]]:
@@ -224,7 +284,7 @@ _UNITS: tuple[tuple[tuple[str, ...], str, dict[str, float]], ...] = (
 def _pinned(scenario: Replay, document: Document) -> Replay:
     """The log with its files' checksums, which must be those given. Raises InputError."""
     update = {}
-    for name in ("imu", "gnss", "reference"):
+    for name in ("imu", "gnss", "reference", "heading"):
         section = getattr(scenario, name)
         if section is None:
             continue

@@ -51,7 +51,8 @@ def tables(result: Result) -> list[Table | str]:
     if "flown_s" in alignment:  # results of earlier versions lack it
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
         text += "; used " + " of the recording's ".join(spans)
-    every: list[Table | str] = [seen, *evidence, tuned, *_compared(result), *_unusable(result), *_unchecked(result)]
+    rest = [*_compared(result), *_unusable(result), *_unchecked(result)]
+    every: list[Table | str] = [seen, *evidence, *_aids(result), tuned, *rest]
     every += _predicted(result)
     if not result["/outages/start"].size:
         return [*every, text]
@@ -104,6 +105,18 @@ def _predicted(result: Result) -> list[Table | str]:
         counts = result["/summary/bet_values"][i], result["/summary/bet_independent"][i]
         out.add(str(name), cell("{}", int(counts[0])), number(counts[1], 0), *shares)
     return [out, f"SHA-256 of the prediction: {until.attributes['sha256']}"]
+
+
+def _aids(result: Result) -> list[Table]:
+    """Measurements beside the fixes, if there are any."""
+    if "/summary/aid" not in result:
+        return []
+    motion = [str(name) for name in result["/summary/motion"]]
+    out = Table("Measurements beside the fixes", ("what", "used", "rejected", *(f"NIS, {name}" for name in motion)))
+    for i, name in enumerate(result["/summary/aid"]):
+        counts = (cell("{}", int(result[f"/summary/aid_{which}"][i])) for which in ("used", "rejected"))
+        out.add(str(name), *counts, *(number(float(nis), 2) for nis in result["/summary/aid_nis"][i]))
+    return [out]
 
 
 def _compared(result: Result) -> list[Table]:

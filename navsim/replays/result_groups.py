@@ -11,11 +11,12 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS, is_smoother
-from navsim.filter.records import REJECTED, TFG
+from navsim.filter.measurement_kinds import HEADING
+from navsim.filter.records import REJECTED, TFG, USED
 from navsim.replays import flight as replay
 from navsim.replays.findings import VELOCITY_SIGMA, outage_spans
 from navsim.replays.motion import in_motion, lag1_correlation, turn_rate
-from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
+from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, HEADING_RATIO, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
 from navsim.replays.white_noise import standstills, white_noise
 from navsim.results.builder import ResultBuilder
 from navsim.statistics.rounding import digits
@@ -68,6 +69,36 @@ def write_innovations(draft: ResultBuilder, flight: replay.RecordedFlight, flown
     draft["/innovations/range_status"] = flown.range_status
 
 
+def write_aids(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
+    """Innovations of the measurements beside the fixes, by the motion at the next fix."""
+    if not flight.aids:
+        return
+    groups = _by_motion(flight, moving)
+    draft["/summary/aid"] = np.array([aid.name for aid in flight.aids], dtype=object)
+    nis = np.full((len(flight.aids), len(groups)), np.nan)
+    for i, (aid, own) in enumerate(zip(flight.aids, flown.aids, strict=True)):
+        at = np.searchsorted(flight.arrival, aid.time).clip(max=flight.arrival.size - 1)
+        for k, group in enumerate(groups.values()):
+            counted = (own.status == USED) & group[at]
+            if counted.any():
+                nis[i, k] = np.sum(own.innovation_squared[counted]) / np.sum(own.degrees[counted])
+        if aid.kind == HEADING:
+            draft["/heading/time"] = aid.time
+            draft["/heading/innovation"] = own.innovation[:, 0]
+            draft["/heading/innovation_sigma"] = own.innovation_sigma[:, 0]
+            draft["/heading/status"] = own.status
+    for name, status in (("used", USED), ("rejected", REJECTED)):
+        draft[f"/summary/aid_{name}"] = np.array([np.sum(own.status == status) for own in flown.aids], dtype=np.int64)
+    draft["/summary/aid_nis"] = nis
+
+
+def _by_motion(flight: replay.RecordedFlight, moving: float) -> dict[str, np.ndarray]:
+    """Which fixes (m,) are in each motion; moving: speed, m/s, from which on a fix is in motion."""
+    fast, turning = in_motion(flight, moving), turn_rate(flight) > TURNING
+    return {"all": np.ones(fast.size, bool), "moving": fast, "parked": ~fast, "straight": fast & ~turning,
+            "turning": fast & turning}  # fmt: skip
+
+
 CLAIMED = ("position_error_horizontal", "position_error_vertical")
 
 
@@ -89,11 +120,14 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
                 ("position_error_vertical", settings[ERROR_SIZE] * sigma[2], ERROR_SIZE),
                 ("position_error_time", settings[ERROR_TIME], ERROR_TIME),
             ]
+    if recording.headings is not None:
+        usual = float(np.median(recording.headings.sigma))
+        values.append(("heading_sigma", settings[HEADING_RATIO] * usual, HEADING_RATIO))
     given = {"position_sigma": recording.scenario.gnss.position_sigma_m is not None,
              "velocity_latency": recording.scenario.gnss.velocity_latency_s is not None}  # fmt: skip
     for name, value, which in values:
         origin = "tuned to the innovations" if free[which] else tuning.origin
-        if free[which] and name in recording.tuned and np.isfinite(tuning.spread[which]):
+        if free[which] and name in (*recording.tuned, "heading_sigma") and np.isfinite(tuning.spread[which]):
             spread = tuning.spread[which]
             how = f"{digits(spread)} s" if which == LATENCY else f"a factor of {np.exp(spread):.2f}"
             origin += f", 1 sigma {how}"
@@ -204,12 +238,7 @@ def of_outages(design: FilterDesign) -> FilterDesign:
 
 def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
     used = (flown.degrees > 0) & (flown.status != REJECTED)
-    fast = in_motion(flight, moving)
-    turning = turn_rate(flight) > TURNING
-    groups = {
-        "all": used, "moving": used & fast, "parked": used & ~fast, "straight": used & fast & ~turning,
-        "turning": used & fast & turning,
-    }  # fmt: skip
+    groups = {name: used & group for name, group in _by_motion(flight, moving).items()}
     draft.put("/summary/motion", np.array(list(groups)), moving=f"{digits(moving, 2)} m/s")
     rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
     draft["/summary/innovation_position"] = rms[:, :3]

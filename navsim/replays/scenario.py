@@ -291,6 +291,71 @@ class ReferenceAttitude(Section):
     """checksum of the file; when given, another file is refused"""
 
 
+class HeadingSection(Section):
+    """Measured headings, which the filter uses beside the fixes, also to align."""
+
+    file: str
+    """table with t_s, heading_deg (clockwise from north) and, if known, sigma_heading_deg, by the clock of the samples;
+    rows without a heading do not count, so that the table of the fixes may have them"""
+    file_sha256: Checksum | None = None
+    """checksum of the file; when given, another file is refused"""
+    columns: _columns(conventions.HEADING_COLUMNS) = Field(default_factory=dict)  # type: ignore[valid-type]
+    """names of the columns in the file if they differ"""
+    time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
+    """unit of the column t_s"""
+    source: Literal["magnetic", "antennas", "true"] = "magnetic"
+    """magnetic: from magnetic north; antennas: of the line between two antennas, from true north, and missing where
+    fixes are withheld; true: any other from true north"""
+    declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
+    """declination of the field, east positive, for `source: magnetic`; left out: by the World Magnetic Model at the
+    first fix and the epoch, which needs the extra `magnetic`"""
+    mounting_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
+    """direction of the measured axis, clockwise from the nose as seen from above: 90 for antennas of which the second
+    is to the right of the first"""
+    latency_s: RecordedLatency = 0.0
+    """delay from the time a heading is valid to its time in the file"""
+    spacing_s: NonNegative = 0.45
+    """headings closer than this to the last one used are omitted: their errors are nearly the same"""
+    sigma_deg: Annotated[float, Field(ge=1e-4, le=90.0)] | None = None
+    """1 sigma of the noise of headings that have none in the table; left out: 2, and the tuning scales all"""
+    error_sigma_deg: Annotated[float, Field(ge=0.0, le=90.0)] | None = None
+    """1 sigma of an error that lasts, which the filter estimates; left out: 5 for `source: magnetic`, otherwise 0"""
+    correlation_time_s: CorrelationTime = 300.0
+    """its correlation time"""
+
+    @model_validator(mode="after")
+    def _one_north(self) -> Self:
+        if self.declination_deg is not None and self.source != "magnetic":
+            raise reject("headings from true north have none; leave it out", "declination_deg")
+        return self
+
+
+class Standstills(Section):
+    """Zero velocity, and zero rotation, while the samples show that the vehicle is at rest."""
+
+    velocity_sigma_m_s: Sigma = 0.02
+    """1 sigma of the velocity at rest, each axis"""
+    rotation: bool = True
+    """the gyros show the Earth's rate and their biases alone"""
+
+
+class SideSlip(Section):
+    """A vehicle on wheels: no velocity to the side and none up or down, in its own axes."""
+
+    sigma_m_s: PairOf[Sigma] = (0.1, 0.5)
+    """1 sigma of that velocity: lateral, vertical"""
+    spacing_s: Annotated[float, Field(ge=0.01, le=1e3)] = 1.0
+    """interval of these measurements: slip and springs make errors that last as long"""
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    """from the IMU to the middle of the axle that does not steer: forward, right, down"""
+    lever_arm_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)] = 1.0
+    """1 sigma of each component, which the filter then estimates; 0: known"""
+    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    """roll, pitch, yaw of the axes of the IMU against those of the vehicle"""
+    mounting_sigma_deg: Annotated[float, Field(ge=0.0, le=15.0)] = 2.0
+    """1 sigma of each of them, which the filter then estimates; 0: known"""
+
+
 class KnownSection(Section):
     """Known navigation state at a time of the recording: the filter starts there without alignment."""
 
@@ -408,6 +473,12 @@ class Replay(Section):
     where hardly any moves nothing is tuned"""
     filter: ReplayFilterSection = ReplayFilterSection()
     """the filter"""
+    heading: HeadingSection | None = None
+    """measured headings"""
+    standstill: Standstills | None = None
+    """velocity and rotation are zero at rest; {}: with the defaults"""
+    side_slip: SideSlip | None = None
+    """wheels do not slip sideways; {}: with the defaults"""
     outages: ListOf[Outage] = ()
     """fixes withheld on purpose, to see the drift"""
     reference: ReferenceAttitude | None = None

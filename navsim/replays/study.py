@@ -25,19 +25,30 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
-from navsim.filter.measurement_kinds import FIX
+from navsim.filter.measurement_kinds import FIX, VehicleTable
 from navsim.formats.conventions import FIX_ACCURACIES
-from navsim.formats.recorded_data import Fixes, Ranges, Samples
+from navsim.formats.recorded_data import Fixes, Headings, Ranges, Samples
 from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
+from navsim.replays.aids import (
+    Aid,
+    heading_aid,
+    heading_blocks,
+    own_noise,
+    pieces_at_rest,
+    rest_aids,
+    side_slip_aid,
+    side_slip_blocks,
+)
 from navsim.replays.findings import findings, outage_spans, warn_of_outages, warn_of_unflown
 from navsim.replays.fix_checks import lag_of_velocities
 from navsim.replays.flight_tables import own_or_usual
 from navsim.replays.motion import moving_speed
-from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read
+from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read, spaced
 from navsim.replays.result_groups import (
     DILUTION,
+    write_aids,
     write_filter,
     write_fixes,
     write_innovations,
@@ -52,6 +63,7 @@ from navsim.replays.scenario import FixError, KnownSection, Replay
 from navsim.replays.tuning import (
     ERROR_SIZE,
     ERROR_TIME,
+    HEADING_RATIO,
     LATENCY,
     LEVER_ARM,
     POSITION_RATIO,
@@ -60,6 +72,7 @@ from navsim.replays.tuning import (
     Tuning,
     tune,
 )
+from navsim.replays.white_noise import standstills
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept, several
 from navsim.results.result import Result
@@ -93,7 +106,7 @@ USUAL_HEADING = 10.0 * DEG
 """1 sigma of heading that a restart of the filter needs, if the log gives the initial heading."""
 _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
           "latency", "velocity_lag", "position_sigma_ratio", "error_sigma_ratio", "error_correlation_time",
-          "lever_arm_forward", "lever_arm_right", "lever_arm_down")  # fmt: skip
+          "lever_arm_forward", "lever_arm_right", "lever_arm_down", "heading_sigma_ratio")  # fmt: skip
 _TUNED_TIGHT = ("range_rate_sigma", "range_sigma", *_TUNED[2:])
 _START_TIGHT = (0.1, 1.0)
 """Noise of range rates and ranges overhead where the tuning of a tight filter starts, and without it, m/s, m."""
@@ -120,6 +133,9 @@ class Recording:
     not_judged: tuple[str, ...] = ()
     warnings: list[str] = field(default_factory=list)
     reference: tuple[np.ndarray, np.ndarray] | None = None
+    headings: Headings | None = None
+    aids: tuple[Aid, ...] = ()
+    """Measurements that no setting changes: all but headings."""
 
     @property
     def tight(self) -> bool:
@@ -145,8 +161,13 @@ class Recording:
         section = self.scenario.filter
         gate = section.gate
         sensors = followed(replace(self.gyro, noise_density=gyro), replace(self.accel, noise_density=accel))
-        blocks = _correlated_blocks(self.errors(settings), self.interval)
-        sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
+        further = [(block, 1.0) for block in _correlated_blocks(self.errors(settings), self.interval)]
+        if self.scenario.side_slip is not None:
+            further += side_slip_blocks(self.scenario.side_slip)
+        if self.scenario.heading is not None and self.headings is not None:
+            further += heading_blocks(self.headings, self.scenario.heading, self.interval)
+        blocks, sigma = [block for block, _ in further], [sigma for _, sigma in further]
+        sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *sigma))
         return FilterDesign(
             kind=kind,
             sensors=sensors,
@@ -228,9 +249,13 @@ class Recording:
             fixes = _with_effects(fixes, self.errors(settings))
             if self.claimed and fixes.effect is not None:
                 fixes = replace(fixes, effect=fixes.weight[:, :, None] * fixes.effect)
+        # what is at rest or on wheels says nothing of the noise of fixes and sensors
+        aids = () if coarse else self.aids
+        if self.scenario.heading is not None and self.headings is not None:
+            aids = (*aids, heading_aid(self.headings, self.scenario.heading, settings[HEADING_RATIO]))
         return replay.prepare(
             self._coarse if coarse else self._sensed, fixes, self.alignment, settings[LATENCY], ranges,
-            self._realigned, patience, self.known, self.velocity_lag(settings),
+            self._realigned, patience, self.known, self.velocity_lag(settings), aids,
         )  # fmt: skip
 
     def of_rejected(self, settings: np.ndarray, flight: replay.RecordedFlight) -> np.ndarray:
@@ -290,7 +315,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     samples, fixes, first = _wanted(scenario, document, log.samples, log.fixes)
     fixes = _with_effects(fixes, scenario.gnss.errors)
     if ranges is not None:
-        apart = _spaced(ranges.time, scenario.gnss.spacing_s)
+        apart = spaced(ranges.time, scenario.gnss.spacing_s)
         apart = apart[ranges.time[apart] <= samples.time[-1]]
         ranges = ranges.take(apart)
         fixes = fixes.take(np.isin(fixes.time, ranges.time))
@@ -313,13 +338,14 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     if np.isfinite(claimed[:2]).all():
         ratio = claimed[0] / velocity[0]
     settings = np.array(
-        [*velocity, gyro.noise_density, accel.noise_density, latency, 0.0, ratio, 0.0, 1.0, *gnss.lever_arm_m]
+        [*velocity, gyro.noise_density, accel.noise_density, latency, 0.0, ratio, 0.0, 1.0, *gnss.lever_arm_m, 1.0]
     )
     aligned_by = latency if gnss.velocity_latency_s is None else gnss.velocity_latency_s
     given_noise = (scenario.imu.gyro.arw_deg_sqrt_h, scenario.imu.accelerometer.vrw_m_s_sqrt_h)
     free = np.zeros(SETTINGS, bool)
     free[: LATENCY + 1] = *open_noise, *(v is None for v in given_noise), gnss.latency_s is None
     free[POSITION_RATIO] = not tight and gnss.position_sigma_m is None and np.isfinite(claimed[:2]).all()
+    free[HEADING_RATIO] = scenario.heading is not None and scenario.heading.sigma_deg is None
     free &= scenario.tuning == "likelihood"
     if free[POSITION_RATIO] and not gnss.errors:
         settings[[ERROR_SIZE, ERROR_TIME]] = 1.0, LASTING_TIME
@@ -329,7 +355,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
     if not tight and gnss.velocity_sigma_m_s is None and not has_vertical:
         free[1] = False  # the data do not show it; `design` ties it to the horizontal one
-    search = _search(scenario, gyro, accel)
+    search = replace(_search(scenario, gyro, accel), headings=log.headings)
     known = None if scenario.alignment.known is None else _known_start(scenario.alignment.known)
     aligned = _align(search, samples, fixes.earlier(aligned_by), first) if known is None else known.alignment
     # a heading that is known is that of the start
@@ -338,6 +364,8 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
     warnings += warn_of_unflown(scenario, log, first, aligned)
     warnings += warn_of_outages(scenario, aligned.time, float(samples.time[-1]))
+    density = gyro.noise_density, accel.noise_density
+    aids = _aids(scenario, samples, fixes.earlier(aligned_by), search, density, max(velocity))
     return Recording(
         scenario,
         samples,
@@ -356,7 +384,33 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         log.not_judged,
         warnings,
         log.reference,
+        log.headings,
+        aids,
     )
+
+
+def _aids(
+    scenario: Replay,
+    samples: Samples,
+    fixes: Fixes,
+    search: aligning.Search,
+    density: tuple[float, float],
+    speed_sigma: float,
+) -> tuple[Aid, ...]:
+    """Measurements of a vehicle at rest and on wheels. Fixes' times are those of validity; density: of the white noise
+    of gyros and accelerometers of the class; speed_sigma: of a fix, m/s."""
+    if scenario.standstill is None and scenario.side_slip is None:
+        return ()
+    filled = fixes.with_velocity()[0]
+    own = own_noise(standstills(samples, filled, search), density, float(np.median(np.diff(samples.time))), search)
+    rests = pieces_at_rest(samples, filled, own, speed_sigma) if scenario.standstill is not None else np.empty((0, 2))
+    out, like = [], VehicleTable.none()
+    if scenario.side_slip is not None:
+        out.append(side_slip_aid(samples, rests, scenario.side_slip))
+        like = out[0].table
+    if scenario.standstill is not None:
+        out += rest_aids(samples, rests, own, scenario.standstill, like)
+    return tuple(out)
 
 
 def _search(scenario: Replay, gyro: Triad, accel: Triad) -> aligning.Search:
@@ -471,21 +525,12 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
     if known is not None and first < s_begin - _BEFORE * interval:
         message = f"{first:g} s is before the first sample ({spans}); give the state at a time from {s_begin:g} s on"
         raise InputError([refused(begins, message)])
-    spaced = of_fixes.take(_spaced(of_fixes.time, scenario.gnss.spacing_s))
-    common = int(np.sum(spaced.time >= first))
+    apart = of_fixes.take(spaced(of_fixes.time, scenario.gnss.spacing_s))
+    common = int(np.sum(apart.time >= first))
     if common < LEAST_FIXES:
         message = f"{scenario.gnss.spacing_s:g} leaves {several(common, 'fix')}; needed are {LEAST_FIXES} ({spans})"
         raise InputError([refused("gnss.spacing_s", message)])
-    return of_samples, spaced, first
-
-
-def _spaced(times: np.ndarray, spacing: float) -> np.ndarray:
-    """Times (m,) at least `spacing` seconds after the last one kept (k,)."""
-    kept: list[int] = []
-    for index, time in enumerate(times):
-        if not kept or time - times[kept[-1]] >= spacing:
-            kept.append(index)
-    return np.array(kept, dtype=np.int64)
+    return of_samples, apart, first
 
 
 def compute(
@@ -533,6 +578,7 @@ def compute(
     write_tuning(draft, recording, tuning)
     write_white_noise(draft, recording)
     write_summary(draft, flight, flown, recording.moving_speed)
+    write_aids(draft, flight, flown, recording.moving_speed)
     write_more(draft)
     alignment = recording.alignment
     out = draft.result(

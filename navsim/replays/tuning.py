@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.filter.records import REJECTED, TFG
+from navsim.filter.measurement_kinds import HEADING
+from navsim.filter.records import REJECTED, TFG, USED
 from navsim.replays import flight as replay
 from navsim.replays.motion import in_motion, lag1_correlation
 from navsim.results.findings import CONSISTENT, Finding
@@ -36,8 +37,8 @@ CLAIMS = ((ERROR_SIZE, 0.3), (ERROR_TIME, 2.0))
 """1 sigma of the logarithms of the true accuracy over the claimed one, and of its correlation time."""
 STRAYED = 5.0
 """Sigmas of `TRUST` beyond which a tuned noise is no sensor's: an airframe's vibration reaches 4.4 (a factor of 22)."""
-LEVER_ARM, SETTINGS = np.arange(9, 12), 12
-"""Numbers of the lever arm's components, and of all settings."""
+LEVER_ARM, HEADING_RATIO, SETTINGS = np.arange(9, 12), 12, 13
+"""Numbers of the lever arm's components, of the factor on the noise of headings, and of all settings."""
 TIMES, LENGTHS = np.isin(np.arange(SETTINGS), (LATENCY, VELOCITY_LAG)), np.isin(np.arange(SETTINGS), LEVER_ARM)
 """Settings that are times, searched in tenths of a second, and lengths, m; the others are searched as logarithms."""
 SEARCHED = (FIX_LATENCIES[0], 2.0)
@@ -132,7 +133,8 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
 @dataclass(frozen=True)
 class _Evaluation:
-    """A flight with some settings, by the fixes of the recording (m,), nan for those that do not count."""
+    """A flight with some settings, by the fixes of the recording and measured headings (m,), nan for those that do not
+    count."""
 
     surprise: float
     """Negative log-likelihood of the innovations in motion, rejected ones included, and of the sensors' noise."""
@@ -144,7 +146,7 @@ class _Evaluation:
     """(m, 6), and its sigma."""
     sigma: np.ndarray
     rejected: np.ndarray
-    """(m,) bool."""
+    """(fixes,) bool."""
     flown: replay.Replayed
 
     @property
@@ -167,6 +169,20 @@ class _Evaluation:
         ])  # fmt: skip
         both = both[:, np.isfinite(both).all(axis=0)]
         return np.asarray(both @ both.T)
+
+
+def _of_headings(flight: replay.RecordedFlight, seen: replay.Replayed, moving: np.ndarray) -> list[np.ndarray]:
+    """Rows (k, 13) of `_Evaluation` of the measured headings in motion; moving: (m,) of the fixes."""
+    out = []
+    for aid, own in zip(flight.aids, seen.aids, strict=True):
+        if aid.kind == HEADING:
+            rows = np.full((aid.time.size, 13), np.nan)
+            counts = (own.status == USED) & moving[np.searchsorted(flight.arrival, aid.time).clip(max=moving.size - 1)]
+            sigma = own.innovation_sigma[counts, 0]
+            rows[counts, 0] = 0.5 * own.innovation_squared[counts] + np.log(sigma)
+            rows[counts, 1], rows[counts, 7] = own.innovation[counts, 0], sigma
+            out.append(rows)
+    return out
 
 
 def _expected(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
@@ -232,11 +248,13 @@ class TuningSearch:
         each[flight.row[used]] = np.column_stack(
             [0.5 * seen.innovation_squared + seen.log_sigma, seen.innovation, seen.innovation_sigma]
         )[used]
+        each = np.vstack([each, *_of_headings(flight, seen, moving)])
         rejected = np.zeros(count, bool)
         rejected[flight.row] = seen.status == REJECTED
         which, trust = _expected(recording)
         of_class = 0.5 * float(np.sum((np.log(values[which] / recording.settings[which]) / trust) ** 2))
         total = seen.surprise(moving, recording.of_rejected(recording.settings, flight)) + of_class
+        total += float(np.nansum(each[count:, 0]))
         return _Evaluation(total, each[:, 0], of_class, each[:, 1:7], each[:, 7:], rejected, seen)
 
     def settle(self, start: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, _Evaluation, bool]:
@@ -331,7 +349,8 @@ class TuningSearch:
         gradient, information = self._derivatives(x, best, which, now, DIFFERENCES[which])
         covariance = np.linalg.inv(information)
         step = -covariance @ gradient
-        lag1 = max(0.0, lag1_correlation(now.innovation / now.sigma))
+        of_fixes = slice(now.rejected.size)
+        lag1 = max(0.0, lag1_correlation(now.innovation[of_fixes] / now.sigma[of_fixes]))
         fewer = (1.0 + lag1) / (1.0 - lag1)
         spread = np.full(SETTINGS, np.nan)
         of_free = np.linalg.inv(information[: free.size, : free.size])  # the lever arm is known

@@ -145,6 +145,7 @@ _CORRELATED = f"{_LOOSE} with states of lasting errors"
 _TRANSMITTERS = "with states for errors of pseudolites"
 _REFERENCE = "with `reference`"
 _BET = "with `--bet`"
+_HEADING, _AIDED = "with `heading`", "with `heading`, `standstill` or `side_slip`"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
@@ -998,6 +999,19 @@ _REPLAY = Chapter(
                when=_TIGHT_REPLAY)
             for name, units in (("range_sigma", "m"), ("range_rate_sigma", "m/s"))
         ),
+        _a("/tuning/heading_sigma", "", "rad", "noise of a usual measured heading", REPLAY, attributes=("origin",),
+           when=_HEADING),
+        _a("/heading/time", "time", "s", "times of the measured headings", REPLAY, when=_HEADING),
+        _a("/heading/innovation", "time", "rad", "measured heading minus prediction, nan where unused", REPLAY,
+           when=_HEADING),
+        _a("/heading/innovation_sigma", "time", "rad", "1 sigma of the innovation", REPLAY, when=_HEADING),
+        _a("/heading/status", "time", "1", "0 unused, 1 used, 2 rejected by the gate", REPLAY, WHOLE,
+           when=_HEADING),
+        _a("/summary/aid", "aid", "1", "measurements beside the fixes", REPLAY, TEXT, when=_AIDED),
+        _a("/summary/aid_used", "aid", "1", "number of measurements that the filter used", REPLAY, WHOLE, when=_AIDED),
+        _a("/summary/aid_rejected", "aid", "1", "number of those that the gate rejected", REPLAY, WHOLE, when=_AIDED),
+        _a("/summary/aid_nis", "aid motion", "1", "normalised innovation squared per degree of freedom, by the motion at the "
+           "next fix", REPLAY, when=_AIDED),
         _a("/lost/span", "span", "1", "number of the time at which the output is unusable", REPLAY, WHOLE),
         _a("/lost/start", "span", "s", "when the filter was lost", REPLAY),
         _a("/lost/end", "span", "s", "time of the restart, or end of the flight", REPLAY),

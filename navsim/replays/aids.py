@@ -1,0 +1,160 @@
+"""Measurements of a recorded flight beside its fixes: headings, rest, and wheels that do not slip sideways.
+
+Source: `docs/theory/ground.md`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.filter.measurement_kinds import HEADING, REST_RATE, VEHICLE_VELOCITY, VehicleTable
+from navsim.filter.states import Block, correlated_single
+from navsim.formats.recorded_data import Fixes, Headings, Samples
+from navsim.geodesy.attitude import dcm_from_rpy
+from navsim.scenario.base import DEG
+
+if TYPE_CHECKING:
+    from navsim.replays.alignment import Search, Standstill
+    from navsim.replays.scenario import HeadingSection, SideSlip, Standstills
+
+WINDOW = 1.0
+"""Length of the pieces that are tested for rest, s."""
+SCATTER = 2.0
+"""A piece at rest scatters less than this many times the sensor's own noise,"""
+DRIFTED = 4.0
+"""and its mean rate is that of the Earth and the bias within this many of their sigmas."""
+MOVES = 0.5
+"""A piece is no rest if a fix in it is faster, m/s, or faster than `DRIFTED` sigmas."""
+
+
+@dataclass(frozen=True)
+class Aid:
+    """Measurements of a kind; those of the same kind have the same axes and lever arm."""
+
+    name: str
+    kind: int
+    """Of `filter.measurement_kinds`."""
+    time: np.ndarray
+    """(k,) s, increasing."""
+    table: VehicleTable
+    of_receiver: bool = False
+    """Missing where fixes are withheld."""
+
+    def take(self, keep: np.ndarray, missing: np.ndarray) -> VehicleTable:
+        """Some of the measurements, without the values that are missing (k,)."""
+        value = self.table.value[keep].copy()
+        value[missing[keep]] = np.nan
+        return self.table._replace(value=value, variance=self.table.variance[keep])
+
+
+def antenna_axis(section: HeadingSection) -> np.ndarray:
+    """Body axis (3,) whose heading is measured."""
+    angle = section.mounting_deg * DEG
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def heading_aid(headings: Headings, section: HeadingSection, factor: float) -> Aid:
+    """Headings with their sigma times a factor."""
+    value = np.full((headings.time.size, 3), np.nan)
+    value[:, 0] = headings.value
+    axes = np.eye(3)
+    axes[0] = headings.axis
+    variance = np.repeat((factor * headings.sigma[:, None]) ** 2, 3, axis=1)
+    table = VehicleTable(value, variance, axes, np.zeros(3))
+    return Aid("heading", HEADING, headings.time, table, section.source == "antennas")
+
+
+def heading_blocks(headings: Headings, section: HeadingSection, step: float) -> list[tuple[Block, float]]:
+    """State of the lasting error of headings with its 1 sigma, rad, if there is one; step: of the filter, s."""
+    sigma, time = headings.lasting, section.correlation_time_s
+    return [(correlated_single("heading_error", "rad", HEADING, 0, sigma, time, step), sigma)] if sigma > 0.0 else []
+
+
+@dataclass(frozen=True)
+class OwnNoise:
+    """Samples of sensors at rest: 1 sigma of a sample (3,), rad/s, m/s2; mean rate (3,) and its 1 sigma, rad/s."""
+
+    rate: np.ndarray
+    force: np.ndarray
+    mean: np.ndarray
+    strays: float
+
+
+def own_noise(rests: list[Standstill], density: tuple[float, float], interval: float, wanted: Search) -> OwnNoise:
+    """Noise of the sensors in the quietest standstill that fixes confirm; of their class where there is none."""
+    if not rests:
+        gyro, accel = (np.full(3, each / np.sqrt(interval)) for each in density)
+        return OwnNoise(gyro, accel, np.zeros(3), wanted.gyro_sigma)
+    quiet = min(rests, key=lambda rest: float(np.linalg.norm(rest.force_sigma)))
+    return OwnNoise(quiet.rate_sigma, quiet.force_sigma, quiet.rate, wanted.gyro_strays)
+
+
+def pieces_at_rest(samples: Samples, fixes: Fixes, own: OwnNoise, sigma: float) -> np.ndarray:
+    """Begin and end (k, 2), s, of the pieces of `WINDOW` seconds at rest.
+
+    The samples decide: each axis scatters by no more than `SCATTER` times the sensors' own noise, the mean rate is that
+    at rest, and so are the pieces before and after, with the same mean specific force: a brake ends with a jerk. A fix
+    that moves can only overrule them; sigma: of its velocity, m/s.
+    """
+    edges = np.arange(samples.time[0], samples.time[-1] - WINDOW, WINDOW)
+    first, last = np.searchsorted(samples.time, edges), np.searchsorted(samples.time, edges + WINDOW)
+    usual = WINDOW / float(np.median(np.diff(samples.time)))
+    full = last - first > 0.8 * usual
+    still, means = full.copy(), []
+    for values, noise in ((samples.rate, own.rate), (samples.force, own.force)):
+        count = np.maximum(last - first, 1)[:, None]
+        sums, squares = (np.concatenate([np.zeros((1, 3)), np.cumsum(each, axis=0)])
+                         for each in (values - values[0], (values - values[0]) ** 2))  # fmt: skip
+        mean = (sums[last] - sums[first]) / count
+        variance = np.maximum((squares[last] - squares[first]) / count - mean**2, 0.0)
+        still &= (variance <= (SCATTER * noise) ** 2).all(axis=1)
+        means.append(mean + values[0])
+    limit = DRIFTED * np.hypot(own.strays, own.rate / np.sqrt(usual))
+    still &= (np.abs(means[0] - own.mean) <= limit).all(axis=1)
+    speed = np.linalg.norm(fixes.velocity[:, :2], axis=1)
+    fast = fixes.time[speed > min(MOVES, DRIFTED * sigma)]
+    still &= np.searchsorted(fast, edges) == np.searchsorted(fast, edges + WINDOW, side="right")
+    limit = DRIFTED * np.sqrt(2.0 / usual) * own.force
+    alike = still[1:] & still[:-1] & (np.abs(np.diff(means[1], axis=0)) <= limit).all(axis=1)
+    still = np.concatenate([[False], alike]) & np.concatenate([alike, [False]])
+    return np.stack([edges, edges + WINDOW], axis=1)[still]
+
+
+def rest_aids(
+    samples: Samples, rests: np.ndarray, own: OwnNoise, section: Standstills, like: VehicleTable
+) -> list[Aid]:
+    """Zero velocity and, if wanted, zero rotation at the end of each piece at rest (k, 2); like: a table with the axes
+    and the lever arm of all velocities."""
+    zero = np.zeros((rests.shape[0], 3))
+    velocity = like._replace(value=zero, variance=zero + section.velocity_sigma_m_s**2)
+    out = [Aid("zero velocity", VEHICLE_VELOCITY, rests[:, 1], velocity)]
+    if section.rotation:
+        pieces = [samples.between(begin, end).rate for begin, end in rests]
+        mean = np.array([piece.mean(axis=0) for piece in pieces]).reshape(-1, 3)
+        count = np.array([piece.shape[0] for piece in pieces]).reshape(-1, 1)
+        table = VehicleTable(mean, own.rate**2 / count, np.eye(3), np.zeros(3))
+        out.append(Aid("zero rotation", REST_RATE, rests[:, 1], table))
+    return out
+
+
+def side_slip_aid(samples: Samples, rests: np.ndarray, section: SideSlip) -> Aid:
+    """No lateral and vertical velocity, at each `spacing_s`, but in the pieces at rest (k, 2)."""
+    time = np.arange(samples.time[0] + section.spacing_s, samples.time[-1], section.spacing_s)
+    time = time[np.searchsorted(rests[:, 0], time) == np.searchsorted(rests[:, 1], time)]
+    value = np.zeros((time.size, 3))
+    value[:, 0] = np.nan
+    lateral, vertical = section.sigma_m_s
+    variance = np.tile([1.0, lateral**2, vertical**2], (time.size, 1))
+    axes = dcm_from_rpy(np.array(section.mounting_deg) * DEG)
+    return Aid("side slip", VEHICLE_VELOCITY, time, VehicleTable(value, variance, axes, np.array(section.lever_arm_m)))
+
+
+def side_slip_blocks(section: SideSlip) -> list[tuple[Block, float]]:
+    """States of the vehicle's axes, rad, and of the lever arm, m, with their 1 sigma."""
+    axes = Block("vehicle_axes", "rad", VEHICLE_VELOCITY, of_body=True)
+    arm = Block("vehicle_lever_arm", "m", VEHICLE_VELOCITY, of_body=True, first=3)
+    sized = ((axes, section.mounting_sigma_deg * DEG), (arm, section.lever_arm_sigma_m))
+    return [(block, sigma) for block, sigma in sized if sigma > 0.0]
